@@ -1,0 +1,74 @@
+"""Case: what is true (instrument, scene, sky) and what the tracker believes, kept apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from startrack.camera import Camera
+from startrack.catalog import Selection
+from startrack.detection import Detection
+from startrack.detector import Detector
+from startrack.identification import Identification
+from startrack.motion import Motion
+from startrack.optics import Optics
+from startrack.scene import Scene
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """The truth that makes the frame."""
+
+    optics: Optics
+    detector: Detector
+    motion: Motion = field(default_factory=Motion)
+
+    @property
+    def camera(self) -> Camera:
+        """Where directions truly fall."""
+        optics = self.optics
+        return Camera(
+            self.detector.columns,
+            self.detector.rows,
+            optics.focal_length / self.detector.pixel_pitch,
+            optics.principal_x,
+            optics.principal_y,
+            optics.k1,
+            optics.k2,
+            optics.p1,
+            optics.p2,
+            optics.k3,
+        )
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """What the flight software believes and how it works.
+
+    camera   its calibration; None for a perfect one, which follows the instrument's design
+    catalog  its cut of the star catalogue, None for the one that the sky is made of
+    """
+
+    detection: Detection = field(default_factory=Detection)
+    identification: Identification = field(default_factory=Identification)
+    camera: Camera | None = None
+    catalog: Selection | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """One design in one scene: everything that a trial needs but its attitude and its noise."""
+
+    instrument: Instrument
+    tracker: Tracker = field(default_factory=Tracker)
+    scene: Scene = field(default_factory=Scene)
+    catalog: Selection = field(default_factory=Selection)
+
+    @property
+    def believed_camera(self) -> Camera:
+        """The camera that the tracker computes with."""
+        return self.tracker.camera or self.instrument.camera
+
+    @property
+    def believed_catalog(self) -> Selection:
+        """The catalogue that the tracker carries."""
+        return self.tracker.catalog or self.catalog

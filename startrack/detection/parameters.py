@@ -1,0 +1,52 @@
+"""Detection: how spots are told from noise, and how they are measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from startrack.checks import non_negative, positive, within, whole
+
+
+@dataclass(frozen=True)
+class Detection:
+    """How spots are found and measured. The defaults serve real images of many cameras.
+
+    threshold       sigma of the filtered frame, above the background, that a spot must exceed
+    kernel_sigma    pixel, sigma of the Gaussian matched filter; best near that of the stars
+    window          pixel, odd side of the square whose centre of gravity is taken
+    mesh            pixel, side of the tiles that background and noise are estimated on
+    min_area        pixel, smallest connected component above the threshold
+    max_area        pixel, largest one; trees, clouds and the Earth's limb are larger
+    max_spots       the brightest so many are kept
+    sharpest_sigma  pixel, sigma of the sharpest star; what is sharper is a hot pixel. 0 keeps all
+    saturation      digital number from which a pixel's value is no longer known; None if never
+    edge            pixel, how far a window must stay from the border of the frame
+    """
+
+    threshold: float = 5.0
+    kernel_sigma: float = 1.0
+    window: int = 5
+    mesh: int = 32
+    min_area: int = 2
+    max_area: int = 1000
+    max_spots: int = 100
+    sharpest_sigma: float = 0.35
+    saturation: float | None = None
+    edge: int = 0
+
+    def __post_init__(self) -> None:
+        positive(threshold=self.threshold)
+        within(0.3, 10, kernel_sigma=self.kernel_sigma)
+        whole(3, 31, window=self.window)
+        if self.window % 2 == 0:
+            raise ValueError(f"window must be odd, got {self.window}")
+        whole(8, 1024, mesh=self.mesh)
+        whole(1, 2**30, min_area=self.min_area, max_area=self.max_area, max_spots=self.max_spots)
+        if self.max_area < self.min_area:
+            raise ValueError(
+                f"max_area must be at least min_area = {self.min_area}, got {self.max_area}"
+            )
+        non_negative(sharpest_sigma=self.sharpest_sigma)
+        if self.saturation is not None:
+            positive(saturation=self.saturation)
+        whole(0, 2**20, edge=self.edge)

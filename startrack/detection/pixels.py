@@ -1,0 +1,80 @@
+"""Frame -> Pixels: the image as float32 without holes, whatever type of number it came in."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.values import Frame
+
+Image = NDArray[np.float32]
+NEIGHBOURS = np.ones((3, 3), np.uint8)
+LARGEST = 1e12  # digital number; what is beyond is no reading, and its square must fit float32
+EPSILON = float(np.finfo(np.float32).eps)
+
+
+class Pixels(NamedTuple):
+    """An image that can be filtered.
+
+    value   (rows, columns) digital number less `pivot`; dead pixels hold their neighbours' mean
+    pivot   digital number that was taken off, so that float32 holds the rest
+    step    digital number between two neighbouring values of the image
+    spoilt  (rows, columns) not 0 on dead pixels and their neighbours; None where none is dead
+    """
+
+    value: Image
+    pivot: float
+    step: float
+    spoilt: NDArray[np.uint8] | None
+
+
+def pixels(frame: Frame) -> Pixels:
+    """Read a frame; what is not finite is a dead pixel.
+
+    Errors   TypeError where the image does not hold real numbers; ValueError where it is not
+             two-dimensional, is empty, or holds no finite value.
+             numerical: 24 bits, 6e-8 of the range of the image.
+    """
+    image = np.asarray(frame.image)
+    if image.dtype.kind not in "iuf":
+        raise TypeError(f"image must hold real numbers, got {image.dtype}")
+    if image.ndim != 2:
+        raise ValueError(f"image must have two dimensions (rows, columns), got {image.shape}")
+    if not image.size:
+        raise ValueError(f"image must not be empty, got {image.shape}")
+    value, pivot = _narrow(image)
+    if image.dtype.kind != "f" and image.dtype.itemsize <= 2:
+        return Pixels(value, pivot, 1.0, None)
+    dead = ~(np.abs(value) < LARGEST)  # NaN too
+    if dead.all():
+        raise ValueError(f"image must hold finite values below {LARGEST:g}, got none")
+    if dead.any():
+        value, spoilt = _filled(value, dead), cv2.dilate(dead.astype(np.uint8), NEIGHBOURS)
+    else:
+        spoilt = None
+    rounding = EPSILON * float(np.mean(np.abs(value), dtype=np.float64))
+    return Pixels(value, pivot, rounding if image.dtype.kind == "f" else max(rounding, 1.0), spoilt)
+
+
+def _narrow(image: NDArray[np.number]) -> tuple[Image, float]:
+    """The image as native float32, less its median where float32 alone would lose digits."""
+    if image.dtype.itemsize <= (4 if image.dtype.kind == "f" else 2):
+        return np.ascontiguousarray(image, np.float32), 0.0
+    known = image[np.isfinite(image)]
+    pivot = float(np.median(known)) if known.size else 0.0
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(image.astype(np.float64) - pivot, np.float32), pivot
+
+
+def _filled(value: Image, dead: NDArray[np.bool_]) -> Image:
+    """Dead pixels replaced by the mean of their living neighbours, or else by the median."""
+    alive = (~dead).astype(np.float32)
+    known = np.where(dead, np.float32(0), value)
+    count = cv2.boxFilter(alive, -1, (3, 3), normalize=False)
+    total = cv2.boxFilter(known, -1, (3, 3), normalize=False)
+    lonely = np.median(value[~dead])
+    mean = np.where(count > 0.5, total / np.maximum(count, 1), lonely)
+    return np.where(dead, mean, value).astype(np.float32)

@@ -1,0 +1,122 @@
+"""Shot noise as a quantile: a Poisson number from a normal one, exactly.
+
+numpy's own Poisson draws a changing count of random numbers, so that a slightly brighter design
+gets other noise altogether. The quantile keeps the noise of two designs correlated.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, vectorize
+from scipy import special
+
+SMALL = 6.0  # mean below which the distribution is summed from zero
+FARTHEST = 8.2  # standard deviations: beyond them a double cannot tell a probability from one
+
+# Cubic Hermite table of the normal distribution: 1e-13 of probability in 3 ns instead of 30.
+STEPS = 512  # per standard deviation
+NODES = np.arange(-9 * STEPS, 9 * STEPS + 1) / STEPS
+PHI = special.ndtr(NODES)
+SLOPE = np.exp(-(NODES**2) / 2) / math.sqrt(2 * math.pi) / STEPS
+INVERSE = 1 / np.maximum(np.arange(200.0), 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def quantile(mean, normal):  # type: ignore[no-untyped-def]
+    """The Poisson number that has the same cumulative probability as a standard normal one.
+
+    The expansion gives the quantile x of the continuous distribution Q(x, mean), whose whole
+    part is the answer; where x comes close to a whole number, the sum decides.
+    """
+    if mean <= 0.0:
+        return 0.0
+    w = min(max(normal, -FARTHEST), FARTHEST)
+    if mean < SMALL:
+        return _from_zero(mean, w)
+    root = math.sqrt(mean)
+    square = w * w
+    x = (
+        mean
+        + root * w
+        + (1 / 3 + square / 6)
+        - w * (1 / 36 + square / 72) / root
+        + (-8 / 405 + square * (7 / 810 + square / 270)) / mean
+    )
+    doubt = (1 / 40 + square / 80 + square * square / 160) / mean
+    below = math.floor(x)
+    if x - below > doubt and below + 1 - x > doubt:
+        return max(below, 0.0)
+    nearest = math.floor(x + 0.5)  # the answer is this or the number before
+    if nearest < 1:
+        return 0.0
+    return nearest if _exceeds(mean, nearest - 1.0, w) else nearest - 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _from_zero(mean, w):  # type: ignore[no-untyped-def]
+    """Sum the probabilities from zero up, or the upper tail where that is the smaller one."""
+    if w < 4.0:
+        target = _phi(w)
+        probability = math.exp(-mean)
+        total, k = probability, 0
+        while total < target:
+            k += 1
+            probability *= mean * INVERSE[k]
+            total += probability
+        return float(k)
+    k = math.floor(mean)
+    while _exceeds(mean, k, w):
+        k += 1.0
+    return k
+
+
+@njit(cache=True, error_model="numpy")
+def _phi(w):  # type: ignore[no-untyped-def]
+    at = (w + 9.0) * STEPS
+    i = int(at)
+    t = at - i
+    rise = PHI[i + 1] - PHI[i]
+    left, right = SLOPE[i] - rise, rise - SLOPE[i + 1]
+    return PHI[i] + t * (rise + (1 - t) * (left * (1 - t) + right * t))
+
+
+@njit(cache=True, error_model="numpy")
+def _exceeds(mean, k, w):  # type: ignore[no-untyped-def]
+    """Whether the quantile lies above k: P(N <= k) < Phi(w), compared in the smaller tail."""
+    log_mean = math.log(mean)
+    if w < 0:
+        term = math.exp(k * log_mean - mean - math.lgamma(k + 1))
+        total, i = term, k
+        while i > 0 and term > 1e-17 * total:
+            term *= i / mean
+            total += term
+            i -= 1
+        return total < 0.5 * math.erfc(-w / math.sqrt(2.0))
+    i = k + 1
+    term = math.exp(i * log_mean - mean - math.lgamma(i + 1))
+    total = term
+    while term > 1e-17 * total:
+        i += 1
+        term *= mean / i
+        total += term
+    return total > 0.5 * math.erfc(w / math.sqrt(2.0))
+
+
+@vectorize(["float64(float64, float64)"], cache=True)
+def poisson_quantile(mean: float, normal: float) -> float:
+    """Poisson numbers as quantiles of standard normal ones, element by element.
+
+        n = min { n : P(N <= n) >= Phi(normal) }
+
+    Source: the expansion is that of Giles (2016), ACM TOMS 42(1), 7, Algorithm 955, eq. for the
+    normal asymptotic; the decision near whole numbers is exact.
+
+    mean     (...) expectation; zero or less gives zero
+    normal   (...) standard normal
+    Returns  (...) whole numbers as floats
+    Errors   numerical: exact within 7 standard deviations up to a mean of 1e5; beyond either,
+             now and then one off. Past 8.2 standard deviations (probability 2e-16) it is clipped.
+    """
+    return quantile(mean, normal)

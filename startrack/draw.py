@@ -1,0 +1,237 @@
+"""Pictures of frames, solutions, errors, optimisations and tolerances."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.camera import Camera
+from startrack.error import summarise
+from startrack.saving import whole
+from startrack.study.box import Box
+from startrack.study.optimize import Optimum
+from startrack.study.sample import Tolerance
+from startrack.units import arcsec
+from startrack.values import Frame, Matches, Spots, Stars
+from startrack.wcs import celestial
+
+FOUND, LOST, KNOWN = "#4cc38a", "#f2a65a", "#7ab8ff"
+LABELS = 12  # brightest stars that get their magnitude written beside them
+
+
+def draw_frame(path: Path, frame: Frame, title: str = "") -> None:
+    """The image in its pixels, faint parts lifted."""
+    figure, axes = _image(frame)
+    axes.set_title(title, fontsize=9, loc="left")
+    _save(path, figure)
+
+
+def draw_solution(
+    path: Path,
+    frame: Frame,
+    spots: Spots,
+    matches: Matches,
+    icrs_to_camera: Rotation | None,
+    stars: Stars,
+    title: str,
+) -> None:
+    """The image with its spots, matched and not, and where the catalogue has stars."""
+    figure, axes = _image(frame)
+    matched = np.zeros(len(spots), bool)
+    matched[matches.spot] = True
+    rings: dict[str, Any] = {"s": 90, "facecolors": "none", "linewidths": 1.0}
+    axes.scatter(
+        spots.x[matched], spots.y[matched], edgecolors=FOUND, label="spot, matched", **rings
+    )
+    axes.scatter(
+        spots.x[~matched], spots.y[~matched], edgecolors=LOST, label="spot, unknown", **rings
+    )
+    if icrs_to_camera is not None:
+        pixel, magnitude = _predicted(matches.camera, icrs_to_camera, stars, 2 * len(spots) + 10)
+        axes.scatter(
+            pixel[:, 0],
+            pixel[:, 1],
+            marker="+",
+            s=25,
+            c=KNOWN,
+            linewidths=0.8,
+            label="catalogue star",
+        )
+        for (x, y), g in list(zip(pixel, magnitude, strict=True))[:LABELS]:
+            axes.annotate(f"G {g:.1f}", (x, y), (7, 5), textcoords="offset points", color=KNOWN,
+                          fontsize=7)  # fmt: skip
+        _north(axes, matches.camera, icrs_to_camera)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=3, frameon=False, fontsize=8)
+    axes.set_title(title, fontsize=9, loc="left")
+    _save(path, figure)
+
+
+def draw_errors(path: Path, outcomes: NDArray[np.void], title: str) -> None:
+    """The errors of many trials: across the boresight as points, about it as a histogram."""
+    right = outcomes[outcomes["solved"] & ~outcomes["false"]]
+    summary = summarise(outcomes)
+    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    across, about = figure.subplots(1, 2)
+    x, y, z = (right[f"error_{axis}"] / arcsec for axis in "xyz")
+    across.plot(x, y, ".", ms=3, alpha=0.5, color="#3567a8")
+    if len(right):
+        turn = np.linspace(0, 2 * np.pi, 200)
+        radius = summary.across.value / arcsec
+        across.plot(radius * np.cos(turn), radius * np.sin(turn), color="#c0392b", lw=1,
+                    label=f"rms per axis {_told(summary.across)}")  # fmt: skip
+        across.legend(fontsize=8)
+        about.hist(z, 40, color="#3567a8", label=f"rms {_told(summary.about)}")
+        about.legend(fontsize=8)
+    across.set_aspect("equal", "datalim")
+    across.set(xlabel="error about the x axis (arcsec)", ylabel="error about the y axis (arcsec)")
+    across.set_title("across the boresight", fontsize=9)
+    about.set(xlabel="error about the boresight (arcsec)", ylabel="trials")
+    about.set_title("about the boresight", fontsize=9)
+    share = summary.availability
+    figure.suptitle(
+        f"{title}: {summary.trials} trials, availability {100 * share.value:.1f} % "
+        f"[{100 * share.low:.1f}, {100 * share.high:.1f}]",
+        fontsize=10,
+    )
+    _save(path, figure)
+
+
+def draw_convergence(path: Path, optimum: Optimum, box: Box, objective: str) -> None:
+    """The error of each design that was tried, and the path of the variables."""
+    figure = Figure(figsize=(9, 7), layout="constrained")
+    error, places = figure.subplots(2, 1, sharex=True)
+    number = np.arange(1, len(optimum.evaluations) + 1)
+    rms = np.array(
+        [
+            getattr(one.summary, objective).value / arcsec if one.summary else math.nan
+            for one in optimum.evaluations
+        ]
+    )
+    feasible = np.array([one.feasible for one in optimum.evaluations])
+    error.semilogy(number[feasible], rms[feasible], "o", ms=4, color="#2e7d5b",
+                   label="meets the requirements")  # fmt: skip
+    error.semilogy(number[~feasible], rms[~feasible], "x", ms=4, color="#c0392b",
+                   label="misses one")  # fmt: skip
+    # Designs that the requirements refuse may look better: the best line leaves them out.
+    so_far = np.fmin.accumulate(np.where(feasible, rms, np.inf))
+    error.step(number, np.where(np.isfinite(so_far), so_far, np.nan), where="post", color="#2e7d5b",
+               lw=1)  # fmt: skip
+    trials = max((one.summary.trials for one in optimum.evaluations if one.summary), default=0)
+    error.set_ylabel(f"rms error {objective} (arcsec)")
+    error.set_title(
+        f"{len(optimum.evaluations)} designs, {trials} trials each, same skies and noise; on "
+        f"{optimum.fresh[0].trials} fresh trials better by "
+        f"{optimum.factor.value:.2f} [{optimum.factor.low:.2f}, {optimum.factor.high:.2f}]",
+        fontsize=9,
+        loc="left",
+    )
+    error.legend(fontsize=8)
+    cube = np.array([one.place for one in optimum.evaluations])
+    for variable, line in zip(box.variables, cube.T, strict=True):
+        places.plot(number, line, lw=1.2, label=variable.name.rpartition(".")[2])
+    places.set(xlabel="evaluation", ylabel="place between the bounds", ylim=(-0.03, 1.03))
+    places.legend(fontsize=8, ncols=3)
+    _save(path, figure)
+
+
+def draw_corner(path: Path, tolerance: Tolerance) -> None:
+    """Each pair of variables of the designs that keep the error, and each alone."""
+    box = tolerance.box
+    columns = [list(box.text(box.design(place)).values()) for place in tolerance.samples[::50]]
+    units = [text.partition(" ")[2] for text in columns[0]]
+    values = np.array([[float(text.split()[0]) for text in row] for row in columns])
+    n = len(box)
+    figure = Figure(figsize=(2 * n + 1, 2 * n + 1), layout="constrained")
+    grid = figure.subplots(n, n, squeeze=False)
+    for i in range(n):
+        for j in range(n):
+            axes: Axes = grid[i, j]
+            if j > i:
+                axes.set_axis_off()
+                continue
+            if i == j:
+                axes.hist(values[:, i], 30, color="#3567a8")
+                axes.set_yticks([])
+            else:
+                axes.plot(values[:, j], values[:, i], ",", color="#3567a8")
+            axes.tick_params(labelsize=7)
+            for k, at_edge, label in ((j, i == n - 1, axes.set_xlabel),
+                                      (i, j == 0 and i > 0, axes.set_ylabel)):  # fmt: skip
+                if at_edge:
+                    name = box.variables[k].name.rpartition(".")[2]
+                    label(f"{name} ({units[k]})" if units[k] else name, fontsize=8)
+    figure.suptitle(
+        f"designs that keep the rms error below {tolerance.limit / arcsec:.2f} arcsec\n"
+        f"{tolerance.effective:.0f} independent samples, response surface within "
+        f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs",
+        fontsize=9,
+    )
+    _save(path, figure)
+
+
+def _image(frame: Frame) -> tuple[Figure, Axes]:
+    rows, columns = frame.image.shape
+    width = 8.0
+    figure = Figure(figsize=(width, width * rows / columns + 1), layout="constrained", dpi=130)
+    axes = figure.subplots()
+    image = frame.image.astype(float)
+    finite = image[np.isfinite(image)]
+    low, high = np.percentile(finite, [25, 99.9])
+    scale = max(float(np.percentile(finite, 84) - np.median(finite)), 1e-3 * (high - low), 1e-9)
+    lifted = np.arcsinh((image - low) / (3 * scale))
+    top = max(float(np.arcsinh((high - low) / (3 * scale))), 1.0)
+    axes.imshow(lifted, cmap="gray", vmin=-0.5, vmax=1.3 * top, interpolation="nearest")
+    axes.set(xlabel="x, column (pixel)", ylabel="y, row (pixel)")
+    axes.tick_params(labelsize=8)
+    return figure, axes
+
+
+def _predicted(
+    camera: Camera, icrs_to_camera: Rotation, stars: Stars, most: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Pixels and magnitudes of the brightest catalogue stars in the frame."""
+    direction = icrs_to_camera.apply(stars.direction)
+    near = direction[:, 2] > math.cos(camera.half_diagonal)
+    pixel = camera.project(direction[near])
+    inside = camera.holds(pixel)
+    magnitude = stars.magnitude_g[near][inside]
+    order = np.argsort(magnitude)[:most]
+    return pixel[inside][order], magnitude[order]
+
+
+def _north(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
+    """An arrow to celestial north in the corner of the picture."""
+    roll = math.radians(celestial(icrs_to_camera)[2])
+    length = 0.06 * camera.rows
+    x, y = 0.08 * camera.columns, 0.9 * camera.rows
+    tip = (x - length * math.sin(roll), y - length * math.cos(roll))
+    axes.annotate("", tip, (x, y), arrowprops={"arrowstyle": "->", "color": KNOWN})
+    beyond = (x - 1.4 * length * math.sin(roll), y - 1.4 * length * math.cos(roll))
+    axes.text(*beyond, "N", color=KNOWN, fontsize=8, ha="center", va="center")
+
+
+def _told(interval) -> str:  # type: ignore[no-untyped-def]
+    value, low, high = (x / arcsec for x in (interval.value, interval.low, interval.high))
+    return f"{value:.2f} [{low:.2f}, {high:.2f}] arcsec"
+
+
+def _save(path: Path, figure: Figure) -> None:
+    with whole(path) as draft:
+        figure.savefig(draft)
+
+
+__all__: Sequence[str] = [
+    "draw_convergence",
+    "draw_corner",
+    "draw_errors",
+    "draw_frame",
+    "draw_solution",
+]

@@ -1,0 +1,83 @@
+"""Many outcomes -> rms errors and availability, each with its interval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special, stats
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A statistic, and the interval that holds the true one with 95 % confidence."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Statistics of many trials.
+
+    across        radian, rms per axis of the error across the boresight
+    about         radian, rms of the error about the boresight
+    availability  share of trials with a right attitude
+    false         share of trials with a wrong attitude
+    nees          mean normalised estimation error squared; 3 where the tracker is honest
+    stars         mean number of matched stars in the solved trials
+    trials        number of trials
+    """
+
+    across: Interval
+    about: Interval
+    availability: Interval
+    false: Interval
+    nees: float
+    stars: float
+    trials: int
+
+
+def summarise(outcomes: NDArray[np.void]) -> Summary:
+    """Statistics of a structured array with the fields of `Outcome`.
+
+    Errors are taken over the trials with a right attitude; `availability` tells the rest.
+    """
+    right = outcomes[outcomes["solved"] & ~outcomes["false"]]
+    across = (right["error_x"] ** 2 + right["error_y"] ** 2) / 2
+    return Summary(
+        rms_interval(across),
+        rms_interval(right["error_z"] ** 2),
+        share_interval(len(right), len(outcomes)),
+        share_interval(int(outcomes["false"].sum()), len(outcomes)),
+        float(right["nees"].mean()) if len(right) else float("nan"),
+        float(right["stars"].mean()) if len(right) else float("nan"),
+        len(outcomes),
+    )
+
+
+def rms_interval(squares: NDArray[np.float64], confidence: float = 0.95) -> Interval:
+    """Root of the mean of squares, its interval from the scatter of the squares (normal law).
+
+    Errors  NaN where there is no trial, an open interval where there is one.
+    """
+    n = len(squares)
+    if n == 0:
+        return Interval(float("nan"), float("nan"), float("nan"))
+    mean = float(squares.mean())
+    if n == 1:
+        return Interval(mean**0.5, 0.0, float("inf"))
+    half = special.ndtri((1 + confidence) / 2) * float(squares.std(ddof=1)) / n**0.5
+    return Interval(mean**0.5, max(mean - half, 0.0) ** 0.5, (mean + half) ** 0.5)
+
+
+def share_interval(hits: int, trials: int, confidence: float = 0.95) -> Interval:
+    """Share of trials with its exact binomial interval (Clopper and Pearson 1934)."""
+    if trials == 0:
+        return Interval(float("nan"), 0.0, 1.0)
+    tail = (1 - confidence) / 2
+    low = stats.beta.ppf(tail, hits, trials - hits + 1) if hits else 0.0
+    high = stats.beta.isf(tail, hits + 1, trials - hits) if hits < trials else 1.0
+    return Interval(hits / trials, float(low), float(high))

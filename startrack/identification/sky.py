@@ -1,0 +1,78 @@
+"""Directions enter; a grid that finds those around any direction leaves, for compiled code."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.values import Floats
+
+Indices = NDArray[np.int32]
+
+MOST_CUBES = 80  # along an axis, which keeps the table of cubes at 2 MB
+
+
+class SkyGrid(NamedTuple):
+    """Stars sorted into the cubes of a grid over [-1, 1]^3.
+
+    Cubes in space know neither poles nor the jump of right ascension. Most are empty, which
+    costs one look at `start`.
+
+    side       cubes along an axis
+    start      (side^3 + 1,) where the stars of a cube begin in `member`
+    member     (n,) index of the star in the directions that the grid was made from
+    direction  (n, 3) the directions, in the order of `member`
+    """
+
+    side: int
+    start: Indices
+    member: Indices
+    direction: Floats
+
+
+def sky_grid(direction: Floats, spacing: float) -> SkyGrid:
+    """Sort unit vectors into cubes.
+
+    direction  (n, 3) unit vectors
+    spacing    radian, edge of a cube at least: best about a third of the cones asked for
+    """
+    side = cubes(spacing)
+    cell = np.minimum(((direction + 1) / 2 * side).astype(np.int64), side - 1)
+    key = (cell[:, 0] * side + cell[:, 1]) * side + cell[:, 2]
+    member = np.argsort(key, kind="stable").astype(np.int32)
+    start = np.searchsorted(key[member], np.arange(side**3 + 1)).astype(np.int32)
+    return SkyGrid(side, start, member, np.ascontiguousarray(direction[member]))
+
+
+def cubes(spacing: float) -> int:
+    """How many cubes of at least this edge lie along an axis."""
+    return int(min(max(2 / spacing, 1), MOST_CUBES))
+
+
+@njit(cache=True, error_model="numpy")
+def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no cover
+    """Places in `grid.member` of the stars within an angle of an axis.
+
+    axis    (3,) unit vector
+    radius  radian
+    """
+    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+    for k in range(3):
+        low[k] = max(int((axis[k] - radius + 1) / 2 * grid.side), 0)
+        high[k] = min(int((axis[k] + radius + 1) / 2 * grid.side), grid.side - 1)
+    found = np.empty(len(grid.member), np.int32)
+    count = 0
+    limit = np.cos(min(radius, np.pi))
+    for i in range(low[0], high[0] + 1):
+        for j in range(low[1], high[1] + 1):
+            row = (i * grid.side + j) * grid.side
+            # Cubes along the last axis follow each other, so their stars are one run.
+            for s in range(grid.start[row + low[2]], grid.start[row + high[2] + 1]):
+                d = grid.direction[s]
+                if d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2] >= limit:
+                    found[count] = s
+                    count += 1
+    return found[:count]

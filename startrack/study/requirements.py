@@ -1,0 +1,150 @@
+"""Requirements: what a design must meet before its accuracy counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import qmc
+
+from startrack.camera import Camera
+from startrack.case import Case
+from startrack.catalog import Selection, open_sky
+from startrack.chain import look, path_of, psf_of, throughput
+from startrack.checks import non_negative, positive, whole, within
+from startrack.detector import electron_rate
+from startrack.scene import illuminate
+from startrack.units import Unit
+from startrack.values import Stars
+
+FIELDS = 1024  # attitudes over which the sky is counted
+MAGNITUDES = np.linspace(-2, 12, 57)
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """Limits, and the coefficients of the cost models behind them.
+
+        mass  = mass_fixed + mass_per_volume * aperture^3
+        power = power_fixed + energy_per_bit * data rate
+
+    The models are proxies: a lens of one shape grows in all directions with its aperture, and
+    the electronics pay for each bit. Their coefficients are inputs, not results.
+
+    min_stars         stars above the detection threshold that `sky_share` of the sky must show
+    min_availability  share of trials with a right attitude
+    """
+
+    max_mass: Annotated[float, Unit("kg")] = 1.0
+    mass_fixed: Annotated[float, Unit("kg")] = 0.15
+    mass_per_volume: Annotated[float, Unit("kg / m3")] = 6000.0
+    max_power: Annotated[float, Unit("W")] = 2.0
+    power_fixed: Annotated[float, Unit("W")] = 0.4
+    energy_per_bit: Annotated[float, Unit("J / bit", "nJ / bit")] = 20e-9
+    min_update_rate: Annotated[float, Unit("Hz")] = 1.0
+    min_stars: int = 5
+    sky_share: float = 0.99
+    min_availability: float = 0.99
+
+    def __post_init__(self) -> None:
+        positive(max_mass=self.max_mass, max_power=self.max_power)
+        non_negative(
+            mass_fixed=self.mass_fixed,
+            mass_per_volume=self.mass_per_volume,
+            power_fixed=self.power_fixed,
+            energy_per_bit=self.energy_per_bit,
+            min_update_rate=self.min_update_rate,
+        )
+        whole(1, 100, min_stars=self.min_stars)
+        within(0, 1, sky_share=self.sky_share, min_availability=self.min_availability)
+
+    def mass(self, case: Case) -> float:
+        """Kilogram."""
+        return self.mass_fixed + self.mass_per_volume * case.instrument.optics.aperture**3
+
+    def power(self, case: Case) -> float:
+        """Watt."""
+        return self.power_fixed + self.energy_per_bit * case.instrument.detector.data_rate
+
+    def margins(self, case: Case) -> dict[str, float]:
+        """How far each limit is kept, as a share of it (stars: in magnitudes); below 0, it is not.
+
+        The accuracy and the availability are not here: they need trials.
+        """
+        rate = case.instrument.detector.update_rate
+        return {
+            "mass": 1 - self.mass(case) / self.max_mass,
+            "power": 1 - self.power(case) / self.max_power,
+            "update rate": rate / self.min_update_rate - 1 if self.min_update_rate else 1.0,
+            "stars in the sky": limiting_magnitude(case)
+            - needed_magnitude(case, self.min_stars, self.sky_share),
+        }
+
+
+def limiting_magnitude(case: Case) -> float:
+    """The faintest G of a sunlike star that the matched filter sees at the threshold.
+
+        signal / noise = N sqrt(sum p^2) / sqrt(sky + dark + read noise^2) = threshold,
+        p the shares of the smeared star's light in its pixels
+
+    Errors  model: background-limited, which holds at the threshold; the pixel phase is averaged.
+    """
+    detector = case.instrument.detector
+    pixel = case.instrument.camera.focal_length_px**-2
+    unknown = np.full(len(MAGNITUDES), np.nan)
+    stars = Stars(
+        np.zeros(len(MAGNITUDES), np.int64), np.zeros((len(MAGNITUDES), 3)), MAGNITUDES, unknown
+    )
+    light = illuminate(case.scene, stars)
+    star, sky = electron_rate(light, detector, throughput(case.instrument))
+    noise = (sky * pixel + detector.dark_current) * detector.exposure + detector.read_noise**2
+    # The sum of squares of the pixel shares, with the mean of the smear: a convolution of each
+    # place with each other place along the path.
+    psf = psf_of(case.instrument)
+    sharpness = float((psf.table**2).sum()) / psf.oversampling**2
+    smear = np.ptp(path_of(case.instrument).rotation, axis=0)
+    length = float(np.hypot(smear[0], smear[1])) * case.instrument.camera.focal_length_px
+    sharpness /= np.sqrt(1 + length**2 * sharpness)
+    signal = star * detector.exposure * np.sqrt(sharpness)
+    ratio = signal / np.sqrt(noise) if noise > 0 else signal
+    threshold = case.tracker.detection.threshold
+    return float(np.interp(-np.log(threshold), -np.log(ratio), MAGNITUDES))
+
+
+def needed_magnitude(case: Case, stars: int, share: float) -> float:
+    """The G that must be seen so that `share` of the sky shows `stars` stars in the field."""
+    camera = case.instrument.camera
+    return _needed(
+        case.believed_catalog, camera.columns, camera.rows, camera.focal_length_px, stars, share
+    )
+
+
+@lru_cache(maxsize=1024)
+def _needed(
+    catalog: Selection, columns: int, rows: int, focal_length_px: float, stars: int, share: float
+) -> float:
+    camera = Camera(columns, rows, focal_length_px)
+    sky = open_sky(catalog)
+    faintest = np.empty(FIELDS)
+    for i, attitude in enumerate(_attitudes()):
+        seen = look(sky, attitude, camera)
+        inside = camera.holds(camera.project(attitude.apply(seen.direction)))
+        magnitude = seen.magnitude_g[inside]
+        # A field with too few stars in the whole catalogue asks for more than the catalogue has.
+        faintest[i] = magnitude[stars - 1] if len(magnitude) >= stars else catalog.limit_g + 1
+    return float(np.quantile(faintest, share))
+
+
+@lru_cache(maxsize=1)
+def _attitudes() -> Rotation:
+    """Attitudes spread evenly over all rotations (Shoemake 1992, from a Sobol sequence)."""
+    u: NDArray[np.float64] = qmc.Sobol(3, scramble=False).random(FIELDS)
+    a, b = np.sqrt(1 - u[:, 0]), np.sqrt(u[:, 0])
+    p, q = 2 * np.pi * u[:, 1], 2 * np.pi * u[:, 2]
+    return Rotation.from_quat(
+        np.column_stack([a * np.sin(p), a * np.cos(p), b * np.sin(q), b * np.cos(q)])
+    )

@@ -1,0 +1,186 @@
+"""The results of studies as CSV, JSON lines and Markdown."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.error import Interval
+from startrack.saving import save_text
+from startrack.study.box import Box
+from startrack.study.campaign import Campaign
+from startrack.study.optimize import Evaluation, Optimum
+from startrack.study.sample import Tolerance
+from startrack.units import arcsec
+
+SHARES = (0.025, 0.16, 0.5, 0.84, 0.975)
+
+
+def write_outcomes(path: Path, outcomes: NDArray[np.void]) -> None:
+    """All trials; angles in radian, as in `Outcome`."""
+    names = list(outcomes.dtype.names or ())
+    _write_csv(path, names, (row.item() for row in outcomes))
+
+
+def write_evaluations(path: Path, evaluations: Sequence[Evaluation]) -> None:
+    """All designs that were tried; variables in SI, errors in arcsecond."""
+    margins = list(dict.fromkeys(name for one in evaluations for name in one.margins))
+    variables = list(evaluations[0].values)
+    head = ["evaluation", *variables, "across_rms_arcsec", "about_rms_arcsec", "availability",
+            *(f"margin {name}" for name in margins), "score", "feasible", "note"]  # fmt: skip
+    rows = (
+        [
+            number,
+            *one.values.values(),
+            *_errors(one),
+            *(one.margins.get(name, math.nan) for name in margins),
+            one.score,
+            one.feasible,
+            one.note,
+        ]
+        for number, one in enumerate(evaluations)
+    )
+    _write_csv(path, head, rows)
+
+
+def evaluation_line(one: Evaluation) -> str:
+    """One design as a line of JSON; variables in SI, errors in arcsecond."""
+    across, about, availability = (None if math.isnan(value) else value for value in _errors(one))
+    return json.dumps(
+        {
+            "values": one.values,
+            "across_rms_arcsec": across,
+            "about_rms_arcsec": about,
+            "availability": availability,
+            "margins": one.margins,
+            "score": one.score,
+            "feasible": one.feasible,
+            "note": one.note,
+        }
+    )
+
+
+def comparison(optimum: Optimum, box: Box, campaign: Campaign) -> str:
+    """Start and best side by side, as Markdown."""
+    before, after = box.text(optimum.start), box.text(optimum.best)
+    lines = ["| | start | best |", "|---|---|---|"]
+    lines += [f"| {name.split('.', 1)[1]} | {before[name]} | {after[name]} |" for name in before]
+    start, best = optimum.fresh
+    for title, name in (("across", "across"), ("about", "about")):
+        lines.append(
+            f"| rms error {title} the boresight (arcsec) "
+            f"| {_told(getattr(start, name))} | {_told(getattr(best, name))} |"
+        )
+    lines.append(
+        f"| availability (%) | {_told(start.availability, 0.01)} "
+        f"| {_told(best.availability, 0.01)} |"
+    )
+    lines.append(f"| matched stars | {start.stars:.1f} | {best.stars:.1f} |")
+    needs = campaign.requirements
+    for title, of in (
+        (f"mass (kg), at most {needs.max_mass:g}", needs.mass),
+        (f"power (W), at most {needs.max_power:g}", needs.power),
+    ):
+        lines.append(f"| {title} | {of(optimum.start):.3f} | {of(optimum.best):.3f} |")
+    rates = [one.instrument.detector.update_rate for one in (optimum.start, optimum.best)]
+    lines.append(
+        f"| update rate (Hz), at least {needs.min_update_rate:g} "
+        f"| {rates[0]:.2f} | {rates[1]:.2f} |"
+    )
+    sky = [needs.margins(one)["stars in the sky"] for one in (optimum.start, optimum.best)]
+    lines.append(
+        f"| magnitudes in hand for {needs.min_stars} stars in {100 * needs.sky_share:g} % of the "
+        f"sky | {sky[0]:+.2f} | {sky[1]:+.2f} |"
+    )
+    factor = optimum.factor
+    lines += [
+        "",
+        f"Better by a factor of {factor.value:.2f} [{factor.low:.2f}, {factor.high:.2f}] in the "
+        f"rms error {campaign.objective} the boresight, on {start.trials} fresh trials, paired. "
+        f"{len(optimum.evaluations)} designs were tried with {campaign.trials} trials each; the "
+        f"tuning trials promised {optimum.promised / arcsec:.2f} arcsec. Brackets hold with 95 % "
+        "confidence.",
+    ]
+    return "\n".join(lines)
+
+
+def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
+    """The tolerance region for JSON, variables in SI."""
+    names = [variable.name for variable in tolerance.box.variables]
+    places = np.quantile(tolerance.samples, SHARES, axis=0)
+    rows = [tolerance.box.values(place) for place in places]
+    return {
+        "limit_arcsec": tolerance.limit / arcsec,
+        "quantiles": list(SHARES),
+        "values_si": {name: [row[name] for row in rows] for name in names},
+        "surface_error": tolerance.surface_error,
+        "check_error": tolerance.check_error,
+        "checks": tolerance.checks,
+        "acceptance": tolerance.acceptance,
+        "autocorrelation_steps": tolerance.autocorrelation,
+        "effective_samples": tolerance.effective,
+        "converged": tolerance.converged,
+        "designs": len(tolerance.evaluations),
+    }
+
+
+def tolerance_table(tolerance: Tolerance) -> str:
+    """Where each variable may lie, as Markdown."""
+    box = tolerance.box
+    places = np.quantile(tolerance.samples, SHARES, axis=0)
+    texts = [box.text(box.design(place)) for place in places]
+    centre = box.text(box.case)
+    head = "| variable | design | " + " | ".join(f"{100 * share:g} %" for share in SHARES) + " |"
+    lines = [head, "|---" * (2 + len(SHARES)) + "|"]
+    for name in centre:
+        row = " | ".join(text[name] for text in texts)
+        lines.append(f"| {name.split('.', 1)[1]} | {centre[name]} | {row} |")
+    lines += [
+        "",
+        f"Quantiles of the designs that keep the rms error below {tolerance.limit / arcsec:.2f} "
+        f"arcsec and meet the requirements: {tolerance.effective:.0f} independent samples, "
+        f"acceptance {tolerance.acceptance:.2f}, "
+        f"{'converged' if tolerance.converged else 'NOT converged'}. The response surface is off "
+        f"by {100 * tolerance.surface_error:.1f} % leaving one out, by "
+        f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs "
+        f"({len(tolerance.evaluations)} designs in all).",
+    ]
+    return "\n".join(lines)
+
+
+def write_samples(path: Path, tolerance: Tolerance) -> None:
+    """The samples of the region; variables in SI."""
+    names = [variable.name for variable in tolerance.box.variables]
+    rows = (tolerance.box.values(place).values() for place in tolerance.samples)
+    _write_csv(path, names, rows)
+
+
+def _errors(one: Evaluation) -> tuple[float, float, float]:
+    if one.summary is None:
+        return math.nan, math.nan, math.nan
+    return (
+        one.summary.across.value / arcsec,
+        one.summary.about.value / arcsec,
+        one.summary.availability.value,
+    )
+
+
+def _told(interval: Interval, unit: float = arcsec) -> str:
+    value, low, high = (x / unit for x in (interval.value, interval.low, interval.high))
+    return f"{value:.2f} [{low:.2f}, {high:.2f}]"
+
+
+def _write_csv(path: Path, head: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    save_text(path, text.getvalue())

@@ -1,0 +1,82 @@
+"""Units as SI floats, constants with their source, and `"50 mm"` read and written at the border."""
+
+from __future__ import annotations
+
+import math
+import re
+from decimal import Decimal
+from functools import lru_cache
+from typing import NamedTuple
+
+PLANCK = 6.62607015e-34  # J s, exact in the SI of 2019
+LIGHT_SPEED = 299792458.0  # m / s, exact in the SI of 2019
+BOLTZMANN = 1.380649e-23  # J / K, exact in the SI of 2019
+
+nm = 1e-9
+um = 1e-6
+mm = 1e-3
+deg = math.pi / 180
+arcsec = deg / 3600
+
+NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?)?\s*")
+
+
+class Unit(NamedTuple):
+    """Of a parameter: `Annotated[float, Unit("m", "mm")]` is in metre, in files in millimetre."""
+
+    si: str
+    in_files: str = ""
+
+    @property
+    def shown(self) -> str:
+        """The unit to write."""
+        return self.in_files or self.si
+
+
+def parse(text: str, unit: str) -> float:
+    """Turn a number with a unit into a float in another unit.
+
+    The product is taken in decimal, so that "50 mm" is 0.05 m and not a neighbour of it.
+
+    >>> parse("50 mm", "m")
+    0.05
+
+    text     a number and a unit as astropy writes them: "50 mm", "5 deg", "10 electron / s"
+    unit     unit of the result
+    Returns  the value in that unit, correctly rounded
+    Errors   ValueError where the text is no number with a unit, or its unit does not convert.
+    """
+    found = NUMBER.fullmatch(text)
+    if not found or not found[2]:
+        raise ValueError(f"must be a number with a unit, such as '1 {unit}', got {text!r}")
+    scale = _scale(found[2], unit)
+    if scale is None:
+        raise ValueError(f"must have a unit that converts to {unit}, got {text!r}")
+    return float(Decimal(found[1]) * scale)
+
+
+def write(value: float, unit: str, shown: str) -> str:
+    """Turn a float in `unit` into the shortest text in the unit `shown` that reads back the same.
+
+    >>> write(0.05, "m", "mm")
+    '50 mm'
+    """
+    scale = _scale(shown, unit)
+    assert scale is not None, f"{shown} does not convert to {unit}"
+    for digits in range(1, 19):
+        text = f"{Decimal(repr(value)) / scale:.{digits}g}"
+        if float(Decimal(text) * scale) == value:
+            break
+    number = float(text)
+    return f"{int(number) if number.is_integer() and abs(number) < 1e15 else text} {shown}"
+
+
+@lru_cache(maxsize=256)
+def _scale(source: str, target: str) -> Decimal | None:
+    """Factor between two units, None where they do not convert."""
+    from astropy import units  # costs 0.3 s, and only files with units need it
+
+    try:
+        return Decimal(repr(float(units.Unit(source).to(units.Unit(target)))))
+    except (ValueError, TypeError, units.UnitConversionError):
+        return None

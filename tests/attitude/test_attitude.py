@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from startrack.attitude import refine, solve, svd
+from startrack.camera import Camera
+from startrack.values import Matches, Spots, Status
+
+CAMERA = Camera(1024, 1024, 4800.0)
+
+
+def sky(n: int, seed: int = 0, camera: Camera = CAMERA):
+    """Stars in the field of a random attitude: attitude, pixels, ICRS directions."""
+    rng = np.random.default_rng(seed)
+    attitude = Rotation.from_quat(rng.standard_normal(4))
+    pixel = rng.uniform(0, 1023, (n, 2))
+    return attitude, pixel, attitude.inv().apply(camera.unproject(pixel))
+
+
+def spots_of(pixel, sigma) -> Spots:
+    n = len(pixel)
+    one = np.ones(n)
+    return Spots(*pixel.T, one, np.tile(np.eye(2) * sigma**2, (n, 1, 1)), one, np.ones(n, int))
+
+
+def matches_of(direction, camera=CAMERA) -> Matches:
+    index = np.arange(len(direction))
+    return Matches(Status.SOLVED, "", index, index, direction, camera, None, 1e-9)
+
+
+def test_svd_against_60_digit_solutions(oracle):
+    """Within the digits that its method has: sqrt of the condition number times eps, and more."""
+    for case in oracle("wahba_cases.json")["cases"]:
+        b, r = np.array(case["b"]), np.array(case["r"])
+        if case["info_cond"] > 1e6:
+            continue  # plain SVD loses these
+        got = svd(b, r, np.array(case["sigma_rad"]) ** -2.0)
+        error = (got * Rotation.from_matrix(case["A"]).inv()).magnitude()
+        assert error < 1e-12 * np.sqrt(case["info_cond"]), case["name"]
+
+
+def test_markley_mortari_scenario_1():
+    """Published: 40, 2.7, 2.7 arcsec about the boresight (x there) and across it.
+
+    Markley & Mortari (2000), J. Astronaut. Sci. 48, 359: five stars 4.35 degrees apart, noise
+    6 arcsec per axis. Here the boresight is z; 39.56 and 2.686 are the model's exact values.
+    """
+    plane = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]) * 0.07584 / 0.99712
+    noise = 6 / 206265 * CAMERA.focal_length_px
+    pixel = plane * CAMERA.focal_length_px + CAMERA.centre
+    covariance = np.tile(np.eye(2) * noise**2, (5, 1, 1))
+    got = refine(pixel, covariance, CAMERA.unproject(pixel), CAMERA, Rotation.identity())
+    sigma = np.degrees(np.sqrt(np.diag(got.covariance))) * 3600
+    np.testing.assert_allclose(sigma, [2.686, 2.686, 39.56], rtol=0.006)
+
+
+def test_noise_free_stars_give_the_attitude_to_the_last_digits():
+    for seed in range(20):
+        attitude, pixel, direction = sky(8, seed)
+        got = solve(spots_of(pixel, 0.1), matches_of(direction))
+        assert (got.icrs_to_camera * attitude.inv()).magnitude() < 3e-15
+        assert got.residual_rms < 1e-10
+
+
+def test_refinement_restores_what_a_bad_start_lost():
+    attitude, pixel, direction = sky(6)
+    start = Rotation.from_rotvec([0.02, -0.03, 0.05]) * attitude
+    got = refine(pixel, np.tile(np.eye(2), (6, 1, 1)), direction, CAMERA, start)
+    assert (got.icrs_to_camera * attitude.inv()).magnitude() < 3e-15
+
+
+def test_errors_follow_the_reported_covariance():
+    """Normalised error squared over 2000 noisy fields: chi-square of 6000; false alarm 1e-4."""
+    rng = np.random.default_rng(4)
+    total, loss = 0.0, 0.0
+    for seed in range(2000):
+        attitude, pixel, direction = sky(7, seed)
+        covariance = np.array([np.diag(s) for s in rng.uniform(0.02, 0.5, (7, 2)) ** 2])
+        noise = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) * rng.standard_normal((7, 2))
+        got = refine(pixel + noise, covariance, direction, CAMERA, attitude)
+        error = (got.icrs_to_camera * attitude.inv()).as_rotvec()
+        total += error @ np.linalg.solve(got.covariance, error)
+        loss += got.chi_square
+    assert stats.chi2.cdf(total, 6000) == pytest.approx(0.5, abs=0.5 - 1e-4)
+    assert stats.chi2.cdf(loss, 2000 * 11) == pytest.approx(0.5, abs=0.5 - 1e-4)
+
+
+def test_excess_residuals_enlarge_the_covariance():
+    _, pixel, direction = sky(30, 3)
+    noise = np.random.default_rng(1).standard_normal(pixel.shape)
+    stated, honest = (
+        solve(spots_of(pixel + noise, sigma), matches_of(direction)).covariance
+        for sigma in (0.1, 1.0)
+    )
+    assert np.trace(stated) == pytest.approx(np.trace(honest), rel=0.1)
+
+
+def test_a_distorted_camera_is_undone():
+    camera = Camera(1024, 1024, 1500.0, 5.0, -3.0, k1=-0.15, k2=0.03, p1=1e-3)
+    attitude, pixel, direction = sky(10, 2, camera)
+    got = solve(spots_of(pixel, 0.1), matches_of(direction, camera))
+    assert (got.icrs_to_camera * attitude.inv()).magnitude() < 1e-11
+
+
+def test_permuting_the_stars_changes_nothing():
+    _, pixel, direction = sky(9, 6)
+    pixel = pixel + np.random.default_rng(0).normal(0, 0.2, pixel.shape)
+    order = np.random.default_rng(1).permutation(9)
+    one = solve(spots_of(pixel, 0.2), matches_of(direction))
+    other = solve(spots_of(pixel[order], 0.2), matches_of(direction[order]))
+    assert (one.icrs_to_camera * other.icrs_to_camera.inv()).magnitude() < 1e-14
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_too_few_stars_are_a_status(count):
+    _, pixel, direction = sky(5)
+    got = solve(spots_of(pixel[:count], 0.1), matches_of(direction[:count]))
+    assert got.status is Status.TOO_FEW
+    assert got.icrs_to_camera is None
+    assert "direction" in got.reason
+
+
+def test_the_same_star_twice_is_too_few():
+    _, pixel, direction = sky(5)
+    got = solve(spots_of(pixel[[0, 0]], 0.1), matches_of(direction[[0, 0]]))
+    assert got.status is Status.TOO_FEW
+
+
+def test_an_unsolved_match_stays_unsolved():
+    none = Matches(Status.NO_MATCH, "why", *[np.zeros(0, int)] * 2, np.zeros((0, 3)), CAMERA, None, 1.0)  # fmt: skip
+    got = solve(spots_of(np.zeros((0, 2)), 1.0), none)
+    assert (got.status, got.reason) == (Status.NO_MATCH, "why")
+    assert np.isnan(got.covariance).all()

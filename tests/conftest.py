@@ -1,0 +1,24 @@
+"""What the tests share: outside data, and a small design that runs in milliseconds."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+ORACLE = Path(__file__).parent / "oracle"
+
+
+@pytest.fixture(scope="session")
+def outside() -> Path:
+    """The folder of data from outside, which is not part of the project."""
+    folder = os.environ.get("STARTRACK_DATA")
+    if not folder:
+        pytest.skip("STARTRACK_DATA does not name the folder of outside data")
+    return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def oracle():
+    """Reads a file of answers from outside."""
+    return lambda name: json.loads((ORACLE / name).read_text())
