@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from startrack.attitude import Attitude
 from startrack.camera import Camera
 from startrack.catalog import Selection
 from startrack.detection import Detection
@@ -50,6 +51,7 @@ class Tracker:
 
     detection: Detection = field(default_factory=Detection)
     identification: Identification = field(default_factory=Identification)
+    attitude: Attitude = field(default_factory=Attitude)
     camera: Camera | None = None
     catalog: Selection | None = None
 

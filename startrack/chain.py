@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import solve
 from startrack.camera import Camera
-from startrack.case import Case, Instrument
+from startrack.case import Case, Instrument, Tracker
 from startrack.catalog import Sky, open_sky
-from startrack.detection import Detection, detect
+from startrack.detection import detect
 from startrack.detector import expose
 from startrack.error import Outcome, judge
-from startrack.identification import Identification, PatternIndex, build_index, identify
+from startrack.identification import PatternIndex, build_index, identify
 from startrack.motion import slew
 from startrack.optics import focus
 from startrack.scene import WAVELENGTH, blackbody_photons, illuminate
@@ -68,27 +68,24 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
         streams,
     )
     spots, _, estimate = track(
-        frame,
-        case.believed_camera,
-        open_sky(case.believed_catalog).stars,
-        case.tracker.detection,
-        case.tracker.identification,
+        frame, case.believed_camera, open_sky(case.believed_catalog).stars, case.tracker
     )
     outcome = judge(estimate, icrs_to_camera, len(spots))
     return Record(icrs_to_camera, stars, frame, spots, estimate, outcome)
 
 
 def track(
-    frame: Frame, camera: Camera, stars: Stars, detection: Detection, identification: Identification
+    frame: Frame, camera: Camera, stars: Stars, tracker: Tracker
 ) -> tuple[Spots, Matches, Estimate]:
     """What the flight software does with a frame, real or rendered.
 
-    camera  as the tracker believes it
-    stars   the tracker's catalogue, brightest first
+    camera   as the tracker believes it
+    stars    the tracker's catalogue
+    tracker  its settings
     """
-    spots = detect(frame, detection)
-    matches = identify(spots, camera, stars, index_of(stars, camera), identification)
-    return spots, matches, solve(spots, matches)
+    spots = detect(frame, tracker.detection)
+    matches = identify(spots, camera, stars, index_of(stars, camera), tracker.identification)
+    return spots, matches, solve(spots, matches, tracker.attitude)
 
 
 def random_attitude(streams: Streams) -> Rotation:

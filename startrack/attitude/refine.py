@@ -23,13 +23,13 @@ class Refinement:
     icrs_to_camera  attitude
     covariance      (3, 3) radian^2, of the small rotation about the camera's axes
     residual        (n, 2) pixel, seen minus predicted
-    chi_square      sum of the squared residuals over their covariance
+    chi_square      (n,) squared residuals over their covariance
     """
 
     icrs_to_camera: Rotation
     covariance: Floats
     residual: Floats
-    chi_square: float
+    chi_square: Floats
 
 
 def refine(
@@ -71,7 +71,7 @@ def refine(
         attitude,
         triangle @ triangle.T,
         residual * camera.focal_length_px,
-        float((target**2).sum()),
+        np.asarray((target**2).sum(axis=1)),
     )
 
 

@@ -5,46 +5,66 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.attitude.refine import refine
+from startrack.attitude.parameters import Attitude
+from startrack.attitude.refine import Refinement, refine
 from startrack.attitude.svd import svd
 from startrack.values import Estimate, Matches, Spots, Status
 
 NO_COVARIANCE = np.full((3, 3), np.nan)
+MEDIAN_CHI_SQUARE = 2 * np.log(2)  # of two degrees of freedom
+FEWEST = 4  # stars, below which none is left out
 
 
-def solve(spots: Spots, matches: Matches) -> Estimate:
+def solve(spots: Spots, matches: Matches, settings: Attitude) -> Estimate:
     """The attitude from matched stars, weighted by the covariance of their centroids.
 
-    Where the residuals are larger than the centroids' noise explains (chi-square over degrees
-    of freedom above one), the covariance is enlarged by that ratio: the tracker does not know
-    its distortion or its catalogue better than it sees.
+    Stars beyond the gate are left out, the worst first, as long as most stay. Where the residuals
+    of the rest are larger than the centroids' noise explains (chi-square over degrees of freedom
+    above one), the covariance is enlarged by that ratio: the tracker does not know its
+    distortion or its catalogue better than it sees.
+
+    Returns  Estimate; not solved where the matches are not, or leave the attitude open
     """
     if matches.status is not Status.SOLVED:
         return _unsolved(matches, matches.status, matches.reason)
     pixel = np.column_stack([spots.x, spots.y])[matches.spot]
-    covariance = spots.covariance[matches.spot]
-    weight = 2 / np.trace(covariance, axis1=1, axis2=2)
+    covariance = spots.covariance[matches.spot] + np.eye(2) * settings.centroid_floor**2
+    used = np.arange(len(matches))
     try:
-        start = svd(matches.camera.unproject(pixel), matches.direction, weight)
-        best = refine(pixel, covariance, matches.direction, matches.camera, start)
+        best = _fit(pixel, covariance, matches, used)
+        while len(used) > FEWEST:
+            typical = np.median(best.chi_square) / MEDIAN_CHI_SQUARE
+            gate = settings.gate**2 * max(1.0, typical)
+            worst = np.argmax(best.chi_square)
+            if best.chi_square[worst] <= gate or len(used) <= len(matches) / 2:
+                break
+            used = np.delete(used, worst)
+            best = _fit(pixel, covariance, matches, used)
     except (ValueError, np.linalg.LinAlgError) as error:
         return _unsolved(matches, Status.TOO_FEW, str(error))
-    freedom = 2 * len(matches) - 3
-    excess = max(1.0, best.chi_square / freedom) if freedom > 0 else 1.0
+    freedom = 2 * len(used) - 3
+    excess = max(1.0, float(best.chi_square.sum()) / freedom) if freedom > 0 else 1.0
     return Estimate(
         Status.SOLVED,
         matches.reason,
         best.icrs_to_camera,
         best.covariance * excess,
-        _rms(best.residual),
-        len(matches),
+        float(np.sqrt(np.mean(best.residual**2))),
+        len(used),
         matches.false_probability,
     )
 
 
-def _rms(residual: NDArray[np.float64]) -> float:
-    """Root mean square over both axes, pixel."""
-    return float(np.sqrt(np.mean(residual**2)))
+def _fit(
+    pixel: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    matches: Matches,
+    used: NDArray[np.int64],
+) -> Refinement:
+    pixel, covariance, direction = pixel[used], covariance[used], matches.direction[used]
+    weight = 2 / np.trace(covariance, axis1=1, axis2=2)
+    start = svd(matches.camera.unproject(pixel), direction, weight)
+    return refine(pixel, covariance, direction, matches.camera, start)
 
 
 def _unsolved(matches: Matches, status: Status, reason: str) -> Estimate:

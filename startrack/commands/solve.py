@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.camera import Camera
+from startrack.case import Tracker
 from startrack.catalog import Selection, open_sky
 from startrack.chain import track
 from startrack.checks import positive, within
@@ -16,7 +17,7 @@ from startrack.commands.terminal import (
     say,
     tell,
 )
-from startrack.detection import Detection, subtract_dark
+from startrack.detection import subtract_dark
 from startrack.draw import draw_solution
 from startrack.exits import Exit, WrongUse
 from startrack.identification import Identification
@@ -30,7 +31,7 @@ def command(options: argparse.Namespace) -> int:
     try:
         positive(fov=options.fov)
         within(0, 179, fov=options.fov)
-        settings = Identification(focal_tolerance=options.fov_tolerance)
+        tracker = Tracker(identification=Identification(focal_tolerance=options.fov_tolerance))
         stars = open_sky(Selection(source=options.catalog, epoch=options.epoch)).stars
         dark = read_image(options.dark) if options.dark else None
     except ValueError as error:
@@ -49,7 +50,7 @@ def command(options: argparse.Namespace) -> int:
             continue
         rows, columns = frame.image.shape
         camera = Camera.from_field_of_view(columns, rows, math.radians(options.fov))
-        spots, matches, estimate = track(frame, camera, stars, Detection(), settings)
+        spots, matches, estimate = track(frame, camera, stars, tracker)
         result = {"image": str(path), **_result(spots, matches, estimate)}
         text = f"{path}: {_text(spots, matches, estimate)}"
         if options.overlay:

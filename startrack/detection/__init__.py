@@ -3,7 +3,7 @@
 parameters  Detection: what counts as a spot
 dark        Frame, dark frame -> Frame without the fixed pattern
 pixels      Frame -> Pixels: float32 without holes
-robust      mean and noise of pixels that stars may be among
+robust      background and noise of pixels that stars may be among
 background  filtered image -> the level that a spot must exceed
 find        Pixels -> Candidates: peaks that look like stars
 centroid    Candidates -> Spots

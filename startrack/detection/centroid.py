@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from startrack.detection.find import Candidates
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
-from startrack.detection.robust import clipped, ring
+from startrack.detection.robust import around
 from startrack.values import Floats, Frame, Ints, Spots
 
 Image = NDArray[np.float32]
@@ -27,8 +27,8 @@ def centroid(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Det
         cov(g) = sum(var_i (r_i - g)(r_i - g)^T) / F^2
 
     The window cuts the star's wings unevenly, which pulls g towards the window's centre; `_uncut`
-    takes that back and widens the covariance by what it costs. The background is the clipped
-    mean of a ring, var_i the ring's variance plus the star's shot noise.
+    takes that back and widens the covariance by what it costs. The background is a
+    plane through a ring, var_i the variance about it plus the star's shot noise.
 
     Source: linear propagation of independent pixel noise.
 
@@ -92,9 +92,8 @@ def _measure(
     for i in range(len(x)):
         u, v = x[i], y[i]
         for k in range(ROUNDS):
-            around = ring(image, u, v, half + 2, half + 3)
-            background, noise = clipped(around, floor)
-            flux, gx, gy, mx, my = _gravity(image, u, v, half, background)
+            background, slope_x, slope_y, noise, count = around(image, u, v, half, floor)
+            flux, gx, gy, mx, my = _gravity(image, u, v, half, background, slope_x, slope_y)
             lost = not (flux > 0 and abs(gx) <= half and abs(gy) <= half)
             # A star on the border of two pixels may go to and fro; either window serves.
             if lost or (abs(gx) <= 0.5 and abs(gy) <= 0.5) or k == ROUNDS - 1:
@@ -109,7 +108,7 @@ def _measure(
             # As if the whole background were light. The offset may not be known either, so the
             # light is taken to be at least one sigma of its own noise.
             shot = noise**2 / max(background - offset, noise, 1e-30)
-        error = noise / math.sqrt(len(around))  # of the background
+        error = noise / math.sqrt(count)  # of the background
         sigma, xx, xy, yy = _errors(
             image, u, v, gx, gy, half, background, noise, error, shot, saturation
         )
@@ -124,13 +123,13 @@ def _measure(
 
 @njit(cache=True, error_model="numpy")
 def _gravity(
-    image: Image, u: int, v: int, half: int, background: float
+    image: Image, u: int, v: int, half: int, background: float, slope_x: float, slope_y: float
 ) -> tuple[float, float, float, float, float]:
     """Flux, centre of gravity from (u, v), and variance along x and y, within the window."""
     flux, sx, sy, sxx, syy = 0.0, 0.0, 0.0, 0.0, 0.0
     for dy in range(-half, half + 1):
         for dx in range(-half, half + 1):
-            signal = image[v + dy, u + dx] - background
+            signal = image[v + dy, u + dx] - (background + slope_x * dx + slope_y * dy)
             flux += signal
             sx += signal * dx
             sy += signal * dy

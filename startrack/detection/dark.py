@@ -26,12 +26,14 @@ def subtract_dark(frame: Frame, dark: Frame) -> Frame:
     Errors       ValueError where the shapes differ.
     """
     if frame.image.shape != dark.image.shape:
-        raise ValueError(f"dark must have the frame's shape {frame.image.shape}, got {dark.image.shape}")
+        raise ValueError(
+            f"dark must have the frame's shape {frame.image.shape}, got {dark.image.shape}"
+        )
     difference = np.subtract(frame.image, dark.image, dtype=np.float32)
     level = np.nan_to_num(np.asarray(dark.image, np.float32))
     excess = level - cv2.medianBlur(level, NEIGHBOURHOOD)
     known = difference[np.isfinite(difference)]
     if len(known):
         _, noise = clipped(known, 0.0)
-        difference[excess > HOT * max(noise, np.finfo(np.float32).tiny)] = np.nan
+        difference[(excess > HOT * noise) & (excess > 0)] = np.nan
     return replace(frame, image=difference, offset=0.0)

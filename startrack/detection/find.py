@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from startrack.detection.background import level
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
-from startrack.detection.robust import clipped, ring
+from startrack.detection.robust import around
 from startrack.values import Ints
 
 Image = NDArray[np.float32]
@@ -58,15 +58,16 @@ def matched(image: Image, sigma: float) -> tuple[Image, float]:
     side = 2 * math.ceil(3 * sigma) + 1
     kernel = cv2.getGaussianKernel(side, sigma, cv2.CV_32F)
     filtered = cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REFLECT)
-    return filtered, float(np.sum(kernel**2))
+    return np.asarray(filtered, np.float32), float(np.sum(kernel**2))
 
 
 def connected(mask: NDArray[np.uint8]) -> tuple[NDArray[np.integer], NDArray[np.int32]]:
     """Connected components, diagonals included: (rows, columns) labels, and OpenCV's statistics."""
     # Labels of two bytes take a quarter of the time, and suffice where there are fewer pixels.
-    kind = cv2.CV_16U if cv2.countNonZero(mask) < 2**16 else cv2.CV_32S
+    few = cv2.countNonZero(mask) < 2**16
+    kind = cv2.CV_16U if few else cv2.CV_32S
     _, label, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=kind)
-    return label, stats
+    return np.asarray(label, np.uint16 if few else np.int32), np.asarray(stats, np.int32)
 
 
 def largest_share(sigma: float) -> float:
@@ -128,7 +129,7 @@ def _alone(
     """
     good = np.empty(len(x), np.bool_)
     for i in range(len(x)):
-        mean, rms = clipped(ring(filtered, x[i], y[i], reach + 2, reach + 3), floor)
+        mean, _, _, rms, _ = around(filtered, x[i], y[i], reach, floor)
         good[i] = filtered[y[i], x[i]] > mean + threshold * rms
     return good
 
@@ -142,7 +143,7 @@ def _sharp(image: Image, x: Ints, y: Ints, reach: int, share: float) -> NDArray[
     """
     sharp = np.empty(len(x), np.bool_)
     for i in range(len(x)):
-        background, _ = clipped(ring(image, x[i], y[i], reach + 2, reach + 3), 0.0)
+        background, _, _, _, _ = around(image, x[i], y[i], reach, 0.0)
         core = image[y[i] - 1 : y[i] + 2, x[i] - 1 : x[i] + 2].astype(np.float64) - background
         most = max(core.sum(axis=0).max(), core.sum(axis=1).max())
         sharp[i] = most > share * core.sum()

@@ -52,7 +52,8 @@ def pixels(frame: Frame) -> Pixels:
     if dead.all():
         raise ValueError(f"image must hold finite values below {LARGEST:g}, got none")
     if dead.any():
-        value, spoilt = _filled(value, dead), cv2.dilate(dead.astype(np.uint8), NEIGHBOURS)
+        value = _filled(value, dead)
+        spoilt = np.asarray(cv2.dilate(dead.astype(np.uint8), NEIGHBOURS), np.uint8)
     else:
         spoilt = None
     rounding = EPSILON * float(np.mean(np.abs(value), dtype=np.float64))

@@ -1,10 +1,14 @@
-"""Mean and noise of pixels that stars may be among."""
+"""Background and noise of pixels that stars may be among."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+Values = NDArray[np.float32]
 
 CLIP = 3.0  # sigma
 ROUNDS = 6
@@ -12,11 +16,15 @@ SAMPLE = 32  # pixels that the first guess is made from
 DEVIATION_TO_SIGMA = 1.2533  # mean absolute deviation of a normal law: sqrt(pi / 2)
 # A normal law cut at 3 sigma again and again settles at 0.984 of its sigma.
 CLIPPED_TO_SIGMA = 1.016
+SLOPES = 4  # how often a plane is made better
+# Share of the variance; a plane that explains less may be chance, as a ring of correlated noise
+# holds no more than some twenty independent values.
+LEAST_SHARE = 0.3
 
 
 # Sums may be taken in any order, which lets the processor add several pixels at once.
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
-def clipped(values: NDArray[np.float32], floor: float) -> tuple[float, float]:
+def clipped(values: Values, floor: float) -> tuple[float, float]:
     """Mean and standard deviation of the values that lie within 3 sigma of the mean.
 
     The first guess is the median and the mean deviation from it, which lead there while stars or
@@ -29,8 +37,8 @@ def clipped(values: NDArray[np.float32], floor: float) -> tuple[float, float]:
     Returns  mean, standard deviation
     """
     sample = values[:: max(1, len(values) // SAMPLE)]
-    mean = np.median(sample)
-    rms = max(DEVIATION_TO_SIGMA * float(np.mean(np.abs(sample - mean))), floor)
+    mean = np.float32(np.median(sample))
+    rms: float = max(DEVIATION_TO_SIGMA * float(np.abs(sample - np.float32(mean)).mean()), floor)
     count = 0
     for _ in range(ROUNDS):
         # Offsets from the last mean are small, so float32 sums lose no digits.
@@ -47,7 +55,8 @@ def clipped(values: NDArray[np.float32], floor: float) -> tuple[float, float]:
             break
         shift = first / kept
         mean += np.float32(shift)
-        rms = max(CLIPPED_TO_SIGMA * np.sqrt(max(second / kept - shift**2, 0.0)), floor)
+        variance: float = max(second / kept - shift**2, 0.0)
+        rms = max(CLIPPED_TO_SIGMA * math.sqrt(variance), floor)
         if kept == count:
             break
         count = kept
@@ -55,20 +64,75 @@ def clipped(values: NDArray[np.float32], floor: float) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def ring(
-    image: NDArray[np.float32], x: int, y: int, inner: int, outer: int
-) -> NDArray[np.float32]:
-    """The pixels of a square ring about (x, y), as far as they lie on the image.
+def plane(
+    values: Values, dx: Values, dy: Values, floor: float
+) -> tuple[float, float, float, float]:
+    """Level, slopes and noise of pixels on a gradient; `values` lose the slopes in place.
 
-    inner, outer  pixel, half sides of the ring, both inside it
-    Returns       (n,) the values
+    A slope counts only where it is no chance, so even sky is not made more uneven.
+
+    values   (n,) in any unit;  dx, dy  (n,) pixel, where they lie
+    floor    least noise, in the unit of the values
+    Returns  value at (0, 0), slopes along x and y per pixel, standard deviation about the plane
+    """
+    slope_x, slope_y = 0.0, 0.0
+    mean, rms = clipped(values, floor)
+    for _ in range(SLOPES):
+        gx, gy, share = _slopes(values, dx, dy, mean, rms)
+        if not share > LEAST_SHARE:
+            break
+        values -= np.float32(gx) * dx + np.float32(gy) * dy
+        slope_x, slope_y = slope_x + gx, slope_y + gy
+        mean, rms = clipped(values, floor)
+    return mean, slope_x, slope_y, rms
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+def _slopes(
+    values: Values, dx: Values, dy: Values, mean: float, rms: float
+) -> tuple[float, float, float]:
+    """Least-squares slopes of the values within 3 sigma, and the share of variance they hold."""
+    reach, level = np.float32(CLIP * rms), np.float32(mean)
+    zero = np.float32(0)
+    x, y, xx, yy, count = zero, zero, zero, zero, zero
+    for i in range(len(values)):
+        offset = values[i] - level
+        inside = np.float32(abs(offset) <= reach)
+        offset *= inside
+        count += inside
+        x += offset * dx[i]
+        y += offset * dy[i]
+        xx += inside * dx[i] * dx[i]
+        yy += inside * dy[i] * dy[i]
+    gx = x / xx if xx > 0 else zero
+    gy = y / yy if yy > 0 else zero
+    if count == 0 or rms == 0:
+        return 0.0, 0.0, 0.0
+    return float(gx), float(gy), float((gx * gx * xx + gy * gy * yy) / (count * rms**2))
+
+
+@njit(cache=True, error_model="numpy")
+def around(
+    image: Values, x: int, y: int, half: int, floor: float
+) -> tuple[float, float, float, float, int]:
+    """Background about a spot, from the square ring that a window of that half side leaves.
+
+    The ring is two pixels wide and one pixel off the window, cut where the image ends.
+
+    Returns  as `plane`, about (x, y), and how many pixels the ring has
     """
     rows, columns = image.shape
-    values = np.empty((2 * outer + 1) ** 2 - (2 * inner - 1) ** 2, np.float32)
+    inner, outer = half + 2, half + 3
+    most = (2 * outer + 1) ** 2 - (2 * inner - 1) ** 2
+    values, dx, dy = np.empty((3, most), np.float32)
     count = 0
     for row in range(max(0, y - outer), min(rows, y + outer + 1)):
         for column in range(max(0, x - outer), min(columns, x + outer + 1)):
             if abs(row - y) >= inner or abs(column - x) >= inner:
                 values[count] = image[row, column]
+                dx[count], dy[count] = column - x, row - y
                 count += 1
-    return values[:count]
+    if count == 0:
+        return float(image[y, x]), 0.0, 0.0, floor, 1
+    mean, slope_x, slope_y, rms = plane(values[:count], dx[:count], dy[:count], floor)
+    return mean, slope_x, slope_y, rms, count

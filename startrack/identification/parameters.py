@@ -27,7 +27,7 @@ class Identification:
     match_radius: float = 2.0
     max_false_probability: float = 1e-6
     min_matches: int = 4
-    pattern_spots: int = 20
+    pattern_spots: int = 24
     verify_spots: int = 40
     code_tolerance: float = 0.003
     max_hypotheses: int = 2000

@@ -88,8 +88,8 @@ class Requirements:
 def limiting_magnitude(case: Case) -> float:
     """The faintest G of a sunlike star that the matched filter sees at the threshold.
 
-        signal / noise = N sqrt(sum p^2) / sqrt(sky + dark + read noise^2) = threshold,
-        p the shares of the smeared star's light in its pixels
+        signal / noise = N sqrt(sum p^2) / sqrt(sky + dark + read noise^2 + gain^2 / 12)
+                       = threshold,   p the shares of the smeared star's light in its pixels
 
     Errors  model: background-limited, which holds at the threshold; the pixel phase is averaged.
     """
@@ -101,7 +101,8 @@ def limiting_magnitude(case: Case) -> float:
     )
     light = illuminate(case.scene, stars)
     star, sky = electron_rate(light, detector, throughput(case.instrument))
-    noise = (sky * pixel + detector.dark_current) * detector.exposure + detector.read_noise**2
+    noise = (sky * pixel + detector.dark_current) * detector.exposure
+    noise += detector.read_noise**2 + detector.electrons_per_dn**2 / 12
     # The sum of squares of the pixel shares, with the mean of the smear: a convolution of each
     # place with each other place along the path.
     psf = psf_of(case.instrument)
@@ -110,7 +111,7 @@ def limiting_magnitude(case: Case) -> float:
     length = float(np.hypot(smear[0], smear[1])) * case.instrument.camera.focal_length_px
     sharpness /= np.sqrt(1 + length**2 * sharpness)
     signal = star * detector.exposure * np.sqrt(sharpness)
-    ratio = signal / np.sqrt(noise) if noise > 0 else signal
+    ratio = signal / np.sqrt(noise)
     threshold = case.tracker.detection.threshold
     return float(np.interp(-np.log(threshold), -np.log(ratio), MAGNITUDES))
 

@@ -3,11 +3,12 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import refine, solve, svd
+from startrack.attitude import Attitude, refine, solve, svd
 from startrack.camera import Camera
 from startrack.values import Matches, Spots, Status
 
 CAMERA = Camera(1024, 1024, 4800.0)
+EXACT = Attitude(centroid_floor=0.0)
 
 
 def sky(n: int, seed: int = 0, camera: Camera = CAMERA):
@@ -35,6 +36,8 @@ def test_svd_against_60_digit_solutions(oracle):
         b, r = np.array(case["b"]), np.array(case["r"])
         if case["info_cond"] > 1e6:
             continue  # plain SVD loses these
+        if case["sigma_rad"] is None:
+            continue  # given by weights alone
         got = svd(b, r, np.array(case["sigma_rad"]) ** -2.0)
         error = (got * Rotation.from_matrix(case["A"]).inv()).magnitude()
         assert error < 1e-12 * np.sqrt(case["info_cond"]), case["name"]
@@ -58,7 +61,7 @@ def test_markley_mortari_scenario_1():
 def test_noise_free_stars_give_the_attitude_to_the_last_digits():
     for seed in range(20):
         attitude, pixel, direction = sky(8, seed)
-        got = solve(spots_of(pixel, 0.1), matches_of(direction))
+        got = solve(spots_of(pixel, 0.1), matches_of(direction), EXACT)
         assert (got.icrs_to_camera * attitude.inv()).magnitude() < 3e-15
         assert got.residual_rms < 1e-10
 
@@ -81,16 +84,16 @@ def test_errors_follow_the_reported_covariance():
         got = refine(pixel + noise, covariance, direction, CAMERA, attitude)
         error = (got.icrs_to_camera * attitude.inv()).as_rotvec()
         total += error @ np.linalg.solve(got.covariance, error)
-        loss += got.chi_square
+        loss += got.chi_square.sum()
     assert stats.chi2.cdf(total, 6000) == pytest.approx(0.5, abs=0.5 - 1e-4)
     assert stats.chi2.cdf(loss, 2000 * 11) == pytest.approx(0.5, abs=0.5 - 1e-4)
 
 
 def test_excess_residuals_enlarge_the_covariance():
-    _, pixel, direction = sky(30, 3)
+    _, pixel, direction = sky(500, 3)
     noise = np.random.default_rng(1).standard_normal(pixel.shape)
     stated, honest = (
-        solve(spots_of(pixel + noise, sigma), matches_of(direction)).covariance
+        solve(spots_of(pixel + noise, sigma), matches_of(direction), EXACT).covariance
         for sigma in (0.1, 1.0)
     )
     assert np.trace(stated) == pytest.approx(np.trace(honest), rel=0.1)
@@ -99,7 +102,7 @@ def test_excess_residuals_enlarge_the_covariance():
 def test_a_distorted_camera_is_undone():
     camera = Camera(1024, 1024, 1500.0, 5.0, -3.0, k1=-0.15, k2=0.03, p1=1e-3)
     attitude, pixel, direction = sky(10, 2, camera)
-    got = solve(spots_of(pixel, 0.1), matches_of(direction, camera))
+    got = solve(spots_of(pixel, 0.1), matches_of(direction, camera), EXACT)
     assert (got.icrs_to_camera * attitude.inv()).magnitude() < 1e-11
 
 
@@ -107,15 +110,15 @@ def test_permuting_the_stars_changes_nothing():
     _, pixel, direction = sky(9, 6)
     pixel = pixel + np.random.default_rng(0).normal(0, 0.2, pixel.shape)
     order = np.random.default_rng(1).permutation(9)
-    one = solve(spots_of(pixel, 0.2), matches_of(direction))
-    other = solve(spots_of(pixel[order], 0.2), matches_of(direction[order]))
+    one = solve(spots_of(pixel, 0.2), matches_of(direction), EXACT)
+    other = solve(spots_of(pixel[order], 0.2), matches_of(direction[order]), EXACT)
     assert (one.icrs_to_camera * other.icrs_to_camera.inv()).magnitude() < 1e-14
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_too_few_stars_are_a_status(count):
     _, pixel, direction = sky(5)
-    got = solve(spots_of(pixel[:count], 0.1), matches_of(direction[:count]))
+    got = solve(spots_of(pixel[:count], 0.1), matches_of(direction[:count]), EXACT)
     assert got.status is Status.TOO_FEW
     assert got.icrs_to_camera is None
     assert "direction" in got.reason
@@ -123,12 +126,12 @@ def test_too_few_stars_are_a_status(count):
 
 def test_the_same_star_twice_is_too_few():
     _, pixel, direction = sky(5)
-    got = solve(spots_of(pixel[[0, 0]], 0.1), matches_of(direction[[0, 0]]))
+    got = solve(spots_of(pixel[[0, 0]], 0.1), matches_of(direction[[0, 0]]), EXACT)
     assert got.status is Status.TOO_FEW
 
 
 def test_an_unsolved_match_stays_unsolved():
     none = Matches(Status.NO_MATCH, "why", *[np.zeros(0, int)] * 2, np.zeros((0, 3)), CAMERA, None, 1.0)  # fmt: skip
-    got = solve(spots_of(np.zeros((0, 2)), 1.0), none)
+    got = solve(spots_of(np.zeros((0, 2)), 1.0), none, EXACT)
     assert (got.status, got.reason) == (Status.NO_MATCH, "why")
     assert np.isnan(got.covariance).all()

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from scipy import special
@@ -15,8 +17,9 @@ REST = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 LEVEL = Rotation.identity()
 
 
-def gaussian(sigma: float, oversampling: int = 16) -> Psf:
-    half = int(6 * sigma + 1) * oversampling
+def gaussian(sigma: float) -> Psf:
+    oversampling = max(16, math.ceil(6 / sigma))
+    half = int(6 * sigma + 2) * oversampling + 3
     x = np.arange(-half, half + 1) / oversampling
     line = special.ndtr((x + 0.5) / sigma) - special.ndtr((x - 0.5) / sigma)
     return Psf(np.outer(line, line), oversampling, 1.0)

@@ -1,0 +1,26 @@
+"""Attitude: how far the tracker trusts its centroids."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from startrack.checks import non_negative, positive
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """How matched stars are weighted, and when one is left out.
+
+    centroid_floor  pixel, error per axis that every centroid has beside its noise: what the
+                    pixels average away, their unequal response, the rest of the distortion
+    gate            sigma, normalised residual beyond which a star is left out as a mis-match, a
+                    double star or a hot pixel; scaled with the residuals where these are larger
+                    than the noise explains
+    """
+
+    centroid_floor: float = 0.02
+    gate: float = 5.0
+
+    def __post_init__(self) -> None:
+        non_negative(centroid_floor=self.centroid_floor)
+        positive(gate=self.gate)

@@ -1,0 +1,142 @@
+"""Matched directions and points in the image plane enter; attitude and scale leave."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.values import Floats
+
+
+@njit(cache=True, error_model="numpy")
+def align(a: Floats, b: Floats, u: Floats, v: Floats) -> Floats:  # pragma: no cover
+    """The rotation matrix (3, 3) that takes the direction between a and b to that between u and v.
+
+    It takes a towards u and b towards v, exactly where both pairs are equally far apart.
+
+    a, b, u, v  (3,) unit vectors
+    """
+    source, target = _triad(a, b), _triad(u, v)
+    rotation = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            rotation[i, j] = (
+                target[0, i] * source[0, j]
+                + target[1, i] * source[1, j]
+                + target[2, i] * source[2, j]
+            )
+    return rotation
+
+
+@njit(cache=True, error_model="numpy")
+def _triad(a: Floats, b: Floats) -> Floats:  # pragma: no cover
+    """Three unit vectors as rows: between a and b, from a to b, and normal to both."""
+    triad = np.empty((3, 3))
+    triad[0] = a + b
+    triad[1] = b - a
+    for k in range(2):
+        triad[k] /= math.sqrt(np.sum(triad[k] ** 2))
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        triad[2, k] = triad[0, i] * triad[1, j] - triad[0, j] * triad[1, i]
+    return triad
+
+
+@njit(cache=True, error_model="numpy")
+def fit(
+    plane: Floats,
+    direction: Floats,
+    spot: NDArray[np.int64],
+    star: NDArray[np.int64],
+    rotation: Floats,
+    scale: float,
+    scale_free: bool,
+    steps: int,
+) -> tuple[Floats, float]:  # pragma: no cover
+    """Least squares over the residuals in the image plane, by Gauss-Newton.
+
+        residual = plane - scale (x, y) / z,   (x, y, z) = rotation direction
+
+    plane       (n, 2) x / z and y / z of spots, as the believed camera unprojects them
+    direction   (m, 3) unit vectors of stars, ICRS axes
+    spot, star  (k,) which spot is which star
+    rotation    (3, 3) icrs_to_camera to start from, near the solution
+    scale       1, true over believed focal length, to start from
+    scale_free  whether the scale is fitted, too
+    steps       of Gauss-Newton
+    Returns     rotation, scale; NaN where the matches leave them open
+    """
+    unknowns = 4 if scale_free else 3
+    row_x, row_y = np.zeros(4), np.zeros(4)
+    for _ in range(steps):
+        normal, right = np.zeros((4, 4)), np.zeros(4)
+        for i in range(len(spot)):
+            px, py, pz = turned(rotation, direction[star[i]])
+            x, y = px / pz, py / pz
+            row_x[0], row_x[1], row_x[2], row_x[3] = -x * y, 1 + x * x, -y, x / scale
+            row_y[0], row_y[1], row_y[2], row_y[3] = -1 - y * y, x * y, x, y / scale
+            dx = plane[spot[i], 0] / scale - x
+            dy = plane[spot[i], 1] / scale - y
+            for j in range(unknowns):
+                right[j] += row_x[j] * dx + row_y[j] * dy
+                for k in range(j + 1):
+                    normal[j, k] += row_x[j] * row_x[k] + row_y[j] * row_y[k]
+        step = _solve(normal, right, unknowns)
+        rotation = _turn(step[:3], rotation)
+        scale += step[3]
+    return rotation, scale
+
+
+@njit(cache=True, error_model="numpy")
+def turned(rotation: Floats, d: Floats) -> tuple[float, float, float]:  # pragma: no cover
+    """A direction (3,) after a rotation (3, 3)."""
+    return (
+        rotation[0, 0] * d[0] + rotation[0, 1] * d[1] + rotation[0, 2] * d[2],
+        rotation[1, 0] * d[0] + rotation[1, 1] * d[1] + rotation[1, 2] * d[2],
+        rotation[2, 0] * d[0] + rotation[2, 1] * d[1] + rotation[2, 2] * d[2],
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(normal: Floats, right: Floats, n: int) -> Floats:  # pragma: no cover
+    """The solution (4,) of the leading n equations, by Cholesky; NaN where there is none."""
+    for j in range(n):
+        for k in range(j + 1):
+            total = normal[j, k]
+            for i in range(k):
+                total -= normal[j, i] * normal[k, i]
+            normal[j, k] = math.sqrt(total) if j == k else total / normal[k, k]
+    solution = np.zeros(4)
+    for j in range(n):
+        total = right[j]
+        for i in range(j):
+            total -= normal[j, i] * solution[i]
+        solution[j] = total / normal[j, j]
+    for j in range(n - 1, -1, -1):
+        total = solution[j]
+        for i in range(j + 1, n):
+            total -= normal[i, j] * solution[i]
+        solution[j] = total / normal[j, j]
+    return solution
+
+
+@njit(cache=True, error_model="numpy")
+def _turn(step: Floats, rotation: Floats) -> Floats:  # pragma: no cover
+    """The rotation (3, 3) followed by that of a rotation vector (3,), by Rodrigues' formula."""
+    angle = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+    sine = math.sin(angle) / angle if angle > 0 else 1.0
+    cosine = 2 * (math.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
+    turned_by = np.empty((3, 3))
+    for k in range(3):
+        v = rotation[:, k]
+        once, twice = np.empty(3), np.empty(3)
+        for i in range(3):
+            once[i] = step[(i + 1) % 3] * v[(i + 2) % 3] - step[(i + 2) % 3] * v[(i + 1) % 3]
+        for i in range(3):
+            twice[i] = step[(i + 1) % 3] * once[(i + 2) % 3] - step[(i + 2) % 3] * once[(i + 1) % 3]
+        for i in range(3):
+            turned_by[i, k] = v[i] + sine * once[i] + cosine * twice[i]
+    return turned_by

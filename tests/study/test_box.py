@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+
+from startrack.catalog import shipped
+from startrack.design import load_design
+from startrack.study.box import Box, Variable
+
+CASE = load_design(shipped("designs/nanosatellite.toml")).case
+FOCAL = Variable("instrument.optics.focal_length", "20 mm", "80 mm", "log")
+SHARP = Variable("tracker.detection.threshold", 4.0, 10.0)
+
+
+def test_corners_and_middle():
+    box = Box(CASE, (FOCAL, SHARP))
+    low, middle, high = (box.design(np.full(2, u)) for u in (0, 0.5, 1))
+    assert low.instrument.optics.focal_length == 0.02
+    assert middle.instrument.optics.focal_length == pytest.approx(0.04)
+    assert high.instrument.optics.focal_length == 0.08
+    assert middle.tracker.detection.threshold == 7.0
+    assert middle.instrument.detector == CASE.instrument.detector
+
+
+def test_place_undoes_design():
+    box = Box(CASE, (FOCAL, SHARP))
+    np.testing.assert_allclose(box.place(box.design(np.array([0.2, 0.9]))), [0.2, 0.9])
+    assert box.design(box.start).instrument.optics.focal_length == pytest.approx(0.035, rel=1e-15)
+
+
+def test_text_has_units():
+    assert Box(CASE, (FOCAL, SHARP)).text(CASE) == {
+        "instrument.optics.focal_length": "35 mm",
+        "tracker.detection.threshold": "6",
+    }
+
+
+@pytest.mark.parametrize(
+    ("variable", "words"),
+    [
+        (Variable("instrument.optics.focus", 1.0, 2.0), "focus is none"),
+        (Variable("instrument.optics", 1.0, 2.0), "must be a number that can vary"),
+        (Variable("instrument.detector.bits", 8.0, 12.0), "must be a number that can vary"),
+        (Variable("instrument.optics.focal_length", 0.02, 0.08), "must have a unit, such as"),
+        (Variable("instrument.optics.focal_length", "2 kg", "3 kg"), "converts to m"),
+        (Variable("instrument.optics.focal_length", "80 mm", "20 mm"), "low must be below high"),
+        (Variable("instrument.optics.focal_length", "40 mm", "80 mm"), "must start in its bounds"),
+        (Variable("tracker.detection.threshold", "4", 9.0), "must be a bare number"),
+        (Variable("instrument.optics.f_number", 0.1, 4.0), "f_number must lie in"),
+        (Variable("instrument.optics.blur", "0 um", "9 um", "log"), "positive for a log scale"),
+    ],
+)
+def test_wrong_variables_are_refused(variable, words):
+    with pytest.raises(ValueError, match=words):
+        Box(CASE, (variable,))
+
+
+def test_no_variable_and_one_twice_are_refused():
+    with pytest.raises(ValueError, match="at least one"):
+        Box(CASE, ())
+    with pytest.raises(ValueError, match="twice"):
+        Box(CASE, (FOCAL, FOCAL))

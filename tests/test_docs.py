@@ -1,0 +1,42 @@
+"""The documents tell the truth: commands, files and the way CI runs them."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+
+
+def commands() -> list[str]:
+    blocks = re.findall(r"```(?:sh|bash)\n(.*?)```", README, re.DOTALL)
+    return [line.strip() for block in blocks for line in block.splitlines() if line.strip()]
+
+
+def test_the_two_commands():
+    assert "python -m pip install . && startrack optimize" in commands()
+    assert "python -m pip install '.[test]' && python -m pytest" in commands()
+
+
+def test_ci_runs_the_readmes_test_command():
+    script = (ROOT / ".ci" / "run").read_text()
+    install, test = "pip install --quiet --disable-pip-version-check '.[test]'", "python -m pytest"
+    assert install in script
+    assert test in script.splitlines()[-1]
+
+
+def test_every_startrack_command_in_the_readme_parses():
+    import shlex
+
+    from startrack.cli import _parser
+
+    lines = [line for line in commands() if line.startswith("startrack ")]
+    assert len(lines) >= 5
+    for line in lines:
+        _parser().parse_args(shlex.split(line.split("#")[0])[1:])
+
+
+@pytest.mark.parametrize("link", re.findall(r"\]\((?!http)([^)#]+)\)", README))
+def test_links_lead_somewhere(link):
+    assert (ROOT / link).exists()
