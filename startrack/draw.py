@@ -210,8 +210,8 @@ def _predicted(
 def _north(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
     """An arrow to celestial north in the corner of the picture."""
     roll = math.radians(celestial(icrs_to_camera)[2])
-    length = 0.06 * camera.rows
-    x, y = 0.08 * camera.columns, 0.9 * camera.rows
+    length = 0.06 * min(camera.rows, camera.columns)
+    x, y = 2 * length, camera.rows - 2 * length
     tip = (x - length * math.sin(roll), y - length * math.cos(roll))
     axes.annotate("", tip, (x, y), arrowprops={"arrowstyle": "->", "color": KNOWN})
     beyond = (x - 1.4 * length * math.sin(roll), y - 1.4 * length * math.cos(roll))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from startrack.camera import Camera
@@ -113,6 +114,6 @@ def _overlay(
     stars: Stars,
 ) -> Path:
     path = folder / f"{image.stem}.solved.png"
-    title = f"{image.name}\n{_text(spots, matches, estimate)}"
+    title = f"{image.name}\n{fill(_text(spots, matches, estimate), 105)}"
     draw_solution(path, frame, spots, matches, estimate.icrs_to_camera, stars, title)
     return path

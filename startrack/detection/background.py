@@ -11,8 +11,6 @@ from startrack.detection.robust import plane
 
 Image = NDArray[np.float32]
 STRIDE = 3  # the filtered image is smooth: every third row and column tells nearly all of it
-
-
 MOST_SKEWNESS = 1.0  # where one term of the expansion still orders the levels well
 TAIL = 5.0  # sigma; what is farther out is a star, and no part of the noise's tail
 

@@ -27,14 +27,16 @@ def centroid(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Det
         cov(g) = sum(var_i (r_i - g)(r_i - g)^T) / F^2
 
     The window cuts the star's wings unevenly, which pulls g towards the window's centre; `_uncut`
-    takes that back and widens the covariance by what it costs. The background is a
-    plane through a ring, var_i the variance about it plus the star's shot noise.
+    takes that back and widens the covariance by what it costs. The background is a plane
+    through a ring, var_i the variance about it plus the star's shot noise.
 
     Source: linear propagation of independent pixel noise.
 
     Returns  Spots, brightest first
     Errors   model: the pixels average a sharp star, which moves c by up to 0.0023 pixel for a
-             Gaussian of sigma 0.5 pixel, 0.054 for 0.3; the covariance does not hold this.
+             Gaussian of sigma 0.5 pixel, 0.054 for 0.3. A star whose sigma exceeds a fifth of
+             the window leaves light in the ring, which keeps up to a third of the window's pull.
+             The covariance holds neither.
              Where electrons_per_dn is unknown, all of the background is taken for shot noise,
              and the covariance comes out too large rather than too small.
     """

@@ -1,4 +1,4 @@
-"""Background and noise of pixels that stars may be among."""
+"""Pixels -> their background, its slopes and its noise, whatever stars are among them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def clipped(values: Values, floor: float) -> tuple[float, float]:
     """
     sample = values[:: max(1, len(values) // SAMPLE)]
     mean = np.float32(np.median(sample))
-    rms: float = max(DEVIATION_TO_SIGMA * float(np.abs(sample - np.float32(mean)).mean()), floor)
+    rms = max(DEVIATION_TO_SIGMA * float(np.abs(sample - mean).mean()), floor)
     count = 0
     for _ in range(ROUNDS):
         # Offsets from the last mean are small, so float32 sums lose no digits.
@@ -55,8 +55,8 @@ def clipped(values: Values, floor: float) -> tuple[float, float]:
             break
         shift = first / kept
         mean += np.float32(shift)
-        variance: float = max(second / kept - shift**2, 0.0)
-        rms = max(CLIPPED_TO_SIGMA * math.sqrt(variance), floor)
+        variance = float(second / kept - shift * shift)
+        rms = max(CLIPPED_TO_SIGMA * math.sqrt(max(variance, 0.0)), floor)
         if kept == count:
             break
         count = kept

@@ -30,8 +30,10 @@ def log_tail(n: int, k: int, p: float) -> float:  # pragma: no cover
         return -math.inf
     log_p, log_q = math.log(p), math.log1p(-p)
     first = (
-        math.lgamma(n + 1.0) - math.lgamma(k + 1.0) - math.lgamma(n - k + 1.0)
-    ) + k * log_p + (n - k) * log_q
+        (math.lgamma(n + 1.0) - math.lgamma(k + 1.0) - math.lgamma(n - k + 1.0))
+        + k * log_p
+        + (n - k) * log_q
+    )
     total, term = 1.0, 1.0
     for i in range(k, n):  # each term from the one before it
         term *= (n - i) / (i + 1.0) * p / (1 - p)
@@ -55,9 +57,7 @@ def log_chance(
     return min(log_hypotheses + log_tail(spots - 2, matches - 2, p), 0.0)
 
 
-def log_hypotheses(
-    spots: int, stars: int, separation: float, tolerance: float
-) -> float:
+def log_hypotheses(spots: int, stars: int, separation: float, tolerance: float) -> float:
     """ln of how many hypotheses there are.
 
         h = n (n - 1) / 2  *  s * s / (4 pi) * 2 pi theta * 2 tolerance theta

@@ -87,7 +87,7 @@ def _see(
     low = (-0.5 - centre) / focal
     high = (np.array([camera.columns, camera.rows]) - 0.5 - centre) / focal
     patterns = min(len(pixel), settings.pattern_spots)
-    tolerance = settings.focal_tolerance + settings.match_radius / focal / index.largest
+    tolerance = settings.focal_tolerance + settings.match_radius / focal / index.densest
     return Seen(
         direction[:, :2] / direction[:, 2:],
         direction,
@@ -98,7 +98,7 @@ def _see(
         settings.match_radius / focal,
         math.pi * settings.match_radius**2 / (camera.columns * camera.rows),
         settings.focal_tolerance,
-        log_hypotheses(patterns, len(index.base), index.largest, tolerance),
+        log_hypotheses(patterns, len(index.base), index.densest, tolerance),
     )
 
 

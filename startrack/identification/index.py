@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.checks import positive, within, whole
-from startrack.identification.code import TALLEST, place, separation
+from startrack.checks import positive, whole, within
+from startrack.identification.code import TALLEST, place
 from startrack.identification.sky import SkyGrid, cone, sky_grid
 from startrack.identification.thin import local_rank
 from startrack.units import deg
@@ -34,6 +35,7 @@ class PatternIndex:
     stars             how many stars the catalogue had that it was built from
     field_of_view     radian
     smallest, largest radian, separation of the base of a pattern
+    densest           radian, separation of the base that most patterns have
     bright            the stars that vote on hypotheses, up to VOTING_RANK per field
     rank              (len(bright.member),) how many brighter ones share a field with each
     faint             all stars of the catalogue
@@ -47,11 +49,12 @@ class PatternIndex:
     field_of_view: float
     smallest: float
     largest: float
+    densest: float
     bright: SkyGrid
     rank: NDArray[np.int16]
     faint: SkyGrid
     base: Indices
-    pattern: NDArray[np.uint16] | NDArray[np.uint32]
+    pattern: NDArray[np.unsignedinteger[Any]]
     code: NDArray[np.int16]
     start: Indices
 
@@ -61,27 +64,29 @@ class PatternIndex:
     @property
     def size(self) -> int:
         """Bytes that the arrays take."""
-        arrays = [self.rank, self.base, self.pattern, self.code, self.start]
-        arrays += [a for grid in (self.bright, self.faint) for a in grid[1:]]
-        return sum(a.nbytes for a in arrays)
+        grids = (self.bright, self.faint)
+        return sum(g.start.nbytes + g.member.nbytes + g.direction.nbytes for g in grids) + sum(
+            a.nbytes for a in (self.rank, self.base, self.pattern, self.code, self.start)
+        )
 
 
 def build_index(
-    stars: Stars, field_of_view: float, stars_per_field: int = 12, patterns: int = 1_300_000
+    stars: Stars, field_of_view: float, stars_per_field: int = 16, patterns: int = 1_100_000
 ) -> PatternIndex:
     """Index the patterns of four stars that a camera can see at once.
 
     The catalogue is thinned until about `stars_per_field` of the brightest stars lie in every
-    field. All patterns of these are indexed whose base lies between a fifth of the field and
-    the size at which there are about `patterns` of them.
+    field. Small patterns are made of all these; those of a longer base only of the brighter
+    ones, so that there are equally many stars over each base. A base is a fifth of the field
+    at least, and hardly fits into a larger image at most.
 
     stars            the tracker's catalogue, in any order
     field_of_view    radian, of the smaller side of the image
     stars_per_field  how many stars form patterns, in the mean over fields
-    patterns         about how many patterns to index; each takes 16 bytes
+    patterns         about how many patterns to index, most often fewer; each takes 16 bytes
     Errors           ValueError where a star's direction is no unit vector, or the field lies
-                     outside (0, 90] deg. model: catalogues that are clumped after thinning
-                     hold more patterns than asked for.
+                     outside (0, 90] deg. model: the number of patterns holds for stars strewn
+                     at random.
     """
     positive(field_of_view=field_of_view)
     within(0, 90 * deg, field_of_view=field_of_view)
@@ -103,11 +108,19 @@ def build_index(
 
     base = np.flatnonzero(rank < stars_per_field).astype(np.int32)
     smallest = SMALLEST * field_of_view
-    largest = _largest(len(base), patterns, field_of_view)
+    largest = LARGEST * field_of_view
+    per_field = len(base) * field_of_view**2 / (4 * math.pi)
+    crowding = _crowding(len(base), per_field, patterns)
     neighbours = sky_grid(bright.direction[base], largest)
-    pattern = _patterns(neighbours, smallest, largest)
+    pattern = _patterns(
+        neighbours,
+        rank[base[neighbours.member]],
+        smallest,
+        largest,
+        crowding * field_of_view**2,
+    )
     code, cell = _encode(bright.direction[base], pattern)
-    places = np.uint16 if len(base) <= 2**16 else np.uint32
+    compact = pattern.astype(np.uint16 if len(base) <= 2**16 else np.uint32)
     along = np.argsort(cell, kind="stable")
     start = np.searchsorted(cell[along], np.arange((ACROSS * UPRIGHT) ** 2 + 1))
     return PatternIndex(
@@ -115,33 +128,49 @@ def build_index(
         field_of_view,
         smallest,
         largest,
+        min(math.sqrt(crowding / max(per_field, crowding)), LARGEST) * field_of_view,
         bright,
         rank,
         sky_grid(stars.direction, field_of_view / 2),
         base,
-        pattern.astype(places)[along],
+        compact[along],
         code[along],
         start.astype(np.int32),
     )
 
 
-def _largest(stars: int, patterns: int, field_of_view: float) -> float:
-    """Largest base, radian, with which n stars strewn at random make so many patterns.
+def _crowding(stars: int, per_field: float, patterns: int) -> float:
+    """How many stars, in the mean, may lie in the square over a base, to get so many patterns.
 
-        patterns = n pi L^2 / 12 (s b^2)^3,   s = n / (4 pi) stars per steradian
+        patterns = n pi L^2 / 12 c^3 (1 + 3 (1 - c / (m w^2)))
 
-    A base of length r has s L r^2 stars in its lens of area L r^2, any two of which make a
-    pattern: (s L r^2)^2 / 2. The integral runs over the n s pi r dr bases of each length to b.
+    A base of length r has s L r^2 stars in its lens of area L r^2, if s lie on the unit of
+    area, any two of which make a pattern: (s L r^2)^2 / 2. There are n s pi r dr such bases.
+    Up to the base with s r^2 = c this makes the first term; beyond it, up to w fields, s falls
+    as c / r^2, which makes the second.
+
+    stars      n, strewn at random
+    per_field  m, stars in the area of a field
+    patterns   how many to make
     """
     lens = 2 * math.pi / 3 - TALLEST
-    cube = patterns / max(stars, 1) * 12 / (math.pi * lens**2)
-    base = math.sqrt(cube ** (1 / 3) * 4 * math.pi / max(stars, 1))
-    return min(max(base, 2 * SMALLEST * field_of_view), LARGEST * field_of_view)
+    low, high = 0.0, per_field * LARGEST**2
+    for _ in range(60):
+        c = (low + high) / 2
+        made = stars * math.pi * lens**2 / 12 * c**3 * (4 - 3 * c / (per_field * LARGEST**2))
+        low, high = (c, high) if made < patterns else (low, c)
+    return low
 
 
 @njit(cache=True, error_model="numpy")
-def _patterns(grid: SkyGrid, smallest: float, largest: float) -> Indices:  # pragma: no cover
-    """All (k, 4) stars A, B, C, D of the grid with their farthest pair in front."""
+def _patterns(
+    grid: SkyGrid, rank: NDArray[np.int16], smallest: float, largest: float, crowding: float
+) -> Indices:  # pragma: no cover
+    """All (k, 4) stars A, B, C, D of the grid with their farthest pair in front.
+
+    rank      (n,) of the stars, below crowding / base^2 for those of a pattern
+    crowding  radian^2
+    """
     found = np.empty((1024, 4), np.int32)
     count = 0
     shortest, longest = 2 * np.sin(smallest / 2), 2 * np.sin(largest / 2)
@@ -153,12 +182,13 @@ def _patterns(grid: SkyGrid, smallest: float, largest: float) -> Indices:  # pra
         lens = np.empty(len(near), np.int32)
         for i in range(len(near)):
             b = near[i]
-            if b <= a or not shortest <= chord[i] <= longest:
+            most = crowding / chord[i] ** 2
+            if b <= a or not shortest <= chord[i] <= longest or max(rank[a], rank[b]) >= most:
                 continue
             inside = 0
             for j in range(len(near)):
                 c = near[j]
-                if c == a or c == b or chord[j] >= chord[i]:
+                if c in (a, b) or chord[j] >= chord[i] or rank[c] >= most:
                     continue
                 if np.sum((grid.direction[c] - grid.direction[b]) ** 2) < chord[i] ** 2:
                     lens[inside] = c
@@ -169,7 +199,12 @@ def _patterns(grid: SkyGrid, smallest: float, largest: float) -> Indices:  # pra
                     found = np.concatenate((found, np.empty_like(found)))
             for j in range(inside):
                 for k in range(j):
-                    found[count] = grid.member[a], grid.member[b], grid.member[lens[j]], grid.member[lens[k]]
+                    found[count] = (
+                        grid.member[a],
+                        grid.member[b],
+                        grid.member[lens[j]],
+                        grid.member[lens[k]],
+                    )
                     count += 1
     return found[:count]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -38,7 +39,7 @@ def search(
     smallest: float,
     largest: float,
     base_star: NDArray[np.int32],
-    pattern: NDArray[np.uint16],
+    pattern: NDArray[np.unsignedinteger[Any]],
     code: NDArray[np.int16],
     start: NDArray[np.int32],
     sky: SkyGrid,
@@ -86,7 +87,7 @@ def search(
                     continue
                 a, b = choice[i], choice[j]
                 k = 0
-                while k == i or k == j:
+                while k in (i, j):
                     k += 1
                 c, d = choice[k], choice[6 - i - j - k]
                 for _ in range(2):

@@ -10,7 +10,7 @@ from startrack.detection import Detection, detect
 from startrack.streams import Streams
 from startrack.values import Frame
 
-ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "centre_of_gravity.json").read_text())
+ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "centroid_bounds.json").read_text())
 SIDE, SPACING = 1024, 32
 
 
@@ -80,7 +80,7 @@ def test_covariance_is_that_of_the_errors(sky, case):
 
 
 @pytest.mark.parametrize("sigma", [0.7, 1.0])
-def test_wrong_gain_unknown_errs_on_the_safe_side(sky, sigma):
+def test_unknown_gain_errs_on_the_safe_side(sky, sigma):
     x, y, image = field(sky, Streams(4, 0), 3000, sigma, 10, 5)
     spots = detect(Frame(image + 100, offset=100.0), Detection(window=7, max_spots=5000))
     pair = paired(spots, x, y)

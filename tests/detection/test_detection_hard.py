@@ -181,7 +181,7 @@ def test_bright_limb_over_a_third_of_the_frame(sky):
     x, y = np.array([30.0, 60.4, 110.2, 90.5]), np.array([40.2, 200.6, 128.3, 90.1])
     image = sky((SIDE, SIDE), x, y, 5000.0, 0.8) + 10
     row, column = np.mgrid[:SIDE, :SIDE]
-    image += 20000 / (1 + np.exp((400 - np.hypot(column - 570, row - 128)) / -2.0) ** -1)
+    image += 20000 / (1 + np.exp((np.hypot(column - 570, row - 128) - 400) / 2))
     spots = detect(Frame(noisy(image)), Detection())
     assert len(spots) == 4
     assert all(near(spots, *place, 0.2) for place in zip(x, y, strict=True))
