@@ -36,6 +36,7 @@ class Record:
     stars: Stars
     frame: Frame
     spots: Spots
+    matches: Matches
     estimate: Estimate
     outcome: Outcome
 
@@ -67,11 +68,11 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
         throughput(case.instrument),
         streams,
     )
-    spots, _, estimate = track(
+    spots, matches, estimate = track(
         frame, case.believed_camera, open_sky(case.believed_catalog).stars, case.tracker
     )
     outcome = judge(estimate, icrs_to_camera, len(spots))
-    return Record(icrs_to_camera, stars, frame, spots, estimate, outcome)
+    return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome)
 
 
 def track(

@@ -8,7 +8,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import BrokenExecutor
 from importlib import import_module
 from pathlib import Path
 
@@ -35,8 +36,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(command(options))
     except WrongUse as error:
         status, message = Exit.WRONG_USE, str(error)
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, ImportError) as error:
         status, message = Exit.FAILED, str(error)
+    except BrokenExecutor:
+        status, message = Exit.FAILED, "a worker died; what is on disk is whole"
     except KeyboardInterrupt:
         status, message = Exit.FAILED, "stopped; what is on disk is whole"
     print(f"startrack {options.name}: {message}", file=sys.stderr)
@@ -63,7 +66,7 @@ def _parser() -> argparse.ArgumentParser:
         "--roll", type=float, metavar="DEG", help="celestial north, counter-clockwise from image up"
     )
     _seed(simulate)
-    simulate.add_argument("--trial", type=int, default=0, help="its number within the seed")
+    simulate.add_argument("--trial", type=_whole(0), default=0, help="its number within the seed")
     _out(simulate, "startrack-simulate")
 
     solve = _command(commands, "solve", "find the attitude of images")
@@ -91,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
 
     montecarlo = _command(commands, "montecarlo", "the error of a design over many trials")
     _design(montecarlo)
-    montecarlo.add_argument("--trials", type=int, default=200, help="(default: 200)")
+    montecarlo.add_argument("--trials", type=_whole(1), default=200, help="(default: 200)")
     _seed(montecarlo)
     _workers(montecarlo)
     montecarlo.add_argument("--out", type=Path, metavar="DIR", help="for table and picture")
@@ -127,15 +130,32 @@ def _design(parser: argparse.ArgumentParser) -> None:
 
 
 def _seed(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--seed", type=int, default=1, help="of all random numbers (default: 1)")
+    parser.add_argument(
+        "--seed", type=_whole(0), default=1, help="of all random numbers (default: 1)"
+    )
 
 
 def _workers(parser: argparse.ArgumentParser) -> None:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     parser.add_argument(
-        "--workers", type=int, default=cores or 1,
+        "--workers", type=_whole(1), default=cores or 1,
         help="processes; the results do not depend on it (default: one a core)",
     )  # fmt: skip
+
+
+def _whole(low: int) -> Callable[[str], int]:
+    """A reader of whole numbers from `low` on."""
+
+    def read(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            number = low - 1
+        if number < low:
+            raise argparse.ArgumentTypeError(f"must be a whole number from {low} on, got {text!r}")
+        return number
+
+    return read
 
 
 def _out(parser: argparse.ArgumentParser, folder: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from pathlib import Path
 
@@ -100,7 +101,8 @@ def _read_fits(path: Path) -> Frame:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a cut file is only a warning to astropy
-            with fits.open(path, memmap=False) as units:
+            # From memory: astropy leaves a cut file open when it gives up.
+            with fits.open(io.BytesIO(path.read_bytes())) as units:
                 image, header = next(
                     (np.asarray(unit.data), unit.header)
                     for unit in units

@@ -85,8 +85,8 @@ class Path:
 
     time      (m,) second from the middle of the exposure
     weight    (m,) 1, share of the exposure that each point stands for; sums to 1
-    rotation  (m, 3) radian, rotation vector that takes the camera's axes at the middle of the
-              exposure to those at `time`, in camera axes
+    rotation  (m, 3) radian, rotation vector of icrs_to_camera at `time` times the inverse of that
+              at the middle, in camera axes: how the sky turns before the camera
     """
 
     time: Floats

@@ -97,6 +97,15 @@ def test_no_hidden_randomness_and_no_pickle(path):
 
 def test_importing_the_package_is_light():
     assert imports(ROOT / "cli.py") <= {
-        *("__future__", "argparse", "os", "sys", "collections.abc", "importlib", "pathlib"),
+        *(
+            "__future__",
+            "argparse",
+            "os",
+            "sys",
+            "collections.abc",
+            "concurrent.futures",
+            "importlib",
+            "pathlib",
+        ),
         "startrack.exits",
     }

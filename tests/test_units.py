@@ -43,7 +43,8 @@ def test_what_is_written_reads_back_to_the_last_bit(value, units):
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(5.5e-6, "5.5 um"), (0.0, "0 um"), (1.0, "1000000 um"), (1e-12, "0.000001 um")]
+    ("value", "text"),
+    [(5.5e-6, "5.5 um"), (0.0, "0 um"), (1.0, "1000000 um"), (1e-12, "0.000001 um")],
 )
 def test_what_is_written_is_short(value, text):
     assert write(value, "m", "um") == text

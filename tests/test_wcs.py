@@ -26,7 +26,9 @@ LENSES = {
 def test_astropy_reads_back_the_same_pixels(attitude, lens):
     """Through the header's text, both ways, to a thousandth of a pixel."""
     camera = Camera(1024, 768, 1100.0, **lens)
-    header = fits.Header.fromstring(camera_to_wcs(camera, attitude).to_header(relax=True).tostring())
+    header = fits.Header.fromstring(
+        camera_to_wcs(camera, attitude).to_header(relax=True).tostring()
+    )
     wcs = WCS(header)
     pixel = np.random.default_rng(1).uniform([-0.5, -0.5], [1023.5, 767.5], (300, 2))
     direction = attitude.inv().apply(camera.unproject(pixel))

@@ -11,6 +11,7 @@ from startrack.catalog.observer import FIRST_YEAR, LAST_YEAR
 from startrack.checks import one_of, within
 
 FAINTEST_G = 21.0  # Gaia's own limit
+LIMITS = {"bright": LIMIT_G, "deep": DEEP_LIMIT_G}
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Selection:
         one_of(FORMATS, format=self.format)
         if self.source in ("bright", "deep"):
             one_of(("auto",), **{f"format of the source {self.source!r}": self.format})
-        faintest = {"bright": LIMIT_G, "deep": DEEP_LIMIT_G}.get(self.source, FAINTEST_G)
+        faintest = LIMITS.get(self.source, FAINTEST_G)
         within(-2, faintest, **{f"limit_g of the source {self.source!r}": self.limit_g})
         within(FIRST_YEAR, 2200, epoch=self.epoch)
         for name in ("aberration", "parallax"):
@@ -49,3 +50,8 @@ class Selection:
                 raise TypeError(f"{name} must be true or false, got {getattr(self, name)!r}")
         if self.aberration or self.parallax:
             within(FIRST_YEAR, LAST_YEAR, **{"epoch with aberration or parallax": self.epoch})
+
+    @classmethod
+    def whole(cls, source: str, epoch: float) -> Selection:
+        """Every star of a source: what an image of unknown depth may show."""
+        return cls(source, limit_g=LIMITS.get(source, FAINTEST_G), epoch=epoch)

@@ -33,9 +33,9 @@ def command(options: argparse.Namespace) -> int:
         positive(fov=options.fov)
         within(0, 179, fov=options.fov)
         tracker = Tracker(identification=Identification(focal_tolerance=options.fov_tolerance))
-        stars = open_sky(Selection(source=options.catalog, epoch=options.epoch)).stars
+        stars = open_sky(Selection.whole(options.catalog, options.epoch)).stars
         dark = read_image(options.dark) if options.dark else None
-    except ValueError as error:
+    except (ValueError, OSError, ImportError) as error:
         raise WrongUse(str(error)) from None
     statuses = set()
     for path in options.images:

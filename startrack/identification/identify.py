@@ -56,12 +56,7 @@ def identify(
         seen,
         breadth_first(min(len(voting), settings.pattern_spots)),
         settings.code_tolerance,
-        index.smallest,
-        index.largest,
-        index.base,
-        index.pattern,
-        index.code,
-        index.start,
+        index.table,
         index.bright,
         index.rank,
         settings.min_matches,
@@ -70,7 +65,19 @@ def identify(
     )
     if matches == 0:
         return _no_match(len(usable), tried, camera)
-    return _gather(pixel, usable, camera, stars, index, settings, rotation, scale, log_p)
+    spot, star, refined, rotation = _gather(
+        pixel, usable, camera, stars, index, settings, rotation, scale
+    )
+    return Matches(
+        Status.SOLVED,
+        f"{len(spot)} of {len(usable)} spots are stars of the catalogue",
+        spot,
+        star,
+        stars.direction[star],
+        refined,
+        Rotation.from_matrix(rotation),
+        math.exp(log_p),
+    )
 
 
 def _see(
@@ -98,7 +105,7 @@ def _see(
         settings.match_radius / focal,
         math.pi * settings.match_radius**2 / (camera.columns * camera.rows),
         settings.focal_tolerance,
-        log_hypotheses(patterns, len(index.base), index.densest, tolerance),
+        log_hypotheses(patterns, len(index.table.base), index.densest, tolerance),
     )
 
 
@@ -111,43 +118,29 @@ def _gather(
     settings: Identification,
     rotation: Floats,
     scale: float,
-    log_p: float,
-) -> Matches:
-    """Match all spots to all stars in the image, with the focal length and attitude they give."""
-    radius = settings.match_radius
-    spot, star = np.empty(0, np.int64), np.empty(0, np.int64)
-    refined = camera
+) -> tuple[Ints, Ints, Camera, Floats]:
+    """Match all spots to all stars in the image, with the focal length and attitude they give.
+
+    Returns  spots, stars, camera, icrs_to_camera
+    """
+    radius, tolerance = settings.match_radius, settings.focal_tolerance
     for _ in range(ROUNDS):
         refined = camera.scaled(scale)
         expected, place = _expected(rotation, refined, stars, index, 2 * len(usable) + 50)
-        spot, chosen, distance = pair(pixel[usable], place, radius)
-        spot, star = usable[spot], expected[chosen]
+        chosen, taken, distance = pair(pixel[usable], place, radius)
+        spot, star = usable[chosen], expected[taken]
+        # Distortion is not a similarity, so it is taken off with the focal length of this round,
+        # and the fit finds what is left.
         direction = refined.unproject(pixel[spot])
+        plane = direction[:, :2] / direction[:, 2:]
+        pairs = np.arange(len(spot))
         rotation, change = fit(
-            direction[:, :2] / direction[:, 2:],
-            stars.direction,
-            np.arange(len(spot)),
-            star,
-            rotation,
-            1.0,
-            settings.focal_tolerance > 0,
-            3,
+            plane, stars.direction[star], pairs, pairs, rotation, 1.0, tolerance > 0, 3
         )
-        limit = settings.focal_tolerance
-        scale = min(max(scale * change, 1 - limit), 1 + limit)
+        scale = min(max(scale * change, 1 - tolerance), 1 + tolerance)
         rms = math.sqrt(np.mean(distance**2))
-        radius = min(settings.match_radius, max(RMS_RADIUS * rms, settings.match_radius / 8))
-    probability = math.exp(log_p)
-    return Matches(
-        Status.SOLVED,
-        f"{len(spot)} of {len(usable)} spots are stars of the catalogue",
-        spot,
-        star,
-        stars.direction[star],
-        refined,
-        Rotation.from_matrix(rotation),
-        probability,
-    )
+        radius = max(min(RMS_RADIUS * rms, radius), settings.match_radius / 8)
+    return spot, star, camera.scaled(scale), rotation
 
 
 def _expected(
@@ -164,7 +157,8 @@ def _expected(
 
 def _too_few(spots: int, camera: Camera, settings: Identification) -> Matches:
     status = Status.TOO_FEW if spots else Status.BLANK
-    return _unsolved(status, f"{spots} spots, and {settings.min_matches} are needed", camera)
+    reason = f"{spots} usable spots, of which {settings.min_matches} are needed"
+    return _unsolved(status, reason, camera)
 
 
 def _no_match(spots: int, hypotheses: int, camera: Camera) -> Matches:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -28,46 +28,54 @@ LARGEST = 1.2  # of the field: longer ones hardly fit into the diagonal
 VOTING_RANK = 40  # stars per field that vote on hypotheses
 
 
-@dataclass(frozen=True, eq=False)
-class PatternIndex:
-    """Patterns of four stars over the whole sky, for cameras of one field of view.
+class CodeTable(NamedTuple):
+    """Patterns sorted by the cells of the code space, for compiled code.
 
-    stars             how many stars the catalogue had that it was built from
-    field_of_view     radian
-    smallest, largest radian, separation of the base of a pattern
-    densest           radian, separation of the base that most patterns have
-    bright            the stars that vote on hypotheses, up to VOTING_RANK per field
-    rank              (len(bright.member),) how many brighter ones share a field with each
-    faint             all stars of the catalogue
-    base              (s,) places in `bright` of the stars that form patterns
-    pattern           (k, 4) places in `base` of A, B, C, D
-    code              (k, 4) code in units of UNIT
-    start             (cells + 1,) where the patterns of a cell of the code space begin
+    smallest  radian, least separation of the base of a pattern
+    largest   radian, greatest
+    base      (s,) places in `PatternIndex.bright` of the stars that form patterns
+    pattern   (k, 4) places in `base` of A, B, C, D
+    code      (k, 4) code in units of UNIT
+    start     (cells + 1,) where the patterns of a cell begin
     """
 
-    stars: int
-    field_of_view: float
     smallest: float
     largest: float
-    densest: float
-    bright: SkyGrid
-    rank: NDArray[np.int16]
-    faint: SkyGrid
     base: Indices
     pattern: NDArray[np.unsignedinteger[Any]]
     code: NDArray[np.int16]
     start: Indices
 
+
+@dataclass(frozen=True, eq=False)
+class PatternIndex:
+    """Patterns of four stars over the whole sky, for cameras of one field of view.
+
+    stars          how many stars the catalogue had that it was built from
+    field_of_view  radian
+    densest        radian, separation at which most pairs of stars are bases of patterns
+    table          the patterns
+    bright         the stars that vote on hypotheses, up to VOTING_RANK per field
+    rank           (len(bright.member),) how many brighter ones share a field with each
+    faint          all stars of the catalogue
+    """
+
+    stars: int
+    field_of_view: float
+    densest: float
+    table: CodeTable
+    bright: SkyGrid
+    rank: NDArray[np.int16]
+    faint: SkyGrid
+
     def __len__(self) -> int:
-        return len(self.pattern)
+        return len(self.table.pattern)
 
     @property
     def size(self) -> int:
         """Bytes that the arrays take."""
-        grids = (self.bright, self.faint)
-        return sum(g.start.nbytes + g.member.nbytes + g.direction.nbytes for g in grids) + sum(
-            a.nbytes for a in (self.rank, self.base, self.pattern, self.code, self.start)
-        )
+        arrays = [*self.table[2:], *self.bright[1:], self.rank, *self.faint[1:]]
+        return sum(np.asarray(array).nbytes for array in arrays)
 
 
 def build_index(
@@ -107,34 +115,38 @@ def build_index(
     rank = rank[bright.member]
 
     base = np.flatnonzero(rank < stars_per_field).astype(np.int32)
-    smallest = SMALLEST * field_of_view
-    largest = LARGEST * field_of_view
-    per_field = len(base) * field_of_view**2 / (4 * math.pi)
+    per_field = max(len(base), 1) * field_of_view**2 / (4 * math.pi)
     crowding = _crowding(len(base), per_field, patterns)
-    neighbours = sky_grid(bright.direction[base], largest)
-    pattern = _patterns(
-        neighbours,
-        rank[base[neighbours.member]],
-        smallest,
-        largest,
-        crowding * field_of_view**2,
-    )
-    code, cell = _encode(bright.direction[base], pattern)
-    compact = pattern.astype(np.uint16 if len(base) <= 2**16 else np.uint32)
-    along = np.argsort(cell, kind="stable")
-    start = np.searchsorted(cell[along], np.arange((ACROSS * UPRIGHT) ** 2 + 1))
     return PatternIndex(
         len(stars),
         field_of_view,
-        smallest,
-        largest,
-        min(math.sqrt(crowding / max(per_field, crowding)), LARGEST) * field_of_view,
+        math.sqrt(crowding / per_field) * field_of_view,
+        _table(bright.direction, rank, base, field_of_view, crowding),
         bright,
         rank,
         sky_grid(stars.direction, field_of_view / 2),
+    )
+
+
+def _table(
+    direction: Floats, rank: NDArray[np.int16], base: Indices, field_of_view: float, crowding: float
+) -> CodeTable:
+    """All patterns of the stars `base`, sorted."""
+    smallest, largest = SMALLEST * field_of_view, LARGEST * field_of_view
+    grid = sky_grid(direction[base], largest)
+    pattern = _patterns(
+        grid, rank[base[grid.member]], smallest, largest, crowding * field_of_view**2
+    )
+    code, cell = _encode(direction[base], pattern)
+    order = np.argsort(cell, kind="stable")
+    start = np.searchsorted(cell[order], np.arange((ACROSS * UPRIGHT) ** 2 + 1))
+    narrow = np.uint16 if len(base) <= 2**16 else np.uint32
+    return CodeTable(
+        smallest,
+        largest,
         base,
-        compact[along],
-        code[along],
+        np.asarray(pattern[order], narrow),
+        code[order],
         start.astype(np.int32),
     )
 
@@ -188,23 +200,18 @@ def _patterns(
             inside = 0
             for j in range(len(near)):
                 c = near[j]
-                if c in (a, b) or chord[j] >= chord[i] or rank[c] >= most:
+                if c == a or chord[j] >= chord[i] or rank[c] >= most:
                     continue
                 if np.sum((grid.direction[c] - grid.direction[b]) ** 2) < chord[i] ** 2:
                     lens[inside] = c
                     inside += 1
-            if count + inside * inside // 2 > len(found):
-                found = np.concatenate((found, np.empty_like(found), np.empty_like(found)))
-                while count + inside * inside // 2 > len(found):
-                    found = np.concatenate((found, np.empty_like(found)))
+            while count + inside * inside // 2 > len(found):
+                found = np.concatenate((found, np.empty_like(found)))
             for j in range(inside):
                 for k in range(j):
-                    found[count] = (
-                        grid.member[a],
-                        grid.member[b],
-                        grid.member[lens[j]],
-                        grid.member[lens[k]],
-                    )
+                    found[count, 0], found[count, 1] = grid.member[a], grid.member[b]
+                    found[count, 2] = grid.member[lens[j]]
+                    found[count, 3] = grid.member[lens[k]]
                     count += 1
     return found[:count]
 

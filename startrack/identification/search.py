@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from startrack.identification.code import place, separation, squared_chords
-from startrack.identification.index import ACROSS, UNIT, UPRIGHT, column, upright
+from startrack.identification.index import ACROSS, UNIT, UPRIGHT, CodeTable, column, upright
 from startrack.identification.sky import SkyGrid
 from startrack.identification.verify import Seen, verify
 from startrack.values import Floats
@@ -36,12 +35,7 @@ def search(
     seen: Seen,
     choices: NDArray[np.int64],
     code_tolerance: float,
-    smallest: float,
-    largest: float,
-    base_star: NDArray[np.int32],
-    pattern: NDArray[np.unsignedinteger[Any]],
-    code: NDArray[np.int16],
-    start: NDArray[np.int32],
+    table: CodeTable,
     sky: SkyGrid,
     rank: NDArray[np.int16],
     fewest: int,
@@ -52,67 +46,96 @@ def search(
 
     choices          (k, 4) spots, in the order to try
     code_tolerance   1, error of a code beyond the noise
-    smallest ... start, sky, rank    of the index
+    table, sky, rank the patterns of the index, and its stars that vote
     fewest           as in `verify`
     log_accepted     ln of the chance bound to stay below
     most_hypotheses  after so many the search ends
-    Returns          icrs_to_camera, scale, matches, ln of the chance bound, hypotheses tried
+    Returns          icrs_to_camera, scale, matches, ln of the chance bound, hypotheses tried;
+                     no matches where nothing was found
     """
     tried = 0
-    stretch = math.log1p(seen.focal)
     square = squared_chords(seen.direction[: choices.max() + 1])
-    spots, four = np.empty(4, np.int64), np.empty(4, np.int64)
-    wanted = np.empty(4)
+    orders, codes = np.empty((24, 4), np.int64), np.empty((24, 4))
     for choice in choices:
-        longest = 0.0
-        for i in range(4):
-            for j in range(i):
-                longest = max(longest, square[choice[i], choice[j]])
-        base = 2 * math.asin(min(math.sqrt(longest) / 2, 1.0))
-        if not smallest / (1 + seen.focal) <= base <= largest * (1 + seen.focal):
+        base, noise, off_axis = _measure(seen, square, choice)
+        if not table.smallest * (1 - seen.focal) <= base <= table.largest * (1 + seen.focal):
             continue
-        noise, off_axis = 0.0, 0.0
-        for i in range(4):
-            noise = max(noise, seen.sigma[choice[i]])
-            x, y = seen.plane[choice[i]]
-            off_axis = max(off_axis, x * x + y * y)
-        # A wrong focal length is no similarity away from the axis: it stretches radii by
-        # tan'(theta) more than circles.
-        noise = SIGMAS * noise / base
-        error = noise + code_tolerance + seen.focal * off_axis
-        for i in range(4):
-            for j in range(4):
-                # Noise may have swapped which pair is the farthest, and the canonical order.
-                if i == j or square[choice[i], choice[j]] < longest * (1 - error) ** 2:
+        # A wrong focal length is no similarity away from the axis: there it stretches along
+        # the radius otherwise than across it, by its error times tan^2.
+        error = noise + code_tolerance + 2 * seen.focal * off_axis
+        stretch = noise - math.log1p(-seen.focal) + 2 * seen.focal * off_axis
+        for k in range(_orders(seen.direction, square, choice, error, orders, codes)):
+            for p in _within(codes[k], error, table.code, table.start):
+                four = table.base[table.pattern[p]]
+                true = separation(sky.direction[four[0]], sky.direction[four[1]])
+                if abs(math.log(base / true)) > stretch:
                     continue
-                a, b = choice[i], choice[j]
-                k = 0
-                while k in (i, j):
-                    k += 1
-                c, d = choice[k], choice[6 - i - j - k]
-                for _ in range(2):
-                    c, d = d, c
-                    xc, yc = place(seen.direction[a], seen.direction[b], seen.direction[c])
-                    xd, yd = place(seen.direction[a], seen.direction[b], seen.direction[d])
-                    if xc - xd > 2 * error or xc + xd - 1 > 2 * error:
-                        continue
-                    wanted[0], wanted[1], wanted[2], wanted[3] = xc, yc, xd, yd
-                    spots[0], spots[1], spots[2], spots[3] = a, b, c, d
-                    for p in _within(wanted, error, code, start):
-                        for n in range(4):
-                            four[n] = base_star[pattern[p, n]]
-                        true = separation(sky.direction[four[0]], sky.direction[four[1]])
-                        if abs(math.log(base / true)) > stretch + noise + seen.focal * off_axis:
-                            continue
-                        tried += 1
-                        rotation, scale, matches, log_p = verify(
-                            seen, spots, sky, rank, four, fewest
-                        )
-                        if log_p < log_accepted:
-                            return rotation, scale, matches, log_p, tried
-                        if tried >= most_hypotheses:
-                            return np.eye(3), 1.0, 0, 0.0, tried
+                tried += 1
+                rotation, scale, matches, log_p = verify(seen, orders[k], sky, rank, four, fewest)
+                if log_p < log_accepted:
+                    return rotation, scale, matches, log_p, tried
+                if tried >= most_hypotheses:
+                    return np.eye(3), 1.0, 0, 0.0, tried
     return np.eye(3), 1.0, 0, 0.0, tried
+
+
+@njit(cache=True, error_model="numpy")
+def _measure(
+    seen: Seen, square: Floats, choice: NDArray[np.int64]
+) -> tuple[float, float, float]:  # pragma: no cover
+    """Base (radian), noise of the code, and the largest tan^2 of the angle off the axis."""
+    longest, sigma, off_axis = 0.0, 0.0, 0.0
+    for i in range(4):
+        for j in range(i):
+            longest = max(longest, square[choice[i], choice[j]])
+        sigma = max(sigma, seen.sigma[choice[i]])
+        x, y = seen.plane[choice[i]]
+        off_axis = max(off_axis, x * x + y * y)
+    base = 2 * math.asin(min(math.sqrt(longest) / 2, 1.0))
+    return base, SIGMAS * sigma / base, off_axis
+
+
+@njit(cache=True, error_model="numpy")
+def _orders(
+    direction: Floats,
+    square: Floats,
+    choice: NDArray[np.int64],
+    error: float,
+    orders: NDArray[np.int64],
+    codes: Floats,
+) -> int:  # pragma: no cover
+    """All ways to name four spots A, B, C, D that are canonical, or may be without the error.
+
+    orders, codes  (24, 4) are filled with the spots and their codes
+    Returns        how many there are: one, but where two rules are close to a tie
+    """
+    count = 0
+    longest = 0.0
+    for i in range(4):
+        for j in range(i):
+            longest = max(longest, square[choice[i], choice[j]])
+    for i in range(4):
+        for j in range(4):
+            if i == j or square[choice[i], choice[j]] < longest * (1 - error) ** 2:
+                continue
+            a, b = choice[i], choice[j]
+            k = 0
+            while k == i or k == j:  # noqa: SIM109, compiled code compares faster
+                k += 1
+            c, d = choice[k], choice[6 - i - j - k]
+            xc, yc = place(direction[a], direction[b], direction[c])
+            xd, yd = place(direction[a], direction[b], direction[d])
+            if xc + xd > 1 + 2 * error:
+                continue
+            if xc <= xd + 2 * error:
+                orders[count] = a, b, c, d
+                codes[count] = xc, yc, xd, yd
+                count += 1
+            if xd <= xc + 2 * error:
+                orders[count] = a, b, d, c
+                codes[count] = xd, yd, xc, yc
+                count += 1
+    return count
 
 
 @njit(cache=True, error_model="numpy")

@@ -67,12 +67,13 @@ def verify(
     """
     nothing = (np.eye(3), 1.0, 0, 0.0)
     free = seen.focal > 0
+    farthest = seen.focal + seen.radius / seen.corner  # the second term is what noise can do
     a, b = sky.direction[four[0]], sky.direction[four[1]]
     u, v = seen.direction[spots[0]], seen.direction[spots[1]]
     rotation = align(a, b, u, v)
     scale = separation(u, v) / separation(a, b) if free else 1.0
     rotation, scale = fit(seen.plane, sky.direction, spots, four, rotation, scale, free, 2)
-    if not abs(scale - 1) < 2 * seen.focal + 1e-9:
+    if not abs(scale - 1) <= 2 * farthest:
         return nothing
 
     star, place = predict(seen, sky, rotation, scale)
@@ -86,7 +87,7 @@ def verify(
         rotation, scale = fit(
             seen.plane, sky.direction, matched_spot, star[matched_star], rotation, scale, free, 2
         )
-        if not abs(scale - 1) <= seen.focal:
+        if not abs(scale - 1) <= farthest:
             return nothing
         place = project(sky.direction, star, rotation, scale)
         matched_spot, matched_star, distance = pair(seen.plane, place, seen.radius)
@@ -113,7 +114,7 @@ def predict(
     seen: Seen, sky: SkyGrid, rotation: Floats, scale: float
 ) -> tuple[NDArray[np.int64], Floats]:  # pragma: no cover
     """Which stars (m,) the image should hold, and where (m, 2) in the plane."""
-    near = cone(sky, rotation[2], 1.2 * seen.corner / min(scale, 1.0))
+    near = cone(sky, rotation[2], 1.02 * seen.corner / min(scale, 1.0))
     star = np.empty(len(near), np.int64)
     place = np.empty((len(near), 2))
     count = 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import emcee
 import numpy as np
@@ -24,8 +24,9 @@ Floats = NDArray[np.float64]
 DESIGNS_PER_TERM = 2.5
 CHECKS = 12
 WALKERS = 40
-STEPS = 3000
-BURN_IN = 500
+STRETCH = 4000  # steps between two looks at the convergence
+MOST_STEPS = 40_000
+LONG_ENOUGH = 50  # autocorrelation times, emcee's own rule
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +60,8 @@ class Tolerance:
 
     @property
     def converged(self) -> bool:
-        """Whether the chains are at least 50 autocorrelation times long (emcee's own rule)."""
-        return self.effective >= 50 * WALKERS
+        """Whether the chains are at least 50 autocorrelation times long."""
+        return self.effective >= LONG_ENOUGH * WALKERS
 
 
 def sample(
@@ -73,7 +74,7 @@ def sample(
 ) -> Tolerance:
     """Sample the tolerance region around a design.
 
-    Monte Carlo at designs of a Sobol sequence in a box around the case; a quadratic through
+    Monte Carlo at designs of a Latin hypercube in a box around the case; a quadratic through
     ln(rms) and through each margin; emcee (Foreman-Mackey et al. 2013, PASP 125, 306) on
 
         p(design) ~ P(ln rms <= ln limit) * prod_i P(margin_i >= 0)
@@ -85,10 +86,11 @@ def sample(
             model: a quadratic; its error is in the result, measured twice.
     """
     box = Box(case, campaign.variables)
+    campaign = replace(campaign, trials=campaign.sample_trials)
     d = len(box)
     low = np.maximum(box.start - campaign.span, 0)
     high = np.minimum(box.start + campaign.span, 1)
-    cube = qmc.Sobol(d, rng=np.random.default_rng(seed)).random(designs_needed(d) - CHECKS)
+    cube = qmc.LatinHypercube(d, rng=np.random.default_rng(seed)).random(designs_needed(d) - CHECKS)
     cube[0] = (box.start - low) / (high - low)
     evaluations = []
 
@@ -110,9 +112,9 @@ def sample(
         raise ValueError(f"the design must work to be sampled around: {evaluations[0].note}")
     surface = fit(at, results)
     limit = results[0, 0] + math.log1p(campaign.margin)
-    sampler = _walk(surface, limit, d, seed)
-    chain = sampler.get_chain(discard=BURN_IN, flat=True)
-    autocorrelation = float(np.max(sampler.get_autocorr_time(discard=BURN_IN, quiet=True)))
+    sampler, autocorrelation = _walk(surface, limit, d, seed)
+    burn_in = sampler.iteration // 5
+    chain = sampler.get_chain(discard=burn_in, flat=True)
     picks = chain[np.linspace(0, len(chain) - 1, CHECKS).astype(int)]
     checked, truth = measure((picks + 1) / 2)
     difference = surface(checked)[:, 0] - truth[:, 0] if len(checked) else np.array([np.nan])
@@ -125,7 +127,7 @@ def sample(
         len(checked),
         float(np.mean(sampler.acceptance_fraction)),
         autocorrelation,
-        WALKERS * (STEPS - BURN_IN) / autocorrelation,
+        WALKERS * (sampler.iteration - burn_in) / autocorrelation,
         tuple(evaluations),
     )
 
@@ -135,8 +137,11 @@ def designs_needed(dimensions: int) -> int:
     return 1 + math.ceil(DESIGNS_PER_TERM * terms_needed(dimensions)) + CHECKS
 
 
-def _walk(surface: Surface, limit: float, d: int, seed: int) -> emcee.EnsembleSampler:
-    """Run the ensemble in [-1, 1]^d from the centre, with a random state of its own."""
+def _walk(surface: Surface, limit: float, d: int, seed: int) -> tuple[emcee.EnsembleSampler, float]:
+    """Run the ensemble in [-1, 1]^d from the centre until it is long enough.
+
+    Returns  the sampler, and the longest autocorrelation time in steps
+    """
     error = np.maximum(surface.error, 1e-6)
 
     def log_probability(places: Floats) -> Floats:
@@ -148,5 +153,11 @@ def _walk(surface: Surface, limit: float, d: int, seed: int) -> emcee.EnsembleSa
     state = np.random.RandomState(np.random.MT19937(np.random.SeedSequence((seed, d))))
     sampler = emcee.EnsembleSampler(WALKERS, d, log_probability, vectorize=True)
     start = emcee.State(0.2 * state.uniform(-1, 1, (WALKERS, d)), random_state=state.get_state())
-    sampler.run_mcmc(start, STEPS)
-    return sampler
+    while True:
+        start = sampler.run_mcmc(start, STRETCH)
+        kept = 0.8 * sampler.iteration
+        autocorrelation = float(
+            np.max(sampler.get_autocorr_time(discard=sampler.iteration // 5, tol=0))
+        )
+        if kept > LONG_ENOUGH * autocorrelation or sampler.iteration >= MOST_STEPS:
+            return sampler, autocorrelation

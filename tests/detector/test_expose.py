@@ -176,9 +176,7 @@ def test_the_map_belongs_to_the_device():
         render([-100, -100], 0.0, sky=1000.0, device_seed=seed, **dark) for seed in (1, 2)
     )
     assert np.corrcoef(one.ravel(), other.ravel())[0, 1] < 0.1
-    np.testing.assert_array_equal(
-        one, render([-100, -100], 0.0, sky=1000.0, device_seed=1, **dark)
-    )
+    np.testing.assert_array_equal(one, render([-100, -100], 0.0, sky=1000.0, device_seed=1, **dark))
 
 
 def test_camera_and_detector_of_different_size_are_refused():

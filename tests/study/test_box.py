@@ -43,7 +43,7 @@ def test_text_has_units():
         (Variable("instrument.optics.focal_length", "2 kg", "3 kg"), "converts to m"),
         (Variable("instrument.optics.focal_length", "80 mm", "20 mm"), "low must be below high"),
         (Variable("instrument.optics.focal_length", "40 mm", "80 mm"), "must start in its bounds"),
-        (Variable("tracker.detection.threshold", "4", 9.0), "must be a bare number"),
+        (Variable("tracker.detection.threshold", "4", 9.0), "must be a number without unit"),
         (Variable("instrument.optics.f_number", 0.1, 4.0), "f_number must lie in"),
         (Variable("instrument.optics.blur", "0 um", "9 um", "log"), "positive for a log scale"),
     ],

@@ -1,0 +1,39 @@
+"""Question: what does the example tracker see, and what does it make of it?
+
+Answer: docs/frame.png, the picture of the README. Run: python experiments/frame_picture.py
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from startrack.catalog import open_sky, shipped
+from startrack.chain import observe
+from startrack.design import load_design
+from startrack.draw import draw_solution
+from startrack.streams import Streams
+from startrack.wcs import pointing
+
+ORION = (83.8, -1.5, 0.0)  # degree: right ascension, declination, roll
+PICTURE = Path(__file__).parents[1] / "docs" / "frame.png"
+
+
+def main() -> None:
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    record = observe(case, pointing(*ORION), Streams(seed=1, trial=0))
+    error = 206265 * (record.outcome.error_x**2 + record.outcome.error_y**2) ** 0.5
+    draw_solution(
+        PICTURE,
+        record.frame,
+        record.spots,
+        record.matches,
+        record.estimate.icrs_to_camera,
+        open_sky(case.believed_catalog).stars,
+        f"Orion's belt and sword in the example tracker: {record.outcome.stars} stars matched, "
+        f"{error:.2f} arcsec off the true boresight",
+    )
+    print(f"wrote {PICTURE}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+"""Odd skies and wrong input."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from startrack.identification import Identification, build_index, identify
+from startrack.units import deg
+from startrack.values import Stars, Status
+
+SETTINGS = Identification()
+
+
+def run(design, spots, settings=SETTINGS):
+    return identify(spots, design.camera, design.stars, design.index, settings)
+
+
+def towards(direction, roll=0.3):
+    """The attitude whose boresight points in this direction (3,)."""
+    z = np.array(direction, float) / np.linalg.norm(direction)
+    x = np.cross(z, [0.3, -0.5, 0.81])
+    x /= np.linalg.norm(x)
+    turn = Rotation.from_matrix(np.array([x, np.cross(z, x), z]))
+    return Rotation.from_rotvec([0, 0, roll]) * turn
+
+
+# Both poles, and the meridian at which right ascension jumps.
+@pytest.mark.parametrize("direction", [[0, 0, 1], [0, 0, -1], [1, 0, 0], [1, -1e-4, 0.7]])
+@pytest.mark.parametrize("roll", [0.0, 2.0, 4.0])
+def test_no_place_on_the_sky_is_special(design, direction, roll):
+    camera = design(12, 6.0)
+    rng = np.random.default_rng(1)
+    seen = camera.look(rng, noise=0.1, false=3, attitude=towards(direction, roll))
+    assert seen.error(run(camera, seen.spots)) < 3
+
+
+def test_a_mirrored_image_is_no_sky(design):
+    camera = design(12, 6.0)
+    rng = np.random.default_rng(2)
+    for _ in range(25):
+        spots = camera.look(rng, noise=0.1).spots
+        mirrored = replace(spots, x=camera.camera.columns - 1 - spots.x)
+        assert run(camera, mirrored).status is Status.NO_MATCH
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3])
+def test_too_few_spots_are_data(design, spots_at, count):
+    pixel = np.array([[100.0, 200.0], [700.0, 300.0], [500.0, 900.0]])[:count]
+    matches = run(design(12, 6.0), spots_at(pixel, 0.1))
+    assert matches.status is (Status.TOO_FEW if count else Status.BLANK)
+    assert str(count) in matches.reason
+    assert matches.icrs_to_camera is None
+    assert matches.direction.shape == (0, 3)
+    assert matches.false_probability == 1.0
+
+
+def test_spots_at_no_finite_place_are_left_out(design):
+    camera = design(12, 6.0)
+    seen = camera.look(np.random.default_rng(3), noise=0.1)
+    x, y = seen.spots.x.copy(), seen.spots.y.copy()
+    x[0], y[2], x[5] = np.nan, np.inf, -np.inf
+    matches = run(camera, replace(seen.spots, x=x, y=y))
+    assert seen.error(matches) < 3
+    assert not set(matches.spot) & {0, 2, 5}
+    all_gone = replace(seen.spots, x=np.full_like(x, np.nan))
+    assert run(camera, all_gone).status is Status.BLANK
+
+
+@pytest.mark.parametrize("sigma2", [np.nan, 0.0, -1.0, np.inf, 1e6])
+def test_a_covariance_that_says_nothing_is_survived(design, sigma2):
+    camera = design(12, 6.0)
+    seen = camera.look(np.random.default_rng(4), noise=0.1, false=3)
+    covariance = np.full_like(seen.spots.covariance, sigma2)
+    assert seen.error(run(camera, replace(seen.spots, covariance=covariance))) < 3
+
+
+def test_spots_at_the_same_place(design, spots_at):
+    camera = design(12, 6.0)
+    seen = camera.look(np.random.default_rng(5), noise=0.1)
+    pixel = np.column_stack([seen.spots.x, seen.spots.y])
+    doubled = np.repeat(pixel, 2, axis=0)
+    matches = run(camera, spots_at(doubled, 0.1))
+    assert seen.error(matches) < 3
+    assert len(np.unique(matches.star)) == len(matches)
+    one_place = spots_at(np.full((30, 2), 500.0), 0.1)
+    assert run(camera, one_place).status is Status.NO_MATCH
+
+
+def test_ten_thousand_spots(design, spots_at):
+    camera = design(12, 6.0)
+    rng = np.random.default_rng(6)
+    seen = camera.look(rng, noise=0.1)
+    faint = rng.random((10_000, 2)) * 1024 - 0.5
+    pixel = np.concatenate([np.column_stack([seen.spots.x, seen.spots.y]), faint])
+    assert seen.error(run(camera, spots_at(pixel, 0.1))) < 3
+    assert run(camera, spots_at(faint, 0.1)).status is Status.NO_MATCH
+
+
+def test_all_magnitudes_wrong(design, spots_at):
+    camera = design(12, 6.0)
+    rng = np.random.default_rng(7)
+    solved = 0
+    for _ in range(30):
+        seen = camera.look(rng, noise=0.1, false=3)
+        pixel = np.column_stack([seen.spots.x, seen.spots.y])
+        matches = run(camera, spots_at(rng.permutation(pixel), 0.1))
+        if matches.status is Status.SOLVED:
+            assert seen.error(matches) < 3
+            solved += 1
+    assert solved >= 25
+
+
+def test_few_hypotheses_end_the_search(design, spots_at):
+    camera = design(12, 6.0)
+    pixel = np.random.default_rng(8).random((30, 2)) * 1024
+    settings = Identification(max_hypotheses=1, code_tolerance=0.1, focal_tolerance=0.3)
+    assert "none of 1 hyp" in run(camera, spots_at(pixel, 0.1), settings).reason
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 10])
+def test_a_catalogue_of_few_stars_solves_nothing(design, count):
+    camera = design(12, 6.0)
+    stars = camera.stars[:count]
+    index = build_index(stars, 12 * deg)
+    seen = camera.look(np.random.default_rng(9))
+    matches = identify(seen.spots, camera.camera, stars, index, SETTINGS)
+    assert matches.status is Status.NO_MATCH
+
+
+def test_an_index_of_another_catalogue_is_refused(design):
+    camera = design(12, 6.0)
+    seen = camera.look(np.random.default_rng(10))
+    with pytest.raises(ValueError, match=r"index must be built from the same stars, got \d+"):
+        identify(seen.spots, camera.camera, camera.stars[:100], camera.index, SETTINGS)
+
+
+def test_directions_must_be_unit_vectors():
+    for length in (2.0, np.nan):
+        direction = np.array([[1.0, 0, 0], [0, length, 0]])
+        stars = Stars(np.arange(2), direction, np.zeros(2), np.zeros(2))
+        with pytest.raises(ValueError, match=r"stars\.direction must be unit vectors"):
+            build_index(stars, 0.2)
+
+
+@pytest.mark.parametrize("field", [0.0, -0.1, np.nan, 2.0])
+def test_a_field_of_view_out_of_range_is_refused(design, field):
+    with pytest.raises(ValueError, match="field_of_view must"):
+        build_index(design(12, 6.0).stars, field)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"focal_tolerance": -0.01},
+        {"focal_tolerance": 0.5},
+        {"match_radius": 0.0},
+        {"max_false_probability": 0.0},
+        {"max_false_probability": 2.0},
+        {"min_matches": 3},
+        {"pattern_spots": 3},
+        {"verify_spots": 0},
+        {"code_tolerance": 1.0},
+        {"max_hypotheses": 0},
+    ],
+)
+def test_settings_out_of_range_are_refused(wrong):
+    (name,) = wrong
+    with pytest.raises(ValueError, match=name):
+        Identification(**wrong)
+
+
+def test_settings_of_another_type_are_refused():
+    with pytest.raises(TypeError, match="min_matches"):
+        Identification(min_matches=4.5)

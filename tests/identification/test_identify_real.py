@@ -1,0 +1,53 @@
+"""Real images, from spots to stars, when little but the field of view is known.
+
+The attitudes come from solvers that are not startrack (truth.json beside the images). They are
+for catalogue positions; the Earth's velocity moves all stars of an image by up to 21 arcsec.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from startrack.camera import Camera
+from startrack.catalog import Selection, open_sky
+from startrack.detection import Detection, detect, subtract_dark
+from startrack.identification import Identification, build_index, identify
+from startrack.images import read_image
+from startrack.units import arcsec, deg
+
+# The cameras with hot pixels see few stars; they need their faint ones.
+THRESHOLD = {"ost": 4.0}
+NAMES = (
+    *(f"esa_Alt40_Azi{azimuth}.tiff" for azimuth in (-135, -45, 45, 135)),
+    *("cedar_crappy.jpg", "cedar_hale_bopp.jpg", "cedar_jan1_g90_e100ms.jpg"),
+    *("cedar_orion_belt.jpg", "cedar_orion_trees.jpg", "cedar_virgo.jpg"),
+    *(f"ost_img{number}.png" for number in (2, 3, 5, 9)),
+)
+
+
+@pytest.fixture(scope="module")
+def stars():
+    return open_sky(Selection()).stars
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_solved_as_others_solve_it(outside, stars, name):
+    folder = outside / "images"
+    truth = json.loads((folder / "truth.json").read_text())["images"][name]
+    frame = read_image(folder / name)
+    if name.startswith("ost"):
+        frame = subtract_dark(frame, read_image(folder / "ost_dark.png"))
+    spots = detect(frame, Detection(threshold=THRESHOLD.get(name[:3], 5.0)))
+    true = Rotation.from_matrix(np.array(truth["R_icrs_to_cam"]))
+    columns, rows = truth["width"], truth["height"]
+    for factor in (0.93, 1.0, 1.07):
+        camera = Camera.from_field_of_view(columns, rows, truth["fov_x_deg"] * factor * deg)
+        index = build_index(stars, camera.fov_y)
+        matches = identify(spots, camera, stars, index, Identification(focal_tolerance=0.1))
+        assert matches.icrs_to_camera is not None, matches.reason
+        x, y, z = matches.icrs_to_camera.apply(true.inv().apply([0.0, 0.0, 1.0]))
+        assert np.arctan2(np.hypot(x, y), z) < 60 * arcsec
+        # The others fit a radial distortion, which takes up some of the focal length.
+        assert matches.camera.fov_x / deg == pytest.approx(truth["fov_x_deg"], rel=0.006)

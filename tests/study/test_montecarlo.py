@@ -1,0 +1,83 @@
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+
+from startrack.error import summarise
+from startrack.study.montecarlo import OUTCOMES, Serial, pool, run
+
+SEED = 5
+
+
+@pytest.fixture(scope="module")
+def alone(small):
+    with pool(1) as executor:
+        return run(small.case, 30, SEED, executor)
+
+
+def test_one_and_two_workers_give_the_same_bytes(small, alone):
+    with pool(2) as executor:
+        both = run(small.case, 30, SEED, executor, workers=2)
+    assert both.tobytes() == alone.tobytes()
+
+
+def test_order_and_blocks_do_not_matter(small, alone):
+    with pool(1) as executor:
+        late = run(small.case, 10, SEED, executor, first=20, workers=3)
+    np.testing.assert_array_equal(late["trial"], np.arange(20, 30))
+    assert late.tobytes() == alone[20:].tobytes()
+
+
+def test_another_seed_gives_other_numbers(small, alone):
+    with pool(1) as executor:
+        other = run(small.case, 5, SEED + 1, executor)
+    assert not np.isin(other["error_x"], alone["error_x"]).any()
+
+
+def test_the_tracker_is_right_and_honest(alone):
+    """All attitudes found, within some arcseconds; the stated covariance within a factor."""
+    summary = summarise(alone)
+    assert summary.availability.value == 1
+    assert summary.false.value == 0
+    assert 0.1 < np.degrees(summary.across.value) * 3600 < 10
+    assert summary.about.value > summary.across.value
+    assert 0.7 < summary.nees < 12
+
+
+def test_progress_counts_every_trial(small):
+    counts: list[int] = []
+    with pool(1) as executor:
+        run(small.case, 7, SEED, executor, workers=2, progress=counts.append)
+    assert sum(counts) == 7
+
+
+def test_a_broken_case_says_so_from_a_worker(small):
+    """The sentence of the error comes through, not a traceback of the pool."""
+    motion = dataclasses.replace(small.case.instrument.motion, rate_x=50.0)
+    broken = dataclasses.replace(
+        small.case, instrument=dataclasses.replace(small.case.instrument, motion=motion)
+    )
+    for executor in (Serial(),):
+        with pytest.raises(ValueError, match="smear"):
+            run(broken, 2, SEED, executor)
+
+
+def test_workers_end_with_the_pool(small):
+    with pool(2) as executor:
+        pids = {executor.submit(os.getpid).result() for _ in range(8)}
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_no_trials_and_no_workers_are_refused(small):
+    with pytest.raises(ValueError, match="trials must be a whole number"):
+        run(small.case, 0, SEED, Serial())
+    with pytest.raises(ValueError, match="workers must be a whole number"), pool(0):
+        pass
+
+
+def test_outcomes_hold_every_field():
+    assert OUTCOMES.names is not None
+    assert {"trial", "error_x", "nees", "solved", "false"} <= set(OUTCOMES.names)

@@ -1,0 +1,229 @@
+"""The machine interface: one JSON object a line, exit statuses, errors in one sentence."""
+
+import json
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from astropy.io import fits
+
+from startrack.catalog import shipped
+from startrack.cli import main
+from startrack.design import load_design
+
+EXAMPLE = shipped("designs/nanosatellite.toml")
+
+
+@pytest.fixture
+def call(capsys):
+    """Runs a command: exit status, objects on standard output, text on standard error."""
+
+    def run(*arguments):
+        try:
+            status = main([str(one) for one in arguments])
+        except SystemExit as end:
+            status = end.code
+        out, err = capsys.readouterr()
+        return status, [json.loads(line) for line in out.splitlines()], err
+
+    return run
+
+
+@pytest.fixture
+def short(tmp_path):
+    """The example with a campaign of seconds."""
+    text = EXAMPLE.read_text()
+    for old, new in (
+        ("columns = 512", "columns = 256"),
+        ("rows = 512", "rows = 256"),
+        ('pixel_pitch = "11 um"', 'pixel_pitch = "22 um"'),
+        ('blur = "5 um"', 'blur = "10 um"'),
+        ("\ntrials = 64", "\ntrials = 6\nsample_trials = 6"),
+        ("evaluations = 100", "evaluations = 5"),
+        ("fresh_trials = 1000", "fresh_trials = 20"),
+    ):
+        assert old in text, old
+        text = text.replace(old, new)
+    path = tmp_path / "short.toml"
+    path.write_text(text)
+    return path
+
+
+def test_simulate_then_solve(call, tmp_path):
+    status, (made,), _ = call(
+        *("simulate", "--ra", 83, "--dec", -5, "--roll", 20, "--out", tmp_path, "--json")
+    )
+    assert status == 0
+    assert made["ra_deg"] == pytest.approx(83)
+    assert made["status"] == "solved"
+    assert cv2.imread(made["png"]) is not None
+    status, (found,), _ = call(
+        *("solve", made["fits"], "--fov", 9.5, "--json", "--overlay", tmp_path)
+    )
+    assert status == 0
+    assert found["status"] == "solved"
+    assert found["ra_deg"] == pytest.approx(83, abs=2e-3)
+    assert found["dec_deg"] == pytest.approx(-5, abs=2e-3)
+    assert found["roll_deg"] == pytest.approx(20, abs=1e-2)
+    assert found["fov_x_deg"] == pytest.approx(made["fov_x_deg"], rel=1e-3)
+    assert found["matches"] > 10
+    assert found["false_probability"] < 1e-6
+    overlap = abs(np.dot(found["icrs_to_camera_xyzw"], made["icrs_to_camera_xyzw"]))
+    assert overlap == pytest.approx(1, abs=1e-7)
+    assert cv2.imread(found["overlay"]) is not None
+
+
+def noise(kind: str) -> np.ndarray:
+    rng = np.random.default_rng(5)
+    sky = rng.normal(100, 10, (480, 640)).astype(np.uint16)
+    if kind == "random":
+        return rng.integers(0, 65536, (480, 640), dtype=np.uint16)
+    if kind == "blank":
+        return np.full((480, 640), 7, np.uint16)
+    if kind == "hot pixels":
+        sky[rng.integers(0, 480, 300), rng.integers(0, 640, 300)] += 30000
+    if kind == "false stars":
+        stars = np.zeros((480, 640), np.float32)
+        stars[rng.integers(0, 480, 60), rng.integers(0, 640, 60)] = 20000
+        sky += cv2.GaussianBlur(stars, (0, 0), 1.2).astype(np.uint16)
+    return sky
+
+
+@pytest.mark.parametrize("kind", ["random", "blank", "sky", "hot pixels", "false stars"])
+def test_noise_is_refused_with_a_status_and_a_sentence(call, tmp_path, kind):
+    path = tmp_path / "noise.png"
+    cv2.imwrite(str(path), noise(kind))
+    status, (found,), _ = call("solve", path, "--fov", 12, "--json")
+    assert status == 3
+    assert found["status"] in ("no match", "too few stars", "blank image")
+    assert found["icrs_to_camera_xyzw"] is None
+    assert len(found["reason"]) > 10
+
+
+def test_a_bad_image_does_not_keep_the_others_waiting(call, tmp_path):
+    empty, blank = tmp_path / "empty.fits", tmp_path / "blank.png"
+    empty.write_bytes(b"")
+    cv2.imwrite(str(blank), np.zeros((50, 50), np.uint8))
+    nan = tmp_path / "nan.fits"
+    fits.writeto(nan, np.full((9, 9), np.nan))
+    status, found, err = call("solve", empty, blank, nan, "--fov", 12, "--json")
+    assert status == 1
+    assert [one["status"] for one in found] == ["failed", "blank image", "failed"]
+    assert f"{empty} must hold an image, but it is empty" in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["solve", "x.png"], "--fov"),
+        (["solve", "x.png", "--fov", "-3"], "fov must be positive"),
+        (["solve", "x.png", "--fov", "12", "--fov-tolerance", "2"], "must lie in"),
+        (["solve", "x.png", "--fov", "12", "--catalog", "nothing.csv"], "nothing.csv"),
+        (["solve", "x.png", "--fov", "12", "--dark", "none.png"], "none.png must be a file"),
+        (["montecarlo", "none.toml"], "none.toml must be a design file"),
+        (["montecarlo", "--trials", "0"], "--trials: must be a whole number from 1 on, got '0'"),
+        (["montecarlo", "--seed", "-1", "--trials", "2"], "--seed: must be a whole number"),
+        (["montecarlo", "--workers", "x"], "--workers: must be a whole number"),
+        (["nonsense"], "invalid choice"),
+        ([], "COMMAND"),
+    ],
+)
+def test_wrong_use_is_two(call, arguments, words):
+    status, found, err = call(*arguments)
+    assert (status, found) == (2, [])
+    assert words in err
+    assert "Traceback" not in err
+
+
+def test_a_design_with_an_error_is_wrong_use(call, tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text(EXAMPLE.read_text().replace('"35 mm"', '"35 kg"'))
+    for command in ("simulate", "montecarlo", "optimize", "sample"):
+        status, _, err = call(command, path, "--out", tmp_path / "out")
+        assert status == 2
+        assert "instrument.optics.focal_length must have a unit that converts to m" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_design_without_a_campaign_cannot_be_optimised(call, tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(EXAMPLE.read_text().split("[campaign]")[0])
+    status, _, err = call("optimize", path, "--out", tmp_path / "out")
+    assert status == 2
+    assert "[campaign]" in err
+
+
+def test_montecarlo(call, short, tmp_path):
+    arguments = ("montecarlo", short, "--trials", 12, "--seed", 3, "--json")
+    status, (one,), err = call(*arguments, "--workers", 1, "--out", tmp_path / "a")
+    _, (two,), _ = call(*arguments, "--workers", 2, "--out", tmp_path / "b")
+    assert status == 0
+    assert err == ""
+    assert one["trials"] == 12
+    low, high = one["across_rms_arcsec_95"]
+    assert low < one["across_rms_arcsec"] < high
+    assert one["availability"] == 1
+    assert one["trials_per_s"] > 0
+    tables = [(tmp_path / name / "trials.csv").read_bytes() for name in "ab"]
+    assert tables[0] == tables[1]
+    assert len(tables[0].splitlines()) == 13
+    assert cv2.imread(str(tmp_path / "a" / "errors.png")) is not None
+    assert json.loads((tmp_path / "a" / "summary.json").read_text())["seed"] == 3
+
+
+def test_optimize_leaves_a_folder_that_the_other_commands_accept(call, short, tmp_path):
+    out = tmp_path / "opt"
+    status, (result,), err = call(
+        *("optimize", short, "--out", out, "--seed", 2, "--workers", 1, "--json")
+    )
+    assert status in (0, 3)
+    assert "Traceback" not in err
+    assert result["evaluations"] == 5
+    assert result["start"]["trials"] == result["best"]["trials"] == 20
+    low, high = result["factor_95"]
+    assert low <= result["factor"] <= high
+    assert len((out / "evaluations.jsonl").read_text().splitlines()) == 5
+    assert len((out / "evaluations.csv").read_text().splitlines()) == 6
+    assert "| start | best |" in (out / "comparison.md").read_text()
+    assert cv2.imread(str(out / "convergence.png")) is not None
+    best = load_design(out / "best.toml")
+    assert best.campaign == load_design(short).campaign
+    status, (again,), _ = call("montecarlo", out / "best.toml", "--trials", 2, "--json")
+    assert again["trials"] == 2
+    status, (frame,), _ = call("simulate", out / "best.toml", "--out", tmp_path / "s", "--json")
+    assert status == 0
+
+
+def test_sample_writes_its_region(call, short, tmp_path):
+    text = short.read_text()
+    variables = text.split("[[campaign.variables]]")
+    short.write_text("[[campaign.variables]]".join(variables[:3]))  # two variables suffice
+    out = tmp_path / "sam"
+    status, (result,), err = call(
+        *("sample", short, "--out", out, "--seed", 2, "--workers", 1, "--json")
+    )
+    assert status == 0
+    assert result["converged"]
+    assert set(result["values_si"]) == {
+        "instrument.optics.focal_length",
+        "instrument.optics.f_number",
+    }
+    assert all(values == sorted(values) for values in result["values_si"].values())
+    assert cv2.imread(str(out / "corner.png")) is not None
+    assert (out / "samples.csv").read_text().startswith("instrument.optics.focal_length,")
+
+
+def test_help_teaches_and_is_quick_to_import():
+    """--help must not import the rooms: numpy alone would take longer than all of it."""
+    code = (
+        "import sys\nfrom startrack.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "print('heavy' if {'numpy', 'cv2', 'astropy'} & set(sys.modules) else 'light')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "light"
+    for word in ("optimize", "exit status", "startrack solve photo.jpg"):
+        assert word in done.stdout

@@ -1,0 +1,63 @@
+"""Real night skies: attitudes that independent solvers agree on, from images and a rough field."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from startrack.cli import main
+
+ESA = [f"esa_Alt40_Azi{azimuth}.tiff" for azimuth in (-135, -45, 135, 45)]
+CEDAR = [
+    f"cedar_{name}.jpg"
+    for name in ("crappy", "hale_bopp", "jan1_g90_e100ms", "orion_belt", "orion_trees", "virgo")
+]
+
+
+@pytest.fixture
+def solve(outside, capsys):
+    truth = json.loads((outside / "images" / "truth.json").read_text())["images"]
+
+    def run(name, factor=1.0, *more):
+        field = truth[name]["fov_x_deg"] * factor
+        path = outside / "images" / name
+        status = main(["solve", str(path), "--fov", str(field), "--epoch", "2016", "--json", *more])
+        found = json.loads(capsys.readouterr().out)
+        if found["icrs_to_camera_xyzw"] is None:
+            return status, found, None
+        true = Rotation.from_matrix(truth[name]["R_icrs_to_cam"])
+        error = (Rotation.from_quat(found["icrs_to_camera_xyzw"]) * true.inv()).as_rotvec()
+        return status, found, np.degrees(error) * 3600
+
+    return run
+
+
+@pytest.mark.parametrize("name", ESA + CEDAR)
+@pytest.mark.parametrize("factor", [0.91, 1.0, 1.09])
+def test_attitude_with_a_rough_field_of_view(solve, name, factor):
+    """Within 60 arcsec across the boresight, the images' own aberration among them."""
+    status, found, error = solve(name, factor)
+    assert (status, found["status"]) == (0, "solved")
+    assert np.hypot(*error[:2]) < 60
+    assert abs(error[2]) < 300
+    assert found["residual_rms_px"] < 1
+
+
+@pytest.mark.parametrize("name", ["ost_img3.png", "ost_img9.png"])
+def test_hot_pixels_with_a_dark_frame(solve, outside, name):
+    """Six to nine faint stars among hot pixels."""
+    dark = str(outside / "images" / "ost_dark.png")
+    status, found, error = solve(name, 1.0, "--dark", dark)
+    assert status == 0
+    assert np.hypot(*error[:2]) < 60
+
+
+def test_a_mirrored_image_is_refused(outside, tmp_path, capsys):
+    import cv2
+
+    image = cv2.imread(str(outside / "images" / ESA[0]), cv2.IMREAD_UNCHANGED)
+    path = tmp_path / "mirrored.tiff"
+    cv2.imwrite(str(path), image[:, ::-1].copy())
+    assert main(["solve", str(path), "--fov", "11.4", "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["status"] == "no match"
