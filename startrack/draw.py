@@ -66,8 +66,9 @@ def draw_solution(
             label="catalogue star",
         )
         for (x, y), g in list(zip(pixel, magnitude, strict=True))[:LABELS]:
-            axes.annotate(f"G {g:.1f}", (x, y), (7, 5), textcoords="offset points", color=KNOWN, clip_on=True,
-                          fontsize=7)  # fmt: skip
+            label = f"G {g:.1f}"
+            beside = {"xytext": (7, 5), "textcoords": "offset points", "clip_on": True}
+            axes.annotate(label, (x, y), color=KNOWN, fontsize=7, **beside)
         _north(axes, matches.camera, icrs_to_camera)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=3, frameon=False, fontsize=8)
     axes.set_title(title, fontsize=9, loc="left")

@@ -69,7 +69,7 @@ def test_undistorted_camera_agrees_with_opencv():
 
 
 @pytest.mark.parametrize(
-    "kind", [dict(columns=0), dict(rows=2.5), dict(focal_length_px=-1.0), dict(k1=math.nan)]
+    "kind", [{"columns": 0}, {"rows": 2.5}, {"focal_length_px": -1.0}, {"k1": math.nan}]
 )
 def test_impossible_cameras_are_refused(kind):
     with pytest.raises((ValueError, TypeError), match=next(iter(kind))):

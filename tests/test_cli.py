@@ -159,7 +159,7 @@ def test_a_design_without_a_campaign_cannot_be_optimised(call, tmp_path):
 def test_montecarlo(call, short, tmp_path):
     arguments = ("montecarlo", short, "--trials", 12, "--seed", 3, "--json")
     status, (one,), err = call(*arguments, "--workers", 1, "--out", tmp_path / "a")
-    _, (two,), _ = call(*arguments, "--workers", 2, "--out", tmp_path / "b")
+    call(*arguments, "--workers", 2, "--out", tmp_path / "b")
     assert status == 0
     assert err == ""
     assert one["trials"] == 12
@@ -193,7 +193,7 @@ def test_optimize_leaves_a_folder_that_the_other_commands_accept(call, short, tm
     assert best.campaign == load_design(short).campaign
     status, (again,), _ = call("montecarlo", out / "best.toml", "--trials", 2, "--json")
     assert again["trials"] == 2
-    status, (frame,), _ = call("simulate", out / "best.toml", "--out", tmp_path / "s", "--json")
+    status, _, _ = call("simulate", out / "best.toml", "--out", tmp_path / "s", "--json")
     assert status == 0
 
 
@@ -202,7 +202,7 @@ def test_sample_writes_its_region(call, short, tmp_path):
     variables = text.split("[[campaign.variables]]")
     short.write_text("[[campaign.variables]]".join(variables[:3]))  # two variables suffice
     out = tmp_path / "sam"
-    status, (result,), err = call(
+    status, (result,), _ = call(
         *("sample", short, "--out", out, "--seed", 2, "--workers", 1, "--json")
     )
     assert status == 0

@@ -48,7 +48,7 @@ def test_attitude_with_a_rough_field_of_view(solve, name, factor):
 def test_hot_pixels_with_a_dark_frame(solve, outside, name):
     """Six to nine faint stars among hot pixels."""
     dark = str(outside / "images" / "ost_dark.png")
-    status, found, error = solve(name, 1.0, "--dark", dark)
+    status, _, error = solve(name, 1.0, "--dark", dark)
     assert status == 0
     assert np.hypot(*error[:2]) < 60
 

@@ -79,7 +79,7 @@ class PatternIndex:
 
 
 def build_index(
-    stars: Stars, field_of_view: float, stars_per_field: int = 16, patterns: int = 1_100_000
+    stars: Stars, field_of_view: float, stars_per_field: int = 16, patterns: int = 1_300_000
 ) -> PatternIndex:
     """Index the patterns of four stars that a camera can see at once.
 
@@ -157,9 +157,9 @@ def _crowding(stars: int, per_field: float, patterns: int) -> float:
         patterns = n pi L^2 / 12 c^3 (1 + 3 (1 - c / (m w^2)))
 
     A base of length r has s L r^2 stars in its lens of area L r^2, if s lie on the unit of
-    area, any two of which make a pattern: (s L r^2)^2 / 2. There are n s pi r dr such bases.
-    Up to the base with s r^2 = c this makes the first term; beyond it, up to w fields, s falls
-    as c / r^2, which makes the second.
+    area, any two of which make a pattern, but for the few farther apart than the base:
+    (s L r^2)^2 / 2. There are n s pi r dr such bases. Up to the base with s r^2 = c this makes
+    the first term; beyond it, up to w fields, s falls as c / r^2, which makes the second.
 
     stars      n, strewn at random
     per_field  m, stars in the area of a field
@@ -208,11 +208,14 @@ def _patterns(
             while count + inside * inside // 2 > len(found):
                 found = np.concatenate((found, np.empty_like(found)))
             for j in range(inside):
+                c = lens[j]
                 for k in range(j):
-                    found[count, 0], found[count, 1] = grid.member[a], grid.member[b]
-                    found[count, 2] = grid.member[lens[j]]
-                    found[count, 3] = grid.member[lens[k]]
-                    count += 1
+                    d = lens[k]
+                    # The lens is taller than the base is long, so C and D may be the farthest.
+                    if np.sum((grid.direction[c] - grid.direction[d]) ** 2) < chord[i] ** 2:
+                        found[count, 0], found[count, 1] = grid.member[a], grid.member[b]
+                        found[count, 2], found[count, 3] = grid.member[c], grid.member[d]
+                        count += 1
     return found[:count]
 
 

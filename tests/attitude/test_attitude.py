@@ -131,7 +131,8 @@ def test_the_same_star_twice_is_too_few():
 
 
 def test_an_unsolved_match_stays_unsolved():
-    none = Matches(Status.NO_MATCH, "why", *[np.zeros(0, int)] * 2, np.zeros((0, 3)), CAMERA, None, 1.0)  # fmt: skip
+    index = np.zeros(0, int)
+    none = Matches(Status.NO_MATCH, "why", index, index, np.zeros((0, 3)), CAMERA, None, 1.0)
     got = solve(spots_of(np.zeros((0, 2)), 1.0), none, EXACT)
     assert (got.status, got.reason) == (Status.NO_MATCH, "why")
     assert np.isnan(got.covariance).all()

@@ -59,7 +59,7 @@ def test_electrons_are_the_integral_over_the_band():
 def test_a_star_is_the_integral_of_its_psf_over_pixels(sigma):
     """Against differences of error functions at random sub-pixel places."""
     x = np.arange(64)
-    for a, b in np.random.default_rng(0).uniform(-0.5, 0.5, (20, 2)) + [30, 20]:
+    for a, b in np.random.default_rng(0).uniform([29.5, 19.5], [30.5, 20.5], (20, 2)):
         image = render([a, b], 1e4, sigma)
         across = special.ndtr((x + 0.5 - a) / sigma) - special.ndtr((x - 0.5 - a) / sigma)
         down = special.ndtr((x[:48] + 0.5 - b) / sigma) - special.ndtr((x[:48] - 0.5 - b) / sigma)

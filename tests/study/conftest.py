@@ -4,7 +4,9 @@ import dataclasses
 
 import pytest
 
+from startrack.case import Case
 from startrack.catalog import shipped
+from startrack.curve import Curve
 from startrack.design import Design, load_design
 
 
@@ -23,3 +25,13 @@ def small() -> Design:
         design.campaign, trials=12, evaluations=14, fresh_trials=60, sample_trials=12
     )
     return Design(dataclasses.replace(design.case, instrument=instrument), campaign)
+
+
+@pytest.fixture(scope="session")
+def blind(small) -> Case:
+    """A lens that passes no light that Gaia's band has: it cannot be rendered."""
+    infrared = Curve((2e-6, 3e-6), (1.0, 1.0))
+    optics = dataclasses.replace(small.case.instrument.optics, transmission=infrared)
+    return dataclasses.replace(
+        small.case, instrument=dataclasses.replace(small.case.instrument, optics=optics)
+    )

@@ -1,4 +1,3 @@
-import dataclasses
 import os
 
 import numpy as np
@@ -52,15 +51,11 @@ def test_progress_counts_every_trial(small):
     assert sum(counts) == 7
 
 
-def test_a_broken_case_says_so_from_a_worker(small):
-    """The sentence of the error comes through, not a traceback of the pool."""
-    motion = dataclasses.replace(small.case.instrument.motion, rate_x=50.0)
-    broken = dataclasses.replace(
-        small.case, instrument=dataclasses.replace(small.case.instrument, motion=motion)
-    )
-    for executor in (Serial(),):
-        with pytest.raises(ValueError, match="smear"):
-            run(broken, 2, SEED, executor)
+def test_a_broken_case_says_so(blind):
+    """The sentence of the error comes through, from this process and from others."""
+    for workers in (1, 2):
+        with pool(workers) as executor, pytest.raises(ValueError, match="must overlap"):
+            run(blind, 2, SEED, executor)
 
 
 def test_workers_end_with_the_pool(small):
