@@ -67,7 +67,11 @@ def draw_solution(
         )
         for (x, y), g in list(zip(pixel, magnitude, strict=True))[:LABELS]:
             label = f"G {g:.1f}"
-            beside = {"xytext": (7, 5), "textcoords": "offset points", "clip_on": True}
+            beside: dict[str, Any] = {
+                "xytext": (7, 5),
+                "textcoords": "offset points",
+                "clip_on": True,
+            }
             axes.annotate(label, (x, y), color=KNOWN, fontsize=7, **beside)
         _north(axes, matches.camera, icrs_to_camera)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=3, frameon=False, fontsize=8)
