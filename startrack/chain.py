@@ -18,7 +18,7 @@ from startrack.detection import detect
 from startrack.detector import expose
 from startrack.error import Outcome, judge
 from startrack.identification import PatternIndex, build_index, identify
-from startrack.motion import slew
+from startrack.motion import shake
 from startrack.optics import focus
 from startrack.scene import WAVELENGTH, blackbody_photons, illuminate
 from startrack.scene.photometry import SUN
@@ -30,7 +30,11 @@ EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Everything that one trial made, for those who want to look at more than its outcome."""
+    """Everything that one trial made, for those who want to look at more than its outcome.
+
+    icrs_to_camera  true attitude at the middle of the exposure
+    path            true motion around it; its first and last points are the start and the end
+    """
 
     icrs_to_camera: Rotation
     stars: Stars
@@ -39,6 +43,7 @@ class Record:
     matches: Matches
     estimate: Estimate
     outcome: Outcome
+    path: Path
 
 
 def trial(case: Case, seed: int, number: int) -> Outcome:
@@ -57,7 +62,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     stars = look(open_sky(case.catalog), icrs_to_camera, camera)
     light = illuminate(case.scene, stars)
     psf = psf_of(case.instrument)
-    path = path_of(case.instrument)
+    path = path_of(case.instrument, streams)
     frame = expose(
         light,
         psf,
@@ -72,7 +77,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
         frame, case.believed_camera, open_sky(case.believed_catalog).stars, case.tracker
     )
     outcome = judge(estimate, icrs_to_camera, len(spots))
-    return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome)
+    return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
 
 
 def track(
@@ -103,18 +108,36 @@ def look(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
 @lru_cache(maxsize=8)
 def psf_of(instrument: Instrument) -> Psf:
     """The PSF for sunlike stars, computed once per design."""
-    sunlike = blackbody_photons(WAVELENGTH, np.array([SUN]))[0]
-    detected = sunlike * throughput(instrument)
-    detected = detected * instrument.detector.quantum_efficiency(WAVELENGTH)
-    if not detected.any():
-        raise ValueError("transmission and quantum_efficiency must overlap between 320 and 1100 nm")
-    return focus(instrument.optics, instrument.detector.pixel_pitch, WAVELENGTH, detected)
-
-
-def path_of(instrument: Instrument) -> Path:
-    """The path of the line of sight in an exposure."""
     detector = instrument.detector
-    return slew(instrument.motion, detector.exposure, 1 / instrument.camera.focal_length_px)
+    return focus(
+        instrument.optics,
+        detector.pixel_pitch,
+        WAVELENGTH,
+        detected(instrument),
+        detector.fill_factor,
+    )
+
+
+def detected(instrument: Instrument) -> NDArray[np.float64]:
+    """Electrons per second of a sunlike star in each spectral bin, on a scale of no meaning."""
+    sunlike = blackbody_photons(WAVELENGTH, np.array([SUN]))[0]
+    electrons = sunlike * throughput(instrument)
+    electrons = electrons * instrument.detector.quantum_efficiency(WAVELENGTH)
+    if not electrons.any():
+        raise ValueError("transmission and quantum_efficiency must overlap between 320 and 1100 nm")
+    return electrons
+
+
+def path_of(instrument: Instrument, streams: Streams) -> Path:
+    """The path of the line of sight in the exposure of one trial."""
+    camera = instrument.camera
+    return shake(
+        instrument.motion,
+        instrument.detector.exposure,
+        1 / camera.focal_length_px,
+        streams,
+        camera.half_diagonal,
+    )
 
 
 def throughput(instrument: Instrument) -> NDArray[np.float64]:

@@ -64,7 +64,7 @@ def write(value: float, unit: str, shown: str) -> str:
     scale = _scale(shown, unit)
     assert scale is not None, f"{shown} does not convert to {unit}"
     for digits in range(1, 19):
-        text = f"{Decimal(repr(value)) / scale:.{digits}g}"
+        text = f"{Decimal(value) / scale:.{digits}g}"
         if float(Decimal(text) * scale) == value:
             break
     number = float(text)

@@ -87,11 +87,11 @@ def test_smear_is_the_mean_over_the_path(length):
     np.testing.assert_allclose(image.sum(axis=0), along, atol=1e-5)
 
 
-def test_smear_goes_the_way_of_the_rotation():
-    """A camera that turns about +y looks to the right, so that stars move to smaller columns."""
+def test_a_path_turns_the_sky():
+    """A direction that turns about +y by five pixels' worth moves to larger columns."""
     turn = Path(np.zeros(1), np.ones(1), np.array([[0.0, 0.005, 0.0]]))
     image = render([32.0, 24.0], 1e4, path=turn)
-    assert np.argmax(image.sum(axis=0)) in (27, 37)
+    assert np.argmax(image.sum(axis=0)) == 37
 
 
 @pytest.mark.parametrize("place", [(-0.4, -0.4), (63.4, 47.4), (0, 20), (-3, 10), (-100, -100)])
