@@ -18,7 +18,7 @@ from startrack.commands.terminal import (
     say,
     tell,
 )
-from startrack.detection import subtract_dark
+from startrack.detection import Detection, subtract_dark
 from startrack.draw import draw_solution
 from startrack.exits import Exit, WrongUse
 from startrack.identification import Identification
@@ -27,12 +27,17 @@ from startrack.values import Estimate, Frame, Matches, Spots, Stars
 from startrack.wcs import celestial
 
 
+# Sigma of the detection: an image of few faint stars gets a second look. Chance has two tries
+# then, each with its own bound.
+THRESHOLDS = (5.0, 4.0)
+
+
 def command(options: argparse.Namespace) -> int:
     """Solve image after image; one that cannot be read does not keep the others waiting."""
     try:
         positive(fov=options.fov)
         within(0, 179, fov=options.fov)
-        tracker = Tracker(identification=Identification(focal_tolerance=options.fov_tolerance))
+        identification = Identification(focal_tolerance=options.fov_tolerance)
         stars = open_sky(Selection.whole(options.catalog, options.epoch)).stars
         dark = read_image(options.dark) if options.dark else None
     except (ValueError, OSError, ImportError) as error:
@@ -51,7 +56,11 @@ def command(options: argparse.Namespace) -> int:
             continue
         rows, columns = frame.image.shape
         camera = Camera.from_field_of_view(columns, rows, math.radians(options.fov))
-        spots, matches, estimate = track(frame, camera, stars, tracker)
+        for threshold in THRESHOLDS:
+            tracker = Tracker(Detection(threshold=threshold), identification)
+            spots, matches, estimate = track(frame, camera, stars, tracker)
+            if estimate.icrs_to_camera is not None:
+                break
         result = {"image": str(path), **_result(spots, matches, estimate)}
         text = f"{path}: {_text(spots, matches, estimate)}"
         if options.overlay:

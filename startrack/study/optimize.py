@@ -144,6 +144,11 @@ def optimize(
         }.get(search.last_optimize_result(), "nlopt was content")
     except nlopt.RoundoffLimited:
         ending = "rounding errors stopped nlopt; its best design is kept"
+    except RuntimeError as error:
+        # nlopt's own failures have no class of their own; those of a worker have, and go on.
+        if type(error) is not RuntimeError or not evaluations:
+            raise
+        ending = f"nlopt failed ({error}); its best design is kept"
     # The best that was seen, whatever nlopt returns: a feasible one where there is any.
     best = min(evaluations, key=lambda one: (not one.feasible, one.score))
     winner = box.design(np.array(best.place))
