@@ -26,7 +26,6 @@ from startrack.images import read_image
 from startrack.values import Estimate, Frame, Matches, Spots, Stars
 from startrack.wcs import celestial
 
-
 # Sigma of the detection: an image of few faint stars gets a second look. Chance has two tries
 # then, each with its own bound.
 THRESHOLDS = (5.0, 4.0)
