@@ -20,6 +20,7 @@ exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved
 
 A first hour:
   startrack simulate                        one frame of the example design
+  startrack psf                             how its optics blur a star
   startrack optimize                        a better design, in some minutes
   startrack montecarlo startrack-optimize/best.toml --out trials
   startrack sample startrack-optimize/best.toml
@@ -68,6 +69,10 @@ def _parser() -> argparse.ArgumentParser:
     _seed(simulate)
     simulate.add_argument("--trial", type=_whole(0), default=0, help="its number within the seed")
     _out(simulate, "startrack-simulate")
+
+    psf = _command(commands, "psf", "how the optics of a design blur a star")
+    _design(psf)
+    _out(psf, "startrack-psf")
 
     solve = _command(commands, "solve", "find the attitude of images")
     solve.add_argument(

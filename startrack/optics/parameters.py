@@ -1,27 +1,47 @@
-"""Optics: focal length, aperture, blur, transmission."""
+"""Optics: focal length, aperture, aberrations, blur, transmission, and which PSF stands for it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
-from startrack.checks import non_negative, one_of, positive, within
+from startrack.checks import finite, non_negative, one_of, positive, within
 from startrack.curve import ALL, Curve
-from startrack.units import Unit
+from startrack.optics.pupil import Pupil
+from startrack.optics.zernike import Aberration
+from startrack.units import Unit, deg
+
+MODELS = ("gaussian", "airy", "fraunhofer", "fresnel", "kirchhoff")  # from cheap to right
+STEEPEST_F = 0.6  # an aplanatic lens of f/0.5 takes the whole half sphere
+LENSES = ("aplanatic", "perfect", "parabolic")
 
 
 @dataclass(frozen=True)
 class Optics:
     """A lens.
 
-    focal_length  metre
-    f_number      1, focal length over the diameter of the clear aperture
-    blur          metre, sigma of the Gaussian that defocus and aberrations add to diffraction,
-                  on the detector
-    psf           "airy": diffraction of a circular pupil over the band, convolved with the blur;
-                  "gaussian": one Gaussian, the core of that
-    transmission  1 over wavelength
+    focal_length     metre
+    f_number         1, focal length over the diameter of the clear aperture
+    blur             metre, sigma of the Gaussian that manufacture adds to diffraction, on the
+                     detector
+    psf              "gaussian": one Gaussian, the core of the next; "airy": diffraction of a
+                     circular pupil in closed form; "fraunhofer": of any pupil with aberrations;
+                     "fresnel": with the scale of a plane out of focus; "kirchhoff": with
+                     inclined rays and the lens's own phase; "auto": the cheapest of these that
+                     keeps psf_tolerance
+    psf_tolerance    1, share of the PSF's peak that the choice of a model may cost
+    lens             "aplanatic": corrected for spherical aberration and coma, as real lenses are;
+                     "perfect": one thin plane that makes a spherical wave; "parabolic": one thin
+                     plane with the phase of a parabola, as in Krutz et al. The last two differ
+                     from the first in the model "kirchhoff" only
+    object_distance  metre from the lens; None: at infinity. The detector is at the image
+    defocus          metre by which the detector lies behind the image
+    pupil            the shape of the aperture
+    aberrations      wavefront errors
+    field_edge       radian, field angle at which growing aberrations have their rms
+    seeing           radian, sigma of the Gaussian blur of an atmosphere per axis; 0: none
+    transmission     1 over wavelength
     principal_x, principal_y  pixel from the centre of the detector to where the axis meets it
     k1, k2, p1, p2, k3        OpenCV's distortion coefficients
     """
@@ -29,7 +49,15 @@ class Optics:
     focal_length: Annotated[float, Unit("m", "mm")]
     f_number: float
     blur: Annotated[float, Unit("m", "um")] = 0.0
-    psf: str = "airy"
+    psf: str = "auto"
+    psf_tolerance: float = 0.01
+    lens: str = "aplanatic"
+    object_distance: Annotated[float | None, Unit("m")] = None
+    defocus: Annotated[float, Unit("m", "um")] = 0.0
+    pupil: Pupil = field(default_factory=Pupil)
+    aberrations: tuple[Aberration, ...] = ()
+    field_edge: Annotated[float, Unit("rad", "deg")] = 10 * deg
+    seeing: Annotated[float, Unit("rad", "arcsec")] = 0.0
     transmission: Curve = ALL
     principal_x: float = 0.0
     principal_y: float = 0.0
@@ -40,10 +68,53 @@ class Optics:
     k3: float = 0.0
 
     def __post_init__(self) -> None:
-        positive(focal_length=self.focal_length)
+        positive(focal_length=self.focal_length, field_edge=self.field_edge)
         within(0.3, 200, f_number=self.f_number)
-        non_negative(blur=self.blur)
-        one_of(("airy", "gaussian"), psf=self.psf)
+        non_negative(blur=self.blur, seeing=self.seeing)
+        within(1e-6, 1, psf_tolerance=self.psf_tolerance)
+        one_of((*MODELS, "auto"), psf=self.psf)
+        one_of(LENSES, lens=self.lens)
+        finite(defocus=self.defocus)
+        self._refuse_places()
+        self._refuse_models()
+
+    def _refuse_places(self) -> None:
+        if self.object_distance is not None:
+            positive(object_distance=self.object_distance)
+            if self.object_distance <= self.focal_length * (1 + 1e-9):
+                raise ValueError(
+                    "object_distance must be beyond the focal length, where a real image forms, "
+                    f"got {self.object_distance:g} m at a focal length of {self.focal_length:g} m"
+                )
+        if abs(self.defocus) > self.image_distance / 10:
+            raise ValueError(
+                f"defocus must be at most a tenth of the image distance {self.image_distance:g} m, "
+                f"got {self.defocus:g} m"
+            )
+
+    def _refuse_models(self) -> None:
+        if self.psf in ("gaussian", "airy") and not self.plain:
+            raise ValueError(
+                f"psf must be auto, fraunhofer, fresnel or kirchhoff where the pupil is not clear "
+                f"or the wavefront not plane, got {self.psf!r}"
+            )
+        exact = self.psf in ("auto", "kirchhoff")
+        if exact and self.lens == "aplanatic" and self.working_f_number < STEEPEST_F:
+            raise ValueError(
+                f"f_number must be at least {STEEPEST_F:g} at the image for an aplanatic lens in "
+                "the models kirchhoff and auto, whose outer rays would come in sideways, got "
+                f"{self.working_f_number:g}"
+            )
+        plane_lens = exact and self.lens != "aplanatic"
+        if plane_lens and not self.pupil.clear:
+            raise ValueError(
+                f"lens must be aplanatic where the pupil is not a clear circle, got {self.lens!r}"
+            )
+
+    @property
+    def plain(self) -> bool:
+        """Whether the pupil is a clear circle, in focus and without aberrations."""
+        return self.pupil.clear and not self.aberrations and self.defocus == 0
 
     @property
     def aperture(self) -> float:
@@ -52,5 +123,22 @@ class Optics:
 
     @property
     def area(self) -> float:
-        """Area of the clear aperture, square metre."""
-        return math.pi / 4 * self.aperture**2
+        """Open area of the aperture, square metre."""
+        return math.pi / 4 * self.aperture**2 * self.pupil.share
+
+    @property
+    def image_distance(self) -> float:
+        """Metre from the lens to the image: 1 / b = 1 / f - 1 / g."""
+        if self.object_distance is None:
+            return self.focal_length
+        return 1 / (1 / self.focal_length - 1 / self.object_distance)
+
+    @property
+    def working_f_number(self) -> float:
+        """Image distance over the diameter of the aperture."""
+        return self.image_distance / self.aperture
+
+    @property
+    def total_blur(self) -> float:
+        """Metre, sigma of the lens's blur and of the atmosphere's together."""
+        return math.hypot(self.blur, self.seeing * self.image_distance)

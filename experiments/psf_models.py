@@ -1,0 +1,263 @@
+"""How right and how fast is each PSF, beside the packages that others use?
+
+Time and error come from the same run, on one thread, our turns and the peers' taken alternately.
+Peers that are not installed are left out and named. Set-up (grids, masks, modes, plans) is nobody's
+time; a new wavefront, its transform and its squares are.
+
+    python experiments/psf_models.py [--json FILE] [--figures DIR]
+
+The case: 155 x 155 points a fifth of wavelength * f-number apart, f/1.4 at 550 nm. Errors are
+shares of the peak without aberrations, against the closed form, or against a quadrature over rings
+and spokes of the pupil where there are aberrations. Stamps: errors of the centroid against the
+closed forms integrated over pixels.
+"""
+
+from __future__ import annotations
+
+import one_thread  # noqa: F401  # isort: skip
+
+import argparse
+import json
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psf_figures
+import psf_peers
+from numpy.typing import NDArray
+from scipy import special
+
+from startrack.detector.stamp import stamp
+from startrack.optics import Optics, focus
+from startrack.optics.airy import airy
+from startrack.optics.fraunhofer import intensity, pupil_samples
+from startrack.optics.kirchhoff import ThinLens, on_axis
+from startrack.optics.pupil import Pupil, cells, openness
+from startrack.optics.zernike import zernike
+from startrack.values import Psf
+
+Floats = NDArray[np.float64]
+ROOT = Path(__file__).parents[1]
+
+WAVELENGTH, F_NUMBER = 550e-9, 1.4
+FIELD = (np.arange(155) - 77) / 5  # wavelength * f-number
+NOLL = range(4, 38)
+WAVES = np.linspace(450e-9, 650e-9, 10)
+DISKS = (0.14, 0.25, 0.5, 1.0, 2.0)  # wavelength * f-number in pixels
+SIGMAS = (0.5, 0.7, 1.0)
+ROUNDS = 9
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="draws figures 6 to 9 there")
+    options = parser.parse_args()
+    result: dict[str, float] = {}
+    peers = psf_peers.present()
+    print("peers here:", ", ".join(peers) or "none")
+    print("left out:  ", ", ".join(psf_peers.ABSENT) or "none", "\n")
+    result |= kirchhoff()
+    result |= patterns(peers)
+    result |= stamps(peers)
+    for key, value in result.items():
+        print(f"{key:42s} {value:.3g}")
+    print()
+    psf_figures.report(options.figures)
+    if options.json:
+        options.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def kirchhoff() -> dict[str, float]:
+    """On the axis, against 30 digits, f/1 to f/16."""
+    reference = json.loads((ROOT / "tests" / "oracle" / "kirchhoff.json").read_text())
+    worst, began, count = 0.0, time.process_time(), 0
+    for wavelength, entry in reference["wavelengths"].items():
+        for row in entry["rows"]:
+            lens = ThinLens(0.02, float(row["R"]), 1.0, float(wavelength) * 1e-9)
+            wanted = float(row["kirchhoff"]) / float(row["fresnel"])
+            worst = max(worst, abs(abs(on_axis(lens)) ** 2 / wanted - 1))
+            count += 1
+    spent = (time.process_time() - began) / count * 1e3
+    return {"kirchhoff_max_relative_error": worst, "kirchhoff_on_axis_ms": spent}
+
+
+def patterns(peers: dict[str, Any]) -> dict[str, float]:
+    """The 155 x 155 points: without aberrations, with a new set of them, at ten wavelengths."""
+    coefficients = 0.05 * np.random.default_rng(7).normal(size=len(NOLL))  # radian
+    clear = airy(np.hypot(FIELD, FIELD[:, None]), 1.0, 1.0)
+    pick = np.random.default_rng(8).integers(0, len(FIELD), (1500, 2))
+    aberrated = by_rings(coefficients, FIELD[pick])
+    makers = {"": Own()} | {f"_{name}": maker(FIELD, NOLL) for name, maker in peers.items()
+                            if name in psf_peers.PATTERNS}  # fmt: skip
+    tasks: dict[tuple[str, str], Callable[[], Floats]] = {}
+    for name, maker in makers.items():
+        tasks["airy", name] = maker.clear
+        tasks["zernike", name] = lambda maker=maker: maker.aberrated(coefficients)  # type: ignore[misc]
+        tasks["ten_wavelengths", name] = lambda maker=maker: maker.band(WAVES / WAVELENGTH)  # type: ignore[misc]
+    spent = alternate(tasks)
+    result = {}
+    for (task, name), seconds in spent.items():
+        if task == "ten_wavelengths":
+            result[f"ten_wavelengths_ms{name}"] = seconds * 1e3
+            continue
+        peak = makers[name].clear().max()
+        image = tasks[task, name]() / peak
+        wrong = image - clear if task == "airy" else image[pick[:, 1], pick[:, 0]] - aberrated
+        result[f"{task}_ms{name}"] = seconds * 1e3
+        result[f"{task}_error_of_peak{name}"] = float(np.abs(wrong).max())
+    began = time.process_time()
+    for _ in range(ROUNDS):
+        airy(np.hypot(FIELD, FIELD[:, None]), 1.0, 1.0)
+    result["airy_closed_form_ms"] = (time.process_time() - began) / ROUNDS * 1e3
+    return dict(sorted(result.items()))
+
+
+class Own:
+    """Ours: a soft-edged pupil, a folded matrix transform."""
+
+    def __init__(self) -> None:
+        slope = 2.0  # wave per radius, of these wavefronts: measured, with room
+        self.place, cell = cells(pupil_samples(FIELD.max(), slope))
+        self.weight = openness(Pupil(), self.place, cell) * cell**2 / np.pi
+        self.flat = np.zeros_like(self.weight)
+        modes = [zernike(noll, self.place, self.place[:, None]) for noll in NOLL]
+        self.modes = np.array(modes).reshape(len(NOLL), -1).T.copy()
+
+    def clear(self) -> Floats:
+        return intensity(self.weight, self.flat, self.place, FIELD)
+
+    def aberrated(self, coefficients: Floats) -> Floats:
+        phase = (self.modes @ coefficients).reshape(self.weight.shape)
+        return intensity(self.weight, phase, self.place, FIELD)
+
+    def band(self, ratios: Floats) -> Floats:
+        phase = self.modes[:, 3].reshape(self.weight.shape) * 0.3
+        return sum(
+            intensity(self.weight, phase / ratio, self.place, FIELD / ratio) / ratio**2
+            for ratio in ratios
+        )
+
+
+def by_rings(coefficients: Floats, points: Floats, rings: int = 60, spokes: int = 200) -> Floats:
+    """Gauss-Legendre over the radius, trapezoid over the angle, the Fourier sum term by term."""
+    node, weight = np.polynomial.legendre.leggauss(rings)
+    r = np.sqrt((node + 1) / 2)[:, None]
+    angle = np.arange(spokes) * 2 * np.pi / spokes
+    x, y = (r * np.cos(angle)).ravel(), (r * np.sin(angle)).ravel()
+    phase = sum(c * zernike(noll, x, y) for c, noll in zip(coefficients, NOLL, strict=True))
+    wave = np.repeat(weight / 2 / spokes, spokes) * np.exp(1j * phase)
+    field = [np.sum(wave * np.exp(-1j * np.pi * (u * x + v * y))) for u, v in points]
+    return np.abs(field) ** 2
+
+
+def stamps(peers: dict[str, Any]) -> dict[str, float]:
+    """One star on pixels at sub-pixel places, ours and the peers', each against exact integrals."""
+    result = {}
+    for kind, sizes in (("airy", DISKS), ("gauss", SIGMAS)):
+        times: dict[str, list[float]] = {}
+        errors: dict[str, list[float]] = {}
+        for size in sizes:
+            psf = focus(*_design(kind, size))
+            box = 2 * ((psf.table.shape[0] // 2 - 3) // psf.oversampling) + 1
+            ways: dict[str, Callable[[float, float], Floats]] = {"": _own_stamp(psf, box)}
+            for name, peer in peers.items():
+                if hasattr(peer, f"{kind}_stamp"):
+                    ways[f"_{name}"] = getattr(peer, f"{kind}_stamp")(size, box)
+            places = np.random.default_rng(9).uniform(-0.5, 0.5, (12, 2))
+            for x, y in places:
+                wanted = _centroid(_exact(kind, x, y, size, box))
+                for name, way in ways.items():
+                    errors.setdefault(name, []).append(
+                        float(np.mean((_centroid(way(x, y)) - wanted) ** 2))
+                    )
+            spent = alternate({("", name): lambda way=way: way(0.2, -0.3)  # type: ignore[misc]
+                               for name, way in ways.items() if name})  # fmt: skip
+            for (_, name), seconds in spent.items():
+                times.setdefault(name, []).append(seconds)
+            times.setdefault("", []).append(_many(psf))
+        for name, error in errors.items():
+            per_size = np.array(error).reshape(len(sizes), -1) if name == "" else None
+            rms = np.sqrt(
+                per_size.mean(axis=1).max() if per_size is not None else _worst(error, sizes)
+            )
+            result[f"stamp_{kind}_us{name}"] = max(times[name]) * 1e6
+            result[f"stamp_{kind}_centroid_rms_px{name}"] = float(rms)
+    return result
+
+
+def _worst(error: list[float], sizes: tuple[float, ...]) -> float:
+    return float(np.array(error).reshape(len(sizes), -1).mean(axis=1).max())
+
+
+def _design(kind: str, size: float) -> tuple[Optics, float, Floats, Floats]:
+    band = np.array([WAVELENGTH]), np.ones(1)
+    if kind == "airy":
+        return Optics(0.05, F_NUMBER, psf="airy"), WAVELENGTH * F_NUMBER / size, *band
+    # A wavelength of nothing: the blur alone.
+    return Optics(0.05, F_NUMBER, 5e-6 * size, "gaussian"), 5e-6, band[0] * 1e-6, band[1]
+
+
+def _own_stamp(psf: Psf, box: int) -> Callable[[float, float], Floats]:
+    def way(x: float, y: float) -> Floats:
+        image = np.zeros((box, box))
+        stamp(image, psf, np.array([box // 2 + x]), np.array([box // 2 + y]), np.ones(1))
+        return image
+
+    return way
+
+
+def _many(psf: Psf) -> float:
+    """Seconds a star, of thousands on one image, as a frame has them."""
+    image, count = np.zeros((200, 200)), 4000
+    x, y = np.random.default_rng(3).uniform(30, 170, (2, count))
+    light, spent = np.ones(count), []
+    for _ in range(ROUNDS):
+        began = time.process_time()
+        stamp(image, psf, x, y, light)
+        spent.append(time.process_time() - began)
+    return min(spent) / count
+
+
+def _exact(kind: str, x: float, y: float, size: float, box: int) -> Floats:
+    at = np.arange(box) - box // 2
+    if kind == "gauss":
+        lines = [
+            special.ndtr((at - c + 0.5) / size) - special.ndtr((at - c - 0.5) / size)
+            for c in (x, y)
+        ]
+        return np.outer(lines[1], lines[0])
+    node, weight = np.polynomial.legendre.leggauss(48)
+    fine = at[:, None] + node / 2
+    fx, fy = (fine - x).ravel(), (fine - y).ravel()
+    values = math.pi / 4 / size**2 * airy(np.hypot(fx, fy[:, None]), size, 1.0)
+    return np.einsum("ajbi,j,i->ab", values.reshape(box, 48, box, 48), weight / 2, weight / 2)
+
+
+def _centroid(image: Floats) -> Floats:
+    at = np.arange(image.shape[0]) - image.shape[0] // 2
+    return np.array([image.sum(axis=0) @ at, image.sum(axis=1) @ at]) / image.sum()
+
+
+def alternate(tasks: dict[tuple[str, str], Callable[[], Floats]]) -> dict[tuple[str, str], float]:
+    """Seconds of processor time of each task, the least of several rounds of all of them."""
+    least = dict.fromkeys(tasks, math.inf)
+    for task in tasks.values():
+        task()
+    for _ in range(ROUNDS):
+        for key, task in tasks.items():
+            repeats = 3
+            began = time.process_time()
+            for _ in range(repeats):
+                task()
+            least[key] = min(least[key], (time.process_time() - began) / repeats)
+    return least
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""Optics -> Psf at places in the field, where aberrations grow away from the axis."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.optics.focus import focus
+from startrack.optics.parameters import Optics
+from startrack.optics.zernike import Aberration, nm_to_noll, noll_to_nm
+from startrack.values import Psf
+
+Floats = NDArray[np.float64]
+
+
+def at_field(optics: Optics, x: float, y: float) -> Optics:
+    """The optics that a star at a field angle meets.
+
+    A term that grows is given for a star along +x, rms (angle / field_edge)^growth; elsewhere it
+    turns with the field, as a lens of revolution demands:
+
+        (cos, sin) -> (c cos(m phi) - s sin(m phi), c sin(m phi) + s cos(m phi))
+
+    x, y     radian, field angles along the columns and the rows
+    Returns  optics of which no aberration grows any more
+    """
+    height, azimuth = math.hypot(x, y) / optics.field_edge, math.atan2(y, x)
+    terms: dict[int, float] = defaultdict(float)
+    for each in optics.aberrations:
+        rms = each.rms * height**each.growth if each.growth else each.rms
+        n, m = noll_to_nm(each.noll)
+        turn = abs(m) * azimuth if each.growth else 0.0
+        if m < 0:
+            turn += math.pi / 2  # a sine is a cosine, a quarter of its period on
+        if m == 0:
+            terms[each.noll] += rms
+        else:
+            terms[nm_to_noll(n, abs(m))] += rms * math.cos(turn)
+            terms[nm_to_noll(n, -abs(m))] += rms * math.sin(turn)
+    # What a quarter turn leaves of a cosine is rounding, not an aberration.
+    least = 1e-12 * max((abs(rms) for rms in terms.values()), default=0.0)
+    kept = tuple(Aberration(noll, rms) for noll, rms in sorted(terms.items()) if abs(rms) > least)
+    return replace(optics, aberrations=kept)
+
+
+def over_field(
+    optics: Optics, places: Sequence[tuple[float, float]], pitch: float,
+    wavelength: Floats, weight: Floats,
+) -> tuple[Psf, ...]:  # fmt: skip
+    """One table per place; the other arguments are those of `focus`.
+
+    places  radian, field angles (x, y)
+    """
+    return tuple(focus(at_field(optics, x, y), pitch, wavelength, weight) for x, y in places)

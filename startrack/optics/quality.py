@@ -1,0 +1,107 @@
+"""Psf -> the numbers by which optics are judged: transfer at Nyquist, energies, widths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.values import Psf
+
+Floats = NDArray[np.float64]
+
+RADII = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0)  # pixel
+BLOCKS = (1, 3, 5, 7)  # pixels along a side
+POINT = 1e-4  # fill factor of pixels so small that their table is the image itself
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What the tables of an image and of its pixels say.
+
+    mtf_x, mtf_y    1, modulation at Nyquist, half a cycle per pixel, the pixel included
+    fwhm_x, fwhm_y  pixel, full width at half maximum of the image before the pixels
+    encircled       1, share of the star's energy within RADII pixel of its image
+    ensquared       1, share in BLOCKS by BLOCKS pixels, the star in the middle of one
+    energy          1, share within the table
+    """
+
+    mtf_x: float
+    mtf_y: float
+    fwhm_x: float
+    fwhm_y: float
+    encircled: tuple[float, ...]
+    ensquared: tuple[float, ...]
+    energy: float
+
+
+def quality(response: Psf, image: Psf) -> Quality:
+    """Judge a design by its tables.
+
+    response  of the pixels
+    image     the same optics with `fill_factor=POINT`
+    Errors    numerical: 1e-3 in modulation and energy; energies beyond the table are NaN.
+    """
+    middle = image.table.shape[0] // 2
+    nyquist = np.array([0.5])
+    return Quality(
+        float(modulation(response, nyquist, 0)[0]),
+        float(modulation(response, nyquist, np.pi / 2)[0]),
+        full_width(image.table[middle], image.oversampling),
+        full_width(image.table[:, middle], image.oversampling),
+        tuple(encircled(image, radius) for radius in RADII),
+        tuple(ensquared(response, block) for block in BLOCKS),
+        response.energy,
+    )
+
+
+def modulation(psf: Psf, frequency: Floats, angle: float) -> Floats:
+    """Modulus of the transfer function.
+
+    frequency  (n,) cycle / pixel
+    angle      radian of the wave's direction, from +x towards +y
+    Returns    (n,) 1; at zero it is the energy within the table
+    Errors     the wings outside count as haze without modulation: 1e-3 from two cycles per width
+               of the table on.
+    """
+    at = (np.arange(psf.table.shape[0]) - psf.table.shape[0] // 2) / psf.oversampling
+    along = np.exp(-2j * np.pi * np.outer(frequency * np.cos(angle), at))
+    down = np.exp(-2j * np.pi * np.outer(frequency * np.sin(angle), at))
+    value = np.einsum("nj,ji,ni->n", down, psf.table, along, optimize=True)
+    return np.abs(value) / psf.oversampling**2
+
+
+def full_width(line: Floats, oversampling: int) -> float:
+    """Pixel between the outermost places where a line falls to half its maximum."""
+    half = line.max() / 2
+    above = np.flatnonzero(line >= half)
+    first, last = int(above[0]), int(above[-1])
+    if first == 0 or last == len(line) - 1:
+        return float("nan")
+    left = first - (line[first] - half) / (line[first] - line[first - 1])
+    right = last + (line[last] - half) / (line[last] - line[last + 1])
+    return float(right - left) / oversampling
+
+
+def encircled(image: Psf, radius: float) -> float:
+    """Share of the energy within a circle of `radius` pixel; NaN beyond the table."""
+    if radius > image.half_width:
+        return float("nan")
+    at = np.arange(image.table.shape[0]) - image.table.shape[0] // 2
+    # The rim is one sample wide and soft, so that the area of the circle is right.
+    share = np.clip(radius * image.oversampling - np.hypot(at, at[:, None]) + 0.5, 0, 1)
+    return float((image.table * share).sum()) / image.oversampling**2
+
+
+def ensquared(response: Psf, block: int) -> float:
+    """Share of the energy in a block of pixels, odd, around the star's; NaN beyond the table."""
+    step, middle = response.oversampling, response.table.shape[0] // 2
+    reach = block // 2 * step
+    if reach > middle:
+        return float("nan")
+    return float(
+        response.table[
+            middle - reach : middle + reach + 1 : step, middle - reach : middle + reach + 1 : step
+        ].sum()
+    )
