@@ -116,7 +116,8 @@ class Poppy:
 
     def aberrated(self, coefficients: Floats) -> Floats:
         error = np.tensordot(coefficients, self.modes, axes=1) * (1e-6 / 2 / np.pi)
-        return np.asarray(self._system(error).calc_psf(1e-6, normalize="none")[0].data)
+        image = self._system(error).calc_psf(1e-6, normalize="none")[0].data
+        return np.asarray(image)[::-1, ::-1]  # its image axes point the other way
 
     def band(self, ratios: Floats) -> Floats:
         error = self.modes[3] * 0.3 * (1e-6 / 2 / np.pi)

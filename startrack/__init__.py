@@ -1,1 +1,27 @@
-"""startrack designs star trackers and other opto-electronic space cameras before they are built."""
+"""startrack designs star trackers and other opto-electronic space cameras before they are built.
+
+It follows the light. From the ground up:
+
+units, checks, streams, curve, camera, values   the words that all rooms share
+exits, saving, tables                           how programs end and files are written and read
+
+catalog          which stars are there            -> Stars
+scene            what light arrives               -> Light
+optics           how a point is blurred           -> Psf
+motion           how it moves in an exposure      -> Path
+detector         photons into numbers             -> Frame
+detection        numbers into spots               -> Spots
+identification   spots into catalogue stars       -> Matches
+attitude         matches into an attitude         -> Estimate
+error            the estimate against the truth   -> Outcome, Summary
+
+wcs, images      attitudes and frames as files
+case             Case: what is true and what the tracker believes
+chain            one trial, one line a room
+study            many trials, better designs, tolerances
+design           designs as TOML files
+draw, draw_psf   pictures
+commands, cli    the command `startrack`
+"""
+
+__version__ = "0.1.0"

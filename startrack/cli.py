@@ -13,6 +13,7 @@ from concurrent.futures import BrokenExecutor
 from importlib import import_module
 from pathlib import Path
 
+from startrack import __version__
 from startrack.exits import Exit, WrongUse
 
 EPILOG = """\
@@ -55,6 +56,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action="version", version=f"startrack {__version__}")
     commands = parser.add_subparsers(dest="name", required=True, metavar="COMMAND")
 
     simulate = _command(commands, "simulate", "render one frame of a design to FITS and PNG")

@@ -16,8 +16,13 @@ from startrack.values import Psf
 Curves = dict[str, NDArray[np.float64]]
 
 FAINTEST = -5.0  # decades below the peak
-COLOURS = {"optics": "#3567a8", "blur in optics": "#8a6fb0", "pixel": "#2e7d5b", "motion": "#d08a2e",
-           "total": "#222222"}  # fmt: skip
+COLOURS = {
+    "optics": "#3567a8",
+    "blur in optics": "#8a6fb0",
+    "pixel": "#2e7d5b",
+    "motion": "#d08a2e",
+    "total": "#222222",
+}
 
 
 def draw_psf(

@@ -107,5 +107,5 @@ def test_importing_the_package_is_light():
             "importlib",
             "pathlib",
         ),
-        "startrack.exits",
+        *("startrack", "startrack.__version__", "startrack.exits"),
     }
