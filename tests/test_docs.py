@@ -40,3 +40,17 @@ def test_every_startrack_command_in_the_readme_parses():
 @pytest.mark.parametrize("link", re.findall(r"\]\((?!http)([^)#]+)\)", README))
 def test_links_lead_somewhere(link):
     assert (ROOT / link).exists()
+
+
+@pytest.mark.parametrize("block", re.findall(r"```python\n(.*?)```", README, re.DOTALL))
+def test_the_readmes_python_runs(block, capsys):
+    exec(compile(block, "README.md", "exec"), {})
+    assert capsys.readouterr().out.strip()
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
+def test_files_that_the_pages_name_are_there(page):
+    for name in re.findall(
+        r"`((?:experiments|startrack|tests|catalogs)/[\w/.]+)`?", page.read_text()
+    ):
+        assert (ROOT / name).exists(), name
