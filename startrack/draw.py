@@ -34,6 +34,19 @@ def draw_frame(path: Path, frame: Frame, title: str = "") -> None:
     _save(path, figure)
 
 
+def draw_spots(path: Path, frame: Frame, spots: Spots, title: str) -> None:
+    """The image with a ring about each spot, the brightest numbered as in the table."""
+    figure, axes = _image(frame)
+    axes.scatter(spots.x, spots.y, s=90, facecolors="none", edgecolors=FOUND, linewidths=1.0)
+    for number in range(min(len(spots), LABELS)):
+        place = float(spots.x[number]), float(spots.y[number])
+        axes.annotate(
+            str(number + 1), place, (7, 5), textcoords="offset points", color=KNOWN, fontsize=7
+        )
+    axes.set_title(title, fontsize=9, loc="left")
+    _save(path, figure)
+
+
 def draw_solution(
     path: Path,
     frame: Frame,

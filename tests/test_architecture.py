@@ -22,7 +22,19 @@ BASE = {"units", "checks", "streams", "curve", "camera", "values"}
 ORDER = (
     *("units", "checks", "streams", "curve", "camera", "values", "exits", "saving", "tables"),
     *ROOMS,
-    *("wcs", "images", "case", "chain", "study", "design", "draw", "draw_psf", "commands", "cli"),
+    *(
+        "wcs",
+        "images",
+        "case",
+        "chain",
+        "study",
+        "campaign",
+        "design",
+        "draw",
+        "draw_psf",
+        "commands",
+        "cli",
+    ),
 )
 ONE_PLACE = {
     "nlopt": "study/optimize.py",

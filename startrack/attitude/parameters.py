@@ -16,10 +16,13 @@ class Attitude:
     gate            sigma, normalised residual beyond which a star is left out as a mis-match, a
                     double star or a hot pixel; scaled with the residuals where these are larger
                     than the noise explains
+    sift            first take the largest set of stars that agree on one attitude within the gate,
+                    however many do not; for matches that were not verified together
     """
 
-    centroid_floor: float = 0.02
+    centroid_floor: float = 0.015
     gate: float = 5.0
+    sift: bool = False
 
     def __post_init__(self) -> None:
         non_negative(centroid_floor=self.centroid_floor)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
+from startrack.attitude.consensus import consensus
 from startrack.attitude.parameters import Attitude
 from startrack.attitude.refine import Refinement, refine
 from startrack.attitude.svd import svd
@@ -12,6 +14,7 @@ from startrack.values import Estimate, Matches, Spots, Status
 
 NO_COVARIANCE = np.full((3, 3), np.nan)
 MEDIAN_CHI_SQUARE = 2 * np.log(2)  # of two degrees of freedom
+SURPRISE = 1e-3  # chance below which residuals are too large to be the noise alone
 FEWEST = 4  # stars, below which none is left out
 
 
@@ -19,9 +22,10 @@ def solve(spots: Spots, matches: Matches, settings: Attitude) -> Estimate:
     """The attitude from matched stars, weighted by the covariance of their centroids.
 
     Stars beyond the gate are left out, the worst first, as long as most stay. Where the residuals
-    of the rest are larger than the centroids' noise explains (chi-square over degrees of freedom
-    above one), the covariance is enlarged by that ratio: the tracker does not know its
-    distortion or its catalogue better than it sees.
+    of the rest are larger than the centroids' noise explains (a chi-square whose chance is below
+    0.001), the covariance is enlarged by chi-square over its degrees of freedom: the tracker does
+    not know its distortion or its catalogue better than it sees. Below that it is left alone, for
+    to follow every upward chance would state too much on average.
 
     Returns  Estimate; not solved where the matches are not, or leave the attitude open
     """
@@ -30,20 +34,25 @@ def solve(spots: Spots, matches: Matches, settings: Attitude) -> Estimate:
     pixel = np.column_stack([spots.x, spots.y])[matches.spot]
     covariance = spots.covariance[matches.spot] + np.eye(2) * settings.centroid_floor**2
     used = np.arange(len(matches))
+    if settings.sift:
+        used = _agreeing(pixel, covariance, matches, settings.gate)
+    most = len(used)
     try:
         best = _fit(pixel, covariance, matches, used)
         while len(used) > FEWEST:
             typical = np.median(best.chi_square) / MEDIAN_CHI_SQUARE
             gate = settings.gate**2 * max(1.0, typical)
             worst = np.argmax(best.chi_square)
-            if best.chi_square[worst] <= gate or len(used) <= len(matches) / 2:
+            if best.chi_square[worst] <= gate or len(used) <= most / 2:
                 break
             used = np.delete(used, worst)
             best = _fit(pixel, covariance, matches, used)
     except (ValueError, np.linalg.LinAlgError) as error:
         return _unsolved(matches, Status.TOO_FEW, str(error))
     freedom = 2 * len(used) - 3
-    excess = max(1.0, float(best.chi_square.sum()) / freedom) if freedom > 0 else 1.0
+    total = float(best.chi_square.sum())
+    chance = special.chdtrc(freedom, total) if freedom > 0 else 1.0
+    excess = total / freedom if chance < SURPRISE else 1.0
     return Estimate(
         Status.SOLVED,
         matches.reason,
@@ -65,6 +74,18 @@ def _fit(
     weight = 2 / np.trace(covariance, axis1=1, axis2=2)
     start = svd(matches.camera.unproject(pixel), direction, weight)
     return refine(pixel, covariance, direction, matches.camera, start)
+
+
+def _agreeing(
+    pixel: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    matches: Matches,
+    gate: float,
+) -> NDArray[np.int64]:
+    """The stars that agree on one attitude, all stars where too few do."""
+    sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / matches.camera.focal_length_px
+    agree = consensus(matches.camera.unproject(pixel), matches.direction, sigma, gate)
+    return np.flatnonzero(agree) if agree.sum() >= FEWEST else np.arange(len(matches))
 
 
 def _unsolved(matches: Matches, status: Status, reason: str) -> Estimate:

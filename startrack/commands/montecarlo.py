@@ -4,46 +4,100 @@ from __future__ import annotations
 
 import argparse
 import time
+from pathlib import Path
 
+from startrack.campaign.export import export
+from startrack.campaign.precision import Precision, half_width
+from startrack.campaign.resume import resume
+from startrack.campaign.store import Store
+from startrack.case import Case
 from startrack.commands.terminal import (
     example,
     finite,
     progress,
     read_design,
+    say,
     summary_text,
     summary_values,
     tell,
 )
 from startrack.draw import draw_errors
 from startrack.error import summarise
-from startrack.exits import Exit
+from startrack.exits import Exit, WrongUse
 from startrack.saving import save_json
-from startrack.study.montecarlo import pool, run
-from startrack.study.tables import write_outcomes
+from startrack.study.montecarlo import dask_pool, pool
+
+STORE = "campaign.sqlite"
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print the summary; with --out, leave trials.csv, errors.png and summary.json."""
+    """Print the summary; with --out, leave trials.csv, errors.png and summary.json.
+
+    With --out or --store each block of trials is on disk before the next: the same command
+    goes on where another was cut short.
+    """
     path = options.design or example()
     case = read_design(path).case
-    with pool(options.workers) as executor, progress("trials", options.trials) as advance:
-        began = time.perf_counter()
-        outcomes = run(
-            case,
-            options.trials,
-            options.seed,
-            executor,
-            workers=options.workers,
-            progress=advance,
-        )
-        rate = options.trials / (time.perf_counter() - began)
+    precision = _precision(options)
+    where: Path | None = options.store or (options.out / STORE if options.out else None)
+    workers = dask_pool(options.scheduler) if options.scheduler else pool(options.workers)
+    new = 0
+    began = time.perf_counter()
+    with _open(where, case, options.seed) as store, workers as executor:
+        held = sum(len(block) for block in store.done())
+        if held:
+            say(f"{where} holds {held} trials; going on")
+        with progress("trials", options.trials) as advance:
+            advance(min(held, options.trials))
+
+            def count(trials: int) -> None:
+                nonlocal new
+                new += trials
+                advance(trials)
+
+            outcomes = resume(
+                store, executor, options.workers, options.trials, precision, options.seconds, count
+            )
+        failures = store.failures()
+    rate = new / (time.perf_counter() - began)
     summary = summarise(outcomes)
     result = {"design": str(path), "seed": options.seed} | summary_values(summary)
     result |= {"trials_per_s": rate}
+    text = f"{summary_text(summary)}\n{rate:.1f} trials/s, seed {options.seed}"
+    if precision:
+        width = half_width(precision.interval(outcomes))
+        result |= {"statistic": precision.statistic, "relative_half_width": width}
+        result |= {"confidence": precision.confidence, "precise": width <= precision.relative}
+        text += (
+            f"\n{precision.statistic} is known to {100 * width:.2f} % with "
+            f"{100 * precision.confidence:g} % confidence"
+        )
+    if failures:
+        last = failures[-1][1].strip().splitlines()[-1]
+        result["failed_trials"] = sum(len(numbers) for numbers, _ in failures)
+        say(f"{result['failed_trials']} trials failed, the last with: {last}")
+    if where:
+        result["store"] = str(where)
     if options.out:
-        write_outcomes(options.out / "trials.csv", outcomes)
+        export(options.out / "trials.csv", outcomes)
         draw_errors(options.out / "errors.png", outcomes, path.stem)
         save_json(options.out / "summary.json", finite(result))
         result["out"] = str(options.out)
-    tell(options, result, f"{summary_text(summary)}\n{rate:.1f} trials/s, seed {options.seed}")
-    return Exit.DONE if summary.availability.value == 1 else Exit.UNSOLVED
+    tell(options, result, text)
+    return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED
+
+
+def _precision(options: argparse.Namespace) -> Precision | None:
+    if options.precision is None:
+        return None
+    try:
+        return Precision(options.precision, options.statistic, options.confidence)
+    except ValueError as error:
+        raise WrongUse(f"--precision: {error}") from None
+
+
+def _open(path: Path | None, case: Case, seed: int) -> Store:
+    try:
+        return Store(path, case, seed)
+    except ValueError as error:
+        raise WrongUse(str(error)) from None

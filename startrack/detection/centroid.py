@@ -1,4 +1,4 @@
-"""Pixels and Candidates -> Spots: centre of gravity, flux, and how well both are known."""
+"""Pixels and Candidates -> Spots, by the centroid that the settings ask for."""
 
 from __future__ import annotations
 
@@ -6,53 +6,40 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from startrack.detection.find import Candidates
+from startrack.detection.gaussian import gaussian
+from startrack.detection.gravity import gravity
+from startrack.detection.likelihood import likelihood
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
-from startrack.detection.robust import around
-from startrack.values import Floats, Frame, Ints, Spots
+from startrack.detection.s_curve import compensate, s_curve
+from startrack.detection.sample import Sample, sample
+from startrack.detection.weighted import weighted
+from startrack.values import Floats, Frame, Ints, Psf, Spots
 
-Image = NDArray[np.float32]
-ROUNDS = 5
-STEPS = 12
-LEAST_LEFT = 0.5  # below that the window is too small for its star
+SAME = 1.0  # pixel; two peaks that lead as near as this to one place are one star
+
+NARROWEST_WEIGHT = 1.0  # pixel
 
 
-def centroid(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detection) -> Spots:
-    """Measure every candidate in a window that follows it, and drop those that run away.
+def centroid(
+    frame: Frame,
+    pixels: Pixels,
+    candidates: Candidates,
+    settings: Detection,
+    psf: Psf,
+) -> Spots:
+    """Measure every candidate, and drop those that run away or lead to the same star.
 
-        F = sum(s_i),   g = sum(r_i s_i) / F,   s_i = image_i - background
-        cov(g) = sum(var_i (r_i - g)(r_i - g)^T) / F^2
-
-    The window cuts the star's wings unevenly, which pulls g towards the window's centre; `_uncut`
-    takes that back and widens the covariance by what it costs. The background is a plane
-    through a ring, var_i the variance about it plus the star's shot noise.
-
-    Source: linear propagation of independent pixel noise.
-
+    psf      what a star looks like
     Returns  Spots, brightest first
-    Errors   model: the pixels average a sharp star, which moves c by up to 0.0023 pixel for a
-             Gaussian of sigma 0.5 pixel, 0.054 for 0.3. A star whose sigma exceeds a fifth of
-             the window leaves light in the ring, which keeps up to a third of the window's pull.
-             The covariance holds neither.
-             Where electrons_per_dn is unknown, all of the background is taken for shot noise,
-             and the covariance comes out too large rather than too small.
+    Errors   those of the files of the four centroids.
     """
-    saturation = math.inf if settings.saturation is None else settings.saturation
-    table = _measure(
-        pixels.value,
-        candidates.x,
-        candidates.y,
-        settings.window // 2,
-        pixels.step / math.sqrt(12),
-        frame.electrons_per_dn,
-        frame.offset - pixels.pivot,
-        saturation - pixels.pivot,
-    )
-    chosen = _brightest(table[:, :2], table[:, 4], settings.max_spots)
-    x, y, flux, sigma, xx, xy, yy = table[chosen, 2:].T
+    table = _measured(sample(frame, pixels, candidates, settings), settings, psf)
+    order = np.argsort(-table[:, 2], kind="stable")  # NaN goes last
+    chosen = order[_apart(table, order, settings.max_spots)]
+    x, y, flux, sigma, xx, xy, yy = table[chosen, :7].T
     return Spots(
         x=x,
         y=y,
@@ -63,155 +50,39 @@ def centroid(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Det
     )
 
 
-def _brightest(window: Floats, flux: Floats, most: int) -> Ints:
-    """Which rows to keep: those with a flux, one for each window, brightest first."""
-    order = np.argsort(-flux, kind="stable")  # NaN goes last
-    order = order[np.isfinite(flux[order])]
-    _, first = np.unique(window[order], axis=0, return_index=True)
-    return order[np.sort(first)][:most]
-
-
-@njit(cache=True, error_model="numpy")
-def _measure(
-    image: Image,
-    x: Ints,
-    y: Ints,
-    half: int,
-    floor: float,
-    electrons_per_dn: float,
-    offset: float,
-    saturation: float,
-) -> Floats:
-    """One row per candidate: window's column and row, x, y, flux, its sigma, and xx, xy, yy.
-
-    x, y     peak, pixel
-    half     half side of the window, pixel
-    floor    least noise of a pixel, digital number
-    Returns  (n, 9); NaN from x on where the window runs away or holds no light
-    """
-    rows, columns = image.shape
-    table = np.full((len(x), 9), np.nan)
-    for i in range(len(x)):
-        u, v = x[i], y[i]
-        for k in range(ROUNDS):
-            background, slope_x, slope_y, noise, count = around(image, u, v, half, floor)
-            flux, gx, gy, mx, my = _gravity(image, u, v, half, background, slope_x, slope_y)
-            lost = not (flux > 0 and abs(gx) <= half and abs(gy) <= half)
-            # A star on the border of two pixels may go to and fro; either window serves.
-            if lost or (abs(gx) <= 0.5 and abs(gy) <= 0.5) or k == ROUNDS - 1:
-                break
-            u = min(max(u + round(gx), half), columns - 1 - half)
-            v = min(max(v + round(gy), half), rows - 1 - half)
-        table[i, 0], table[i, 1] = u, v
-        if lost or abs(u - x[i]) > half or abs(v - y[i]) > half:
-            continue
-        shot = 1 / electrons_per_dn
-        if np.isnan(shot):
-            # As if the whole background were light. The offset may not be known either, so the
-            # light is taken to be at least one sigma of its own noise.
-            shot = noise**2 / max(background - offset, noise, 1e-30)
-        error = noise / math.sqrt(count)  # of the background
-        sigma, xx, xy, yy = _errors(
-            image, u, v, gx, gy, half, background, noise, error, shot, saturation
-        )
-        cx, ax = _uncut(gx, mx, half)
-        cy, ay = _uncut(gy, my, half)
-        table[i, 2], table[i, 3], table[i, 4], table[i, 5] = u + cx, v + cy, flux, sigma
-        table[i, 6] = ax * ax * xx / flux**2
-        table[i, 7] = ax * ay * xy / flux**2
-        table[i, 8] = ay * ay * yy / flux**2
+def _measured(stars: Sample, settings: Detection, psf: Psf) -> Floats:
+    """One row per candidate, as `gravity` describes it."""
+    match settings.centroid:
+        case "likelihood":
+            return likelihood(stars, psf)
+        case "gaussian":
+            return gaussian(stars, settings.kernel_sigma)
+        case "weighted":
+            # Pixels widen a star by their own variance, and show in a narrower weight.
+            seen = math.hypot(settings.kernel_sigma, 1 / math.sqrt(12))
+            return weighted(stars, max(seen, NARROWEST_WEIGHT))
+    table = gravity(stars, uncut=settings.compensation == "gaussian")
+    if settings.compensation == "psf":
+        compensate(table, s_curve(psf, stars.half))
     return table
 
 
 @njit(cache=True, error_model="numpy")
-def _gravity(
-    image: Image, u: int, v: int, half: int, background: float, slope_x: float, slope_y: float
-) -> tuple[float, float, float, float, float]:
-    """Flux, centre of gravity from (u, v), and variance along x and y, within the window."""
-    flux, sx, sy, sxx, syy = 0.0, 0.0, 0.0, 0.0, 0.0
-    for dy in range(-half, half + 1):
-        for dx in range(-half, half + 1):
-            signal = image[v + dy, u + dx] - (background + slope_x * dx + slope_y * dy)
-            flux += signal
-            sx += signal * dx
-            sy += signal * dy
-            sxx += signal * dx * dx
-            syy += signal * dy * dy
-    gx, gy = sx / flux, sy / flux
-    return flux, gx, gy, sxx / flux - gx * gx, syy / flux - gy * gy
-
-
-@njit(cache=True, error_model="numpy")
-def _uncut(mean: float, variance: float, half: int) -> tuple[float, float]:
-    """Mean of a Gaussian star along one axis, from what a window shows of it.
-
-    For the standard normal law between a and b, with Z = Phi(b) - Phi(a):
-
-        pull = (phi(b) - phi(a)) / Z,   left = 1 - (b phi(b) - a phi(a)) / Z - pull^2
-        mean = c - sigma pull,          variance = sigma^2 left
-
-    solved for c and sigma by iteration, which contracts, because left is the slope of the mean.
-    A pixel's own variance 1/12 is no part of it.
-
-    Source: moments of the doubly truncated normal law; Johnson, Kotz and Balakrishnan,
-    Continuous Univariate Distributions 1 (1994), chapter 13, section 10.1.
-
-    Returns  c, pixel; 1 / left, by which noise grows on the way from the mean to c
-    """
-    seen = variance - 1 / 12
-    if not seen > 0:
-        return mean, 1.0
-    c, left = mean, 1.0
-    edge = half + 0.5
-    for _ in range(STEPS):
-        sigma = math.sqrt(seen / left)
-        a, b = (-edge - c) / sigma, (edge - c) / sigma
-        pa, pb = math.exp(-a * a / 2), math.exp(-b * b / 2)
-        z = math.sqrt(math.pi / 2) * (math.erf(b / math.sqrt(2)) - math.erf(a / math.sqrt(2)))
-        pull = (pb - pa) / z
-        left = max(1 - (b * pb - a * pa) / z - pull**2, LEAST_LEFT)
-        c = mean + sigma * pull
-    return c, 1 / left
-
-
-@njit(cache=True, error_model="numpy")
-def _errors(
-    image: Image,
-    u: int,
-    v: int,
-    gx: float,
-    gy: float,
-    half: int,
-    background: float,
-    noise: float,
-    error: float,
-    shot: float,
-    saturation: float,
-) -> tuple[float, float, float, float]:
-    """Standard deviation of the flux, and sums xx, xy, yy of variance times offset squared.
-
-    gx, gy  centre of gravity from (u, v), pixel
-    noise   of an empty pixel;  error  of the background, digital number
-    shot    variance per digital number of light, digital number
-    """
-    variance, xx, xy, yy = 0.0, 0.0, 0.0, 0.0
-    for j in range(-half, half + 1):
-        for i in range(-half, half + 1):
-            signal = image[v + j, u + i] - background
-            # Negative signals stay in, or faint stars would seem to have more shot noise.
-            pixel = max(noise**2 + shot * signal, 0.0)
-            if image[v + j, u + i] >= saturation:
-                pixel = max(pixel, signal**2)  # the light is unknown, at least this much
-            dx, dy = i - gx, j - gy
-            variance += pixel
-            xx += pixel * dx * dx
-            xy += pixel * dx * dy
-            yy += pixel * dy * dy
-    # An error of the background moves all pixels of the window together.
-    whole = (error * (2 * half + 1) ** 2) ** 2
-    return (
-        math.sqrt(variance + whole),
-        xx + whole * gx * gx,
-        xy + whole * gx * gy,
-        yy + whole * gy * gy,
-    )
+def _apart(table: Floats, order: Ints, most: int) -> Ints:
+    """Which places in `order` to keep: those with a flux, one for each star, the first `most`."""
+    kept = np.empty(min(len(order), most), np.int64)
+    count = 0
+    for k in range(len(order)):
+        x, y, flux = table[order[k], 0], table[order[k], 1], table[order[k], 2]
+        if count == len(kept) or np.isnan(flux):
+            break
+        new = True
+        for other in kept[:count]:
+            dx, dy = table[order[other], 0] - x, table[order[other], 1] - y
+            if dx * dx + dy * dy < SAME * SAME:
+                new = False
+                break
+        if new:
+            kept[count] = k
+            count += 1
+    return kept[:count]

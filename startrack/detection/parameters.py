@@ -4,15 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from startrack.checks import non_negative, positive, whole, within
+from startrack.checks import non_negative, one_of, positive, whole, within
+
+CENTROIDS = ("gravity", "weighted", "gaussian", "likelihood")
+KERNELS = ("gaussian", "psf")
+COMPENSATIONS = ("none", "gaussian", "psf")
 
 
 @dataclass(frozen=True)
 class Detection:
     """How spots are found and measured. The defaults serve real images of many cameras.
 
+    centroid        "gravity": centre of gravity; "weighted": under a Gaussian weight that follows
+                    the star; "gaussian": fit of a Gaussian, its width too; "likelihood": fit of
+                    the design's PSF
+    compensation    of "gravity" for what its window cuts off and pixels average: "none",
+                    "gaussian" as for a Gaussian star of unknown width, "psf" by the design's PSF
+    kernel          of the matched filter: "gaussian" of kernel_sigma, or the design's "psf"
+    smear_x, _y     pixel, by which the tracker knows a star's image to move in the exposure; not
+                    0, they draw the PSF out and make it the kernel
     threshold       sigma of the filtered frame, above the background, that a spot must exceed
-    kernel_sigma    pixel, sigma of the Gaussian matched filter; best near that of the stars
+    kernel_sigma    pixel, sigma of the Gaussian matched filter; best near that of the
+                    stars
     window          pixel, odd side of the square whose centre of gravity is taken
     mesh            pixel, side of the tiles that background and noise are estimated on
     min_area        pixel, smallest connected component above the threshold
@@ -23,11 +36,16 @@ class Detection:
     edge            pixel, how far a window must stay from the border of the frame
     """
 
-    threshold: float = 5.0
+    centroid: str = "gravity"
+    compensation: str = "gaussian"
+    kernel: str = "gaussian"
+    smear_x: float = 0.0
+    smear_y: float = 0.0
+    threshold: float = 5.5
     kernel_sigma: float = 1.0
     window: int = 5
     mesh: int = 32
-    min_area: int = 2
+    min_area: int = 1
     max_area: int = 1000
     max_spots: int = 100
     sharpest_sigma: float = 0.35
@@ -35,6 +53,10 @@ class Detection:
     edge: int = 0
 
     def __post_init__(self) -> None:
+        one_of(CENTROIDS, centroid=self.centroid)
+        one_of(COMPENSATIONS, compensation=self.compensation)
+        one_of(KERNELS, kernel=self.kernel)
+        within(-100, 100, smear_x=self.smear_x, smear_y=self.smear_y)
         positive(threshold=self.threshold)
         within(0.3, 10, kernel_sigma=self.kernel_sigma)
         whole(3, 31, window=self.window)

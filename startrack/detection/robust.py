@@ -12,7 +12,7 @@ Values = NDArray[np.float32]
 
 CLIP = 3.0  # sigma
 ROUNDS = 6
-SAMPLE = 32  # pixels that the first guess is made from
+SAMPLE = 27  # pixels that the first guess is made from: 3^3
 DEVIATION_TO_SIGMA = 1.2533  # mean absolute deviation of a normal law: sqrt(pi / 2)
 # A normal law cut at 3 sigma again and again settles at 0.984 of its sigma.
 CLIPPED_TO_SIGMA = 1.016
@@ -27,7 +27,7 @@ LEAST_SHARE = 0.3
 def clipped(values: Values, floor: float) -> tuple[float, float]:
     """Mean and standard deviation of the values that lie within 3 sigma of the mean.
 
-    The first guess is the median and the mean deviation from it, which lead there while stars or
+    The first guess is a median and the mean deviation from it, which lead there while stars or
     hot pixels take less than a quarter of the values; where trees or a limb take more, the noise
     comes out as large as they are. The mean resolves fractions of a digital number, as the
     median of an 8-bit image does not.
@@ -37,7 +37,7 @@ def clipped(values: Values, floor: float) -> tuple[float, float]:
     Returns  mean, standard deviation
     """
     sample = values[:: max(1, len(values) // SAMPLE)]
-    mean = np.float32(np.median(sample))
+    mean = np.float32(_median(sample))
     rms = max(DEVIATION_TO_SIGMA * float(np.abs(sample - mean).mean()), floor)
     count = 0
     for _ in range(ROUNDS):
@@ -61,6 +61,32 @@ def clipped(values: Values, floor: float) -> tuple[float, float]:
             break
         count = kept
     return float(mean), rms
+
+
+@njit(cache=True, error_model="numpy")
+def _median(values: Values) -> float:
+    """A median; of 27 values and more the median of medians of medians of three.
+
+    Source: Rousseeuw and Bassett (1990), the remedian. It has no branches for random numbers to
+    mislead, and takes a tenth of the time of a true one.
+    """
+    if len(values) < SAMPLE:
+        return float(np.median(values))
+    nine = np.empty(9, np.float32)
+    for i in range(9):
+        nine[i] = _middle(values[i], values[i + 9], values[i + 18])
+    return float(
+        _middle(
+            _middle(nine[0], nine[3], nine[6]),
+            _middle(nine[1], nine[4], nine[7]),
+            _middle(nine[2], nine[5], nine[8]),
+        )
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _middle(a: float, b: float, c: float) -> float:
+    return max(min(a, b), min(max(a, b), c))
 
 
 @njit(cache=True, error_model="numpy")

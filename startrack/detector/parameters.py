@@ -1,21 +1,46 @@
-"""Detector: pixels, exposure, noise, converter."""
+"""Detector: pixels, exposure, noise, converter, and what else a design may name."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from startrack.checks import non_negative, positive, whole, within
+from startrack.checks import finite, non_negative, positive, whole, within
 from startrack.curve import ALL, Curve
+from startrack.detector.defects import Defects
+from startrack.detector.hits import Hits
+from startrack.detector.pattern import Pattern
+from startrack.detector.thermal import Thermal
 from startrack.units import Unit
 
 
 @dataclass(frozen=True)
-class Detector:
-    """A matrix of pixels with a global shutter, in the terms of EMVA 1288 (release 4.0).
+class Region:
+    """The part of an array that is read.
 
-    columns, rows       pixel
-    pixel_pitch         metre
+    left, top                  pixel of the array, where the image begins
+    array_columns, array_rows  pixel, of the array
+    """
+
+    left: int
+    top: int
+    array_columns: int
+    array_rows: int
+
+    def __post_init__(self) -> None:
+        whole(0, 2**16, left=self.left, top=self.top)
+        whole(1, 2**16, array_columns=self.array_columns, array_rows=self.array_rows)
+
+
+@dataclass(frozen=True)
+class Detector:
+    """A matrix of pixels, in the terms of EMVA 1288 (release 4.0).
+
+    What is zero, one or None here costs nothing and draws nothing.
+
+    columns, rows       pixel, of the image
+    pixel_pitch         metre, of a pixel of the array
     exposure            second
     quantum_efficiency  electron / photon over wavelength
     fill_factor         1, share of a pixel that detects
@@ -23,10 +48,30 @@ class Detector:
     read_noise          electron rms, temporal dark noise of the signal chain
     prnu                1, rms of the photo response over the pixels
     full_well           electron
-    bits                of the converter; its largest number is the full well
+    bits                of the converter; its largest number is the full well over `gain`
     offset              digital number of an empty pixel
     pixel_rate          pixel / second of the read-out, which sets the update rate
-    device_seed         names the copy of the detector: its PRNU map
+    device_seed         names the copy of the detector: its maps
+
+    binning             pixels of the array on a side of a pixel of the image, added as charge;
+                        dark_current, prnu and defects are those of a pixel of the array
+    region              what part of the array the image is, None for all
+    row_delay           second by which each row's exposure starts after the one before: 0 for a
+                        global shutter
+    thermal             temperature; None where dark_current holds as it stands
+    defects             hot and dead pixels
+    crosstalk           1, share of a pixel's electrons that diffuses to each of its four sides
+    lag                 1, share of the charge that a frame leaves to the next
+    hits                cosmic rays and protons
+    blooming            whether charge beyond the full well runs along the column, or is lost
+    multiplication      gain of an EMCCD's register
+    bend                1, share by which the signal of a full pixel falls short of a straight line
+    pattern             noise of rows and columns
+    settling            1, share of a pixel's signal that the read-out channel leaves in the next
+    read_noise_spread   1, rms of the logarithm of the read noise over the pixels of a CMOS array,
+                        whose median is `read_noise`
+    gain                1, of the amplifier before the converter
+    bow                 digital number, integral non-linearity of the converter at half scale
     """
 
     columns: int
@@ -43,6 +88,22 @@ class Detector:
     offset: int = 0
     pixel_rate: Annotated[float, Unit("pix / s", "Mpix / s")] = 40e6
     device_seed: int = 0
+    binning: int = 1
+    region: Region | None = None
+    row_delay: Annotated[float, Unit("s", "us")] = 0.0
+    thermal: Thermal | None = None
+    defects: Defects | None = None
+    crosstalk: float = 0.0
+    lag: float = 0.0
+    hits: Hits | None = None
+    blooming: bool = False
+    multiplication: float = 1.0
+    bend: float = 0.0
+    pattern: Pattern | None = None
+    settling: float = 0.0
+    read_noise_spread: float = 0.0
+    gain: float = 1.0
+    bow: float = 0.0
 
     def __post_init__(self) -> None:
         whole(1, 2**16, columns=self.columns, rows=self.rows)
@@ -50,18 +111,81 @@ class Detector:
         within(0.01, 1, fill_factor=self.fill_factor)
         non_negative(dark_current=self.dark_current, read_noise=self.read_noise)
         within(0, 0.5, prnu=self.prnu)
-        whole(1, 16, bits=self.bits)
+        whole(1, 24, bits=self.bits)
         whole(0, 2**self.bits - 1, offset=self.offset)
-        positive(pixel_rate=self.pixel_rate)
+        positive(pixel_rate=self.pixel_rate, gain=self.gain)
         whole(0, 2**63 - 1, device_seed=self.device_seed)
+        whole(1, 64, binning=self.binning)
+        non_negative(row_delay=self.row_delay)
+        within(0, 0.25, crosstalk=self.crosstalk)
+        within(0, 0.99, lag=self.lag, settling=self.settling)
+        within(1, 1e5, multiplication=self.multiplication)
+        within(-0.49, 0.49, bend=self.bend)  # beyond, more light would give less signal
+        within(0, 2, read_noise_spread=self.read_noise_spread)
+        finite(bow=self.bow)
+        if 4 * abs(self.bow) >= 2**self.bits - 1:
+            raise ValueError(
+                f"bow must stay under a quarter of the converter's range, got {self.bow}"
+            )
+        if self.region:
+            self._check(self.region)
+
+    def _check(self, region: Region) -> None:
+        for name, start, length, array in (
+            ("columns", region.left, self.columns, region.array_columns),
+            ("rows", region.top, self.rows, region.array_rows),
+        ):
+            if start + length * self.binning > array:
+                raise ValueError(
+                    f"region must lie on the array's {array} {name}, got {start} to "
+                    f"{start + length * self.binning}"
+                )
+
+    @property
+    def pitch(self) -> float:
+        """Metre, of a pixel of the image."""
+        return self.pixel_pitch * self.binning
+
+    @property
+    def shift(self) -> tuple[float, float]:
+        """Pixel (x, y) from the centre of the image to that of the array."""
+        if not self.region:
+            return 0.0, 0.0
+        region, size = self.region, self.binning
+        return (
+            (region.array_columns / size - self.columns) / 2 - region.left / size,
+            (region.array_rows / size - self.rows) / 2 - region.top / size,
+        )
+
+    @property
+    def dark_rate(self) -> float:
+        """Electron / second of a pixel of the image at its temperature, defects left out."""
+        growth = self.thermal.growth if self.thermal else 1.0
+        return self.dark_current * growth * self.binning**2
+
+    @property
+    def noise(self) -> float:
+        """Electron rms of a pixel without light and dark current, the converter's steps left out.
+
+        Before a multiplication register, if there is one.
+        """
+        after = self.read_noise * math.exp(self.read_noise_spread**2)
+        if self.pattern:
+            after = math.hypot(after, self.pattern.row, self.pattern.column)
+        return math.hypot(after, self.reset_noise) / self.multiplication
+
+    @property
+    def reset_noise(self) -> float:
+        """Electron rms."""
+        return self.thermal.reset_noise if self.thermal else 0.0
 
     @property
     def electrons_per_dn(self) -> float:
         """Electron per digital number, the inverse of EMVA 1288's system gain K.
 
-        Source: Krutz et al. (2011), eq. (5).
+        Before a multiplication register, if there is one. Source: Krutz et al. (2011), eq. (5).
         """
-        return self.full_well / (2**self.bits - 1)
+        return self.full_well / self.gain / (2**self.bits - 1) / self.multiplication
 
     @property
     def update_rate(self) -> float:

@@ -1,59 +1,89 @@
-"""Electrons -> digital numbers: shot noise, full well, read noise, converter, in one pass."""
+"""Expected electrons -> digital numbers: charge, signal, image."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from startrack.detector.bloom import bloom
+from startrack.detector.digitise import digitise, digitise_hit, normals, shot
+from startrack.detector.hits import tracks
+from startrack.detector.law import Image, Law, blank, converted, law_of
+from startrack.detector.maps import device_streams, read_noise
+from startrack.detector.multiply import multiply
 from startrack.detector.parameters import Detector
-from startrack.detector.poisson import quantile
+from startrack.detector.pattern import offsets
+from startrack.detector.settle import settle
 from startrack.streams import Streams
 
+Floats = NDArray[np.float64]
 
-def read_out(
-    electrons: NDArray[np.float64], detector: Detector, streams: Streams
-) -> NDArray[np.uint16]:
+
+def read_out(electrons: Floats, detector: Detector, streams: Streams) -> Image:
     """The digital image of expected electrons.
 
-        charge = min(Poisson(electrons), full_well) + read noise
-        DN = clip(round(charge / electrons_per_dn + offset), 0, 2^bits - 1)
-
-    Source: Krutz et al. (2011), eq. (5); EMVA 1288 release 4.0, section 2.2.
+    Pixels that know nothing of each other take their numbers at once. A design in which charge
+    or signal passes from pixel to pixel, or that multiplies it, goes through all steps.
 
     electrons  (rows, columns) expectation of photo- and dark electrons
-    Errors     numerical: the law is exact, see `poisson_quantile`.
+    Returns    (rows, columns) digital numbers, in 16 bits or, where these do not hold them, 32
+    Errors     as `digitise` and the effects.
     """
-    shot = streams("shot noise").standard_normal(electrons.shape)
-    # What a design does not have is not drawn.
-    read = (
-        streams("read noise").standard_normal(electrons.shape)
-        if detector.read_noise
-        else np.zeros((1, 1))
-    )
-    return _read_out(
-        electrons,
-        shot,
-        read,
-        detector.read_noise,
-        detector.full_well,
-        1 / detector.electrons_per_dn,
-        float(detector.offset),
-        2**detector.bits - 1,
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def _read_out(electrons, shot, read, read_noise, full_well, gain, offset, largest):  # type: ignore[no-untyped-def]
-    rows, columns = electrons.shape
-    image = np.empty((rows, columns), np.uint16)
-    for row in range(rows):
-        for column in range(columns):
-            charge = min(quantile(electrons[row, column], shot[row, column]), full_well)
-            if read_noise > 0.0:
-                charge += read_noise * read[row, column]
-            number = math.floor(charge * gain + offset + 0.5)
-            image[row, column] = min(max(number, 0), largest)
+    law = law_of(detector)
+    if _in_steps(detector):
+        level = _signal(_charge(electrons, detector, streams), law, detector, streams)
+        image = blank(electrons.shape, law)
+        image[...] = converted(level, law)
+        return image
+    image = digitise(electrons, law, streams)
+    if detector.hits:
+        digitise_hit(image, electrons, *_tracks(electrons, detector, streams), law, streams)
     return image
+
+
+def _in_steps(detector: Detector) -> bool:
+    return bool(
+        detector.blooming
+        or detector.multiplication > 1
+        or detector.pattern
+        or detector.settling
+        or detector.read_noise_spread
+    )
+
+
+def _charge(electrons: Floats, detector: Detector, streams: Streams) -> Floats:
+    """What the pixels hold when the exposure ends, electron."""
+    charge = shot(electrons, streams)
+    if detector.hits:
+        pixel, extra = _tracks(electrons, detector, streams)
+        charge.ravel()[pixel] += extra
+    if detector.blooming:
+        return bloom(charge, detector.full_well)
+    return np.minimum(charge, detector.full_well)
+
+
+def _signal(charge: Floats, law: Law, detector: Detector, streams: Streams) -> Floats:
+    """What the converter sees, electron."""
+    shape = charge.shape
+    if detector.multiplication > 1:
+        share = streams("multiplication").random(shape)
+        charge = multiply(charge, detector.multiplication, share)
+    level = charge * (1 - law.bend * charge / law.full_well)
+    if detector.reset_noise:
+        level += detector.reset_noise * normals(shape, streams, "reset noise")
+    if detector.settling:
+        level = settle(level, detector.settling)
+    if detector.read_noise:
+        level += read_noise(detector) * normals(shape, streams, "read noise")
+    if detector.pattern:
+        for offset in offsets(detector.pattern, shape, device_streams(detector), streams):
+            level += offset
+    return level
+
+
+def _tracks(
+    electrons: Floats, detector: Detector, streams: Streams
+) -> tuple[NDArray[np.int64], Floats]:
+    assert detector.hits
+    shape = (electrons.shape[0], electrons.shape[1])
+    return tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)

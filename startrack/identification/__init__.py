@@ -1,19 +1,43 @@
-"""Spots into catalogue stars, with nothing known of the attitude.
+"""Spots into catalogue stars.
 
 parameters  Identification: what the tracker believes, and how sure it wants to be
 sky         SkyGrid: the stars around a direction, for compiled code
 thin        how bright a star is among its neighbours, so that every field has its share
 code        four directions -> a code of four numbers that neither rotation nor scale changes
 index       Stars -> PatternIndex: the codes of the sky
-chance      how probable it is that chance alone makes a match
+evidence    how improbable it is that chance alone makes a match
 fit         matched directions -> attitude and scale
 verify      a hypothesis from four stars -> how many other spots it explains
 search      patterns of spots -> the first hypothesis beyond doubt
-identify    Spots, PatternIndex -> Matches
+gather      an attitude -> the matches of all spots
+identify    Spots, PatternIndex -> Matches, with nothing known of the attitude
+follow      a predicted attitude -> the matches of the fewest spots that are beyond doubt
+track       Spots, predicted attitude -> Matches
+batch       many frames, one after the other
+blind       the same with nothing known of the camera
+calibrate   identified frames -> the camera that explains them
+cache       an index that stays on disk from one run to the next
 """
 
+from startrack.identification.batch import identify_all
+from startrack.identification.blind import identify_blind
+from startrack.identification.cache import cached_index
+from startrack.identification.calibrate import Calibrated, Calibration, calibrate
 from startrack.identification.identify import identify
 from startrack.identification.index import PatternIndex, build_index
 from startrack.identification.parameters import Identification
+from startrack.identification.track import track
 
-__all__ = ["Identification", "PatternIndex", "build_index", "identify"]
+__all__ = [
+    "Calibrated",
+    "Calibration",
+    "Identification",
+    "PatternIndex",
+    "build_index",
+    "cached_index",
+    "calibrate",
+    "identify",
+    "identify_all",
+    "identify_blind",
+    "track",
+]

@@ -91,6 +91,21 @@ def fit(
 
 
 @njit(cache=True, error_model="numpy")
+def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:  # pragma: no cover
+    """How the place of a star in the plane moves (2, 4) with a small rotation and the scale.
+
+    direction  (3,) ICRS axes
+    Returns    per radian about the camera's axes, and per unit of the scale
+    """
+    px, py, pz = turned(rotation, direction)
+    x, y = px / pz, py / pz
+    rows = np.empty((2, 4))
+    rows[0] = -x * y * scale, (1 + x * x) * scale, -y * scale, x
+    rows[1] = -(1 + y * y) * scale, x * y * scale, x * scale, y
+    return rows
+
+
+@njit(cache=True, error_model="numpy")
 def turned(rotation: Floats, d: Floats) -> tuple[float, float, float]:  # pragma: no cover
     """A direction (3,) after a rotation (3, 3)."""
     return (

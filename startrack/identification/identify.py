@@ -9,17 +9,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
-from startrack.identification.chance import log_hypotheses
-from startrack.identification.fit import fit
+from startrack.identification.gather import gather, see, usable
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
 from startrack.identification.search import breadth_first, search
-from startrack.identification.sky import cone
-from startrack.identification.verify import Seen, pair
-from startrack.values import Floats, Ints, Matches, Spots, Stars, Status
-
-ROUNDS = 3  # of matching and fitting at the end; each improves the radius of the next
-RMS_RADIUS = 4.0  # times the rms distance: where the last matches end
+from startrack.values import Matches, Spots, Stars, Status
 
 
 def identify(
@@ -46,31 +40,31 @@ def identify(
             f"index must be built from the same stars, got {index.stars} stars in the index "
             f"and {len(stars)} in the catalogue"
         )
-    pixel = np.column_stack([spots.x, spots.y])
-    usable = np.flatnonzero(np.isfinite(pixel).all(axis=1))
-    if len(usable) < settings.min_matches:
-        return _too_few(len(usable), camera, settings)
-    voting = usable[: settings.verify_spots]
-    seen = _see(pixel[voting], spots.covariance[voting], camera, index, settings)
+    pixel, finite = usable(spots)
+    if len(finite) < settings.min_matches:
+        return _too_few(len(finite), camera, settings)
+    voting = finite[: settings.verify_spots]
+    seen = see(pixel[voting], spots.covariance[voting], camera, settings)
     rotation, scale, matches, log_p, tried = search(
         seen,
         breadth_first(min(len(voting), settings.pattern_spots)),
         settings.code_tolerance,
         index.table,
         index.bright,
-        index.rank,
+        index.magnitude,
         settings.min_matches,
         math.log(settings.max_false_probability),
         settings.max_hypotheses,
     )
     if matches == 0:
-        return _no_match(len(usable), tried, camera)
-    spot, star, refined, rotation = _gather(
-        pixel, usable, camera, stars, index, settings, rotation, scale
-    )
+        return _no_match(len(finite), tried, camera)
+    gathered = gather(pixel, finite, camera, stars, index, settings, rotation, scale)
+    if gathered is None:
+        return _no_match(len(finite), tried, camera)
+    spot, star, refined, rotation = gathered
     return Matches(
         Status.SOLVED,
-        f"{len(spot)} of {len(usable)} spots are stars of the catalogue",
+        f"{len(spot)} of {len(finite)} spots are stars of the catalogue",
         spot,
         star,
         stars.direction[star],
@@ -78,81 +72,6 @@ def identify(
         Rotation.from_matrix(rotation),
         math.exp(log_p),
     )
-
-
-def _see(
-    pixel: Floats, covariance: Floats, camera: Camera, index: PatternIndex, settings: Identification
-) -> Seen:
-    """The voting spots in the image plane of the believed camera."""
-    direction = camera.unproject(pixel)
-    sigma = np.sqrt(np.maximum(np.trace(covariance, axis1=1, axis2=2), 0) / 2)
-    sigma = np.where(np.isfinite(sigma), sigma, settings.match_radius)
-    sigma = np.minimum(sigma, settings.match_radius)
-    focal = camera.focal_length_px
-    # The border of the undistorted image; distortion moves it by a few pixels, no matter here.
-    centre = np.array(camera.centre)
-    low = (-0.5 - centre) / focal
-    high = (np.array([camera.columns, camera.rows]) - 0.5 - centre) / focal
-    patterns = min(len(pixel), settings.pattern_spots)
-    tolerance = settings.focal_tolerance + settings.match_radius / focal / index.densest
-    return Seen(
-        direction[:, :2] / direction[:, 2:],
-        direction,
-        sigma / focal,
-        low,
-        high,
-        math.atan(math.hypot(*np.maximum(-low, high))),
-        settings.match_radius / focal,
-        math.pi * settings.match_radius**2 / (camera.columns * camera.rows),
-        settings.focal_tolerance,
-        log_hypotheses(patterns, len(index.table.base), index.densest, tolerance),
-    )
-
-
-def _gather(
-    pixel: Floats,
-    usable: Ints,
-    camera: Camera,
-    stars: Stars,
-    index: PatternIndex,
-    settings: Identification,
-    rotation: Floats,
-    scale: float,
-) -> tuple[Ints, Ints, Camera, Floats]:
-    """Match all spots to all stars in the image, with the focal length and attitude they give.
-
-    Returns  spots, stars, camera, icrs_to_camera
-    """
-    radius, tolerance = settings.match_radius, settings.focal_tolerance
-    for _ in range(ROUNDS):
-        refined = camera.scaled(scale)
-        expected, place = _expected(rotation, refined, stars, index, 2 * len(usable) + 50)
-        chosen, taken, distance = pair(pixel[usable], place, radius)
-        spot, star = usable[chosen], expected[taken]
-        # Distortion is not a similarity, so it is taken off with the focal length of this round,
-        # and the fit finds what is left.
-        direction = refined.unproject(pixel[spot])
-        plane = direction[:, :2] / direction[:, 2:]
-        pairs = np.arange(len(spot))
-        rotation, change = fit(
-            plane, stars.direction[star], pairs, pairs, rotation, 1.0, tolerance > 0, 3
-        )
-        scale = min(max(scale * change, 1 - tolerance), 1 + tolerance)
-        rms = math.sqrt(np.mean(distance**2))
-        radius = max(min(RMS_RADIUS * rms, radius), settings.match_radius / 8)
-    return spot, star, camera.scaled(scale), rotation
-
-
-def _expected(
-    rotation: Floats, camera: Camera, stars: Stars, index: PatternIndex, most: int
-) -> tuple[Ints, Floats]:
-    """The brightest stars in the image, at most so many, and their pixels (n, 2)."""
-    near = index.faint.member[cone(index.faint, rotation[2].copy(), 1.1 * camera.half_diagonal)]
-    pixel = camera.project(stars.direction[near] @ rotation.T)
-    inside = camera.holds(pixel)
-    near, pixel = near[inside], pixel[inside]
-    brightest = np.argsort(stars.magnitude_g[near], kind="stable")[:most]
-    return near[brightest].astype(np.int64), pixel[brightest]
 
 
 def _too_few(spots: int, camera: Camera, settings: Identification) -> Matches:

@@ -22,7 +22,6 @@ Indices = NDArray[np.int32]
 CELL = 0.05  # edge of a cell of the code space: larger than the errors, so that few are looked at
 ACROSS = round(1 / CELL)  # cells along x, from 0 to 1
 UPRIGHT = 2 * math.ceil(TALLEST / CELL)  # cells along y, as many below the base as above
-UNIT = 1 / 32767  # of the codes as they are stored
 SMALLEST = 0.2  # of the field: shorter bases measure their code too badly
 LARGEST = 1.2  # of the field: longer ones hardly fit into the diagonal
 VOTING_RANK = 40  # stars per field that vote on hypotheses
@@ -31,11 +30,12 @@ VOTING_RANK = 40  # stars per field that vote on hypotheses
 class CodeTable(NamedTuple):
     """Patterns sorted by the cells of the code space, for compiled code.
 
+    The codes themselves are not kept: those few that are looked at are computed again.
+
     smallest  radian, least separation of the base of a pattern
     largest   radian, greatest
     base      (s,) places in `PatternIndex.bright` of the stars that form patterns
     pattern   (k, 4) places in `base` of A, B, C, D
-    code      (k, 4) code in units of UNIT
     start     (cells + 1,) where the patterns of a cell begin
     """
 
@@ -43,7 +43,6 @@ class CodeTable(NamedTuple):
     largest: float
     base: Indices
     pattern: NDArray[np.unsignedinteger[Any]]
-    code: NDArray[np.int16]
     start: Indices
 
 
@@ -53,19 +52,17 @@ class PatternIndex:
 
     stars          how many stars the catalogue had that it was built from
     field_of_view  radian
-    densest        radian, separation at which most pairs of stars are bases of patterns
     table          the patterns
     bright         the stars that vote on hypotheses, up to VOTING_RANK per field
-    rank           (len(bright.member),) how many brighter ones share a field with each
+    magnitude      (len(bright.member),) of these
     faint          all stars of the catalogue
     """
 
     stars: int
     field_of_view: float
-    densest: float
     table: CodeTable
     bright: SkyGrid
-    rank: NDArray[np.int16]
+    magnitude: Floats
     faint: SkyGrid
 
     def __len__(self) -> int:
@@ -74,12 +71,12 @@ class PatternIndex:
     @property
     def size(self) -> int:
         """Bytes that the arrays take."""
-        arrays = [*self.table[2:], *self.bright[1:], self.rank, *self.faint[1:]]
+        arrays = [*self.table[2:], *self.bright[1:], self.magnitude, *self.faint[1:]]
         return sum(np.asarray(array).nbytes for array in arrays)
 
 
 def build_index(
-    stars: Stars, field_of_view: float, stars_per_field: int = 16, patterns: int = 1_300_000
+    stars: Stars, field_of_view: float, stars_per_field: int = 16, patterns: int = 1_150_000
 ) -> PatternIndex:
     """Index the patterns of four stars that a camera can see at once.
 
@@ -91,7 +88,7 @@ def build_index(
     stars            the tracker's catalogue, in any order
     field_of_view    radian, of the smaller side of the image
     stars_per_field  how many stars form patterns, in the mean over fields
-    patterns         about how many patterns to index, most often fewer; each takes 16 bytes
+    patterns         about how many patterns to index, most often fewer; each takes 8 bytes
     Errors           ValueError where a star's direction is no unit vector, or the field lies
                      outside (0, 90] deg. model: the number of patterns holds for stars strewn
                      at random.
@@ -120,10 +117,9 @@ def build_index(
     return PatternIndex(
         len(stars),
         field_of_view,
-        math.sqrt(crowding / per_field) * field_of_view,
         _table(bright.direction, rank, base, field_of_view, crowding),
         bright,
-        rank,
+        stars.magnitude_g[bright.member],
         sky_grid(stars.direction, field_of_view / 2),
     )
 
@@ -137,7 +133,7 @@ def _table(
     pattern = _patterns(
         grid, rank[base[grid.member]], smallest, largest, crowding * field_of_view**2
     )
-    code, cell = _encode(direction[base], pattern)
+    cell = _encode(direction[base], pattern)
     order = np.argsort(cell, kind="stable")
     start = np.searchsorted(cell[order], np.arange((ACROSS * UPRIGHT) ** 2 + 1))
     narrow = np.uint16 if len(base) <= 2**16 else np.uint32
@@ -146,7 +142,6 @@ def _table(
         largest,
         base,
         np.asarray(pattern[order], narrow),
-        code[order],
         start.astype(np.int32),
     )
 
@@ -220,11 +215,8 @@ def _patterns(
 
 
 @njit(cache=True, error_model="numpy")
-def _encode(
-    direction: Floats, pattern: Indices
-) -> tuple[NDArray[np.int16], Indices]:  # pragma: no cover
-    """Put patterns into canonical order; return their codes, and the cells these lie in."""
-    code = np.empty(pattern.shape, np.int16)
+def _encode(direction: Floats, pattern: Indices) -> Indices:  # pragma: no cover
+    """Put patterns into canonical order; return the cells that their codes lie in."""
     cell = np.empty(len(pattern), np.int32)
     for i in range(len(pattern)):
         a, b, c, d = pattern[i]
@@ -237,10 +229,9 @@ def _encode(
             c, d = d, c
             xc, yc, xd, yd = xd, yd, xc, yc
         pattern[i] = a, b, c, d
-        code[i] = round(xc / UNIT), round(yc / UNIT), round(xd / UNIT), round(yd / UNIT)
         row = column(xc) * UPRIGHT + upright(yc)
         cell[i] = (row * ACROSS + column(xd)) * UPRIGHT + upright(yd)
-    return code, cell
+    return cell
 
 
 @njit(cache=True, error_model="numpy")

@@ -15,6 +15,8 @@ class Identification:
                            it as it is, anything else lets it be refined
     match_radius           pixel, how far a spot may lie from the star that it is taken for
     max_false_probability  a match that chance makes more often than this is refused
+    max_false_track        the same where the attitude is predicted: a prediction that was right
+                           so far deserves trust, and two stars can hardly outweigh chance
     min_matches            a match of fewer stars is refused, however improbable
     pattern_spots          the brightest so many spots may form patterns
     verify_spots           the brightest so many spots vote on a hypothesis
@@ -26,6 +28,7 @@ class Identification:
     focal_tolerance: float = 0.01
     match_radius: float = 2.0
     max_false_probability: float = 1e-6
+    max_false_track: float = 1e-3
     min_matches: int = 4
     pattern_spots: int = 24
     verify_spots: int = 40
@@ -36,6 +39,8 @@ class Identification:
         within(0, 0.3, focal_tolerance=self.focal_tolerance)
         positive(match_radius=self.match_radius, max_false_probability=self.max_false_probability)
         within(0, 1, max_false_probability=self.max_false_probability)
+        positive(max_false_track=self.max_false_track)
+        within(0, 1, max_false_track=self.max_false_track)
         whole(4, 2**20, min_matches=self.min_matches, verify_spots=self.verify_spots)
         whole(4, 40, pattern_spots=self.pattern_spots)
         whole(1, 2**30, max_hypotheses=self.max_hypotheses)

@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.identification.code import place, separation, squared_chords
-from startrack.identification.index import ACROSS, UNIT, UPRIGHT, CodeTable, column, upright
+from startrack.identification.index import ACROSS, UPRIGHT, CodeTable, column, upright
 from startrack.identification.sky import SkyGrid
 from startrack.identification.verify import Seen, verify
 from startrack.values import Floats
@@ -37,7 +37,7 @@ def search(
     code_tolerance: float,
     table: CodeTable,
     sky: SkyGrid,
-    rank: NDArray[np.int16],
+    magnitude: Floats,
     fewest: int,
     log_accepted: float,
     most_hypotheses: int,
@@ -46,11 +46,12 @@ def search(
 
     choices          (k, 4) spots, in the order to try
     code_tolerance   1, error of a code beyond the noise
-    table, sky, rank the patterns of the index, and its stars that vote
+    table, sky       the patterns of the index, and its stars that vote
+    magnitude        (n,) of the latter
     fewest           as in `verify`
-    log_accepted     ln of the chance bound to stay below
+    log_accepted     ln of the bound on chance to stay below
     most_hypotheses  after so many the search ends
-    Returns          icrs_to_camera, scale, matches, ln of the chance bound, hypotheses tried;
+    Returns          icrs_to_camera, scale, matches, ln of the bound on chance, hypotheses tried;
                      no matches where nothing was found
     """
     tried = 0
@@ -65,13 +66,15 @@ def search(
         error = noise + code_tolerance + 2 * seen.focal * off_axis
         stretch = noise - math.log1p(-seen.focal) + 2 * seen.focal * off_axis
         for k in range(_orders(seen.direction, square, choice, error, orders, codes)):
-            for p in _within(codes[k], error, table.code, table.start):
+            for p in _within(codes[k], error, table, sky.direction):
                 four = table.base[table.pattern[p]]
                 true = separation(sky.direction[four[0]], sky.direction[four[1]])
                 if abs(math.log(base / true)) > stretch:
                     continue
                 tried += 1
-                rotation, scale, matches, log_p = verify(seen, orders[k], sky, rank, four, fewest)
+                rotation, scale, matches, log_p = verify(
+                    seen, orders[k], sky, magnitude, four, fewest
+                )
                 if log_p < log_accepted:
                     return rotation, scale, matches, log_p, tried
                 if tried >= most_hypotheses:
@@ -140,23 +143,27 @@ def _orders(
 
 @njit(cache=True, error_model="numpy")
 def _within(
-    wanted: Floats, error: float, code: NDArray[np.int16], start: NDArray[np.int32]
+    wanted: Floats, error: float, table: CodeTable, direction: Floats
 ) -> NDArray[np.int64]:  # pragma: no cover
     """Which patterns have a code within `error` of the one wanted."""
     found = np.empty(64, np.int64)
     count = 0
-    limit = (error / UNIT) ** 2
-    x1, y1, x2, y2 = wanted / UNIT
     for i in range(column(wanted[0] - error), column(wanted[0] + error) + 1):
         for j in range(upright(wanted[1] - error), upright(wanted[1] + error) + 1):
             for k in range(column(wanted[2] - error), column(wanted[2] + error) + 1):
                 row = ((i * UPRIGHT + j) * ACROSS + k) * UPRIGHT
                 low = row + upright(wanted[3] - error)
                 high = row + upright(wanted[3] + error)
-                for p in range(start[low], start[high + 1]):
-                    e1, e2 = code[p, 0] - x1, code[p, 1] - y1
-                    e3, e4 = code[p, 2] - x2, code[p, 3] - y2
-                    if e1 * e1 + e2 * e2 + e3 * e3 + e4 * e4 <= limit:
+                for p in range(table.start[low], table.start[high + 1]):
+                    four = table.pattern[p]
+                    a, b, c = table.base[four[0]], table.base[four[1]], table.base[four[2]]
+                    x, y = place(direction[a], direction[b], direction[c])
+                    square = (x - wanted[0]) ** 2 + (y - wanted[1]) ** 2
+                    if square > error**2:
+                        continue
+                    x, y = place(direction[a], direction[b], direction[table.base[four[3]]])
+                    square += (x - wanted[2]) ** 2 + (y - wanted[3]) ** 2
+                    if square <= error**2:
                         if count == len(found):
                             found = np.concatenate((found, np.empty_like(found)))
                         found[count] = p

@@ -9,30 +9,26 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.identification.chance import log_chance
 from startrack.identification.code import separation
-from startrack.identification.fit import align, fit, turned
+from startrack.identification.evidence import LOG_ATTITUDES, log_evidence
+from startrack.identification.fit import align, derivatives, fit, turned
 from startrack.identification.sky import SkyGrid, cone
 from startrack.values import Floats
 
 FIRST_RADIUS = 2.0  # times the match radius: four stars predict the rest less well than all do
-RADII = 4  # each half the one before: good centroids earn a sharper test, and need not be believed
-DEPTHS = (10, 20, 40)  # stars per field that may be seen: so may few and bright ones
-LOG_TESTS = math.log(RADII * len(DEPTHS))
 
 
 class Seen(NamedTuple):
     """The spots that vote, as the believed camera sees them.
 
-    plane           (n, 2) x / z and y / z
-    direction       (n, 3) unit vectors, camera axes
-    sigma           (n,) radian, of the centroids
-    low, high       (2,) x / z and y / z of the corners of the image
-    corner          radian, from the boresight to the farthest corner
-    radius          1, match radius in the plane
-    disc            1, its area over that of the image
-    focal           relative, tolerance of the focal length
-    log_hypotheses  ln of how many hypotheses there are
+    plane      (n, 2) x / z and y / z
+    direction  (n, 3) unit vectors, camera axes
+    sigma      (n,) radian, of the centroids
+    low, high  (2,) x / z and y / z of the corners of the image
+    corner     radian, from the boresight to the farthest corner
+    radius     1, match radius in the plane
+    area       1, of the image in the plane
+    focal      relative, tolerance of the focal length
     """
 
     plane: Floats
@@ -42,9 +38,8 @@ class Seen(NamedTuple):
     high: Floats
     corner: float
     radius: float
-    disc: float
+    area: float
     focal: float
-    log_hypotheses: float
 
 
 @njit(cache=True, error_model="numpy")
@@ -52,7 +47,7 @@ def verify(
     seen: Seen,
     spots: NDArray[np.int64],
     sky: SkyGrid,
-    rank: NDArray[np.int16],
+    magnitude: Floats,
     four: NDArray[np.int64],
     fewest: int,
 ) -> tuple[Floats, float, int, float]:  # pragma: no cover
@@ -60,10 +55,10 @@ def verify(
 
     spots    (4,) places in `seen`
     sky      the stars that vote
-    rank     (n,) of these among their neighbours
+    magnitude  (n,) of these
     four     (4,) places in `sky`
     fewest   matches that are worth the test
-    Returns  icrs_to_camera, scale, matches, ln of the chance bound (0 where there is no match)
+    Returns  icrs_to_camera, scale, matches, ln of the bound on chance (0 where there is no match)
     """
     nothing = (np.eye(3), 1.0, 0, 0.0)
     free = seen.focal > 0
@@ -92,21 +87,87 @@ def verify(
         place = project(sky.direction, star, rotation, scale)
         matched_spot, matched_star, distance = pair(seen.plane, place, seen.radius)
 
-    best, matches = 0.0, 0
-    star_rank, matched_rank = rank[star], rank[star[matched_star]]
-    for depth in DEPTHS:
-        expected = int(np.sum(star_rank < depth))
-        for halving in range(RADII):
-            inside = int(np.sum((distance <= seen.radius / 2**halving) & (matched_rank < depth)))
-            if inside < fewest:
-                break
-            disc = seen.disc / 4**halving
-            log_p = LOG_TESTS + log_chance(
-                inside, len(seen.plane), expected, disc, seen.log_hypotheses
-            )
-            if log_p < best:
-                best, matches = log_p, inside
-    return rotation, scale, matches, best
+    evidence = weigh(
+        seen, sky, magnitude, star, matched_spot, matched_star, distance, rotation, scale
+    )
+    return rotation, scale, len(matched_spot), min(-evidence, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def weigh(
+    seen: Seen,
+    sky: SkyGrid,
+    magnitude: Floats,
+    star: NDArray[np.int64],
+    matched_spot: NDArray[np.int64],
+    matched_star: NDArray[np.int64],
+    distance: Floats,
+    rotation: Floats,
+    scale: float,
+) -> float:  # pragma: no cover
+    """ln of the evidence that a match is no chance, nothing being known of the attitude.
+
+    star          (m,) places in `sky` of the stars that the image should hold
+    matched_spot  (k,) places in `seen`
+    matched_star  (k,) places in `star`
+    distance      (k,) between the two, in the plane
+    """
+    unknowns = 4 if seen.focal > 0 else 3
+    prior, log_prior = np.zeros((unknowns, unknowns)), -LOG_ATTITUDES
+    if seen.focal > 0:
+        prior[3, 3] = seen.focal**-2
+        log_prior -= 0.5 * ((scale - 1) / seen.focal) ** 2 + math.log(
+            seen.focal * math.sqrt(2 * math.pi)
+        )
+    return weigh_prior(
+        seen,
+        sky,
+        magnitude,
+        star,
+        matched_spot,
+        matched_star,
+        distance,
+        rotation,
+        scale,
+        prior,
+        log_prior,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def weigh_prior(
+    seen: Seen,
+    sky: SkyGrid,
+    magnitude: Floats,
+    star: NDArray[np.int64],
+    matched_spot: NDArray[np.int64],
+    matched_star: NDArray[np.int64],
+    distance: Floats,
+    rotation: Floats,
+    scale: float,
+    prior: Floats,
+    log_prior: float,
+) -> float:  # pragma: no cover
+    """The same where something is known: `prior` and `log_prior` as in `log_evidence`."""
+    unknowns = len(prior)
+    brightness = magnitude[star]
+    brighter = np.empty(len(matched_star), np.int64)
+    rows = np.empty((len(matched_star), 2, unknowns))
+    for i in range(len(matched_star)):
+        brighter[i] = np.sum(brightness < brightness[matched_star[i]])
+        rows[i] = derivatives(rotation, sky.direction[star[matched_star[i]]], scale)[:, :unknowns]
+    return log_evidence(
+        distance**2,
+        seen.sigma[matched_spot] ** 2,
+        brighter,
+        rows,
+        prior,
+        log_prior,
+        len(seen.plane),
+        len(star),
+        seen.area,
+        seen.radius,
+    )
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,15 +1,13 @@
-"""Many trials of one case over a pool of workers: the same numbers for any number of them."""
+"""Many trials of one case over workers: the same numbers for any number of them."""
 
 from __future__ import annotations
 
-import multiprocessing
 import typing
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
-from typing import Any
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,44 +15,25 @@ from startrack.case import Case
 from startrack.chain import trial
 from startrack.checks import whole
 from startrack.error import Outcome
+from startrack.study.workers import Serial, dask_pool, one_thread, pool
+
+__all__ = ["OUTCOMES", "Block", "Serial", "blocks", "dask_pool", "one_thread", "pool", "run"]
 
 OUTCOMES = np.dtype([("trial", np.int64), *typing.get_type_hints(Outcome).items()])
 BLOCKS_PER_WORKER = 4  # so that no worker waits long for the last one
+UNDER_WAY = 3  # blocks per worker that are submitted ahead, so that none waits for the master
+TRIES = 3  # after which a block is given up
 
 
-class Serial(Executor):
-    """The executor of one worker: this process."""
+class Block(NamedTuple):
+    """Some trials that were tried.
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call at once; what the call raises comes out of the future's result."""
-        future: Future[Any] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
+    numbers  the trials
+    result   their outcomes, in order, or the error that the last try raised
+    """
 
-
-@contextmanager
-def pool(workers: int) -> Iterator[Executor]:
-    """Workers on this machine: this process for one, a pool of new ones for more."""
-    whole(1, 1024, workers=workers)
-    one_thread()
-    if workers == 1:
-        yield Serial()
-        return
-    # A fresh interpreter: forks of a process with threads can hang.
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=one_thread)
-    try:
-        yield executor
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
-
-
-def one_thread() -> None:
-    """Let OpenCV use one thread: the workers share the machine between them."""
-    cv2.setNumThreads(1)
+    numbers: range
+    result: NDArray[np.void] | Exception
 
 
 def run(
@@ -70,24 +49,95 @@ def run(
 
     progress  called with the number of trials that were just done
     Returns   (trials,) structured array: `trial` and the fields of Outcome, in order of trial
-    Errors    what a trial raises, which a sky that cannot be solved does not.
+    Errors    what a trial raises, which a sky that cannot be solved does not; BrokenExecutor
+              where a block of trials kills its worker each time.
     """
     whole(1, 10**9, trials=trials)
-    numbers = np.arange(first, first + trials)
-    blocks = np.array_split(numbers, min(trials, max(1, workers * BLOCKS_PER_WORKER)))
-    futures = [executor.submit(_block, case, seed, block) for block in blocks]
+    size = -(-trials // (workers * BLOCKS_PER_WORKER))
+    end = first + trials
+    plan = [range(at, min(at + size, end)) for at in range(first, end, size)]
+    outcomes = np.empty(trials, OUTCOMES)
+    for numbers, result in blocks(case, seed, plan, executor, workers, tries=1):
+        if isinstance(result, Exception):
+            raise result
+        outcomes[numbers.start - first : numbers.stop - first] = result
+        if progress:
+            progress(len(numbers))
+    return outcomes
+
+
+def blocks(
+    case: Case,
+    seed: int,
+    plan: Iterable[range],
+    executor: Executor,
+    workers: int = 1,
+    tries: int = TRIES,
+) -> Iterator[Block]:
+    """Blocks of trials as they end, in no order.
+
+    A block whose worker died is repeated alone, for any of those under way may have killed it;
+    the one that kills three workers when alone is given up. So is the one that raises an error
+    in each of its `tries`.
+
+    plan  ranges of numbers of trials, taken one by one as workers become free
+    """
+    waiting = iter(plan)
+    failed = dict[range, int]()  # how often each has failed
+    again = deque[range]()
+    suspects = deque[range]()
+    futures = dict[Future[Any], range]()
     try:
-        for future in as_completed(futures):
-            if progress:
-                progress(len(future.result()))
-        return np.concatenate([future.result() for future in futures])
+        while True:
+            # A suspect runs when nothing else does, so that its next victim names it.
+            if suspects and not futures:
+                _submit(futures, suspects.popleft(), executor, case, seed)
+            while not suspects and len(futures) < workers * UNDER_WAY:
+                numbers = again.popleft() if again else next(waiting, None)
+                if numbers is None:
+                    break
+                _submit(futures, numbers, executor, case, seed)
+                if isinstance(executor, Serial):
+                    break
+            if not futures:
+                if suspects:
+                    continue
+                return
+            alone = len(futures) == 1
+            for future in wait(futures, return_when=FIRST_COMPLETED).done:
+                numbers = futures.pop(future)
+                error = future.exception()
+                if error is None:
+                    yield Block(numbers, future.result())
+                    continue
+                broken = isinstance(error, BrokenExecutor)
+                failed[numbers] = failed.get(numbers, 0) + (alone or not broken)
+                if failed[numbers] >= (TRIES if broken else tries):
+                    yield Block(numbers, _exception(error))
+                else:
+                    (suspects if broken else again).append(numbers)
     finally:
         for future in futures:
             future.cancel()
 
 
-def _block(case: Case, seed: int, numbers: NDArray[np.int64]) -> NDArray[np.void]:
+def _submit(
+    futures: dict[Future[Any], range], numbers: range, executor: Executor, case: Case, seed: int
+) -> None:
+    futures[executor.submit(_block, case, seed, numbers)] = numbers
+
+
+def _exception(error: BaseException) -> Exception:
+    """An error of a worker, such that what stops the master is not among them."""
+    return error if isinstance(error, Exception) else RuntimeError(repr(error))
+
+
+def _block(case: Case, seed: int, numbers: range) -> NDArray[np.void]:
     outcomes = np.empty(len(numbers), OUTCOMES)
     for i, number in enumerate(numbers):
-        outcomes[i] = (number, *trial(case, seed, int(number)))
+        try:
+            outcomes[i] = (number, *trial(case, seed, number))
+        except Exception as error:
+            error.add_note(f"in trial {number} of seed {seed}")
+            raise
     return outcomes

@@ -103,8 +103,8 @@ def limiting_magnitude(case: Case) -> float:
     )
     light = illuminate(case.scene, stars)
     star, sky = electron_rate(light, detector, throughput(case.instrument))
-    noise = (sky * pixel + detector.dark_current) * detector.exposure
-    noise += detector.read_noise**2 + detector.electrons_per_dn**2 / 12
+    noise = (sky * pixel + detector.dark_rate) * detector.exposure
+    noise += detector.noise**2 + detector.electrons_per_dn**2 / 12
     # The sum of squares of the pixel shares, with the mean of the smear: a convolution of each
     # place with each other place along the path.
     psf = psf_of(case.instrument)

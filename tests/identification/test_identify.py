@@ -159,7 +159,7 @@ def test_index_and_answer_do_not_depend_on_the_run_nor_on_the_catalogue_order(de
     camera = design(12, 6.0)
     again = build_index(camera.stars, 12 * deg)
     assert len(again) == len(camera.index)
-    np.testing.assert_array_equal(again.table.code, camera.index.table.code)
+    np.testing.assert_array_equal(again.table.start, camera.index.table.start)
     np.testing.assert_array_equal(again.table.pattern, camera.index.table.pattern)
     order = np.random.default_rng(9).permutation(len(camera.stars))
     shuffled = camera.stars[order]
@@ -176,7 +176,7 @@ def test_the_index_is_small_and_quick_to_build(design):
     start = time.process_time()
     index = build_index(camera.stars, 8 * deg)
     assert time.process_time() - start < 3
-    assert index.size < 20e6
+    assert index.size < 12e6
     assert len(index) > 200_000
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from startrack.error import summarise
-from startrack.study.montecarlo import OUTCOMES, Serial, pool, run
+from startrack.study.montecarlo import OUTCOMES, Serial, blocks, pool, run
+from startrack.study.workers import Lasting
 
 SEED = 5
 
@@ -76,3 +77,38 @@ def test_no_trials_and_no_workers_are_refused(small):
 def test_outcomes_hold_every_field():
     assert OUTCOMES.names is not None
     assert {"trial", "error_x", "nees", "solved", "false"} <= set(OUTCOMES.names)
+
+
+def test_a_worker_that_is_killed_is_replaced(small, alone):
+    with pool(2) as executor:
+        victims = [executor.submit(os.getpid).result()]
+
+        def kill(_):
+            if victims:
+                os.kill(victims.pop(), 9)
+
+        both = run(small.case, 30, SEED, executor, workers=2, progress=kill)
+    assert not victims
+    assert both.tobytes() == alone.tobytes()
+
+
+def deadly(numbers):
+    """In a worker: trial 35 kills it."""
+    if 35 in numbers:
+        os._exit(1)
+    return np.zeros(len(numbers), OUTCOMES)
+
+
+class Poisoned(Lasting):
+    """A pool of real processes, one block of which is deadly."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        return super().submit(deadly, args[2])
+
+
+def test_only_the_block_that_kills_its_workers_is_given_up(small):
+    plan = [range(at, at + 10) for at in range(0, 100, 10)]
+    with Poisoned(2) as executor:
+        done = dict(blocks(small.case, SEED, plan, executor, workers=2))
+    assert set(done) == set(plan)
+    assert [one for one in plan if isinstance(done[one], Exception)] == [range(30, 40)]

@@ -1,0 +1,251 @@
+"""Does a campaign give the same bytes, waste no time and lose nothing?
+
+python experiments/campaign.py --json FILE [--kills 20] [--dask tcp://host:port]
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from startrack.campaign.precision import Precision
+from startrack.campaign.resume import resume
+from startrack.campaign.store import Store
+from startrack.case import Case
+from startrack.catalog import shipped
+from startrack.design import Design, load_design, save_design
+from startrack.error import summarise
+from startrack.study.montecarlo import OUTCOMES, Serial, dask_pool, pool, run
+
+SEED = 7
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--dask", metavar="ADDRESS")
+    options = parser.parse_args()
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    figures = same_bytes(case, options.dask) | efficiency(case) | coverage()
+    with tempfile.TemporaryDirectory() as folder:
+        figures |= store_speed(Path(folder), case)
+        figures |= kill_and_resume(Path(folder), options.kills, SEED)
+    options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    print(json.dumps(figures, indent=1))
+
+
+def same_bytes(case: Case, dask: str | None, trials: int = 200) -> dict[str, Any]:
+    """One process, two, and a Dask cluster."""
+    alone = run(case, trials, SEED, Serial()).tobytes()
+    with pool(2) as executor:
+        same = {"two": run(case, trials, SEED, executor, workers=2).tobytes() == alone}
+    if dask:
+        with dask_pool(dask) as executor:
+            same["dask"] = run(case, trials, SEED, executor, workers=2).tobytes() == alone
+    return {"same_bytes": all(same.values()), "same_bytes_with": list(same)}
+
+
+def efficiency(case: Case, trials: int = 640, repeats: int = 3) -> dict[str, Any]:
+    """Two workers through the engine and the store, against two single runs side by side."""
+    best, rate = 0.0, 0.0
+    code = (
+        "import sys, time\nfrom experiments.campaign import *\n"
+        "case = load_design(shipped('designs/nanosatellite.toml')).case\n"
+        "run(case, 8, SEED, Serial())\nprint('ready', flush=True)\nsys.stdin.readline()\n"
+        f"run(case, {trials // 2}, SEED, Serial(), first=int(sys.argv[1]))\nprint('done')"
+    )
+    for _ in range(repeats):
+        singles = [
+            subprocess.Popen(
+                [sys.executable, "-c", code, str(first)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                cwd=Path(__file__).parents[1],
+            )
+            for first in (0, trials // 2)
+        ]
+        for one in singles:
+            assert one.stdout
+            one.stdout.readline()
+        began = time.perf_counter()
+        for one in singles:
+            assert one.stdin
+            one.stdin.write("go\n")
+            one.stdin.flush()
+        for one in singles:
+            assert one.stdout
+            one.stdout.readline()
+        apart = time.perf_counter() - began
+        for one in singles:
+            one.communicate()
+        with pool(2) as executor, Store(None, case, SEED) as store:
+            run(case, 16, SEED, executor, workers=2)  # the workers start and load
+            began = time.perf_counter()
+            resume(store, executor, 2, trials, block=16)
+            together = time.perf_counter() - began
+        best = max(best, apart / together)
+        rate = max(rate, trials / together)
+    return {"parallel_efficiency_2": best, "frame_trials_per_s_2_workers": rate}
+
+
+def store_speed(folder: Path, case: Case, trials: int = 10**6, block: int = 64) -> dict[str, Any]:
+    """A million trials, each block committed by itself; then their summary from disk."""
+    table = np.zeros(trials, OUTCOMES)
+    table["trial"] = np.arange(trials)
+    table["error_x"] = np.random.default_rng(SEED).standard_normal(trials)
+    table["solved"] = True
+    path = folder / "speed.sqlite"
+    with Store(path, case, SEED) as store:
+        began = time.perf_counter()
+        for first in range(0, trials, block):
+            store.keep(first, table[first : first + block])
+        spent = time.perf_counter() - began
+    began = time.perf_counter()
+    with Store(path) as store:
+        summarise(store.outcomes())
+    return {
+        "store_trials_per_s": trials / spent,
+        "commit_ms": 1e3 * spent / (trials / block),
+        "bytes_per_trial": path.stat().st_size / trials,
+        "summary_1e6_s": time.perf_counter() - began,
+    }
+
+
+def coverage(repetitions: int = 200, trials: int = 1000) -> dict[str, Any]:
+    """How often 95 % intervals hold the truth, on errors whose law is known."""
+    hits = dict.fromkeys(("across", "across-99.73", "availability"), 0)
+    truth = {
+        "across": 1.0,
+        "across-99.73": float(np.sqrt(-2 * np.log(1 - 0.9973))),
+        "availability": 0.9,
+    }
+    rng = np.random.default_rng(SEED)
+    for _ in range(repetitions):
+        table = np.zeros(trials, OUTCOMES)
+        for name in ("error_x", "error_y"):
+            table[name] = rng.standard_normal(trials)
+        table["solved"] = rng.random(trials) < 0.9
+        for name in hits:
+            interval = Precision(0.5, name).interval(table)
+            hits[name] += bool(interval.low <= truth[name] <= interval.high)
+    return {"coverage_95": {name: count / repetitions for name, count in hits.items()}}
+
+
+def kill_and_resume(
+    folder: Path, kills: int, seed: int, trials: int = 1500, longest: float = 7.0
+) -> dict[str, int]:
+    """Kill the driver or a worker with -9 at random moments until the campaigns are done.
+
+    Returns  how many trials were lost or doubled, campaigns whose bytes differ from those of an
+             undisturbed run, and processes that outlived their driver
+    """
+    case = small()
+    save_design(folder / "small.toml", Design(case))
+    whole = run(case, trials, seed, Serial())
+    rng = np.random.default_rng(seed)
+    figures = dict.fromkeys(
+        ("kills", "kills_of_workers", "campaigns", "lost", "doubled", "different", "orphans"), 0
+    )
+    held, finished = 0, False
+    while figures["kills"] < kills or not finished:
+        path = folder / f"campaign{figures['campaigns']}.sqlite"
+        driver = _drive(folder / "small.toml", path, trials, seed)
+        killed = False
+        if figures["kills"] < kills:
+            try:
+                driver.wait(rng.uniform(0.3, longest))
+            except subprocess.TimeoutExpired:
+                killed = True
+                figures["kills"] += 1
+                workers = [pid for pid in _session(driver.pid) if pid != driver.pid]
+                if workers and rng.random() < 0.5:
+                    figures["kills_of_workers"] += 1
+                    _kill(int(rng.choice(workers)))
+                else:
+                    _kill(driver.pid)
+        status = driver.wait()
+        figures["orphans"] += _orphans(driver.pid)
+        before, held, finished = held, 0, False
+        with contextlib.suppress(ValueError), Store(path) as store:  # where it had not yet begun
+            numbers = store.outcomes()["trial"]
+            held = len(numbers)
+            figures["doubled"] += held - len(np.unique(numbers))
+            finished = held == trials
+            if finished:
+                figures["campaigns"] += 1
+                figures["different"] += store.outcomes().tobytes() != whole.tobytes()
+        figures["lost"] += max(0, before - held)
+        held = 0 if finished else held
+        if not finished and not killed:
+            raise RuntimeError(f"the driver ended by itself with status {status}")
+    return figures
+
+
+def small() -> Case:
+    """The example with a quarter of the pixels, twice as wide: trials of milliseconds."""
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    truth = case.instrument
+    pitch = 2 * truth.detector.pixel_pitch
+    detector = dataclasses.replace(truth.detector, columns=256, rows=256, pixel_pitch=pitch)
+    optics = dataclasses.replace(truth.optics, blur=2 * truth.optics.blur)
+    return dataclasses.replace(
+        case, instrument=dataclasses.replace(truth, detector=detector, optics=optics)
+    )
+
+
+def _drive(design: Path, path: Path, trials: int, seed: int) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "startrack.cli", "montecarlo", str(design)]
+    command += ["--store", str(path), "--trials", str(trials), "--seed", str(seed)]
+    # A session of its own, by which whatever it leaves behind is found.
+    return subprocess.Popen(
+        [*command, "--workers", "2"],
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def _session(leader: int) -> list[int]:
+    """The living processes of a session, from Linux's /proc."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = entry.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[3]) == leader and fields[0] != "Z":
+            found.append(int(entry.parent.name))
+    return found
+
+
+def _orphans(leader: int, patience: float = 10.0) -> int:
+    """How many processes of a session are still there after some seconds; they are ended."""
+    end = time.monotonic() + patience
+    while (left := _session(leader)) and time.monotonic() < end:
+        time.sleep(0.05)
+    for pid in left:
+        _kill(pid)
+    return len(left)
+
+
+def _kill(pid: int) -> None:
+    with contextlib.suppress(ProcessLookupError):  # where it had just ended
+        os.kill(pid, signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,221 @@
+"""Many sets of matched unit vectors into attitudes that keep every digit the sets hold."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.attitude.jacobi import best_rotation
+from startrack.attitude.least_squares import invert, largest_eigenvalue, least_squares
+
+Floats = NDArray[np.float64]
+
+EPS = 2.0**-52
+MOST_STEPS = 100  # two or three do, but for stars that do not belong together
+LARGEST_CONDITION = (100 * EPS) ** -2  # beyond it, directions differ by their rounding alone
+SMALLEST_CURVATURE = 1e-6  # of the loss, over that without residuals
+
+
+class Observability(IntEnum):
+    """Whether a set of stars fixes an attitude."""
+
+    OBSERVED = 0
+    ONE_DIRECTION = 1  # or two opposite ones, or none: the turn about it is open
+    CONTRADICTORY = 2  # the residuals are so large that other attitudes fit as well
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Attitudes at the minimum of Wahba's loss.
+
+    source_to_target  m rotations; where not observed, one of the many that fit
+    covariance        (m, 3, 3) radian^2, of the small rotation about the target's axes, if the
+                      weights are inverse variances; infinite where not observed
+    condition         (m,) 1, of the information, which is the inverse of the covariance
+    loss              (m,) 1, half the weighted squared residuals; n - 3/2 is expected of n stars
+    observability     (m,) of `Observability`
+    """
+
+    source_to_target: Rotation
+    covariance: Floats
+    condition: Floats
+    loss: Floats
+    observability: NDArray[np.int64]
+
+
+def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:
+    """Minimise Wahba's loss, over the whole sphere.
+
+        loss = 1/2 sum_i weight_i |observed_i - R reference_i|^2
+
+    Wahba (1965), SIAM Review 7, 409. The start is the singular value decomposition of the
+    vectors' products, which squares them and so loses half of the digits; Gauss-Newton steps on
+    the residuals themselves restore these. A set that leaves the attitude open is data: it is
+    told in `observability`.
+
+    observed   (m, n, 3) unit vectors in the target's axes
+    reference  (m, n, 3) unit vectors in the source's axes
+    weight     (m, n) inverse variances, 1 / radian^2; zero for what is not there
+    Returns    Alignment
+    Errors     ValueError where shapes differ, a number is not finite, or a weight is negative.
+               numerical: some eps sqrt(condition), which is what rounding the vectors costs.
+    """
+    b, r, w = (np.ascontiguousarray(each, float) for each in (observed, reference, weight))
+    if w.ndim != 2 or b.shape != r.shape or b.shape != (*w.shape, 3):
+        raise ValueError(
+            "observed, reference and weight must have shapes (m, n, 3), (m, n, 3) and (m, n), "
+            f"got {b.shape}, {r.shape} and {w.shape}"
+        )
+    wrong = ~(np.isfinite(w) & (w >= 0))
+    if wrong.any():
+        raise ValueError(f"weight must be finite and not negative, got {w[wrong][0]}")
+    if not (np.isfinite(b).all() and np.isfinite(r).all()):
+        raise ValueError("observed and reference must be finite, got NaN or infinity")
+    many = len(w)
+    matrix, covariance = np.empty((many, 3, 3)), np.empty((many, 3, 3))
+    condition, loss, status = np.empty(many), np.empty(many), np.empty(many, np.int64)
+    _align(b, r, w, matrix, covariance, condition, loss, status)
+    return Alignment(Rotation.from_matrix(matrix), covariance, condition, loss, status)
+
+
+@njit(cache=True, error_model="numpy")
+def _align(b, r, weight, matrix, covariance, condition, loss, status):  # type: ignore[no-untyped-def]
+    """Write the results of each set, one after the other."""
+    count = weight.shape[1]
+    columns = np.empty((4, 3 * count))
+    products, triangle, inverse = np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
+    w, step = np.empty(count), np.empty(3)
+    for k in range(len(weight)):
+        most = 0.0
+        for i in range(count):
+            most = max(most, weight[k, i])
+        w[:] = weight[k] / (most if most > 0 else 1.0)
+        a = matrix[k]
+        _multiply(b[k], r[k], w, products)
+        axis = best_rotation(products, a)
+        _turn_about(axis, b[k], r[k], w, a)
+        for _ in range(MOST_STEPS):
+            _linearise(b[k], r[k], w, a, columns)
+            least_squares(columns, triangle, step)
+            invert(triangle, inverse)
+            least = math.sqrt((triangle**2).sum() * (inverse**2).sum())  # of the condition's root
+            if not least < 1 / (100 * EPS):
+                break
+            _turn(step, a)
+            if math.sqrt((step**2).sum()) < EPS * least:
+                break
+        covariance[k] = inverse @ inverse.T
+        condition[k] = largest_eigenvalue(triangle.T @ triangle) * largest_eigenvalue(covariance[k])
+        covariance[k] /= most
+        loss[k], curved = _loss(b[k], r[k], w, a, inverse)
+        loss[k] *= most
+        if not condition[k] < LARGEST_CONDITION:
+            status[k] = 1
+        else:
+            status[k] = 0 if curved else 2
+        if status[k] != 0:
+            covariance[k] = np.inf
+            condition[k] = np.inf
+
+
+@njit(cache=True, error_model="numpy")
+def _multiply(b, r, w, products):  # type: ignore[no-untyped-def]
+    """Write sum_i w_i b_i r_i^T."""
+    products[:] = 0.0
+    for i in range(len(w)):
+        for j in range(3):
+            for k in range(3):
+                products[j, k] += w[i] * b[i, j] * r[i, k]
+
+
+@njit(cache=True, error_model="numpy")
+def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
+    """Turn a about the axis to where the loss is least, from the parts across the axis.
+
+    In a narrow field the products have lost these parts; the vectors have not.
+    """
+    sine = cosine = 0.0
+    for i in range(len(w)):
+        px, py, pz = _apply(a, r[i])
+        bx, by, bz = b[i]
+        along = px * axis[0] + py * axis[1] + pz * axis[2]
+        px, py, pz = px - along * axis[0], py - along * axis[1], pz - along * axis[2]
+        along = bx * axis[0] + by * axis[1] + bz * axis[2]
+        bx, by, bz = bx - along * axis[0], by - along * axis[1], bz - along * axis[2]
+        cosine += w[i] * (px * bx + py * by + pz * bz)
+        sine += w[i] * (
+            axis[0] * (py * bz - pz * by)
+            + axis[1] * (pz * bx - px * bz)
+            + axis[2] * (px * by - py * bx)
+        )
+    _turn(math.atan2(sine, cosine) * axis, a)
+
+
+@njit(cache=True, error_model="numpy")
+def _linearise(b, r, w, a, columns):  # type: ignore[no-untyped-def]
+    """Write sqrt(w) d(p) / d(turn) and sqrt(w) (b - p) with p = a r, a star every three columns."""
+    for i in range(len(w)):
+        px, py, pz = _apply(a, r[i])
+        root = math.sqrt(w[i])
+        x, y, z = 3 * i, 3 * i + 1, 3 * i + 2
+        columns[0, x], columns[1, x], columns[2, x] = 0.0, root * pz, -root * py
+        columns[0, y], columns[1, y], columns[2, y] = -root * pz, 0.0, root * px
+        columns[0, z], columns[1, z], columns[2, z] = root * py, -root * px, 0.0
+        columns[3, x] = root * (b[i, 0] - px)
+        columns[3, y] = root * (b[i, 1] - py)
+        columns[3, z] = root * (b[i, 2] - pz)
+
+
+@njit(cache=True, error_model="numpy")
+def _turn(turn, a):  # type: ignore[no-untyped-def]
+    """Turn a by a rotation vector (Rodrigues' formula, with half angles for small ones)."""
+    angle = math.sqrt((turn**2).sum())
+    sine = math.sin(angle) / angle if angle > 0 else 1.0
+    versine = 2 * (math.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
+    x, y, z = turn
+    for j in range(3):
+        u, v, w = a[0, j], a[1, j], a[2, j]
+        ux, uy, uz = y * w - z * v, z * u - x * w, x * v - y * u
+        a[0, j] = u + sine * ux + versine * (y * uz - z * uy)
+        a[1, j] = v + sine * uy + versine * (z * ux - x * uz)
+        a[2, j] = w + sine * uz + versine * (x * uy - y * ux)
+
+
+@njit(cache=True, error_model="numpy")
+def _loss(b, r, w, a, inverse):  # type: ignore[no-untyped-def]
+    """The loss, and whether it curves upwards in every direction.
+
+    Its second derivative is that of Gauss and Newton, G = triangle^T triangle, and what the
+    residuals e add to it; both are taken in the axes in which G is one.
+
+        H = G + sum_i w_i ((e_i . p_i) I - (e_i p_i^T + p_i e_i^T) / 2)
+    """
+    loss = 0.0
+    h = np.zeros((3, 3))
+    for i in range(len(w)):
+        p = np.array(_apply(a, r[i]))
+        e = b[i] - p
+        loss += w[i] * (e**2).sum() / 2
+        along = (e * p).sum()
+        for j in range(3):
+            h[j, j] += w[i] * along
+            for k in range(3):
+                h[j, k] -= w[i] * (e[j] * p[k] + e[k] * p[j]) / 2
+    h = inverse.T @ h @ inverse + (1 - SMALLEST_CURVATURE) * np.eye(3)
+    minor = h[0, 0] * h[1, 1] - h[0, 1] * h[1, 0]
+    return loss, h[0, 0] > 0 and minor > 0 and np.linalg.det(h) > 0
+
+
+@njit(cache=True, error_model="numpy")
+def _apply(a, v):  # type: ignore[no-untyped-def]
+    return (
+        a[0, 0] * v[0] + a[0, 1] * v[1] + a[0, 2] * v[2],
+        a[1, 0] * v[0] + a[1, 1] * v[1] + a[1, 2] * v[2],
+        a[2, 0] * v[0] + a[2, 1] * v[1] + a[2, 2] * v[2],
+    )

@@ -1,0 +1,94 @@
+"""Which of the matched directions agree on one attitude, however wrong the others are."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.attitude.jacobi import best_rotation
+
+Floats = NDArray[np.float64]
+
+
+def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -> NDArray[np.bool_]:
+    """Find the largest set of stars that one attitude explains.
+
+    Every pair of stars whose two distances agree gives an attitude (TRIAD: Black 1964, AIAA J.
+    2(7), 1350); the stars within the gate of it are fitted, and those within the gate of the fit
+    are counted. The set with the most is taken, that with the smallest residuals among equals. All
+    pairs are tried, so that the answer depends neither on chance nor on the order.
+
+    observed   (n, 3) unit vectors in camera axes
+    reference  (n, 3) unit vectors, ICRS axes
+    sigma      (n,) radian, error of each direction per axis
+    gate       sigma, beyond which a star does not agree
+    Returns    (n,) which stars agree; none where no pair does
+    Errors     numerical: none of note. It takes n^3 / 2 steps: 0.1 ms for 30 stars.
+    """
+    chosen = np.zeros(len(sigma), np.bool_)
+    _search(
+        np.ascontiguousarray(observed, float),
+        np.ascontiguousarray(reference, float),
+        np.ascontiguousarray(sigma, float),
+        float(gate),
+        chosen,
+    )
+    return chosen
+
+
+@njit(cache=True, error_model="numpy")
+def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untyped-def]
+    count = len(sigma)
+    trial, products = np.zeros(count, np.bool_), np.empty((3, 3))
+    most, least = 2, np.inf
+    for i in range(count):
+        for j in range(i + 1, count):
+            seen, known = observed[j] - observed[i], reference[j] - reference[i]
+            near, far = math.sqrt((seen**2).sum()), math.sqrt((known**2).sum())
+            spread = math.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
+            if abs(near - far) > gate * spread or far <= gate * spread:
+                continue
+            attitude = _frame(observed[i], observed[j]) @ _frame(reference[i], reference[j]).T
+            for k in range(count):
+                # The pair's middle is off by half its spread, the turn about it by spread / far.
+                arm = math.sqrt(((reference[k] - reference[i] - known / 2) ** 2).sum()) / far
+                own = math.sqrt(sigma[k] ** 2 + spread**2 * (0.25 + arm**2))
+                trial[k] = _distance(observed[k], attitude, reference[k]) <= gate * own
+            if trial.sum() < most:
+                continue
+            # A near pair lets much pass; the attitude of all that did must hold them.
+            products[:] = 0.0
+            for k in range(count):
+                if trial[k]:
+                    products += np.outer(observed[k], reference[k]) / sigma[k] ** 2
+            best_rotation(products, attitude)
+            agree, squares = 0, 0.0
+            for k in range(count):
+                ratio = _distance(observed[k], attitude, reference[k]) / sigma[k]
+                trial[k] = ratio <= gate
+                if trial[k]:
+                    agree += 1
+                    squares += ratio**2
+            if agree > most or (agree == most and squares < least):
+                most, least = agree, squares
+                chosen[:] = trial
+
+
+@njit(cache=True, error_model="numpy")
+def _distance(seen, attitude, known):  # type: ignore[no-untyped-def]
+    return math.sqrt(((seen - attitude @ known) ** 2).sum())
+
+
+@njit(cache=True, error_model="numpy")
+def _frame(a, b):  # type: ignore[no-untyped-def]
+    """Columns: along the sum of two unit vectors, along their difference, and across both."""
+    frame = np.empty((3, 3))
+    frame[:, 0] = (a + b) / math.sqrt(((a + b) ** 2).sum())
+    frame[:, 1] = (b - a) / math.sqrt(((b - a) ** 2).sum())
+    frame[0, 2] = frame[1, 0] * frame[2, 1] - frame[2, 0] * frame[1, 1]
+    frame[1, 2] = frame[2, 0] * frame[0, 1] - frame[0, 0] * frame[2, 1]
+    frame[2, 2] = frame[0, 0] * frame[1, 1] - frame[1, 0] * frame[0, 1]
+    return frame

@@ -1,0 +1,8 @@
+"""Campaigns: many trials that survive a kill at any instant and stop when they know enough.
+
+store      Store: one SQLite file with the case, the seed, and each block of trials that was done
+origin     which software and which machine made the numbers
+precision  Precision: when a statistic is known well enough; quantiles with intervals
+resume     do what a store still lacks
+export     the trials as CSV or Parquet
+"""

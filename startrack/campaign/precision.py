@@ -1,0 +1,102 @@
+"""When a statistic of a campaign is known well enough; quantiles with exact intervals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from startrack.checks import one_of, within
+from startrack.error import Interval, rms_interval, share_interval
+
+STATISTICS = ("across", "about", "availability", "across-99.73")
+GROWTH = 1.2, 4.0  # by which a campaign grows from one look to the next, at least and at most
+
+
+@dataclass(frozen=True)
+class Precision:
+    """How well a statistic is to be known.
+
+    relative    1, half-width of its interval over its value, at most
+    statistic   across, about: rms error per axis across, or about the boresight;
+                across-99.73: the angle that 99.73 % of the errors across do not exceed;
+                availability: share of trials with a right attitude
+    confidence  1, of the interval
+    """
+
+    relative: float
+    statistic: str = "across"
+    confidence: float = 0.95
+
+    def __post_init__(self) -> None:
+        within(1e-6, 1, relative=self.relative)
+        within(0.5, 0.9999, confidence=self.confidence)
+        one_of(STATISTICS, statistic=self.statistic)
+
+    def interval(self, outcomes: NDArray[np.void]) -> Interval:
+        """The statistic of structured outcomes; errors over trials with a right attitude."""
+        right = outcomes[outcomes["solved"] & ~outcomes["false"]]
+        if self.statistic == "availability":
+            return share_interval(len(right), len(outcomes), self.confidence)
+        if self.statistic == "about":
+            return rms_interval(right["error_z"] ** 2, self.confidence)
+        squares = right["error_x"] ** 2 + right["error_y"] ** 2
+        if self.statistic == "across":
+            return rms_interval(squares / 2, self.confidence)
+        return quantile_interval(np.sqrt(squares), 0.9973, self.confidence)
+
+    def reached(self, outcomes: NDArray[np.void]) -> bool:
+        """Whether the interval is narrow enough."""
+        return half_width(self.interval(outcomes)) <= self.relative
+
+    def next_look(self, outcomes: NDArray[np.void], trials: int) -> int:
+        """How many trials to have at the next look, after one at the outcomes of `trials`.
+
+        A function of outcomes alone, so that a campaign stops at the same trial however it was
+        cut short. Each look is a chance to stop too soon: there are few.
+        """
+        factor = (half_width(self.interval(outcomes)) / self.relative) ** 2
+        factor = min(max(factor, GROWTH[0]), GROWTH[1]) if math.isfinite(factor) else GROWTH[1]
+        return math.ceil(trials * factor)
+
+
+def half_width(interval: Interval) -> float:
+    """Half the width of an interval over its value; infinite where it is open."""
+    width = (interval.high - interval.low) / 2
+    if not math.isfinite(width) or not interval.value > 0:
+        return math.inf
+    return width / interval.value
+
+
+def quantile_interval(
+    values: NDArray[np.float64], share: float, confidence: float = 0.95
+) -> Interval:
+    """A quantile of values that are not negative, with an interval free of any law.
+
+    The interval lies between two order statistics X_(r) and X_(s): the number of values below
+    the true quantile is binomial, so that
+
+        P(X_(r) > q) = P(B < r) <= tail,   P(X_(s) < q) = P(B >= s) <= tail,   B ~ Bin(n, share)
+
+    Source: David and Nagaraja (2003), Order Statistics, section 7.1.
+
+    Returns  the quantile; its interval is open above where there are too few values to close it
+    Errors   NaN where there is no value. The coverage is at least the confidence.
+    """
+    within(0, 1, share=share)
+    n = len(values)
+    if n == 0:
+        return Interval(math.nan, math.nan, math.nan)
+    tail = (1 - confidence) / 2
+    low = int(stats.binom.ppf(tail, n, share))
+    high = int(stats.binom.isf(tail, n, share)) + 1
+    ordered = np.sort(values)
+    middle = min(max(math.ceil(n * share), 1), n)
+    return Interval(
+        float(ordered[middle - 1]),
+        float(ordered[low - 1]) if low > 0 else 0.0,
+        float(ordered[high - 1]) if high <= n else math.inf,
+    )

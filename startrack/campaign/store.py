@@ -1,0 +1,211 @@
+"""One SQLite file that holds a campaign: its case, its seed, and each block of trials done."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.campaign.origin import origin
+from startrack.case import Case
+from startrack.checks import whole
+from startrack.study.montecarlo import OUTCOMES
+from startrack.tables import from_table, to_table
+
+APPLICATION = 0x53545254  # "STRT" in the file's header
+FORMAT = 1
+TABLES = """
+CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE sessions (began TEXT NOT NULL, origin TEXT NOT NULL);
+CREATE TABLE blocks (first INTEGER PRIMARY KEY, trials INTEGER NOT NULL, outcomes BLOB NOT NULL);
+CREATE TABLE failures (first INTEGER PRIMARY KEY, trials INTEGER NOT NULL, seed INTEGER NOT NULL,
+                       report TEXT NOT NULL);
+"""
+
+
+class Store:
+    """A campaign on disk, open for one process at a time.
+
+    Each block is committed whole to a write-ahead log before the next: a process that is killed
+    at any instant leaves a file that holds all blocks it had kept. A loss of power may cost the
+    last seconds, which are then done again, never the file.
+
+    case  what was tried
+    seed  of all its random numbers
+    """
+
+    def __init__(self, path: Path | None, case: Case | None = None, seed: int | None = None):
+        """Open a store, or begin one.
+
+        path  None keeps it in memory
+        case  that it must hold; needed to begin one
+        seed  likewise
+
+        Errors  ValueError where the file is none of ours, of another version, or holds another
+                case or seed; OSError where it cannot be opened or another process has it.
+        """
+        self.path = path
+        with self._told():
+            if path and case is not None:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            if path and case is None and not path.is_file():
+                raise ValueError(f"{path} must be a campaign store, but there is none")
+            self._base = sqlite3.connect(path or ":memory:", timeout=0, isolation_level=None)
+            try:
+                self._open(case, seed)
+            except BaseException:
+                self._base.close()
+                raise
+
+    def _open(self, case: Case | None, seed: int | None) -> None:
+        ask = self._base.execute
+        # The lock is the system's, so that it ends with the process however that ends.
+        ask("PRAGMA locking_mode = EXCLUSIVE")
+        begun = ask("SELECT 1 FROM sqlite_master LIMIT 1").fetchone() is not None
+        if begun:
+            self._must_be_ours()
+        elif case is None or seed is None:
+            raise ValueError(f"{self.path} must be a campaign store, but is empty")
+        ask("PRAGMA journal_mode = WAL")
+        ask("PRAGMA synchronous = NORMAL")
+        ask("BEGIN EXCLUSIVE")
+        if not begun and case is not None and seed is not None:
+            whole(0, 2**63 - 1, seed=seed)
+            self._begin(case, seed)
+        about = dict(ask("SELECT name, value FROM about"))
+        self.seed = int(about["seed"])
+        self._table = json.loads(about["case"])
+        self.dtype = np.dtype([(name, kind) for name, kind in json.loads(about["fields"])])
+        self.startrack = about["startrack"]
+        if case is not None:
+            self._must_match(case, self.seed if seed is None else seed)
+            session = (datetime.now(UTC).isoformat(timespec="seconds"), json.dumps(origin()))
+            ask("INSERT INTO sessions VALUES (?, ?)", session)
+        ask("COMMIT")
+
+    def _begin(self, case: Case, seed: int) -> None:
+        for statement in TABLES.split(";"):
+            self._base.execute(statement)
+        about = {
+            "case": json.dumps(to_table(case), sort_keys=True),
+            "seed": str(seed),
+            "fields": json.dumps(OUTCOMES.descr),
+            "startrack": origin()["startrack"],
+        }
+        self._base.executemany("INSERT INTO about VALUES (?, ?)", about.items())
+        self._base.execute(f"PRAGMA application_id = {APPLICATION}")
+        self._base.execute(f"PRAGMA user_version = {FORMAT}")
+
+    def _must_be_ours(self) -> None:
+        (application,) = self._base.execute("PRAGMA application_id").fetchone()
+        if application != APPLICATION:
+            raise ValueError(f"{self.path} must be a campaign store, but is another database")
+        (form,) = self._base.execute("PRAGMA user_version").fetchone()
+        if form != FORMAT:
+            raise ValueError(f"{self.path} must be a store of format {FORMAT}, got format {form}")
+
+    def _must_match(self, case: Case, seed: int) -> None:
+        if seed != self.seed:
+            raise ValueError(f"{self.path} holds trials of seed {self.seed}, not of seed {seed}")
+        if (version := origin()["startrack"]) != self.startrack or self.dtype != OUTCOMES:
+            raise ValueError(
+                f"{self.path} holds trials of startrack {self.startrack}, which this startrack "
+                f"{version} must not mix with its own; begin another store"
+            )
+        other = _difference(self._table, json.loads(json.dumps(to_table(case))))
+        if other:
+            raise ValueError(f"{self.path} holds trials of another design: {other}")
+
+    @property
+    def case(self) -> Case:
+        """What was tried."""
+        return from_table(Case, self._table)
+
+    def keep(self, first: int, outcomes: NDArray[np.void]) -> None:
+        """Commit a block of trials first, first + 1, ...; it may have failed before."""
+        with self._told():
+            self._base.execute("BEGIN")
+            try:
+                row = (first, len(outcomes), outcomes.tobytes())
+                self._base.execute("INSERT INTO blocks VALUES (?, ?, ?)", row)
+                self._base.execute("DELETE FROM failures WHERE first = ?", (first,))
+                self._base.execute("COMMIT")
+            except BaseException:
+                if self._base.in_transaction:
+                    self._base.execute("ROLLBACK")
+                raise
+
+    def keep_failure(self, numbers: range, report: str) -> None:
+        """Commit that a block failed, and how."""
+        with self._told():
+            row = (numbers.start, len(numbers), self.seed, report)
+            self._base.execute("INSERT OR REPLACE INTO failures VALUES (?, ?, ?, ?)", row)
+
+    def done(self) -> list[range]:
+        """The trials that are kept, a range a block, in order."""
+        rows = self._base.execute("SELECT first, trials FROM blocks ORDER BY first")
+        return [range(first, first + trials) for first, trials in rows]
+
+    def failures(self) -> list[tuple[range, str]]:
+        """The blocks that failed each time, with their tracebacks."""
+        rows = self._base.execute("SELECT first, trials, report FROM failures ORDER BY first")
+        return [(range(first, first + trials), report) for first, trials, report in rows]
+
+    def sessions(self) -> list[tuple[str, Mapping[str, str]]]:
+        """When this store was worked on (UTC), and by which software and machine."""
+        rows = self._base.execute("SELECT began, origin FROM sessions ORDER BY rowid")
+        return [(began, json.loads(text)) for began, text in rows]
+
+    def outcomes(self, trials: int | None = None) -> NDArray[np.void]:
+        """What is kept of the first `trials` trials (None: of all), in order of trial."""
+        end = 2**63 - 1 if trials is None else trials
+        rows = self._base.execute(
+            "SELECT outcomes FROM blocks WHERE first < ? ORDER BY first", (end,)
+        )
+        table = np.frombuffer(b"".join(row[0] for row in rows), self.dtype)
+        return table[: np.searchsorted(table["trial"], end)]
+
+    def close(self) -> None:
+        """Fold the log into the one file."""
+        self._base.close()
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """SQLite's errors in our words."""
+        try:
+            yield
+        except sqlite3.DatabaseError as error:
+            code = getattr(error, "sqlite_errorname", "")
+            if code.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
+                raise OSError(f"{self.path} is in use by another process") from None
+            if code.startswith("SQLITE_NOTADB"):
+                raise ValueError(f"{self.path} must be a campaign store, but is not one") from None
+            if code.startswith("SQLITE_CORRUPT"):
+                raise ValueError(f"{self.path} is damaged: {error}") from None
+            raise OSError(
+                f"{self.path} cannot be written: {error}; what it held is whole"
+            ) from None
+
+
+def _difference(held: Any, asked: Any, place: str = "") -> str:
+    """Where two tables differ first, empty where they are equal."""
+    if isinstance(held, dict) and isinstance(asked, dict):
+        for key in sorted(held.keys() | asked.keys()):
+            inner = f"{place}.{key}" if place else key
+            if told := _difference(held.get(key), asked.get(key), inner):
+                return told
+        return ""
+    return "" if held == asked else f"{place} is {held!r} there, {asked!r} here"

@@ -1,0 +1,125 @@
+"""Filtered image and its level -> Peaks: local maxima of the connected components above it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.detection.background import between
+from startrack.values import Ints
+
+Image = NDArray[np.float32]
+
+
+class Peaks(NamedTuple):
+    """(n,) column, row, and size of the connected component that holds it, pixel."""
+
+    x: Ints
+    y: Ints
+    area: Ints
+
+
+@njit(cache=True, error_model="numpy")
+def lit(image: Image, level: Image, mesh: int) -> Ints:
+    """Which pixels exceed a level that is given on the grid of a Sky.
+
+    A row, and then its part in a tile, that lies below the lowest level around it is done with
+    at one comparison a pixel, and nearly all rows are such.
+
+    Returns  (n,) row * columns + column, row by row
+    """
+    rows, columns = image.shape
+    found = []
+    lowest = np.empty(level.shape[1] - 2, np.float32)
+    for i in range(level.shape[0] - 2):
+        for j in range(len(lowest)):
+            lowest[j] = level[i : i + 3, j : j + 3].min()
+        lowest_of_row = lowest.min()
+        for y in range(i * mesh, min((i + 1) * mesh, rows)):
+            if not _any_above(image[y], lowest_of_row):
+                continue
+            for j in range(len(lowest)):
+                left, right = j * mesh, min((j + 1) * mesh, columns)
+                if not _any_above(image[y, left:right], lowest[j]):
+                    continue
+                for x in range(left, right):
+                    if image[y, x] > lowest[j] and image[y, x] > between(level, mesh, x, y):
+                        found.append(y * columns + x)
+    return np.array(found, np.int64)
+
+
+@njit(cache=True, error_model="numpy")
+def _any_above(values: Image, level: float) -> bool:
+    """Told without a branch, which the processor does for many pixels at once."""
+    above = False
+    for k in range(len(values)):
+        above |= values[k] > level
+    return above
+
+
+@njit(cache=True, error_model="numpy")
+def peaks(
+    image: Image, pixels: Ints, min_area: int, max_area: int, reach: int, border: int
+) -> Peaks:
+    """Local maxima of the components whose size is right; several where stars touch.
+
+    pixels  (n,) lit ones, as from `lit`; those that touch, corners included, are a component
+    reach   pixel, half side of the square in which a peak must be the highest
+    border  pixel, distance that a peak must keep from the border
+    """
+    rows, columns = image.shape
+    waiting = np.zeros((rows, columns), np.uint8)
+    for k in range(len(pixels)):
+        waiting[pixels[k] // columns, pixels[k] % columns] = 1
+    x, y, area = np.empty((3, len(pixels)), np.int64)
+    members = np.empty(len(pixels), np.int64)
+    count = 0
+    for k in range(len(pixels)):
+        size = _component(waiting, pixels[k], members)
+        if size < max(min_area, 1) or size > max_area:
+            continue
+        for member in members[:size]:
+            v, u = member // columns, member % columns
+            inside = border <= u < columns - border and border <= v < rows - border
+            if inside and highest(image, u, v, reach):
+                x[count], y[count], area[count] = u, v, size
+                count += 1
+    return Peaks(x[:count], y[:count], area[:count])
+
+
+@njit(cache=True, error_model="numpy")
+def _component(waiting: NDArray[np.uint8], seed: int, members: Ints) -> int:
+    """Collect the waiting pixels that hang together with one; 0 where it waits no more."""
+    rows, columns = waiting.shape
+    y, x = seed // columns, seed % columns
+    if not waiting[y, x]:
+        return 0
+    waiting[y, x] = 0
+    members[0] = seed
+    size, done = 1, 0
+    while done < size:
+        y, x = members[done] // columns, members[done] % columns
+        done += 1
+        for v in range(max(y - 1, 0), min(y + 2, rows)):
+            for u in range(max(x - 1, 0), min(x + 2, columns)):
+                if waiting[v, u]:
+                    waiting[v, u] = 0
+                    members[size] = v * columns + u
+                    size += 1
+    return size
+
+
+@njit(cache=True, error_model="numpy")
+def highest(image: Image, x: int, y: int, reach: int) -> bool:
+    """Whether no pixel around is higher; of equals the first counts as the highest."""
+    here = image[y, x]
+    rows, columns = image.shape
+    for v in range(max(y - reach, 0), min(y + reach + 1, rows)):
+        for u in range(max(x - reach, 0), min(x + reach + 1, columns)):
+            earlier = v < y or (v == y and u < x)
+            if image[v, u] > here or (earlier and image[v, u] == here):
+                return False
+    return True

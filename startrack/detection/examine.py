@@ -1,0 +1,99 @@
+"""Peaks -> which of them stand alone as stars do, and which are hot pixels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.detection.background import between
+from startrack.detection.robust import around
+from startrack.values import Ints
+
+Image = NDArray[np.float32]
+# The ring's pixels are correlated and tell its noise to 15 %, its mean to a third of the noise.
+# A ring that differs by less than this may do so by chance, and the tile knows better.
+UNEVEN = 1.5
+HIGHER = 1.0  # sigma
+
+
+@njit(cache=True, error_model="numpy")
+def alone(
+    filtered: Image,
+    x: Ints,
+    y: Ints,
+    reach: int,
+    sigmas: Image,
+    mean: Image,
+    rms: Image,
+    mesh: int,
+    floor: float,
+) -> NDArray[np.bool_]:
+    """Whether peaks stand out of their tile, and out of the ring around them where it is uneven.
+
+    The edge of a tree, of the limb or of a bright star's halo passes the tile's level, but its
+    ring is as uneven as the edge is high.
+
+    sigmas     how far a peak must stand out, on the grid of the Sky
+    mean, rms  of the Sky, and its mesh
+    floor      digital number, least noise
+    """
+    good = np.empty(len(x), np.bool_)
+    for i in range(len(x)):
+        # Where trees begin, their own tile is the better witness.
+        v, u = y[i] // mesh + 1, x[i] // mesh + 1
+        level = between(mean, mesh, x[i], y[i])
+        noise = max(between(rms, mesh, x[i], y[i]), rms[v, u])
+        far = max(between(sigmas, mesh, x[i], y[i]), sigmas[v, u])
+        high = top(filtered, x[i], y[i])
+        good[i] = high > level + far * noise
+        if good[i]:
+            ring, _, _, spread, _ = around(filtered, x[i], y[i], reach, floor)
+            level = ring if ring > level + HIGHER * noise else level
+            noise = spread if spread > UNEVEN * noise else noise
+            good[i] = high > level + far * noise
+    return good
+
+
+@njit(cache=True, error_model="numpy")
+def top(image: Image, x: int, y: int) -> float:
+    """Height of a peak between the pixels: that of the parabolas through it and its neighbours.
+
+    A star of sigma 0.7 pixel loses up to a fifth of its peak on the corner of four pixels.
+    """
+    rows, columns = image.shape
+    high = float(image[y, x])
+    if 0 < x < columns - 1:
+        high += _rise(image[y, x - 1], image[y, x], image[y, x + 1])
+    if 0 < y < rows - 1:
+        high += _rise(image[y - 1, x], image[y, x], image[y + 1, x])
+    return high
+
+
+@njit(cache=True, error_model="numpy")
+def _rise(before: float, here: float, after: float) -> float:
+    bend = 2 * here - before - after
+    return (before - after) ** 2 / (8 * bend) if bend > 0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def sharp(image: Image, x: Ints, y: Ints, reach: int, share: float) -> NDArray[np.bool_]:
+    """Whether one row or one column holds more of the light than the sharpest star puts there.
+
+    It tells hot pixels, and hot rows and columns, from stars. The 3 x 3 pixels about the peak
+    of the image itself count, because the filter has rounded the hot pixel off.
+    """
+    verdict = np.empty(len(x), np.bool_)
+    for i in range(len(x)):
+        background, _, _, _, _ = around(image, x[i], y[i], reach, 0.0)
+        core = image[y[i] - 1 : y[i] + 2, x[i] - 1 : x[i] + 2].astype(np.float64) - background
+        most = max(core.sum(axis=0).max(), core.sum(axis=1).max())
+        verdict[i] = most > share * core.sum()
+    return verdict
+
+
+def largest_share(sigma: float) -> float:
+    """Share of a Gaussian star's light that falls on one row of pixels at most."""
+    return math.erf(0.5 / (sigma * math.sqrt(2)))

@@ -1,0 +1,90 @@
+"""What every centroid works on: the image, the peaks, and what is known of a pixel's noise."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.detection.find import Candidates
+from startrack.detection.parameters import Detection
+from startrack.detection.pixels import Pixels
+from startrack.values import Frame, Ints
+
+Image = NDArray[np.float32]
+ROW = 9  # x, y, flux, its sigma, xx, xy, yy, and the pixel that the window is centred on
+UNEVEN = 1.6  # a ring's noise exceeds the gain model's by that much never by chance
+
+
+class Sample(NamedTuple):
+    """Numbers are digital ones, and `image` and what is compared with it lack the pivot.
+
+    image             (rows, columns)
+    x, y              (n,) pixel, peaks
+    half              pixel, half side of the window
+    floor             least noise of a pixel
+    electrons_per_dn  NaN where unknown
+    offset            of an empty pixel
+    read_noise        NaN where unknown
+    saturation        from which on a pixel's light is unknown
+    """
+
+    image: Image
+    x: Ints
+    y: Ints
+    half: int
+    floor: float
+    electrons_per_dn: float
+    offset: float
+    read_noise: float
+    saturation: float
+
+
+def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detection) -> Sample:
+    """Gather it from the frame, its pixels and the settings."""
+    saturation = math.inf if settings.saturation is None else settings.saturation
+    return Sample(
+        pixels.value,
+        candidates.x,
+        candidates.y,
+        settings.window // 2,
+        pixels.step / math.sqrt(12),
+        frame.electrons_per_dn,
+        frame.offset - pixels.pivot,
+        frame.read_noise / frame.electrons_per_dn,
+        saturation - pixels.pivot,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def pixel_noise(
+    background: float,
+    spread: float,
+    floor: float,
+    electrons_per_dn: float,
+    offset: float,
+    read_noise: float,
+) -> tuple[float, float]:
+    """Noise of an empty pixel, and the variance that each digital number of light adds.
+
+        variance = read_noise^2 + (background - offset) / gain + step^2 / 12
+
+    where all of it is known; else the spread of the ring about the star, which also counts
+    where it is uneven. A gain that is not known is taken from the background as if all of it
+    were light, and at least one sigma of its own noise, as the offset may not be known either.
+
+    spread   of the pixels around
+    Returns  digital number; digital number
+    """
+    shot = 1 / electrons_per_dn
+    noise = spread
+    if np.isnan(shot):
+        shot = noise**2 / max(background - offset, noise, 1e-30)
+    elif not np.isnan(read_noise):
+        variance = read_noise**2 + max(background - offset, 0.0) * shot + floor**2
+        if spread < UNEVEN * math.sqrt(variance):
+            noise = math.sqrt(variance)
+    return noise, shot

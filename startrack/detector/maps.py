@@ -1,0 +1,112 @@
+"""Maps of a device: what each pixel does on its own, the same in all trials."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.detector.defects import dark_response, photo_response
+from startrack.detector.parameters import Detector
+from startrack.streams import Streams
+
+Floats = NDArray[np.float64]
+
+
+def response(detector: Detector) -> Floats | None:
+    """Photo response of each pixel over the mean (rows, columns), None where all are alike.
+
+    Where pixels are binned, the mean of theirs.
+    """
+    defects = detector.defects
+    if not (detector.prnu or (defects and (defects.dead or defects.dead_columns))):
+        return None
+    return _response(_device(detector))
+
+
+def dark(detector: Detector) -> Floats | float:
+    """Dark current of each pixel (rows, columns), or of all, electron / second.
+
+    Where pixels are binned, the sum of theirs.
+    """
+    defects = detector.defects
+    if not (defects and (defects.dsnu or defects.hot)):
+        return detector.dark_rate
+    growth = detector.thermal.growth if detector.thermal else 1.0
+    return _dark(_device(detector)) * growth
+
+
+def read_noise(detector: Detector) -> Floats | float:
+    """Read noise of each pixel (rows, columns), or of all, electron rms.
+
+    Log-normal, which has the long tail of the pixels whose source follower blinks. The
+    histograms of Fowler et al. (2013), Read noise distribution modeling for CMOS image sensors,
+    International Image Sensor Workshop, have such a tail; its shape is an assumption.
+    """
+    if not detector.read_noise_spread:
+        return detector.read_noise
+    return detector.read_noise * _spread(_device(detector))
+
+
+def device_streams(detector: Detector) -> Streams:
+    """The streams of what belongs to a device and not to a trial."""
+    return Streams(detector.device_seed, 0)
+
+
+def _device(detector: Detector) -> Detector:
+    """What the maps depend on, with all else at its default, so that designs share their maps."""
+    return Detector(
+        detector.columns,
+        detector.rows,
+        1.0,
+        1.0,
+        prnu=detector.prnu,
+        dark_current=detector.dark_current,
+        defects=detector.defects,
+        read_noise_spread=detector.read_noise_spread,
+        binning=detector.binning,
+        region=detector.region,
+        device_seed=detector.device_seed,
+    )
+
+
+@lru_cache(maxsize=2)
+def _response(device: Detector) -> Floats:
+    array = photo_response(_array(device), device.prnu, device.defects, device_streams(device))
+    return _frozen(_binned(device, array) / device.binning**2)
+
+
+@lru_cache(maxsize=2)
+def _dark(device: Detector) -> Floats:
+    assert device.defects
+    array = dark_response(
+        _array(device), device.dark_current, device.defects, device_streams(device)
+    )
+    return _frozen(_binned(device, array))
+
+
+@lru_cache(maxsize=2)
+def _spread(device: Detector) -> Floats:
+    draw = device_streams(device)("read noise").standard_normal((device.rows, device.columns))
+    return _frozen(np.exp(device.read_noise_spread * draw))
+
+
+def _array(device: Detector) -> tuple[int, int]:
+    """Rows and columns of the array that the image is read from."""
+    if device.region:
+        return device.region.array_rows, device.region.array_columns
+    return device.rows * device.binning, device.columns * device.binning
+
+
+def _binned(device: Detector, array: Floats) -> Floats:
+    """The sums over the pixels that make each pixel of the image."""
+    size, rows, columns = device.binning, device.rows, device.columns
+    top, left = (device.region.top, device.region.left) if device.region else (0, 0)
+    array = array[top : top + rows * size, left : left + columns * size]
+    return array.reshape(rows, size, columns, size).sum(axis=(1, 3)) if size > 1 else array
+
+
+def _frozen(array: Floats) -> Floats:
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,168 @@
+"""Lines, staggered lines and TDI: Light and a turning camera -> an image that grows in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.camera import Camera
+from startrack.checks import finite, whole
+from startrack.detector.collect import electron_rate
+from startrack.detector.expose import frame_of
+from startrack.detector.maps import response
+from startrack.detector.parameters import Detector
+from startrack.detector.shutter import Turn
+from startrack.detector.stamp import stamp
+from startrack.streams import Streams
+from startrack.values import Frame, Light, Psf
+
+Floats = NDArray[np.float64]
+
+NODES = 8  # per exposure of a line, Gauss-Legendre: 1e-6 of the flux for one pixel of smear
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of pixels: where it looks, when, and with what gain.
+
+    row    pixel of the camera, its line of sight
+    shift  pixel of the camera, of its first column
+    delay  exposures by which it is late
+    gain   1
+    phase  which of the interleaved lines of the image it adds to
+    """
+
+    row: float
+    shift: float = 0.0
+    delay: float = 0.0
+    gain: float = 1.0
+    phase: int = 0
+
+    def __post_init__(self) -> None:
+        finite(row=self.row, shift=self.shift, delay=self.delay, gain=self.gain)
+        whole(0, 15, phase=self.phase)
+
+
+def tdi(stages: int, row: float = 0.0, downward: bool = True) -> tuple[Line, ...]:
+    """Time delay and integration: charge walks from stage to stage, along with the image.
+
+    row       pixel, where the first stage looks
+    downward  whether it walks to larger rows
+    """
+    whole(1, 2**16, stages=stages)
+    step = 1 if downward else -1
+    return tuple(Line(row + step * n, delay=float(n)) for n in range(stages))
+
+
+def staggered(distance: float, row: float = 0.0) -> tuple[Line, ...]:
+    """Two lines, half a pixel apart along themselves and `distance` pixel across.
+
+    The second is as late as the image, walking one pixel an exposure to larger rows, needs.
+    """
+    return Line(row), Line(row + distance, 0.5, distance, phase=1)
+
+
+def scan(
+    light: Light,
+    psf: Psf,
+    icrs_to_camera: Rotation,
+    turn: Turn,
+    camera: Camera,
+    lines: tuple[Line, ...],
+    count: int,
+    detector: Detector,
+    throughput: Floats,
+    streams: Streams,
+) -> Frame:
+    """One image of `count` rows, each read once the lines that add to it were exposed.
+
+        electrons_i = sum over lines: gain integral of the line's electron rate,
+                      from (i - count / 2 + delay) exposure, for one exposure
+
+    Each line looks in its own direction at its own time, so that a star that does not walk in
+    step with the charge is smeared as nature would.
+
+    icrs_to_camera  attitude at time zero
+    turn            seconds (m,) -> rotation vectors (m, 3) as in Path
+    camera          the true one; its rows hold the lines
+    detector        as many rows as there are lines; `exposure` is that of one line
+    Errors          ValueError where sizes differ, or where a map of the pixels' read noise is
+                    asked for.
+                    model: blooming, hits and channel act on the image as on a matrix.
+    """
+    electrons = scanned(
+        light, psf, icrs_to_camera, turn, camera, lines, count, detector, throughput
+    )
+    return frame_of(electrons, detector, streams)
+
+
+def scanned(
+    light: Light,
+    psf: Psf,
+    icrs_to_camera: Rotation,
+    turn: Turn,
+    camera: Camera,
+    lines: tuple[Line, ...],
+    count: int,
+    detector: Detector,
+    throughput: Floats,
+) -> Floats:
+    """The expected electrons (count, columns * phases) of `scan`."""
+    whole(1, 2**20, count=count)
+    if camera.columns != detector.columns or len(lines) != detector.rows:
+        raise ValueError(
+            "detector must have the camera's columns and a row for each line, got "
+            f"{detector.columns} x {detector.rows} for {camera.columns} and {len(lines)}"
+        )
+    if detector.read_noise_spread:
+        raise ValueError(
+            f"read_noise_spread must be 0 where lines scan, got {detector.read_noise_spread}"
+        )
+    star_rate, sky_rate = electron_rate(light, detector, throughput)
+    sky = sky_rate * camera.focal_length_px**-2 * detector.exposure
+    phases = 1 + max(line.phase for line in lines)
+    image = np.zeros((phases, count, detector.columns))
+    gain = response(detector)
+    for number, line in enumerate(lines):
+        start = (np.arange(count) - count / 2 + line.delay) * detector.exposure
+        seen = np.full((count, detector.columns), sky)
+        for row, x, y, electrons in _passing(
+            light.direction, star_rate, psf, icrs_to_camera, turn, camera, line, start, detector
+        ):
+            stamp(seen[row : row + 1], psf, x, y, electrons)
+        if gain is not None:
+            seen *= gain[number]
+        image[line.phase] += line.gain * (seen + detector.dark_rate * detector.exposure)
+    return image.transpose(1, 2, 0).reshape(count, -1)
+
+
+def _passing(  # type: ignore[no-untyped-def]
+    direction, star_rate, psf, icrs_to_camera, turn, camera, line, start, detector
+):
+    """For each row of the image that stars reach, their places over its exposure.
+
+    Yields  row; x, y (k,) pixel from the line's first; electrons (k,)
+    """
+    here = icrs_to_camera.apply(direction)
+
+    def place(time: Floats, star: NDArray[np.intp]) -> Floats:
+        pixel = camera.project(Rotation.from_rotvec(turn(time)).apply(here[star]))
+        return pixel - (line.shift, line.row)
+
+    ends = np.append(start, start[-1] + detector.exposure)
+    every = np.arange(len(here))
+    across = np.stack([place(np.full(len(here), time), every)[:, 1] for time in ends])
+    # A star's image can touch the line in an exposure if it comes near at the start or the end,
+    # or passes between.
+    low, high = np.minimum(across[:-1], across[1:]), np.maximum(across[:-1], across[1:])
+    near = (low < psf.half_width + 1) & (high > -psf.half_width - 1)
+    node, weight = np.polynomial.legendre.leggauss(NODES)
+    for row in np.flatnonzero(near.any(axis=1)):
+        star = np.flatnonzero(near[row])
+        time = start[row] + (node + 1) / 2 * detector.exposure
+        x, y = place(np.repeat(time, len(star)), np.tile(star, NODES)).T.copy()
+        electrons = np.outer(weight / 2, star_rate[star]).ravel() * detector.exposure
+        yield row, x, y, electrons

@@ -1,0 +1,164 @@
+"""Tables of the exact law of a pixel's number, one for each level of expected electrons.
+
+A level's law is Poisson's, through the signal chain, with the read noise, cut into digital
+numbers: P(number <= d) = sum_n P(n) Phi((edge_d - signal_n) / noise). A uniform number then picks
+the digital number. The first bits of the uniform number choose a cell of the table, which almost
+always settles the matter; where it does not, all of its 48 bits are compared.
+
+Levels lie 1/64 of a standard deviation apart. A pixel between two levels takes one of them, with
+the probability that makes its mean exact.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import special, stats
+
+from startrack.detector.law import Law, converted, upper_edge
+
+STEPS = 128  # levels per electron of standard deviation; their spacing is 2 / STEPS of it
+BITS = 48  # of the uniform number
+OPEN = 0xFFFF  # in an entry: the cell does not settle the number
+FARTHEST = 8.2  # standard deviations; what lies beyond has less than 2^-48
+SKEW = 25.0  # electrons by which Poisson's upper tail reaches farther than a normal one
+BLOCK = 16  # levels, to which a table is rounded up, so that like frames share one
+MOST_LEVELS = 512
+MOST_NUMBERS = 4096
+MOST_TERMS = 100_000_000  # of the sums behind a table, a tenth of a second
+
+
+class Tables(NamedTuple):
+    """The laws of a run of levels.
+
+    entry    (levels << cells,) and one more that is open: threshold << 16 | number - lowest
+    cells    bits that choose a cell
+    limit    (levels, d) P(number <= lowest + d) of each level, in units of 2^-48
+    lowest   digital number of the first column of `limit`
+    first    number of the first level
+    levels   how many
+    """
+
+    entry: NDArray[np.uint32]
+    cells: int
+    limit: NDArray[np.uint64]
+    lowest: int
+    first: int
+    levels: int
+
+
+EMPTY = Tables(np.full(1, OPEN, np.uint32), 1, np.zeros((1, 1), np.uint64), 0, 0, 0)
+
+
+def level_mean(level: NDArray[np.int64], noise: float) -> NDArray[np.float64]:
+    """Expected electrons of a level: sqrt(mean + noise^2) rises by 1 / STEPS from one on."""
+    step = level / STEPS
+    return step * (2 * noise + step)
+
+
+def tables_for(mean: NDArray[np.float64], law: Law) -> Tables:
+    """The tables that serve most pixels of a frame; empty where they would not pay.
+
+    They follow from the frame alone, so that a frame is the same whatever was drawn before it.
+
+    mean  (rows, columns) electron
+    """
+    sample = mean.ravel()[:: mean.size // 4096 | 1]  # odd, to visit all columns
+    low, middle, high = np.quantile(np.maximum(sample, 0.0), [0.002, 0.5, 0.99])
+    spread = math.sqrt(middle + law.noise**2)
+    # Wide enough for what a sample leaves out, but no wider than stars are worth.
+    first = max(_level(low - 0.1 * spread, law.noise), _level(middle, law.noise) - MOST_LEVELS // 2)
+    last = min(_level(high + 0.1 * spread, law.noise) + 1, first + MOST_LEVELS)
+    first, last = first // BLOCK, -(-last // BLOCK)
+    # One by one, a pixel costs 60 ns; a level costs some 100 microseconds to make.
+    if mean.size < 2**14 or mean.size < 64 * (last - first) * BLOCK:
+        return EMPTY
+    return build(law, first * BLOCK, (last - first) * BLOCK + 1)
+
+
+def _level(mean: float, noise: float) -> int:
+    return math.floor((math.sqrt(max(mean, 0.0) + noise**2) - noise) * STEPS)
+
+
+@lru_cache(maxsize=4)
+def build(law: Law, first: int, count: int) -> Tables:
+    """The tables of some levels, or empty ones where the numbers spread too far."""
+    mean = level_mean(np.arange(first, first + count), law.noise)
+    electrons = np.arange(
+        max(math.floor(mean[0] - FARTHEST * math.sqrt(mean[0])), 0.0),
+        math.ceil(mean[-1] + FARTHEST * math.sqrt(mean[-1]) + SKEW),
+    )
+    held = np.minimum(electrons, law.full_well)
+    held = held * (1 - law.bend * held / law.full_well)
+    far = FARTHEST * law.noise
+    least, most = (int(converted(held[i] + s * far, law)) for i, s in ((0, -1), (-1, 1)))
+    if most - least >= MOST_NUMBERS or count * len(electrons) > MOST_TERMS:
+        return EMPTY
+    span = np.arange(least, most + 1.0)
+    # Electrons before `start` give at most a number, those from `end` on give more; between the
+    # two, the read noise decides.
+    if law.noise:
+        edge = upper_edge(law, span)
+        start, end = (np.searchsorted(held, edge + s * far) for s in (-1, 1))
+        between = np.minimum(start[:, None] + np.arange((end - start).max()), len(held) - 1)
+        z = (edge[:, None] - held[between]) / law.noise
+    else:
+        start = end = np.searchsorted(converted(held, law), span, side="right")
+        z = np.zeros((len(span), 0))
+    if count * z.size > MOST_TERMS:
+        return EMPTY
+    probability = stats.poisson.pmf(electrons, mean[:, None])
+    lower, upper = _sums(probability, start, end, special.ndtr(z), special.ndtr(-z))
+    # The smaller of the two keeps its digits.
+    limit = np.where(lower < 0.5, lower * 2.0**BITS, 2.0**BITS - upper * 2.0**BITS)
+    limit = np.rint(limit).astype(np.uint64)
+    limit[:, -1] = 2**BITS
+    deviation = math.sqrt(mean[-1] + law.noise**2) * law.gain
+    cells = min(max(math.ceil(math.log2(32 * max(deviation, 0.1))), 8), 12)
+    entry = np.concatenate([*(_entries(one, cells) for one in limit), [OPEN]]).astype(np.uint32)
+    return Tables(entry, cells, limit, least, first, count)
+
+
+@njit(cache=True, error_model="numpy")
+def _sums(probability, start, end, below, above):  # type: ignore[no-untyped-def]
+    """P(number <= d) and P(number > d) of each level, each summed by itself to keep its digits."""
+    levels, electrons = probability.shape
+    lower = np.empty((levels, len(start)))
+    upper = np.empty((levels, len(start)))
+    head, tail = np.zeros(electrons + 1), np.zeros(electrons + 1)
+    for level in range(levels):
+        share = probability[level]
+        for n in range(electrons):
+            head[n + 1] = head[n] + share[n]
+            back = electrons - 1 - n
+            tail[back] = tail[back + 1] + share[back]
+        for d in range(len(start)):
+            less, more = head[start[d]], tail[end[d]]
+            for k in range(end[d] - start[d]):
+                less += share[start[d] + k] * below[d, k]
+                more += share[start[d] + k] * above[d, k]
+            lower[level, d], upper[level, d] = less, more
+    return lower, upper
+
+
+def _entries(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:
+    """The entries of one level.
+
+    A cell in which one limit lies holds its next 16 bits; one in which several lie is open.
+    """
+    start = np.arange(2**cells, dtype=np.uint64) << np.uint64(BITS - cells)
+    lower = np.searchsorted(limit, start, side="right")
+    upper = np.append(lower[1:], len(limit) - 1)
+    inside = upper - lower
+    threshold = np.where(
+        inside == 1,
+        (limit[np.minimum(lower, len(limit) - 1)] - start) >> np.uint64(BITS - cells - 16),
+        np.uint64(OPEN),
+    )
+    number = np.where(inside > 1, OPEN, lower)
+    return (threshold << np.uint64(16) | number.astype(np.uint64)).astype(np.uint32)

@@ -1,0 +1,64 @@
+"""Temperature: how the dark current grows, and the noise that resetting a capacitor leaves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+from startrack.checks import non_negative, positive, within
+from startrack.units import BOLTZMANN, Unit
+
+ELEMENTARY_CHARGE = 1.602176634e-19  # coulomb, exact in the SI of 2019
+
+
+@dataclass(frozen=True)
+class Thermal:
+    """The temperature of the detector, and the law of its dark current.
+
+    By its doubling, where `activation` is zero:
+
+        I(T) = I(reference) 2^((T - reference) / doubling)
+
+    or by an activation energy (diffusion: the gap, 1.12 eV; generation: half of it):
+
+        I(T) = I(reference) (T / reference)^(3/2) exp(-E / k (1 / T - 1 / reference))
+
+    Resetting a capacitor leaves the noise sqrt(k T C) / q, unless it is sampled and subtracted.
+
+    Source: EMVA 1288 release 4.0, on the dark current, for the doubling; Widenhorn et al. (2002),
+    Proc. SPIE 4669, 193, for the activation energy.
+
+    temperature  kelvin
+    reference    kelvin, at which the detector's dark_current holds
+    doubling     kelvin
+    activation   joule
+    capacitance  farad, of the sense node that is reset without correlated double sampling
+    """
+
+    temperature: Annotated[float, Unit("K")]
+    reference: Annotated[float, Unit("K")] = 293.15
+    doubling: Annotated[float, Unit("K")] = 8.0
+    activation: Annotated[float, Unit("J", "eV")] = 0.0
+    capacitance: Annotated[float, Unit("F", "fF")] = 0.0
+
+    def __post_init__(self) -> None:
+        within(0, 500, temperature=self.temperature)
+        positive(reference=self.reference, doubling=self.doubling)
+        non_negative(activation=self.activation, capacitance=self.capacitance)
+
+    @property
+    def growth(self) -> float:
+        """Dark current over that at the reference; zero at 0 K."""
+        if self.temperature == 0:
+            return 0.0
+        if self.activation:
+            cold = 1 / self.temperature - 1 / self.reference
+            power = (self.temperature / self.reference) ** 1.5
+            return power * math.exp(-self.activation / BOLTZMANN * cold)
+        return float(2 ** ((self.temperature - self.reference) / self.doubling))
+
+    @property
+    def reset_noise(self) -> float:
+        """Electron rms."""
+        return math.sqrt(BOLTZMANN * self.temperature * self.capacitance) / ELEMENTARY_CHARGE

@@ -1,0 +1,124 @@
+"""What no centroid can beat, and what the centre of gravity makes of a Gaussian star."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from startrack.checks import non_negative, positive
+
+Floats = NDArray[np.float64]
+
+PHASES = 8  # sub-pixel positions per axis that the mean is taken over
+REACH = 6.0  # sigma, to where a star is followed
+
+
+@dataclass(frozen=True)
+class Star:
+    """A Gaussian star on pixels, and the noise around it.
+
+    flux        electron
+    sigma       pixel, of the Gaussian before the pixels integrate it
+    background  electron per pixel, sky, dark and stray light
+    read_noise  electron rms
+    smear       pixel, length over which an even motion along the columns draws the star
+    """
+
+    flux: float
+    sigma: float
+    background: float = 0.0
+    read_noise: float = 0.0
+    smear: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive(flux=self.flux, sigma=self.sigma)
+        non_negative(background=self.background, read_noise=self.read_noise, smear=self.smear)
+
+
+def centroid_bound(star: Star) -> tuple[float, float]:
+    """Least standard deviation of an unbiased centroid, along and across the smear.
+
+        J = sum_pixels (d mu / d p) (d mu / d p)^T / (mu + read_noise^2),   sigma^2 >= (J^-1)_xx
+
+    for p = position and flux, mu the mean of a pixel; root mean square over sub-pixel positions.
+    Source: Winick (1986), J. Opt. Soc. Am. A 3(11), 1809, with read noise added as variance.
+
+    Returns  pixel, (x, y)
+    Errors   model: read noise as if it were Poisson's; for 30 electrons and a read noise of one
+             electron the exact bound is 1.4 % lower, above 300 electrons less than 0.2 %.
+             numerical: 1e-3, from 8 x 8 sub-pixel positions, above sigma = 0.35 pixel.
+    """
+    reach = math.ceil(REACH * star.sigma + star.smear / 2) + 2
+    total = np.zeros(2)
+    phases = (np.arange(PHASES) + 0.5) / PHASES - 0.5
+    across = [_profile(phase, star.sigma, 0.0, reach) for phase in phases]
+    along = [_profile(phase, star.sigma, star.smear, reach) for phase in phases]
+    for share_x, slope_x in along:
+        for share_y, slope_y in across:
+            shares = np.outer(share_y, share_x)
+            mean = star.flux * shares + star.background + star.read_noise**2
+            slopes = np.array(
+                [
+                    star.flux * np.outer(share_y, slope_x),
+                    star.flux * np.outer(slope_y, share_x),
+                    shares,
+                ]
+            ).reshape(3, -1)
+            # Pixels that nothing reaches hold no information.
+            weight = np.divide(1, mean, out=np.zeros_like(mean), where=mean > 1e-200).ravel()
+            total += np.diag(np.linalg.inv((slopes * weight) @ slopes.T))[:2]
+    x, y = np.sqrt(total / PHASES**2).tolist()
+    return x, y
+
+
+def centre_of_gravity_error(star: Star, window: int) -> tuple[float, float]:
+    """Noise and S-curve of the centre of gravity in a window on the star's pixel, background known.
+
+        x = sum k s_k / sum s_k,   var x = sum (k - x)^2 var s_k / (sum s_k)^2
+
+    window   pixel, odd width of the square window
+    Returns  pixel, root mean square over sub-pixel positions, along x: of noise, of bias
+    Errors   ValueError where the window is not odd.
+             model: noise to first order; more than 5 % low where sum s_k is under 5 times its
+             own noise. No smear.
+    """
+    if window < 1 or window % 2 == 0:
+        raise ValueError(f"window must be odd and positive, got {window}")
+    pixel = np.arange(window) - window // 2
+    phases = (np.arange(4 * PHASES) + 0.5) / (4 * PHASES) - 0.5
+    noise = bias = 0.0
+    for x in phases:
+        share_x = _profile(x, star.sigma, 0.0, window // 2)[0]
+        seen = float((pixel * share_x).sum() / share_x.sum())
+        bias += (seen - x) ** 2
+        for y in phases[::4]:
+            share = np.outer(_profile(y, star.sigma, 0.0, window // 2)[0], share_x)
+            variance = star.flux * share + star.background + star.read_noise**2
+            arms = (pixel - seen) ** 2 * variance
+            noise += float(arms.sum()) / float(star.flux * share.sum()) ** 2
+    return math.sqrt(noise / len(phases) / len(phases[::4])), math.sqrt(bias / len(phases))
+
+
+def _profile(centre: float, sigma: float, smear: float, reach: int) -> tuple[Floats, Floats]:
+    """Share of a line's light in each pixel from -reach to reach, and its slope by the centre."""
+    edge = np.asarray(np.arange(-reach, reach + 2) - 0.5 - centre, np.float64)
+    if smear == 0:
+        below, density = ndtr(edge / sigma), _normal(edge / sigma) / sigma
+    else:  # the mean over the smear, in closed form
+        late, early = (edge + smear / 2) / sigma, (edge - smear / 2) / sigma
+        below = sigma / smear * (_integral(late) - _integral(early))
+        density = (ndtr(late) - ndtr(early)) / smear
+    return np.diff(below), -np.diff(density)
+
+
+def _normal(z: Floats) -> Floats:
+    return np.exp(-z * z / 2) / math.sqrt(2 * math.pi)
+
+
+def _integral(z: Floats) -> Floats:
+    """Integral of the normal distribution function up to z."""
+    return np.asarray(z * ndtr(z) + _normal(z))
