@@ -120,12 +120,11 @@ def peers() -> dict[str, Noise]:
 
 
 def least(calls: Mapping[str, Callable[[], object]], repeats: int = REPEATS) -> dict[str, float]:
-    """Milliseconds of each call, all taking turns."""
+    """Least milliseconds of each call, all taking turns."""
     best = dict.fromkeys(calls, math.inf)
-    for each in calls.values():
-        each()
     for _ in range(repeats):
         for name, each in calls.items():
+            each()  # so that none pays for what the one before it left in the caches
             start = time.process_time()
             each()
             best[name] = min(best[name], 1e3 * (time.process_time() - start))

@@ -117,6 +117,7 @@ def psf_of(instrument: Instrument) -> Psf:
         WAVELENGTH,
         detected(instrument),
         detector.fill_factor,
+        detector.diffusion,
     )
 
 

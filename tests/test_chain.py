@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from startrack.catalog import shipped
-from startrack.chain import observe, random_attitude, trial
+from startrack.chain import observe, psf_of, random_attitude, trial
 from startrack.design import load_design
 from startrack.error import Outcome
 from startrack.streams import Streams
@@ -75,3 +75,15 @@ def test_a_closed_shutter_is_a_status():
     assert record.estimate.status in (Status.BLANK, Status.TOO_FEW, Status.NO_MATCH)
     assert not record.outcome.solved
     assert record.estimate.reason
+
+
+def test_diffusion_widens_the_psf_by_its_variance():
+    """Variances of convolved blurs add, in square micrometre."""
+    variance = []
+    for diffusion in (0.0, 3e-6):
+        detector = dataclasses.replace(CASE.instrument.detector, diffusion=diffusion)
+        psf = psf_of(dataclasses.replace(CASE.instrument, detector=detector))
+        at = np.arange(len(psf.table)) / psf.oversampling - psf.half_width
+        line = psf.table.sum(axis=0)
+        variance.append((line @ at**2) / line.sum() * (detector.pitch * 1e6) ** 2)
+    assert variance[1] - variance[0] == pytest.approx(9.0, rel=0.02)

@@ -39,9 +39,9 @@ def command(options: argparse.Namespace) -> int:
     instrument = read_design(path).case.instrument
     weight = detected(instrument)
     response = psf_of(instrument)
-    image = focus(instrument.optics, instrument.detector.pixel_pitch, WAVELENGTH, weight, POINT)
+    image = focus(instrument.optics, instrument.detector.pitch, WAVELENGTH, weight, POINT)
     mean = float(weight @ WAVELENGTH / weight.sum())
-    pitch = instrument.detector.pixel_pitch
+    pitch = instrument.detector.pitch
     choice = choose(instrument.optics, pitch, mean)
     judged = quality(response, image)
     curves = [_curves(instrument, response, image, angle) for angle in (0.0, math.pi / 2)]
@@ -58,13 +58,15 @@ def command(options: argparse.Namespace) -> int:
 def _curves(instrument: Instrument, response: Psf, image: Psf, angle: float) -> Curves:
     """Each factor of the modulation along one direction of the detector, up to Nyquist."""
     optics, detector, camera = instrument.optics, instrument.detector, instrument.camera
-    pitch = detector.pixel_pitch
+    pitch = detector.pitch
     factors = {
         "optics": modulation(image, FREQUENCY, angle),
         "pixel": np.abs(pixel_transfer(FREQUENCY, math.sqrt(detector.fill_factor))),
     }
     if optics.total_blur:
         factors["blur in optics"] = blur_transfer(FREQUENCY, optics.total_blur / pitch)
+    if detector.diffusion:
+        factors["diffusion"] = blur_transfer(FREQUENCY, detector.diffusion / pitch)
     # The motion of one exposure, for a star in the middle of the field; trial 0 of seed 0.
     path = path_of(instrument, Streams(0, 0))
     if len(path.time) > 1:

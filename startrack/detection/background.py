@@ -153,11 +153,11 @@ def _skewness(values: Image, mean: float, rms: float) -> float:
     """Third standardised moment of the values that are noise; 0 where there is none."""
     if rms == 0:
         return 0.0
-    total, count = np.float32(0), 0
+    total, count = np.float32(0), np.float32(0)
     level, scale = np.float32(mean), np.float32(1 / rms)
     for i in range(len(values)):
         z = (values[i] - level) * scale
         inside = np.float32(abs(z) <= np.float32(TAIL))
         total += inside * z * z * z
-        count += int(inside)
-    return float(total / max(count, 1))
+        count += inside
+    return float(total / max(count, np.float32(1)))

@@ -39,16 +39,17 @@ def clipped(values: Values, floor: float) -> tuple[float, float]:
     sample = values[:: max(1, len(values) // SAMPLE)]
     mean = np.float32(_median(sample))
     rms = max(DEVIATION_TO_SIGMA * float(np.abs(sample - mean).mean()), floor)
-    count = 0
+    count = np.float32(0)
     for _ in range(ROUNDS):
         # Offsets from the last mean are small, so float32 sums lose no digits.
         reach = np.float32(CLIP * rms)
-        kept, first, second = 0, np.float32(0), np.float32(0)
+        # All in float32, or the processor could not take several pixels at once.
+        kept, first, second = np.float32(0), np.float32(0), np.float32(0)
         for i in range(len(values)):
             offset = values[i] - mean
             inside = np.float32(abs(offset) <= reach)
             offset *= inside
-            kept += int(inside)
+            kept += inside
             first += offset
             second += offset * offset
         if kept == 0:

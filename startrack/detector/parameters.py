@@ -60,6 +60,8 @@ class Detector:
                         global shutter
     thermal             temperature; None where dark_current holds as it stands
     defects             hot and dead pixels
+    diffusion           metre, sigma per axis of the Gaussian by which charge spreads before it is
+                        collected
     crosstalk           1, share of a pixel's electrons that diffuses to each of its four sides
     lag                 1, share of the charge that a frame leaves to the next
     hits                cosmic rays and protons
@@ -93,6 +95,7 @@ class Detector:
     row_delay: Annotated[float, Unit("s", "us")] = 0.0
     thermal: Thermal | None = None
     defects: Defects | None = None
+    diffusion: Annotated[float, Unit("m", "um")] = 0.0
     crosstalk: float = 0.0
     lag: float = 0.0
     hits: Hits | None = None
@@ -116,7 +119,7 @@ class Detector:
         positive(pixel_rate=self.pixel_rate, gain=self.gain)
         whole(0, 2**63 - 1, device_seed=self.device_seed)
         whole(1, 64, binning=self.binning)
-        non_negative(row_delay=self.row_delay)
+        non_negative(row_delay=self.row_delay, diffusion=self.diffusion)
         within(0, 0.25, crosstalk=self.crosstalk)
         within(0, 0.99, lag=self.lag, settling=self.settling)
         within(1, 1e5, multiplication=self.multiplication)

@@ -1,0 +1,361 @@
+"""How fast, how complete and how right are spots, beside other programs' and beside the limits?
+
+Frames of 1024 x 1024 pixels, background 50 e-, read noise 5 e-, stars integrated over pixels by
+scipy's normal law. The Cramér-Rao bounds are computed here, from that law alone. Where
+STARTRACK_DATA names a folder with images and their solutions, spots of real skies are counted
+too. One thread, processor time, the least of several rounds, all programs in turn.
+
+    python experiments/detection.py [--json FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.special import ndtr
+from scipy.stats import norm
+
+from startrack.detection import Detection, detect, gaussian_psf, subtract_dark
+from startrack.images import read_image
+from startrack.streams import Streams
+from startrack.values import Frame, Spots
+
+Floats = NDArray[np.float64]
+Finder = Callable[[Frame], Floats]
+
+SIDE, BACKGROUND, READ_NOISE, OFFSET = 1024, 50.0, 5.0, 100.0
+SIGMAS = (0.7, 1.2)
+NEAR = 1.5  # pixel
+FAINTEST = 9.5  # magnitude G, of stars that a spot of a real image may be
+
+
+def paint(image: Floats, x: Floats, y: Floats, flux: Floats | float, sigma: float) -> None:
+    reach = int(np.ceil(6 * sigma)) + 1
+    for cx, cy, light in np.broadcast(x, y, flux):
+        u = np.arange(max(round(cx) - reach, 0), min(round(cx) + reach + 1, image.shape[1]))
+        v = np.arange(max(round(cy) - reach, 0), min(round(cy) + reach + 1, image.shape[0]))
+        along = ndtr((u + 0.5 - cx) / sigma) - ndtr((u - 0.5 - cx) / sigma)
+        down = ndtr((v + 0.5 - cy) / sigma) - ndtr((v - 0.5 - cy) / sigma)
+        image[v[0] : v[-1] + 1, u[0] : u[-1] + 1] += light * np.outer(down, along)
+
+
+def expose(light: Floats, streams: Streams, read_noise: float = READ_NOISE) -> Frame:
+    image = streams("shot noise").poisson(light) + OFFSET
+    image = image + read_noise * streams("read noise").standard_normal(light.shape)
+    whole = np.clip(np.round(image), 0, 65535).astype(np.uint16)
+    return Frame(whole, np.nan, 1.0, OFFSET, read_noise)
+
+
+def field(streams: Streams, spacing: int) -> tuple[Floats, Floats]:
+    """Stars on a grid, at random places within their pixels."""
+    grid = np.arange(spacing, SIDE - spacing / 2, spacing)
+    x, y = (a.ravel() for a in np.meshgrid(grid, grid))
+    x = x + streams("x").uniform(-0.5, 0.5, x.size)
+    return x, y + streams("y").uniform(-0.5, 0.5, y.size)
+
+
+def bound(flux: float, sigma: float, background: float, read_noise: float) -> float:
+    """Cramér-Rao bound per axis over all places in a pixel, by differences of the images."""
+    variances = []
+    phase = (np.arange(8) + 0.5) / 8 - 0.5
+    for a in phase:
+        for b in phase:
+
+            def mean(x: float, y: float, light: float, level: float) -> Floats:
+                image = np.full((21, 21), level)
+                paint(image, np.array([x]), np.array([y]), light, sigma)
+                return image.ravel()
+
+            at, steps = (10 + a, 10 + b, flux, background), (1e-4, 1e-4, 1e-2, 1e-2)
+            slopes = []
+            for k, step in enumerate(steps):
+                high, low = ([p + s * (i == k) for i, p in enumerate(at)] for s in (step, -step))
+                slopes.append((mean(*high) - mean(*low)) / (2 * step))
+            slope = np.array(slopes)
+            information = slope / (mean(*at) + read_noise**2 + 1 / 12) @ slope.T
+            variances.append(np.trace(np.linalg.inv(information)[:2, :2]) / 2)
+    return float(np.sqrt(np.mean(variances)))
+
+
+def sharpness(sigma: float) -> float:
+    """Sum of the squares of a star's shares, over all places in a pixel."""
+    phase, total = (np.arange(8) + 0.5) / 8 - 0.5, []
+    for a in phase:
+        for b in phase:
+            image = np.zeros((21, 21))
+            paint(image, np.array([10 + a]), np.array([10 + b]), 1.0, sigma)
+            total.append((image**2).sum())
+    return float(np.mean(total))
+
+
+def flux_of(snr: float, sigma: float) -> float:
+    """Electron; SNR of a matched filter in the background's noise."""
+    return snr * float(np.sqrt((BACKGROUND + READ_NOISE**2 + 1 / 12) / sharpness(sigma)))
+
+
+def paired(spots: Floats, x: Floats, y: Floats) -> tuple[NDArray[np.bool_], Floats]:
+    """Which stars have a spot near, and its error there, (n, 2)."""
+    if not len(spots):
+        return np.zeros(len(x), bool), np.empty((0, 2))
+    star = np.column_stack([x, y])
+    distance, index = cKDTree(spots).query(star)
+    found = distance < NEAR
+    return found, (spots[index] - star)[found]
+
+
+def places(spots: Spots) -> Floats:
+    return np.column_stack([spots.x, spots.y])
+
+
+def scatter(
+    flux: float,
+    sigma: float,
+    background: float,
+    read_noise: float,
+    seed: int,
+    frames: int,
+    spacing: int = 22,
+    smear: float = 0.0,
+    **settings: object,
+) -> Floats:
+    """Errors (n, 2) of the stars that were found."""
+    options = {"kernel_sigma": sigma, "max_spots": 9999, "smear_x": smear, **settings}
+    errors = []
+    for trial in range(frames):
+        streams = Streams(seed, trial)
+        x, y = field(streams, spacing)
+        light = np.full((SIDE, SIDE), background)
+        count = 1 if smear == 0 else 33
+        for k in range(count):
+            paint(light, x + smear * ((k + 0.5) / count - 0.5), y, flux / count, sigma)
+        frame = expose(light, streams, read_noise)
+        spots = detect(frame, Detection(**options))  # type: ignore[arg-type]
+        errors.append(paired(places(spots), x, y)[1])
+    return np.concatenate(errors)
+
+
+def rms(error: Floats) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def accuracy() -> dict[str, float]:
+    figures: dict[str, float] = {}
+    ratios = []
+    print(
+        "\nlikelihood, background 50, read noise 5\nsigma    flux   SNR    rms px  bound px  ratio"
+    )
+    for sigma in SIGMAS:
+        fluxes = [flux_of(snr, sigma) for snr in (6, 8, 10)] + [1200.0, 2500.0, 20000.0]
+        for flux in fluxes:
+            snr = flux / flux_of(1, sigma)
+            error = scatter(flux, sigma, BACKGROUND, READ_NOISE, 1, 3 if snr > 20 else 8,
+                            22 if snr > 20 else 44, centroid="likelihood")  # fmt: skip
+            least = bound(flux, sigma, BACKGROUND, READ_NOISE)
+            ratio = rms(error) / least
+            print(f"{sigma:5} {flux:7.0f} {snr:5.1f} {rms(error):9.5f} {least:9.5f} {ratio:6.3f}")
+            figures[f"ml_over_bound_sigma{sigma}_snr{snr:.0f}"] = ratio
+            if snr > 7.9:
+                ratios.append(ratio)
+    figures["ml_over_bound_max"] = max(ratios)
+    error = scatter(1e4, 0.7, 10.0, 5.0, 2, 24, centroid="likelihood")
+    figures["ml_rmse_10000_px"] = rms(error)
+    figures["ml_bias_px"] = float(np.abs(error.mean(axis=0)).max())
+    figures["ml_bias_one_sigma_px"] = rms(error) / len(error) ** 0.5
+    for flux in (10000, 1000):
+        error = scatter(flux, 0.7, 10.0, 5.0, 3, 4, compensation="none")
+        figures[f"cog5_rmse_{flux}_px"] = rms(error)
+    worst = 0.0
+    for length, known in ((0.0, 0.0152), (2.0, 0.0190), (8.0, 0.0461)):
+        error = scatter(5000, 0.8, 20.0, 8.0, 4, 4, 34, length, centroid="likelihood")
+        figures[f"smear_{length:.0f}_along_px"] = rms(error[:, 0])
+        worst = max(worst, rms(error[:, 0]) / known)
+    return figures | {"smear_over_bound_max": worst}
+
+
+def finders(sigma: float) -> dict[str, Finder]:
+    """Frame -> places (n, 2) of each program, single-threaded."""
+    psf = gaussian_psf(sigma)
+
+    def by_startrack(settings: Detection, frame: Frame) -> Floats:
+        return places(detect(frame, settings, psf))
+
+    found: dict[str, Finder] = {}
+    for name, centroid in (("detect", "gravity"), ("detect_ml", "likelihood")):
+        settings = Detection(kernel_sigma=sigma, centroid=centroid, max_spots=500)
+        found[name] = partial(by_startrack, settings)
+    try:
+        import tetra3rs
+
+        def by_tetra3rs(extract: Callable[..., Any], frame: Frame) -> Floats:
+            spots = [(c.x, c.y) for c in extract(frame.image, threads=1).centroids]
+            rows, columns = frame.image.shape
+            # Its origin is the centre of the image.
+            centre = np.array([(columns - 1) / 2, (rows - 1) / 2])
+            return np.array(spots).reshape(-1, 2) + centre
+
+        found["tetra3rs_fast"] = partial(by_tetra3rs, tetra3rs.extract_centroids_fast)
+        found["tetra3rs"] = partial(by_tetra3rs, tetra3rs.extract_centroids)
+    except ImportError:
+        print("tetra3rs is not installed")
+    try:
+        import sep  # type: ignore[import-not-found,import-untyped,unused-ignore]
+
+        def by_sep(frame: Frame) -> Floats:
+            image = np.ascontiguousarray(frame.image, np.float32)
+            sky = sep.Background(image)
+            spots = sep.extract(image - sky, 1.5, err=sky.globalrms)
+            x, y, _ = sep.winpos(image - sky, spots["x"], spots["y"], np.full(len(spots), sigma))
+            return np.column_stack([x, y])
+
+        found["sep"] = by_sep
+    except ImportError:
+        print("sep is not installed")
+    try:
+        from tetra3 import (  # type: ignore[import-not-found,import-untyped,unused-ignore]
+            get_centroids_from_image,
+        )
+
+        # It gives (y, x) from the corner of the first pixel.
+        found["cedar_solve"] = lambda f: (
+            np.asarray(get_centroids_from_image(f.image)).reshape(-1, 2)[:, ::-1] - 0.5
+        )
+    except ImportError:
+        print("cedar-solve is not installed")
+    return found
+
+
+def speed() -> dict[str, float]:
+    """Milliseconds for 30 stars from 150 to 45 000 e-."""
+    figures: dict[str, float] = {}
+    for sigma in SIGMAS:
+        streams = Streams(5, 0)
+        x, y = streams("place").uniform(12, SIDE - 13, (2, 30))
+        light = np.full((SIDE, SIDE), BACKGROUND)
+        paint(light, x, y, 150 * 300 ** streams("flux").uniform(0, 1, 30), sigma)
+        frame = expose(light, streams)
+        programs = finders(sigma)
+        times: dict[str, list[float]] = {name: [] for name in programs}
+        for _ in range(40):
+            for name, program in programs.items():
+                start = time.process_time()
+                program(frame)
+                times[name].append(1e3 * (time.process_time() - start))
+        for name, values in times.items():
+            figures[f"{name}_sigma{sigma}_ms"] = min(values)
+            print(
+                f"sigma {sigma}: {name:14} {min(values):6.2f} ms, median {np.median(values):6.2f}"
+            )
+    for name in programs:
+        figures[f"{name}_ms"] = max(figures[f"{name}_sigma{sigma}_ms"] for sigma in SIGMAS)
+    return figures
+
+
+def completeness() -> dict[str, float]:
+    """Shares of stars found, and false spots a frame, beside a filter that knows each place."""
+    figures: dict[str, float] = {}
+    limit = norm.isf(0.05 / SIDE**2)
+    print("\nshare found; limit of a filter that knows the place, at 0.05 false a frame")
+    for sigma in SIGMAS:
+        programs = finders(sigma)
+        false = dict.fromkeys(programs, 0)
+        empty = 100
+        for trial in range(empty):
+            frame = expose(np.full((SIDE, SIDE), BACKGROUND), Streams(6, trial))
+            for name, program in programs.items():
+                if name in ("detect", "detect_ml") or trial < 10:
+                    false[name] += len(program(frame))
+        for name, count in false.items():
+            share = count / (empty if name in ("detect", "detect_ml") else 10)
+            figures[f"{name}_false_per_frame_sigma{sigma}"] = share
+            print(f"sigma {sigma}: {name:14} {share:7.3f} false a frame")
+        for snr in (5, 6, 7, 8, 10):
+            found, total = dict.fromkeys(programs, 0), 0
+            for trial in range(10):
+                streams = Streams(7, trial)
+                x, y = field(streams, 88)
+                light = np.full((SIDE, SIDE), BACKGROUND)
+                paint(light, x, y, flux_of(snr, sigma), sigma)
+                frame = expose(light, streams)
+                total += len(x)
+                for name, program in programs.items():
+                    found[name] += int(paired(program(frame), x, y)[0].sum())
+            shares = {name: count / total for name, count in found.items()}
+            text = ", ".join(f"{name} {share:.3f}" for name, share in shares.items())
+            print(f"sigma {sigma}, SNR {snr:2}: limit {norm.cdf(snr - limit):.3f}; {text}")
+            for name, share in shares.items():
+                figures[f"{name}_completeness_snr{snr}_sigma{sigma}"] = share
+    for snr in (6, 8):
+        shares_of = [figures[f"detect_completeness_snr{snr}_sigma{s}"] for s in SIGMAS]
+        figures[f"completeness_snr{snr}"] = min(shares_of)
+    figures["false_per_frame"] = max(figures[f"detect_false_per_frame_sigma{s}"] for s in SIGMAS)
+    return figures
+
+
+def real(folder: Path) -> dict[str, float]:
+    """True and false spots of each program on each image, by attitudes that others solved."""
+    from startrack.catalog import Selection, open_sky
+
+    stars = open_sky(Selection.whole("deep", 2016.0)).stars
+    direction = stars.direction[stars.magnitude_g < FAINTEST]
+    programs = finders(1.0)
+    truth = json.loads((folder / "truth.json").read_text())["images"]
+    dark = read_image(folder / "ost_dark.png")
+    figures: dict[str, float] = {}
+    print("\nreal images: true + false spots (at most 500)")
+    for name, solved in truth.items():
+        frame = read_image(folder / name)
+        if name.startswith("ost"):
+            frame = subtract_dark(frame, dark)
+            frame = Frame(frame.image, np.nan, np.nan, 0.0)
+        pixel = _expected(direction, solved)
+        text = [f"{name:27}"]
+        for program, find in programs.items():
+            dead_free = np.nan_to_num(np.asarray(frame.image, np.float32))
+            spots = find(frame if program.startswith("detect") else Frame(dead_free))
+            true = int((cKDTree(pixel).query(spots)[0] < 2).sum()) if len(spots) else 0
+            figures[f"{program}_true_{name}"] = true
+            figures[f"{program}_false_{name}"] = len(spots) - true
+            text.append(f"{program} {true}+{len(spots) - true}")
+        print("  ".join(text))
+    return figures
+
+
+def _expected(direction: Floats, solved: dict) -> Floats:
+    """Pixels (n, 2) where catalogue stars fall."""
+    width, height = solved["width"], solved["height"]
+    seen = direction @ np.array(solved["R_icrs_to_cam"]).T
+    seen = seen[seen[:, 2] > np.cos(np.radians(solved["fov_x_deg"]))]
+    plane = seen[:, :2] / seen[:, 2:] * width / 2 / np.tan(np.radians(solved["fov_x_deg"]) / 2)
+    radius = np.hypot(*plane.T) / (width / 2)
+    pixel = plane * (1 + solved["fit"]["k1"] * radius**2)[:, None]
+    pixel += [(width - 1) / 2, (height - 1) / 2]
+    return np.asarray(pixel[((pixel > -1) & (pixel < [width, height])).all(axis=1)])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    figures = speed() | accuracy() | completeness()
+    if "STARTRACK_DATA" in os.environ:
+        figures |= real(Path(os.environ["STARTRACK_DATA"]) / "images")
+    else:
+        print("real images are left out: STARTRACK_DATA is not set")
+    if options.json:
+        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
