@@ -3,25 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
-from startrack.attitude import Attitude
+from startrack.attitude import Attitude, Mounting
 from startrack.camera import Camera
 from startrack.catalog import Selection
+from startrack.checks import finite
 from startrack.detection import Detection
 from startrack.detector import Detector
 from startrack.identification import Identification
 from startrack.motion import Motion
 from startrack.optics import Optics
 from startrack.scene import Scene
+from startrack.units import Unit
 
 
 @dataclass(frozen=True)
 class Instrument:
-    """The truth that makes the frame."""
+    """The truth that makes the frame, and that its attitude is judged by.
+
+    mounting  how the camera sits on the spacecraft
+    delay     second, by which the time stamp of a frame lies after the middle of its exposure
+    """
 
     optics: Optics
     detector: Detector
     motion: Motion = field(default_factory=Motion)
+    mounting: Mounting = field(default_factory=Mounting)
+    delay: Annotated[float, Unit("s", "ms")] = 0.0
+
+    def __post_init__(self) -> None:
+        finite(delay=self.delay)
 
     @property
     def camera(self) -> Camera:
@@ -46,8 +58,10 @@ class Instrument:
 class Tracker:
     """What the flight software believes and how it works.
 
-    camera   its calibration; None for a perfect one, which follows the instrument's design
-    catalog  its cut of the star catalogue, None for the one that the sky is made of
+    camera    its calibration; None for a perfect one, which follows the instrument's design
+    catalog   its cut of the star catalogue, None for the one that the sky is made of
+    mounting  how it believes the camera to sit, None for as it does, but for its swing
+    delay     second that it takes off its time stamps, None for all of the delay there is
     """
 
     detection: Detection = field(default_factory=Detection)
@@ -55,6 +69,14 @@ class Tracker:
     attitude: Attitude = field(default_factory=Attitude)
     camera: Camera | None = None
     catalog: Selection | None = None
+    mounting: Mounting | None = None
+    delay: Annotated[float | None, Unit("s", "ms")] = None
+
+    def __post_init__(self) -> None:
+        if self.delay is not None:
+            finite(delay=self.delay)
+        if self.mounting and self.mounting.swings:
+            raise ValueError("mounting of a tracker must not swing: it believes one turn")
 
 
 @dataclass(frozen=True)
@@ -75,3 +97,14 @@ class Case:
     def believed_catalog(self) -> Selection:
         """The catalogue that the tracker carries."""
         return self.tracker.catalog or self.catalog
+
+    @property
+    def believed_mounting(self) -> Mounting:
+        """How the tracker believes the camera to sit."""
+        return self.tracker.mounting or self.instrument.mounting.still
+
+    @property
+    def lateness(self) -> float:
+        """Second, from the middle of the exposure to the time that the tracker states."""
+        believed = self.tracker.delay
+        return 0.0 if believed is None else self.instrument.delay - believed

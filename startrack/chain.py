@@ -77,7 +77,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     spots, matches, estimate = track(
         frame, case.believed_camera, open_sky(case.believed_catalog).stars, case.tracker, psf
     )
-    outcome = judge(estimate, icrs_to_camera, len(spots))
+    outcome = judge(estimate, asked_for(case, icrs_to_camera, streams), len(spots))
     return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
 
 
@@ -94,6 +94,23 @@ def track(
     spots = detect(frame, tracker.detection, psf)
     matches = identify(spots, camera, stars, index_of(stars, camera), tracker.identification)
     return spots, matches, solve(spots, matches, tracker.attitude)
+
+
+def asked_for(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
+    """The attitude icrs_to_camera that a tracker must report for the spacecraft to have its own.
+
+    Its time stamp may be late, and the camera may not sit as the tracker believes: the truth is
+    the spacecraft's attitude at the time stated, taken back into the believed camera.
+    """
+    truth = icrs_to_camera
+    if case.lateness:
+        path = turn(case.instrument.motion, case.instrument.detector.exposure, streams)
+        truth = Rotation.from_rotvec(path.at(np.array([case.lateness]))[0]) * truth
+    mounting, believed = case.instrument.mounting, case.believed_mounting
+    if mounting == believed:
+        return truth
+    phase = 2 * math.pi * streams("thermo-elastic").random() if mounting.swings else 0.0
+    return believed.camera_to_body().inv() * mounting.camera_to_body(phase) * truth
 
 
 def random_attitude(streams: Streams) -> Rotation:

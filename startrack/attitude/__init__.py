@@ -1,6 +1,7 @@
 """Matches into an attitude with its covariance, and attitudes in time into a better one.
 
 parameters     Attitude: how far the tracker trusts its centroids
+mounting       how the camera sits on the spacecraft
 solve          Spots, Matches -> Estimate
 refine         Gauss-Newton on pixel residuals, with a covariance for each centroid
 align          many sets of unit vectors -> attitudes to the last digit, covariance, observability
@@ -24,6 +25,7 @@ from startrack.attitude.consensus import consensus
 from startrack.attitude.davenport import davenport
 from startrack.attitude.foam import foam
 from startrack.attitude.follow import Gyroscope, State, correct, predict, start
+from startrack.attitude.mounting import Mounting
 from startrack.attitude.parameters import Attitude
 from startrack.attitude.quest import quest
 from startrack.attitude.refine import Refinement, refine
@@ -34,6 +36,7 @@ __all__ = [
     "Alignment",
     "Attitude",
     "Gyroscope",
+    "Mounting",
     "Observability",
     "Refinement",
     "State",

