@@ -20,6 +20,7 @@ case             Case: what is true and what the tracker believes
 chain            one trial, one line a room
 study            many trials, better designs, tolerances
 campaign         many trials, on disk as they are done, until they say enough
+products         detectors that a design may name
 design           designs as TOML files
 draw, draw_psf   pictures
 commands, cli    the command `startrack`

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.case import Case
+from startrack.products import with_product
 from startrack.saving import save_text
 from startrack.study.campaign import Campaign
 from startrack.tables import from_table, to_table
@@ -28,6 +29,9 @@ class Design:
 def load_design(path: Path) -> Design:
     """Read a design file.
 
+    `product = "cmv4000"` under `[instrument.detector]` stands for the values of that detector in
+    the catalogue; keys beside it override them.
+
     Errors  ValueError, one sentence with the file, the place in it, the rule and the value.
     """
     path = Path(path)
@@ -40,7 +44,7 @@ def load_design(path: Path) -> Design:
     try:
         campaign = table.pop("campaign", None)
         return Design(
-            from_table(Case, table),
+            from_table(Case, with_product(table)),
             None if campaign is None else from_table(Campaign, campaign, "campaign"),
         )
     except ValueError as error:
@@ -48,7 +52,10 @@ def load_design(path: Path) -> Design:
 
 
 def save_design(path: Path, design: Design, comment: str = "") -> None:
-    """Write a design file that `load_design` reads back to an equal design."""
+    """Write a design file that `load_design` reads back to an equal design.
+
+    All values of the detector are written, not the name of a product, whose values may change.
+    """
     import tomli_w
 
     table: dict[str, Any] = to_table(design.case)

@@ -29,6 +29,7 @@ ORDER = (
         "chain",
         "study",
         "campaign",
+        "products",
         "design",
         "draw",
         "draw_psf",
