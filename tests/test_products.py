@@ -34,7 +34,9 @@ def case(tmp_path):
 
 def test_there_are_detectors_of_each_kind():
     assert len(products()) >= 8
-    assert {"star250", "has2", "cmv4000", "ccd47-20", "ccd201-20", "gsense400bsi"} <= set(products())
+    assert {"star250", "has2", "cmv4000", "ccd47-20", "ccd201-20", "gsense400bsi"} <= set(
+        products()
+    )
 
 
 @pytest.mark.parametrize("product", products())
@@ -68,7 +70,9 @@ def test_values_agree_with_what_was_published(oracle):
                 wanted, abs=0.7
             )
         if "SNRmax_dB" in known:
-            assert 10 * math.log10(detector.full_well) == pytest.approx(known["SNRmax_dB"], abs=0.01)
+            assert 10 * math.log10(detector.full_well) == pytest.approx(
+                known["SNRmax_dB"], abs=0.01
+            )
         if "full_well_e" in known:
             assert detector.full_well == known["full_well_e"]
         for key, wavelength in (("QE_525", 525e-9), ("QE_656nm", 656e-9)):
