@@ -20,10 +20,11 @@ def with_product(table: Mapping[str, Any]) -> dict[str, Any]:
     Returns  a table without the key
     Errors   ValueError for a name that the catalogue does not have.
     """
-    instrument = table.get("instrument")
-    detector = instrument.get("detector") if isinstance(instrument, Mapping) else None
-    if not isinstance(detector, Mapping) or "product" not in detector:
-        return dict(table)
+    match table:
+        case {"instrument": {"detector": {"product": _} as detector} as instrument}:
+            pass
+        case _:
+            return dict(table)
     own = {key: value for key, value in detector.items() if key != "product"}
     merged = _merge(_read(detector["product"]), own)
     return {**table, "instrument": {**instrument, "detector": merged}}
