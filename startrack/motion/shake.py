@@ -40,7 +40,7 @@ def shake(
     A motion in which nothing is drawn is computed once; see `slew` for the rest.
     """
     if motion.drawn:
-        return _path(turn(motion, exposure, streams), exposure, pixel_angle, half_field)
+        return trace(turn(motion, exposure, streams), exposure, pixel_angle, half_field)
     return slew(motion, exposure, pixel_angle, half_field)
 
 
@@ -63,10 +63,11 @@ def slew(
                  numerical: 1e-6 of the flux for a PSF of sigma 0.5 pixel or wider; at 0.35 pixel,
                  2e-6 as a rule and 1e-4 at worst.
     """
-    return _path(turn(motion, exposure), exposure, pixel_angle, half_field)
+    return trace(turn(motion, exposure), exposure, pixel_angle, half_field)
 
 
-def _path(motion: Turn, exposure: float, pixel_angle: float, half_field: float) -> Path:
+def trace(motion: Turn, exposure: float, pixel_angle: float, half_field: float) -> Path:
+    """The path of a motion that is known already; arguments and errors as `slew`."""
     positive(exposure=exposure, pixel_angle=pixel_angle)
     within(0, 1.55, half_field=half_field)
     if not motion.speed.any():

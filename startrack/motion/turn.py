@@ -71,6 +71,11 @@ class Turn:
         time = np.add.outer(start, step)
         return -(time[..., None] * self.rate + np.stack(lines, axis=-1))
 
+    def later(self, time: float) -> Turn:
+        """The same motion with its zero of time, and of angle, moved to `time` second."""
+        line = (self.cosine - 1j * self.sine) * np.exp(2j * np.pi * time * self.frequency)[:, None]
+        return Turn(self.rate, self.frequency, line.real.copy(), -line.imag)
+
     @property
     def speed(self) -> Floats:
         """(3,) radian / second, root mean square about each axis."""

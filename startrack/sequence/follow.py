@@ -1,0 +1,73 @@
+"""One frame's attitude and the filter's state -> the filter's next state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.attitude import Gyroscope, State, correct, predict, start
+from startrack.sequence.parameters import Sequence
+from startrack.values import Estimate, Status
+
+Floats = NDArray[np.float64]
+
+GATE = 30.7  # chi-square of 3 degrees of freedom, that a right prediction exceeds once in a million
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What the tracker knows between two frames.
+
+    state   of the filter, None where it knows nothing
+    missed  frames without attitude since the last one
+    fresh   whether the last frame alone began it
+    """
+
+    state: State | None = None
+    missed: int = 0
+    fresh: bool = False
+
+
+def carry(known: Known, shown: Floats | None, step: float, sequence: Sequence) -> Known:
+    """Predict the state at the next frame.
+
+    Without a gyroscope the filter takes one that stands still: its bias is then minus the rate of
+    the camera, and its walk the camera's agility.
+
+    shown  (3,) radian / second, what the gyroscope shows; None without one
+    step   second
+    """
+    if known.state is None:
+        return known
+    gyro = sequence.gyro
+    believed = (
+        Gyroscope(0.0, sequence.agility)
+        if gyro is None
+        else Gyroscope(gyro.angle_random_walk, gyro.rate_random_walk)
+    )
+    rate = np.zeros(3) if shown is None else shown
+    return replace(known, state=predict(known.state, rate, step, believed))
+
+
+def take(known: Known, estimate: Estimate, sequence: Sequence) -> Known:
+    """Take in the attitude of a frame, or go on without it for as long as patience lasts.
+
+    An attitude that contradicts the prediction begins the filter anew: the stars are seen, the
+    prediction is only reckoned.
+    """
+    if estimate.status is not Status.SOLVED or estimate.icrs_to_camera is None:
+        missed = known.missed + 1
+        return Known() if missed > sequence.patience else replace(known, missed=missed, fresh=False)
+    if known.state is None or _contradicts(known.state, estimate):
+        sigma = sequence.swiftness if sequence.gyro is None else sequence.gyro.bias
+        return Known(start(estimate.icrs_to_camera, estimate.covariance, sigma), fresh=True)
+    return Known(correct(known.state, estimate.icrs_to_camera, estimate.covariance))
+
+
+def _contradicts(state: State, estimate: Estimate) -> bool:
+    assert estimate.icrs_to_camera is not None
+    innovation = (estimate.icrs_to_camera * state.icrs_to_camera.inv()).as_rotvec()
+    spread = state.covariance[:3, :3] + estimate.covariance
+    return bool(innovation @ np.linalg.solve(spread, innovation) > GATE)

@@ -1,0 +1,163 @@
+"""A case flies a sequence -> a table with a row a frame."""
+
+from __future__ import annotations
+
+import math
+import typing
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.attitude import State, solve
+from startrack.camera import Camera
+from startrack.case import Case
+from startrack.catalog import open_sky
+from startrack.chain import index_of, look, psf_of, random_attitude, throughput
+from startrack.checks import whole
+from startrack.detection import detect
+from startrack.detector import expected, frame_of
+from startrack.error import Outcome, judge
+from startrack.identification import identify, track
+from startrack.motion import trace
+from startrack.scene import illuminate
+from startrack.sequence.flight import Flight, flight
+from startrack.sequence.follow import Known, carry, take
+from startrack.sequence.gyro import shown
+from startrack.sequence.parameters import Sequence
+from startrack.streams import Streams
+from startrack.values import Estimate, Frame, Matches, Spots, Status
+
+NUMBER_OF_FRAMES = 2**32  # by which the streams of one sequence's frames are apart
+AXES = "xyz"
+
+
+class Mode(IntEnum):
+    """What the tracker did with a frame."""
+
+    SEARCHING = 0  # nothing known, nothing found
+    ACQUIRED = 1  # found without a prediction, or against it
+    TRACKED = 2  # found, as predicted
+    COASTED = 3  # not found; the prediction alone
+
+
+FRAMES = np.dtype(
+    [
+        ("sequence", np.int64),
+        ("time", float),
+        ("rate", float),
+        ("mode", np.int8),
+        *typing.get_type_hints(Outcome).items(),
+        *((f"filtered_{axis}", float) for axis in AXES),
+        *((f"filtered_sigma_{axis}", float) for axis in AXES),
+    ]
+)
+
+
+def fly(
+    case: Case,
+    sequence: Sequence,
+    sequences: int,
+    seed: int,
+    executor: Executor,
+    progress: Callable[[int], None] | None = None,
+) -> NDArray[np.void]:
+    """Many sequences over workers, one after the other in the table, as `run`.
+
+    progress  called with 1 for each sequence that was done
+    """
+    whole(1, 10**6, sequences=sequences)
+    futures = [executor.submit(run, case, sequence, seed, number) for number in range(sequences)]
+    tables = []
+    for future in futures:
+        tables.append(future.result())
+        if progress:
+            progress(1)
+    return np.concatenate(tables)
+
+
+def run(case: Case, sequence: Sequence, seed: int, number: int) -> NDArray[np.void]:
+    """One sequence from a random attitude, by a tracker that is lost at its start.
+
+    Returns  (frames,) structured array: number of the sequence, time (second), true rate
+             (radian / second), Mode, the fields of Outcome for the frame alone, and error and
+             stated sigma (radian, camera axes) of the filter after it; NaN where there is none
+    Errors   those of `flight` and of the chain's rooms. model: the tracker sees each frame as
+             soon as it is exposed.
+    """
+    streams = Streams(seed, number)
+    true = flight(case.instrument, sequence, random_attitude(streams), streams)
+    rates = shown(true, sequence.gyro, streams) if sequence.gyro else None
+    table = np.empty(len(true.time), FRAMES)
+    known, camera = Known(), case.believed_camera
+    for k, frame in enumerate(_frames(case, true, seed, number)):
+        if k:
+            step = float(true.time[k] - true.time[k - 1])
+            known = carry(known, None if rates is None else rates[k - 1], step, sequence)
+        predicted = known.state
+        spots, matches, estimate = _see(case, frame, camera, predicted)
+        known = take(known, estimate, sequence)
+        if estimate.status is Status.SOLVED:
+            camera = matches.camera
+        table[k] = (
+            number,
+            true.time[k],
+            float(np.linalg.norm(true.turns[k].speed)),
+            _mode(known, estimate),
+            *judge(estimate, true.attitude[k], len(spots)),
+            *_filtered(known.state, true.attitude[k]),
+        )
+    return table
+
+
+def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]:
+    """The frames of a flight, each with noise of its own; lag carries light to the next."""
+    instrument, camera = case.instrument, case.instrument.camera
+    detector, before = instrument.detector, None
+    for k, turn in enumerate(true.turns):
+        path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
+        electrons = expected(
+            illuminate(case.scene, look(open_sky(case.catalog), true.attitude[k], camera)),
+            psf_of(instrument),
+            path,
+            true.attitude[k],
+            camera,
+            detector,
+            throughput(instrument),
+            turn.at,
+            before,
+        )
+        before = electrons if detector.lag else None
+        yield frame_of(electrons, detector, Streams(seed, number * NUMBER_OF_FRAMES + k))
+
+
+def _see(
+    case: Case, frame: Frame, camera: Camera, predicted: State | None
+) -> tuple[Spots, Matches, Estimate]:
+    """What the flight software does with a frame, with a prediction or without."""
+    tracker = case.tracker
+    stars = open_sky(case.believed_catalog).stars
+    spots = detect(frame, tracker.detection, psf_of(case.instrument))
+    rooms = spots, camera, stars, index_of(stars, case.believed_camera)
+    if predicted is None:
+        matches = identify(*rooms, tracker.identification)
+    else:
+        spread = predicted.covariance[:3, :3]
+        matches = track(*rooms, predicted.icrs_to_camera, spread, tracker.identification)
+    return spots, matches, solve(spots, matches, tracker.attitude)
+
+
+def _mode(known: Known, estimate: Estimate) -> Mode:
+    if estimate.status is Status.SOLVED:
+        return Mode.ACQUIRED if known.fresh else Mode.TRACKED
+    return Mode.SEARCHING if known.state is None else Mode.COASTED
+
+
+def _filtered(state: State | None, truth: Rotation) -> tuple[float, ...]:
+    if state is None:
+        return (math.nan,) * 6
+    error = (state.icrs_to_camera * truth.inv()).as_rotvec()
+    return *error.tolist(), *np.sqrt(np.diag(state.covariance)[:3]).tolist()

@@ -1,0 +1,113 @@
+"""Tables of sequences -> accuracy, losses of track and reacquisitions, with intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from startrack.error import Interval, rms_interval, share_interval
+from startrack.error.judge import FALSE_ANGLE
+from startrack.sequence.run import Mode
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """Statistics of many sequences; the intervals hold with 95 % confidence.
+
+    known            share of frames after which the filter is within half a degree of the truth
+    across, about    radian, rms of the filter's error in these frames, per axis across and about
+                     the boresight
+    single           radian, rms per axis across the boresight of such frames alone
+    losses_per_hour  times that a known attitude was given up or contradicted, per hour
+    reacquisition    second, mean time from a loss to the next attitude of the frames
+    sequences        number of sequences; the intervals of errors and shares take them, not the
+                     frames, as independent
+    """
+
+    across: Interval
+    about: Interval
+    single: Interval
+    known: Interval
+    losses_per_hour: Interval
+    reacquisition: Interval
+    sequences: int
+
+
+def summarise(table: NDArray[np.void]) -> Tracking:
+    """Statistics of a table as `run` and `fly` make it."""
+    apart = [table[table["sequence"] == one] for one in np.unique(table["sequence"])]
+    hours = sum(float(_span(one)) for one in apart) / 3600
+    lost = [_losses(one) for one in apart]
+    waits = np.array([wait for one in lost for wait in one])
+    count = len(waits)
+    return Tracking(
+        rms_interval(_means(apart, "filtered_x", "filtered_y")),
+        rms_interval(_means(apart, "filtered_z")),
+        rms_interval(_means(apart, "error_x", "error_y")),
+        _share(apart),
+        Interval(count / hours, *(bound / hours for bound in _poisson(count))),
+        _mean(waits[np.isfinite(waits)]),
+        len(apart),
+    )
+
+
+def _means(apart: list[NDArray[np.void]], *names: str) -> NDArray[np.float64]:
+    """Mean square over the known frames of each sequence that has any."""
+    squares = []
+    for one in apart:
+        square = np.mean([one[name] ** 2 for name in names], axis=0)
+        good = np.isfinite(square) & _known(one) & ~one["false"]
+        if good.any():
+            squares.append(float(square[good].mean()))
+    return np.array(squares)
+
+
+def _span(one: NDArray[np.void]) -> float:
+    """Second that a sequence lasts, its last frame as long as the others."""
+    time = one["time"]
+    return float((time[-1] - time[0]) * len(time) / max(len(time) - 1, 1))
+
+
+def _losses(one: NDArray[np.void]) -> list[float]:
+    """For each loss of a known attitude, the time to the next one; infinite where none comes."""
+    waits, mode, time = [], one["mode"], one["time"]
+    for k in range(1, len(mode)):
+        if mode[k - 1] == Mode.SEARCHING or mode[k] in (Mode.TRACKED, Mode.COASTED):
+            continue
+        # The loss is felt from the last frame that was seen as predicted.
+        seen = np.flatnonzero(np.isin(mode[:k], (Mode.ACQUIRED, Mode.TRACKED)))[-1]
+        found = np.flatnonzero(mode[k:] == Mode.ACQUIRED)
+        waits.append(float(time[k + found[0]] - time[seen]) if len(found) else np.inf)
+    return waits
+
+
+def _share(apart: list[NDArray[np.void]]) -> Interval:
+    """Mean share of frames after which the attitude is known."""
+    good = np.array([float(_known(one).mean()) for one in apart])
+    if good.min() == 1 or good.max() == 0:  # no scatter to judge by: count the sequences
+        return share_interval(int(good.sum()), len(good))
+    return _mean(good)
+
+
+def _known(one: NDArray[np.void]) -> NDArray[np.bool_]:
+    error = np.sqrt(sum(one[f"filtered_{axis}"] ** 2 for axis in "xyz"))
+    return np.asarray(error <= FALSE_ANGLE)  # NaN where it knows nothing
+
+
+def _mean(values: NDArray[np.float64]) -> Interval:
+    """Mean with Student's interval; open where there are fewer than two values."""
+    if len(values) < 2:
+        value = float(values[0]) if len(values) else float("nan")
+        return Interval(value, -np.inf, np.inf)
+    half = stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5
+    mean = float(values.mean())
+    return Interval(mean, mean - float(half), mean + float(half))
+
+
+def _poisson(count: int) -> tuple[float, float]:
+    """Exact interval of a Poisson count's mean (Garwood 1936)."""
+    low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
+    return float(low), float(stats.chi2.ppf(0.975, 2 * count + 2) / 2)
