@@ -18,11 +18,12 @@ error            the estimate against the truth   -> Outcome, Summary
 wcs, images      attitudes and frames as files
 case             Case: what is true and what the tracker believes
 chain            one trial, one line a room
+sequence         trials in time: tracking, loss and reacquisition
 study            many trials, better designs, tolerances
 campaign         many trials, on disk as they are done, until they say enough
 products         detectors that a design may name
 design           designs as TOML files
-draw, draw_psf   pictures
+draw, draw_psf, draw_sequence   pictures
 commands, cli    the command `startrack`
 """
 

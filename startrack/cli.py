@@ -25,6 +25,7 @@ A first hour:
   startrack optimize                        a better design, in some minutes
   startrack montecarlo startrack-optimize/best.toml --out trials
   startrack sample startrack-optimize/best.toml
+  startrack sequence                        it follows a slew, loses the sky and finds it again
   startrack detect photo.jpg                the stars of a real image
   startrack solve photo.jpg --fov 12        the attitude of a real image
 """
@@ -177,6 +178,20 @@ def _parser() -> argparse.ArgumentParser:
     montecarlo.add_argument(
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster (tcp://host:port), for workers"
     )
+
+    sequence = _command(commands, "sequence", "a tracker in time: tracking, loss, reacquisition")
+    _design(sequence)
+    sequence.add_argument(
+        "--profile", type=Path, metavar="PROFILE.toml",
+        help="legs of the attitude profile, rate of frames, gyroscope (default: the example, "
+        "calm, a slew too fast to see through, and calm again)",
+    )  # fmt: skip
+    sequence.add_argument(
+        "--sequences", type=_whole(1), default=8, help="from random attitudes (default: 8)"
+    )
+    _seed(sequence)
+    _workers(sequence)
+    _out(sequence, "startrack-sequence")
 
     for name, text, folder in (
         ("optimize", "find a better design", "startrack-optimize"),

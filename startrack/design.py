@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from startrack.case import Case
 from startrack.products import with_product
 from startrack.saving import save_text
 from startrack.study.campaign import Campaign
-from startrack.tables import from_table, to_table
+from startrack.tables import from_table, read_table, to_table
 
 
 @dataclass(frozen=True)
@@ -35,12 +34,7 @@ def load_design(path: Path) -> Design:
     Errors  ValueError, one sentence with the file, the place in it, the rule and the value.
     """
     path = Path(path)
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ValueError(f"{path} must be a design file, but there is none") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise ValueError(f"{path} must be a TOML file: {error}") from None
+    table = read_table(path, "a design file")
     try:
         campaign = table.pop("campaign", None)
         return Design(

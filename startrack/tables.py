@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import tomllib
 import types
 import typing
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 from startrack.units import Unit, parse, write
@@ -43,6 +45,20 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
         return kind(**values)
     except (ValueError, TypeError) as error:
         raise ValueError(_join(place, str(error))) from None
+
+
+def read_table(path: Path, what: str) -> dict[str, Any]:
+    """The table of a TOML file.
+
+    what    it must be, for the errors: "a design file"
+    Errors  ValueError, one sentence with the file.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ValueError(f"{path} must be {what}, but there is none") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise ValueError(f"{path} must be a TOML file: {error}") from None
 
 
 def to_table(value: Any) -> dict[str, Any]:

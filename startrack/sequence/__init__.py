@@ -9,8 +9,19 @@ run         all of it, one line a room -> a table with a row a frame
 summary     many tables -> accuracy, losses and reacquisitions, with intervals
 """
 
-from startrack.sequence.parameters import Gyro, Leg, Sequence
+from startrack.sequence.parameters import Gyro, Leg, Sequence, load_sequence
 from startrack.sequence.run import FRAMES, Mode, fly, run
 from startrack.sequence.summary import Tracking, summarise
 
-__all__ = ["FRAMES", "Gyro", "Leg", "Mode", "Sequence", "Tracking", "fly", "run", "summarise"]
+__all__ = [
+    "FRAMES",
+    "Gyro",
+    "Leg",
+    "Mode",
+    "Sequence",
+    "Tracking",
+    "fly",
+    "load_sequence",
+    "run",
+    "summarise",
+]

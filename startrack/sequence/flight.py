@@ -32,9 +32,7 @@ class Flight:
     turns: tuple[Turn, ...]
 
 
-def flight(
-    instrument: Instrument, sequence: Sequence, start: Rotation, streams: Streams
-) -> Flight:
+def flight(instrument: Instrument, sequence: Sequence, start: Rotation, streams: Streams) -> Flight:
     """Draw the jitter once for the whole sequence, so that it goes on from frame to frame.
 
     start   attitude at time 0, before the jitter
@@ -70,4 +68,4 @@ def _times(instrument: Instrument, sequence: Sequence) -> Floats:
         raise ValueError(
             f"legs must last at least one frame of {sweep:g} s, got {sequence.duration:g} s"
         )
-    return sweep / 2 + period * np.arange(frames)
+    return np.asarray(sweep / 2 + period * np.arange(frames), float)

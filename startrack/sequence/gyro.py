@@ -33,4 +33,3 @@ def shown(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
     bias = begin + np.cumsum(change, axis=0) - change / 2
     bias += gyro.rate_random_walk * np.sqrt(step / 12) * within
     return true + bias + gyro.angle_random_walk / np.sqrt(step) * white
-

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from startrack.checks import finite, non_negative, positive, whole
+from startrack.tables import from_table, read_table
 from startrack.units import Unit, arcsec, deg
 
 
@@ -78,3 +80,15 @@ class Sequence:
     def duration(self) -> float:
         """Second, of all legs."""
         return math.fsum(leg.duration for leg in self.legs)
+
+
+def load_sequence(path: Path) -> Sequence:
+    """Read a sequence from TOML, units in strings.
+
+    Errors  ValueError, one sentence with the file, the place in it, the rule and the value.
+    """
+    table = read_table(path, "a sequence file")
+    try:
+        return from_table(Sequence, table)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None

@@ -1,0 +1,106 @@
+"""A tracker in time: acquisition, tracking, loss and reacquisition."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from startrack.chain import trial
+from startrack.motion import Motion
+from startrack.sequence import FRAMES, Gyro, Leg, Mode, Sequence, fly, run, summarise
+from startrack.study.workers import Serial, pool
+from startrack.units import arcsec, deg
+
+GYRO = Gyro(2 * arcsec, 0.05 * arcsec, 5 * arcsec)
+CALM = Leg(2.0, rate_x=0.05 * deg)
+WILD = Leg(1.5, rate_y=25 * deg)  # smears a star over fifty pixels
+AXES = "xyz"
+
+
+@pytest.fixture(scope="module")
+def lost(small):
+    """Calm, wild, calm: the tracker must lose the sky and find it again."""
+    sequence = Sequence((CALM, WILD, CALM), period=0.2)
+    return fly(small.case, sequence, 4, 7, Serial())
+
+
+def test_a_calm_sequence_is_acquired_once_and_then_tracked(small):
+    table = run(small.case, Sequence((CALM,), period=0.2), 3, 0)
+    assert table["mode"].tolist() == [Mode.ACQUIRED] + [Mode.TRACKED] * 9
+    np.testing.assert_allclose(np.diff(table["time"]), 0.2)
+    np.testing.assert_allclose(table["rate"], 0.05 * deg)
+
+
+def test_a_wild_slew_loses_the_sky_and_calm_finds_it_again(lost):
+    for number in range(4):
+        one = lost[lost["sequence"] == number]
+        wild = (one["time"] > 2) & (one["time"] < 3.5)
+        assert (one["mode"][wild] == Mode.COASTED).sum() >= 3
+        assert (one["mode"][wild] == Mode.SEARCHING).any()
+        # The first calm frame finds the sky without a prediction.
+        after = one[one["time"] > 3.5]
+        assert after["mode"][0] == Mode.ACQUIRED
+        assert (after["mode"][1:] == Mode.TRACKED).all()
+    tracking = summarise(lost)
+    assert tracking.losses_per_hour.value * 4 * 5.5 / 3600 == pytest.approx(4, rel=0.05)
+    assert 1.4 < tracking.reacquisition.value < 2.1  # second, as long as the slew
+    assert 0.6 < tracking.known.value < 0.95
+
+
+def test_a_gyroscope_bridges_the_slew(small):
+    """With rates, the prediction lives through the slew: no frame is searched for."""
+    sequence = Sequence((CALM, WILD, CALM), period=0.2, gyro=GYRO, patience=10)
+    table = run(small.case, sequence, 7, 0)
+    assert (table["mode"] == Mode.COASTED).sum() >= 5
+    assert (table["mode"] == Mode.SEARCHING).sum() == 0
+    assert (table["mode"][table["time"] > 3.5] == Mode.TRACKED).all()
+    blind = table[table["mode"] == Mode.COASTED]
+    assert np.abs(blind["filtered_y"]).max() < 60 * arcsec
+
+
+def test_the_filter_is_better_than_a_frame_and_honest(small):
+    """20 flights of 16 frames; its errors over its stated sigmas follow chi-square, 1e-4."""
+    sequence = Sequence((Leg(3.2, rate_x=0.05 * deg),), period=0.2, gyro=GYRO)
+    table = fly(small.case, sequence, 20, 5, Serial())
+    last = table[table["time"] > table["time"].max() - 0.01]
+    assert len(last) == 20
+    assert (last["mode"] == Mode.TRACKED).all()
+    late = table[table["time"] > 1.5]
+    assert np.mean(late["filtered_z"] ** 2) < 0.6 * np.mean(late["error_z"] ** 2)
+    for axis in AXES:
+        total = np.sum((last[f"filtered_{axis}"] / last[f"filtered_sigma_{axis}"]) ** 2)
+        assert 1e-4 < stats.chi2.cdf(total, 20) < 1 - 1e-4, axis
+
+
+def test_a_frame_alone_has_the_law_of_a_trial(small):
+    """The first frame of a sequence is a trial: the rms over 60 of each agree (F test, 1e-4)."""
+    rate = small.case.instrument.motion
+    legs = (Leg(0.1, rate.rate_x, rate.rate_y),)
+    first = fly(small.case, Sequence(legs), 60, 9, Serial())
+    trials = [trial(small.case, 10, number) for number in range(60)]
+    for axis in AXES:
+        ours = np.sum(first[f"error_{axis}"] ** 2)
+        theirs = np.sum([getattr(one, f"error_{axis}") ** 2 for one in trials])
+        # Skies differ in their stars, which halves the degrees of freedom.
+        assert 1e-4 < stats.f.cdf(ours / theirs, 30, 30) < 1 - 1e-4
+
+
+def test_frames_have_noise_of_their_own_and_workers_do_not_matter(small):
+    still = dataclasses.replace(
+        small.case, instrument=dataclasses.replace(small.case.instrument, motion=Motion())
+    )
+    sequence = Sequence((Leg(0.6),), period=0.2)
+    alone = fly(still, sequence, 3, 2, Serial())
+    assert len(np.unique(alone["error_x"])) == len(alone)
+    with pool(2) as executor:
+        both = fly(still, sequence, 3, 2, executor)
+    assert both.tobytes() == alone.tobytes()
+    assert alone.dtype == FRAMES
+
+
+def test_corrections_that_are_not_followed_are_refused(small):
+    tracker = dataclasses.replace(small.case.tracker, delay=-0.1)
+    late = dataclasses.replace(small.case, tracker=tracker)
+    with pytest.raises(ValueError, match="lateness 0"):
+        run(late, Sequence((CALM,)), 1, 0)
