@@ -1,8 +1,9 @@
-"""Case: what is true (instrument, scene, sky) and what the tracker believes, kept apart."""
+"""Case: what is true and what the tracker believes, kept apart; how faithful a trial is to it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Annotated
 
 from startrack.attitude import Attitude, Mounting
@@ -16,6 +17,20 @@ from startrack.motion import Motion
 from startrack.optics import Optics
 from startrack.scene import Scene
 from startrack.units import Unit
+
+
+class Fidelity(StrEnum):
+    """How much of a trial is made; each is a cheaper way to the law of the one before.
+
+    frame       the whole image is rendered and searched
+    window      only the pixels that the detection could look at: around stars, and where noise
+                alone passes the threshold
+    covariance  spots are drawn from the centroids' bias and covariance; no image
+    """
+
+    FRAME = "frame"
+    WINDOW = "window"
+    COVARIANCE = "covariance"
 
 
 @dataclass(frozen=True)

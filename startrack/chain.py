@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import typing
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -12,20 +14,45 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import solve
 from startrack.camera import Camera
-from startrack.case import Case, Instrument, Tracker
-from startrack.catalog import Sky, open_sky
+from startrack.case import Case, Fidelity, Tracker
+from startrack.catalog import open_sky
 from startrack.detection import detect
-from startrack.detector import Turn, expose
+from startrack.detector import expose
 from startrack.error import Outcome, judge
 from startrack.identification import PatternIndex, build_index, identify
-from startrack.motion import shake, turn
-from startrack.optics import focus
-from startrack.scene import WAVELENGTH, blackbody_photons, illuminate
-from startrack.scene.photometry import SUN
+from startrack.motion import turn
+from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.values import Estimate, Frame, Matches, Path, Psf, Spots, Stars
+from startrack.view import (
+    detected,
+    look,
+    path_of,
+    psf_of,
+    random_attitude,
+    throughput,
+    turn_of,
+)
+from startrack.window import spots_in_windows
 
-EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can reach the frame
+__all__ = [
+    "OUTCOMES",
+    "Record",
+    "asked_for",
+    "detected",
+    "index_of",
+    "look",
+    "observe",
+    "path_of",
+    "psf_of",
+    "random_attitude",
+    "recognise",
+    "throughput",
+    "track",
+    "trial",
+    "trials",
+    "turn_of",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +73,42 @@ class Record:
     path: Path
 
 
-def trial(case: Case, seed: int, number: int) -> Outcome:
-    """The outcome of trial `number` of a seed: random attitude, random noise."""
+OUTCOMES = np.dtype([("trial", np.int64), *typing.get_type_hints(Outcome).items()])
+
+
+def trials(
+    case: Case, seed: int, numbers: Iterable[int], fidelity: Fidelity = Fidelity.FRAME
+) -> NDArray[np.void]:
+    """The outcomes of some trials of a seed, each the same whichever others are asked for.
+
+    Returns  (n,) structured array: `trial` and the fields of Outcome
+    Errors   as `trial`, with a note that names it.
+    """
+    outcomes = []
+    for number in numbers:
+        try:
+            outcomes.append((number, *trial(case, seed, number, fidelity)))
+        except Exception as error:
+            error.add_note(f"in trial {number} of seed {seed}")
+            raise
+    return np.array(outcomes, OUTCOMES)
+
+
+def trial(case: Case, seed: int, number: int, fidelity: Fidelity = Fidelity.FRAME) -> Outcome:
+    """The outcome of trial `number` of a seed: random attitude, random noise.
+
+    Errors  ValueError where the case contradicts itself, or has what the fidelity lacks.
+    """
     streams = Streams(seed, number)
-    return observe(case, random_attitude(streams), streams).outcome
+    attitude = random_attitude(streams)
+    if fidelity is Fidelity.FRAME:
+        return observe(case, attitude, streams).outcome
+    if fidelity is Fidelity.COVARIANCE:
+        raise ValueError("fidelity must be frame or window; covariance is not made yet")
+    spots = spots_in_windows(case, attitude, streams)
+    camera, stars = case.believed_camera, open_sky(case.believed_catalog).stars
+    _, estimate = recognise(spots, camera, stars, case.tracker)
+    return judge(estimate, asked_for(case, attitude, streams), len(spots))
 
 
 def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
@@ -92,8 +151,15 @@ def track(
     psf      as the tracker believes it; None: a Gaussian
     """
     spots = detect(frame, tracker.detection, psf)
+    return spots, *recognise(spots, camera, stars, tracker)
+
+
+def recognise(
+    spots: Spots, camera: Camera, stars: Stars, tracker: Tracker
+) -> tuple[Matches, Estimate]:
+    """What the flight software does with its spots; arguments as `track` takes them."""
     matches = identify(spots, camera, stars, index_of(stars, camera), tracker.identification)
-    return spots, matches, solve(spots, matches, tracker.attitude)
+    return matches, solve(spots, matches, tracker.attitude)
 
 
 def asked_for(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
@@ -111,66 +177,6 @@ def asked_for(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotatio
         return truth
     phase = 2 * math.pi * streams("thermo-elastic").random() if mounting.swings else 0.0
     return believed.camera_to_body().inv() * mounting.camera_to_body(phase) * truth
-
-
-def random_attitude(streams: Streams) -> Rotation:
-    """An attitude icrs_to_camera, uniform over all rotations."""
-    return Rotation.from_quat(streams("attitude").standard_normal(4))
-
-
-def look(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
-    """The stars that can reach the frame, brightest first."""
-    boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
-    return sky.stars[sky.cone(boresight, camera.half_diagonal + math.radians(EDGE))]
-
-
-@lru_cache(maxsize=8)
-def psf_of(instrument: Instrument) -> Psf:
-    """The PSF for sunlike stars, computed once per design."""
-    detector = instrument.detector
-    return focus(
-        instrument.optics,
-        detector.pitch,
-        WAVELENGTH,
-        detected(instrument),
-        detector.fill_factor,
-        detector.diffusion,
-    )
-
-
-def detected(instrument: Instrument) -> NDArray[np.float64]:
-    """Electrons per second of a sunlike star in each spectral bin, on a scale of no meaning."""
-    sunlike = blackbody_photons(WAVELENGTH, np.array([SUN]))[0]
-    electrons = sunlike * throughput(instrument)
-    electrons = electrons * instrument.detector.quantum_efficiency(WAVELENGTH)
-    if not electrons.any():
-        raise ValueError("transmission and quantum_efficiency must overlap between 320 and 1100 nm")
-    return electrons
-
-
-def path_of(instrument: Instrument, streams: Streams) -> Path:
-    """The path of the line of sight in the exposure of one trial."""
-    camera = instrument.camera
-    return shake(
-        instrument.motion,
-        instrument.detector.exposure,
-        1 / camera.focal_length_px,
-        streams,
-        camera.half_diagonal,
-    )
-
-
-def turn_of(instrument: Instrument, streams: Streams) -> Turn | None:
-    """The same motion at any time, which only a rolling shutter asks for."""
-    detector = instrument.detector
-    if not detector.row_delay:
-        return None
-    return turn(instrument.motion, detector.exposure, streams).at
-
-
-def throughput(instrument: Instrument) -> NDArray[np.float64]:
-    """Area of the aperture times transmission, square metre in each spectral bin."""
-    return instrument.optics.area * instrument.optics.transmission(WAVELENGTH)
 
 
 def index_of(stars: Stars, camera: Camera) -> PatternIndex:

@@ -158,6 +158,11 @@ def _parser() -> argparse.ArgumentParser:
     montecarlo.add_argument("--trials", type=_whole(1), default=200, help="(default: 200)")
     _seed(montecarlo)
     _workers(montecarlo)
+    montecarlo.add_argument(
+        "--fidelity", default="frame", choices=("frame", "window", "covariance"),
+        help="render whole frames (default); only windows around the stars, with the same law, at "
+        "a fifth of the time; or draw the spots from their covariance, without any image",
+    )  # fmt: skip
     montecarlo.add_argument("--out", type=Path, metavar="DIR", help="for store, table and picture")
     montecarlo.add_argument(
         "--store", type=Path, metavar="FILE", help="keeps each trial; a run that was cut short "

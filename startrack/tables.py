@@ -7,6 +7,7 @@ import tomllib
 import types
 import typing
 from collections.abc import Mapping
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
@@ -117,6 +118,10 @@ def _read(kind: Any, unit: Unit | None, value: object, place: str) -> Any:
         if not isinstance(value, float | str):
             raise ValueError(f"{place} must be a number or a string with a unit, got {value!r}")
         return value
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        if value not in list(kind):
+            raise ValueError(f"{place} must be one of {', '.join(kind)}, got {value!r}")
+        return kind(str(value))
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         name = {float: "a number", int: "a whole number", str: "a string", bool: "true or false"}
         raise ValueError(f"{place} must be {name.get(kind, kind.__name__)}, got {value!r}")
@@ -128,6 +133,8 @@ def _write(kind: Any, unit: Unit | None, value: Any) -> Any:
         return to_table(value)
     if typing.get_origin(kind) is tuple:
         return [_write(typing.get_args(kind)[0], unit, item) for item in value]
+    if isinstance(value, StrEnum):
+        return value.value
     if unit and kind is float:
         return write(value, unit.si, unit.shown)
     return value

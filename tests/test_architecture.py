@@ -17,15 +17,18 @@ ROOMS = (
     "attitude",
     "error",
 )
-BASE = {"units", "checks", "streams", "curve", "camera", "values"}
+BASE = {"units", "checks", "streams", "scratch", "curve", "camera", "values"}
 # From top to bottom: a module may import those before it.
 ORDER = (
-    *("units", "checks", "streams", "curve", "camera", "values", "exits", "saving", "tables"),
+    *("units", "checks", "streams", "scratch", "curve", "camera", "values"),
+    *("exits", "saving", "tables"),
     *ROOMS,
     *(
         "wcs",
         "images",
         "case",
+        "view",
+        "window",
         "chain",
         "sequence",
         "study",

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from startrack.case import Case
+from startrack.case import Case, Fidelity
 from startrack.catalog import shipped
 from startrack.design import Design, load_design, save_design
 from startrack.tables import from_table, to_table
@@ -99,3 +99,15 @@ def test_a_failed_save_leaves_the_old_file(tmp_path):
         save_design(path, Design(None))  # type: ignore[arg-type]
     assert path.read_bytes() == before
     assert [one.name for one in tmp_path.iterdir()] == ["best.toml"]
+
+
+def test_a_fidelity_is_read_by_its_name(tmp_path):
+    path = tmp_path / "design.toml"
+    text = shipped("designs/nanosatellite.toml").read_text()
+    path.write_text(text.replace("trials = 64", 'trials = 64\nfidelity = "window"', 1))
+    design = load_design(path)
+    assert design.campaign is not None
+    assert design.campaign.fidelity is Fidelity.WINDOW
+    path.write_text(text.replace("trials = 64", 'trials = 64\nfidelity = "coarse"', 1))
+    with pytest.raises(ValueError, match="campaign.fidelity must be one of frame, window, cov"):
+        load_design(path)

@@ -68,7 +68,8 @@ def _fill(
     workers: int,
     progress: Callable[[int], None] | None,
 ) -> None:
-    for numbers, result in blocks(store.case, store.seed, plan, executor, workers):
+    done = blocks(store.case, store.seed, plan, executor, workers, fidelity=store.fidelity)
+    for numbers, result in done:
         if isinstance(result, Exception):
             store.keep_failure(numbers, "".join(traceback.format_exception(result)))
             if len(store.failures()) > MOST_FAILURES:

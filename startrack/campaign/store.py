@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.campaign.origin import origin
-from startrack.case import Case
+from startrack.case import Case, Fidelity
 from startrack.checks import whole
 from startrack.study.montecarlo import OUTCOMES
 from startrack.tables import from_table, to_table
 
 APPLICATION = 0x53545254  # "STRT" in the file's header
-FORMAT = 1
+FORMAT = 2
 TABLES = """
 CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE sessions (began TEXT NOT NULL, origin TEXT NOT NULL);
@@ -37,16 +37,24 @@ class Store:
     at any instant leaves a file that holds all blocks it had kept. A loss of power may cost the
     last seconds, which are then done again, never the file.
 
-    case  what was tried
-    seed  of all its random numbers
+    case      what was tried
+    seed      of all its random numbers
+    fidelity  how much of a trial was made
     """
 
-    def __init__(self, path: Path | None, case: Case | None = None, seed: int | None = None):
+    def __init__(
+        self,
+        path: Path | None,
+        case: Case | None = None,
+        seed: int | None = None,
+        fidelity: Fidelity = Fidelity.FRAME,
+    ):
         """Open a store, or begin one.
 
         path  None keeps it in memory
         case  that it must hold; needed to begin one
         seed  likewise
+        fidelity  likewise, where the case is given
 
         Errors  ValueError where the file is none of ours, of another version, or holds another
                 case or seed; OSError where it cannot be opened or another process has it.
@@ -59,12 +67,12 @@ class Store:
                 raise ValueError(f"{path} must be a campaign store, but there is none")
             self._base = sqlite3.connect(path or ":memory:", timeout=0, isolation_level=None)
             try:
-                self._open(case, seed)
+                self._open(case, seed, fidelity)
             except BaseException:
                 self._base.close()
                 raise
 
-    def _open(self, case: Case | None, seed: int | None) -> None:
+    def _open(self, case: Case | None, seed: int | None, fidelity: Fidelity) -> None:
         ask = self._base.execute
         # The lock is the system's, so that it ends with the process however that ends.
         ask("PRAGMA locking_mode = EXCLUSIVE")
@@ -78,24 +86,26 @@ class Store:
         ask("BEGIN EXCLUSIVE")
         if not begun and case is not None and seed is not None:
             whole(0, 2**63 - 1, seed=seed)
-            self._begin(case, seed)
+            self._begin(case, seed, fidelity)
         about = dict(ask("SELECT name, value FROM about"))
         self.seed = int(about["seed"])
+        self.fidelity = Fidelity(about["fidelity"])
         self._table = json.loads(about["case"])
         self.dtype = np.dtype([(name, kind) for name, kind in json.loads(about["fields"])])
         self.startrack = about["startrack"]
         if case is not None:
-            self._must_match(case, self.seed if seed is None else seed)
+            self._must_match(case, self.seed if seed is None else seed, fidelity)
             session = (datetime.now(UTC).isoformat(timespec="seconds"), json.dumps(origin()))
             ask("INSERT INTO sessions VALUES (?, ?)", session)
         ask("COMMIT")
 
-    def _begin(self, case: Case, seed: int) -> None:
+    def _begin(self, case: Case, seed: int, fidelity: Fidelity) -> None:
         for statement in TABLES.split(";"):
             self._base.execute(statement)
         about = {
             "case": json.dumps(to_table(case), sort_keys=True),
             "seed": str(seed),
+            "fidelity": fidelity.value,
             "fields": json.dumps(OUTCOMES.descr),
             "startrack": origin()["startrack"],
         }
@@ -111,9 +121,13 @@ class Store:
         if form != FORMAT:
             raise ValueError(f"{self.path} must be a store of format {FORMAT}, got format {form}")
 
-    def _must_match(self, case: Case, seed: int) -> None:
+    def _must_match(self, case: Case, seed: int, fidelity: Fidelity) -> None:
         if seed != self.seed:
             raise ValueError(f"{self.path} holds trials of seed {self.seed}, not of seed {seed}")
+        if fidelity is not self.fidelity:
+            raise ValueError(
+                f"{self.path} holds trials of fidelity {self.fidelity}, not of fidelity {fidelity}"
+            )
         if (version := origin()["startrack"]) != self.startrack or self.dtype != OUTCOMES:
             raise ValueError(
                 f"{self.path} holds trials of startrack {self.startrack}, which this startrack "

@@ -10,7 +10,7 @@ from startrack.campaign.export import export
 from startrack.campaign.precision import Precision, half_width
 from startrack.campaign.resume import resume
 from startrack.campaign.store import Store
-from startrack.case import Case
+from startrack.case import Case, Fidelity
 from startrack.commands.terminal import (
     example,
     finite,
@@ -38,12 +38,12 @@ def command(options: argparse.Namespace) -> int:
     """
     path = options.design or example()
     case = read_design(path).case
-    precision = _precision(options)
+    precision, fidelity = _precision(options), Fidelity(options.fidelity)
     where: Path | None = options.store or (options.out / STORE if options.out else None)
     workers = dask_pool(options.scheduler) if options.scheduler else pool(options.workers)
     new = 0
     began = time.perf_counter()
-    with _open(where, case, options.seed) as store, workers as executor:
+    with _open(where, case, options.seed, fidelity) as store, workers as executor:
         held = sum(len(block) for block in store.done())
         if held:
             say(f"{where} holds {held} trials; going on")
@@ -61,7 +61,11 @@ def command(options: argparse.Namespace) -> int:
         failures = store.failures()
     rate = new / (time.perf_counter() - began)
     summary = summarise(outcomes)
-    result = {"design": str(path), "seed": options.seed} | summary_values(summary)
+    result = {
+        "design": str(path),
+        "seed": options.seed,
+        "fidelity": fidelity.value,
+    } | summary_values(summary)
     result |= {"trials_per_s": rate}
     text = f"{summary_text(summary)}\n{rate:.1f} trials/s, seed {options.seed}"
     if precision:
@@ -96,8 +100,8 @@ def _precision(options: argparse.Namespace) -> Precision | None:
         raise WrongUse(f"--precision: {error}") from None
 
 
-def _open(path: Path | None, case: Case, seed: int) -> Store:
+def _open(path: Path | None, case: Case, seed: int, fidelity: Fidelity) -> Store:
     try:
-        return Store(path, case, seed)
+        return Store(path, case, seed, fidelity)
     except ValueError as error:
         raise WrongUse(str(error)) from None

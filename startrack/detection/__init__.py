@@ -23,8 +23,10 @@ likelihood  fit of the design's PSF
 centroid    Candidates -> Spots, by one of these four
 detect      Frame -> Spots
 windows     Frame, predicted places -> Spots
+within      Frame known in regions alone -> Spots
 """
 
+from startrack.detection.background import Sky
 from startrack.detection.dark import subtract_dark
 from startrack.detection.detect import detect
 from startrack.detection.flat import divide_flat, without_pixels
@@ -33,15 +35,30 @@ from startrack.detection.psf_table import gaussian_psf
 from startrack.detection.rate import false_alarms
 from startrack.detection.smear import smeared
 from startrack.detection.windows import detect_near
+from startrack.detection.within import (
+    detect_within,
+    grown,
+    kernel_half,
+    margin,
+    measure_sky,
+    star_profile,
+)
 
 __all__ = [
     "Detection",
+    "Sky",
     "detect",
     "detect_near",
+    "detect_within",
     "divide_flat",
     "false_alarms",
     "gaussian_psf",
+    "grown",
+    "kernel_half",
+    "margin",
+    "measure_sky",
     "smeared",
+    "star_profile",
     "subtract_dark",
     "without_pixels",
 ]

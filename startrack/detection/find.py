@@ -6,8 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from startrack.detection.background import sky
+from startrack.detection.background import Sky, sky
 from startrack.detection.connect import lit, peaks
 from startrack.detection.examine import alone, largest_share, sharp
 from startrack.detection.matched import Kernel, filtered, gaussian_kernel, psf_kernel
@@ -38,23 +39,58 @@ def find(pixels: Pixels, settings: Detection, psf: Psf, mesh: int | None = None)
     """
     kernel = kernel_of(settings, psf)
     image = filtered(pixels.value, kernel)
-    # Rounding to steps of 1 is noise of variance 1/12, of which the filter leaves its share.
-    floor = pixels.step / math.sqrt(12) * kernel.noise
-    ground = sky(image, mesh or settings.mesh, floor)
+    ground = sky(image, mesh or settings.mesh, rounding(pixels, kernel))
+    bright = lit(image, look_level(ground, settings), ground.mesh)
+    return choose(pixels, image, bright, ground, settings, psf)
+
+
+def look_level(ground: Sky, settings: Detection) -> NDArray[np.float32]:
+    """The level from which on pixels are looked at, on the grid of the Sky, digital number."""
     sigmas = ground.sigmas(settings.threshold)
-    bright = lit(image, ground.mean + LOOK * sigmas * ground.rms, ground.mesh)
+    return np.asarray(ground.mean + LOOK * sigmas * ground.rms, np.float32)
+
+
+def choose(
+    pixels: Pixels,
+    image: NDArray[np.float32],
+    bright: Ints,
+    ground: Sky,
+    settings: Detection,
+    psf: Psf,
+) -> Candidates:
+    """The peaks among the bright pixels of a filtered image that look like stars.
+
+    bright  (n,) row * columns + column of the pixels above `look_level`
+    """
+    kernel = kernel_of(settings, psf)
     reach = settings.window // 2
     x, y, area = peaks(
         image, bright, settings.min_area, settings.max_area, reach, reach + settings.edge
     )
-    # A star's filtered image is twice as long as the kernel, and must not fill its own ring.
-    far = max(reach, 2 * (max(kernel.whole.shape) // 2) - KERNEL_TAIL)
+    far = ring_half(settings, kernel)
+    sigmas, floor = ground.sigmas(settings.threshold), rounding(pixels, kernel)
     good = alone(image, x, y, far, sigmas, ground.mean, ground.rms, ground.mesh, floor)
     if settings.sharpest_sigma > 0:
         good &= ~sharp(pixels.value, x, y, far, largest_share(settings.sharpest_sigma))
     if pixels.spoilt is not None:
         good &= pixels.spoilt[y, x] == 0
     return Candidates(x[good], y[good], area[good])
+
+
+def rounding(pixels: Pixels, kernel: Kernel) -> float:
+    """Least noise of the filtered image, digital number.
+
+    Rounding to steps of 1 is noise of variance 1/12, of which the filter leaves its share.
+    """
+    return pixels.step / math.sqrt(12) * kernel.noise
+
+
+def ring_half(settings: Detection, kernel: Kernel) -> int:
+    """Half side of the square that the ring about a peak leaves free, pixel.
+
+    A star's filtered image is twice as long as the kernel, and must not fill its own ring.
+    """
+    return max(settings.window // 2, 2 * (max(kernel.whole.shape) // 2) - KERNEL_TAIL)
 
 
 def kernel_of(settings: Detection, psf: Psf) -> Kernel:

@@ -57,8 +57,11 @@ def _gravity(  # type: ignore[no-untyped-def]
                 break
             u = min(max(u + round(gx), half), columns - 1 - half)
             v = min(max(v + round(gy), half), rows - 1 - half)
+            if abs(u - x[i]) > half or abs(v - y[i]) > half:
+                lost = True
+                break
         table[i, 7], table[i, 8] = u, v
-        if lost or abs(u - x[i]) > half or abs(v - y[i]) > half:
+        if lost:
             continue
         noise, shot = pixel_noise(background, spread, floor, electrons_per_dn, offset, read_noise)
         error = spread / math.sqrt(count)  # of the background

@@ -11,7 +11,9 @@ charge      defects    response of each pixel, DSNU, hot and dead pixels and col
             thermal    dark current over temperature, reset noise
             lag        charge left to the next frame
             maps       all that belongs to a device, made once
+            ground     expected electrons where no star is
             expose     Light, Psf, Path -> expected electrons -> Frame
+            windows    the same in windows of a frame
 pixel       hits       tracks of cosmic rays and protons
             bloom      charge beyond the full well
             multiply   the register of an EMCCD
@@ -26,7 +28,8 @@ Below them: counter (random bits of a pixel), normal and poisson (quantiles), ta
 
 from startrack.detector.collect import electron_rate
 from startrack.detector.defects import Defects
-from startrack.detector.expose import expected, expose, frame_of
+from startrack.detector.expose import arriving, expected, expose, frame_of, seen
+from startrack.detector.ground import ground, ground_tables
 from startrack.detector.hits import Hits
 from startrack.detector.parameters import Detector, Region
 from startrack.detector.pattern import Pattern
@@ -35,6 +38,7 @@ from startrack.detector.readout import read_out
 from startrack.detector.scan import Line, scan, scanned, staggered, tdi
 from startrack.detector.shutter import Turn
 from startrack.detector.thermal import Thermal
+from startrack.detector.windows import expose_within, lone_pixels, only_lone_pixels
 
 __all__ = [
     "Defects",
@@ -45,14 +49,21 @@ __all__ = [
     "Region",
     "Thermal",
     "Turn",
+    "arriving",
     "electron_rate",
     "expected",
     "expose",
+    "expose_within",
     "frame_of",
+    "ground",
+    "ground_tables",
+    "lone_pixels",
+    "only_lone_pixels",
     "poisson_quantile",
     "read_out",
     "scan",
     "scanned",
+    "seen",
     "staggered",
     "tdi",
 ]

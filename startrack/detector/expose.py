@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -9,16 +11,20 @@ from scipy.spatial.transform import Rotation
 from startrack.camera import Camera
 from startrack.detector.collect import electron_rate
 from startrack.detector.crosstalk import diffuse
+from startrack.detector.ground import ground, ground_tables
 from startrack.detector.lag import carry
-from startrack.detector.maps import dark, response
+from startrack.detector.law import Image
+from startrack.detector.maps import response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import read_out
 from startrack.detector.shutter import Turn, at_once, row_by_row
 from startrack.detector.stamp import stamp
+from startrack.detector.tables import Tables
 from startrack.streams import Streams
 from startrack.values import Frame, Light, Path, Psf
 
 Floats = NDArray[np.float64]
+Places = Iterable[tuple[float, Floats, Floats]]
 
 
 def expose(
@@ -37,13 +43,21 @@ def expose(
     electrons = expected(
         light, psf, path, icrs_to_camera, camera, detector, throughput, turn, before
     )
-    return frame_of(electrons, detector, streams)
+    _, sky = arriving(light, camera, detector, throughput)
+    return frame_of(electrons, detector, streams, ground_tables(detector, sky))
 
 
-def frame_of(electrons: Floats, detector: Detector, streams: Streams) -> Frame:
+def frame_of(
+    electrons: Floats, detector: Detector, streams: Streams, tables: Tables | None = None
+) -> Frame:
     """Read out expected electrons (rows, columns), and say what the numbers mean."""
+    return told(read_out(electrons, detector, streams, tables), detector)
+
+
+def told(image: Image, detector: Detector) -> Frame:
+    """An image with what its detector knows of its numbers."""
     return Frame(
-        read_out(electrons, detector, streams),
+        image,
         detector.exposure,
         detector.electrons_per_dn,
         float(detector.offset),
@@ -80,25 +94,48 @@ def expected(
             f"and {detector.columns} x {detector.rows} pixel"
         )
     # Photons.
-    star_rate, sky_rate = electron_rate(light, detector, throughput)
-    solid_angle = camera.focal_length_px**-2
-    electrons = np.full(
-        (detector.rows, detector.columns), sky_rate * solid_angle * detector.exposure
-    )
+    star, sky = arriving(light, camera, detector, throughput)
+    places = seen(light, path, icrs_to_camera, camera, detector, turn)
+    # Charge.
+    electrons = ground(detector, sky).copy()
+    draw(electrons, psf, places, star, detector)
+    return carry(electrons, before, detector.lag) if detector.lag else electrons
+
+
+def arriving(
+    light: Light, camera: Camera, detector: Detector, throughput: Floats
+) -> tuple[Floats, float]:
+    """Electrons of each star (n,), and of the sky in a pixel of mean response, in the exposure."""
+    star, sky = electron_rate(light, detector, throughput)
+    return star * detector.exposure, float(sky) * detector.exposure / camera.focal_length_px**2
+
+
+def seen(
+    light: Light,
+    path: Path,
+    icrs_to_camera: Rotation,
+    camera: Camera,
+    detector: Detector,
+    turn: Turn | None,
+) -> Places:
+    """Where the stars are in the course of the exposure, by its shutter."""
     view = light.direction, path, icrs_to_camera, camera
     if not detector.row_delay:
-        places = at_once(*view)
-    elif turn is not None:
-        places = row_by_row(*view, detector.row_delay, turn)
-    else:
+        return at_once(*view)
+    if turn is None:
         raise TypeError("turn must be given where row_delay is not zero, got None")
-    for weight, x, y in places:
-        stamp(electrons, psf, x, y, star_rate * (detector.exposure * weight))
-    # Charge.
+    return row_by_row(*view, detector.row_delay, turn)
+
+
+def draw(electrons: Floats, psf: Psf, places: Places, star: Floats, detector: Detector) -> None:
+    """Add what the stars leave in the pixels, in place.
+
+    places  weight, x and y of each point of the paths
+    star    (n,) electron of each star in the whole exposure
+    """
     gain = response(detector)
-    if gain is not None:
-        electrons *= gain
+    image = np.zeros_like(electrons) if detector.crosstalk else electrons
+    for weight, x, y in places:
+        stamp(image, psf, x, y, star * weight, gain)
     if detector.crosstalk:
-        electrons = diffuse(electrons, detector.crosstalk)
-    electrons += dark(detector) * detector.exposure
-    return carry(electrons, before, detector.lag) if detector.lag else electrons
+        electrons += diffuse(image, detector.crosstalk)

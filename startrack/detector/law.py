@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit, vectorize
@@ -87,8 +87,13 @@ def converted(level: Floats, law: Law) -> Floats:
 
 
 def blank(shape: tuple[int, ...], law: Law) -> Image:
-    """An image to fill, of the smaller type that holds the numbers."""
-    return np.empty(shape, np.uint16) if law.largest < 2**16 else np.empty(shape, np.uint32)
+    """An image to fill."""
+    return np.empty(shape, kind_of(law))
+
+
+def kind_of(law: Law) -> np.dtype[Any]:
+    """The smaller type that holds the numbers."""
+    return np.dtype(np.uint16 if law.largest < 2**16 else np.uint32)
 
 
 def upper_edge(law: Law, numbers: Floats) -> Floats:

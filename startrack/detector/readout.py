@@ -14,34 +14,39 @@ from startrack.detector.multiply import multiply
 from startrack.detector.parameters import Detector
 from startrack.detector.pattern import offsets
 from startrack.detector.settle import settle
+from startrack.detector.tables import Tables
 from startrack.streams import Streams
 
 Floats = NDArray[np.float64]
 
 
-def read_out(electrons: Floats, detector: Detector, streams: Streams) -> Image:
+def read_out(
+    electrons: Floats, detector: Detector, streams: Streams, tables: Tables | None = None
+) -> Image:
     """The digital image of expected electrons.
 
     Pixels that know nothing of each other take their numbers at once. A design in which charge
     or signal passes from pixel to pixel, or that multiplies it, goes through all steps.
 
     electrons  (rows, columns) expectation of photo- and dark electrons
+    tables     as `digitise` takes them
     Returns    (rows, columns) digital numbers, in 16 bits or, where these do not hold them, 32
     Errors     as `digitise` and the effects.
     """
     law = law_of(detector)
-    if _in_steps(detector):
+    if in_steps(detector):
         level = _signal(_charge(electrons, detector, streams), law, detector, streams)
         image = blank(electrons.shape, law)
         image[...] = converted(level, law)
         return image
-    image = digitise(electrons, law, streams)
+    image = digitise(electrons, law, streams, tables)
     if detector.hits:
         digitise_hit(image, electrons, *_tracks(electrons, detector, streams), law, streams)
     return image
 
 
-def _in_steps(detector: Detector) -> bool:
+def in_steps(detector: Detector) -> bool:
+    """Whether a pixel's number depends on other pixels, or on more than one law."""
     return bool(
         detector.blooming
         or detector.multiplication > 1

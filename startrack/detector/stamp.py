@@ -12,11 +12,15 @@ from startrack.values import Psf
 
 Floats = NDArray[np.float64]
 
+ONE = np.ones((1, 1))
+ONE.flags.writeable = False
 ALIKE = 1e-14  # of the peak, by which a table may differ from the product of its middle lines
 _lines: WeakKeyDictionary[Psf, tuple[Floats, Floats] | None] = WeakKeyDictionary()
 
 
-def stamp(image: Floats, psf: Psf, x: Floats, y: Floats, electrons: Floats) -> None:
+def stamp(
+    image: Floats, psf: Psf, x: Floats, y: Floats, electrons: Floats, gain: Floats | None = None
+) -> None:
     """Add the images of points to `image`, in place.
 
     A table that is the product of a line and a column, as a Gaussian's, costs two lines a star.
@@ -24,14 +28,16 @@ def stamp(image: Floats, psf: Psf, x: Floats, y: Floats, electrons: Floats) -> N
     image      (rows, columns) electron
     x, y       (n,) pixel; what falls outside the image is left out
     electrons  (n,) electron
+    gain       (rows, columns) 1, response of each pixel, None where all are one
     Errors     numerical: 4e-6 of the peak, 1e-5 pixel in the centroid, with the sampling that
                optics gives its tables; Gaussians 4e-7 of the peak, 1e-7 pixel.
     """
     lines = _separate(psf)
+    gain = ONE if gain is None else gain
     if lines is None:
-        _stamp(image, psf.table, psf.oversampling, x, y, electrons)
+        _stamp(image, psf.table, psf.oversampling, x, y, electrons, gain)
     else:
-        _stamp_lines(image, *lines, psf.oversampling, x, y, electrons)
+        _stamp_lines(image, *lines, psf.oversampling, x, y, electrons, gain)
 
 
 def _separate(psf: Psf) -> tuple[Floats, Floats] | None:
@@ -73,9 +79,9 @@ def _off(x, y, image, samples, oversampling):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _stamp(image, table, oversampling, x, y, electrons):  # type: ignore[no-untyped-def]
+def _stamp(image, table, oversampling, x, y, electrons, gain):  # type: ignore[no-untyped-def]
     rows, columns = image.shape
-    samples = table.shape[0]
+    samples, even = table.shape[0], gain.size == 1
     wx, wy = np.empty(6), np.empty(6)
     for n in range(len(x)):
         if _off(x[n], y[n], image, samples, oversampling):
@@ -92,13 +98,14 @@ def _stamp(image, table, oversampling, x, y, electrons):  # type: ignore[no-unty
                     for a in range(6):
                         line += wx[a] * table[top + b, start + a]
                     total += wy[b] * line
-                image[row + j, column + i] += electrons[n] * total
+                seen = 1.0 if even else gain[row + j, column + i]
+                image[row + j, column + i] += electrons[n] * total * seen
 
 
 @njit(cache=True, error_model="numpy")
-def _stamp_lines(image, line, down, oversampling, x, y, electrons):  # type: ignore[no-untyped-def]
+def _stamp_lines(image, line, down, oversampling, x, y, electrons, gain):  # type: ignore[no-untyped-def]
     rows, columns = image.shape
-    samples = len(line)
+    samples, even = len(line), gain.size == 1
     wx, wy = np.empty(6), np.empty(6)
     across = np.empty(samples // oversampling + 2)
     for n in range(len(x)):
@@ -112,7 +119,8 @@ def _stamp_lines(image, line, down, oversampling, x, y, electrons):  # type: ign
         for j in range(lowest, highest + 1):
             share = _read(down, start_y + j * oversampling, wy)
             for i in range(left, right + 1):
-                image[row + j, column + i] += share * across[i - left]
+                seen = 1.0 if even else gain[row + j, column + i]
+                image[row + j, column + i] += share * across[i - left] * seen
 
 
 @njit(cache=True, error_model="numpy")

@@ -61,19 +61,20 @@ def level_mean(level: NDArray[np.int64], noise: float) -> NDArray[np.float64]:
     return step * (2 * noise + step)
 
 
-def tables_for(mean: NDArray[np.float64], law: Law) -> Tables:
+def tables_for(mean: NDArray[np.float64], law: Law, wings: float = 0.1) -> Tables:
     """The tables that serve most pixels of a frame; empty where they would not pay.
 
     They follow from the frame alone, so that a frame is the same whatever was drawn before it.
 
-    mean  (rows, columns) electron
+    mean   (rows, columns) electron
+    wings  standard deviations above the highest level that are served too
     """
     sample = mean.ravel()[:: mean.size // 4096 | 1]  # odd, to visit all columns
     low, middle, high = np.quantile(np.maximum(sample, 0.0), [0.002, 0.5, 0.99])
     spread = math.sqrt(middle + law.noise**2)
     # Wide enough for what a sample leaves out, but no wider than stars are worth.
     first = max(_level(low - 0.1 * spread, law.noise), _level(middle, law.noise) - MOST_LEVELS // 2)
-    last = min(_level(high + 0.1 * spread, law.noise) + 1, first + MOST_LEVELS)
+    last = min(_level(high + wings * spread, law.noise) + 1, first + MOST_LEVELS)
     first, last = first // BLOCK, -(-last // BLOCK)
     # One by one, a pixel costs 60 ns; a level costs some 100 microseconds to make.
     if mean.size < 2**14 or mean.size < 64 * (last - first) * BLOCK:

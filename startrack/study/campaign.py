@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from startrack.case import Fidelity
 from startrack.checks import one_of, positive, whole, within
 from startrack.study.box import Variable
 from startrack.study.requirements import Requirements
@@ -16,6 +17,7 @@ class Campaign:
     variables      what may change
     requirements   what must hold
     objective      "across" or "about": whose rms error is made small
+    fidelity       how much of each trial is made: "frame", "window" or "covariance"
     trials         Monte Carlo trials for each design
     evaluations    designs that the optimiser may try
     sample_trials  trials for each design that the tolerance region is computed from
@@ -27,6 +29,7 @@ class Campaign:
     variables: tuple[Variable, ...] = ()
     requirements: Requirements = field(default_factory=Requirements)
     objective: str = "across"
+    fidelity: Fidelity = Fidelity.FRAME
     trials: int = 64
     evaluations: int = 120
     sample_trials: int = 160

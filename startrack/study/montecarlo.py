@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import typing
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
@@ -11,15 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.case import Case
-from startrack.chain import trial
+from startrack.case import Case, Fidelity
+from startrack.chain import OUTCOMES, trials
 from startrack.checks import whole
-from startrack.error import Outcome
 from startrack.study.workers import Serial, dask_pool, one_thread, pool
 
 __all__ = ["OUTCOMES", "Block", "Serial", "blocks", "dask_pool", "one_thread", "pool", "run"]
 
-OUTCOMES = np.dtype([("trial", np.int64), *typing.get_type_hints(Outcome).items()])
 BLOCKS_PER_WORKER = 4  # so that no worker waits long for the last one
 UNDER_WAY = 3  # blocks per worker that are submitted ahead, so that none waits for the master
 TRIES = 3  # after which a block is given up
@@ -44,6 +41,7 @@ def run(
     first: int = 0,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
+    fidelity: Fidelity = Fidelity.FRAME,
 ) -> NDArray[np.void]:
     """The outcomes of trials first ... first + trials - 1.
 
@@ -57,7 +55,7 @@ def run(
     end = first + trials
     plan = [range(at, min(at + size, end)) for at in range(first, end, size)]
     outcomes = np.empty(trials, OUTCOMES)
-    for numbers, result in blocks(case, seed, plan, executor, workers, tries=1):
+    for numbers, result in blocks(case, seed, plan, executor, workers, 1, fidelity):
         if isinstance(result, Exception):
             raise result
         outcomes[numbers.start - first : numbers.stop - first] = result
@@ -73,6 +71,7 @@ def blocks(
     executor: Executor,
     workers: int = 1,
     tries: int = TRIES,
+    fidelity: Fidelity = Fidelity.FRAME,
 ) -> Iterator[Block]:
     """Blocks of trials as they end, in no order.
 
@@ -87,16 +86,20 @@ def blocks(
     again = deque[range]()
     suspects = deque[range]()
     futures = dict[Future[Any], range]()
+
+    def submit(numbers: range) -> None:
+        futures[executor.submit(trials, case, seed, numbers, fidelity)] = numbers
+
     try:
         while True:
             # A suspect runs when nothing else does, so that its next victim names it.
             if suspects and not futures:
-                _submit(futures, suspects.popleft(), executor, case, seed)
+                submit(suspects.popleft())
             while not suspects and len(futures) < workers * UNDER_WAY:
                 numbers = again.popleft() if again else next(waiting, None)
                 if numbers is None:
                     break
-                _submit(futures, numbers, executor, case, seed)
+                submit(numbers)
                 if isinstance(executor, Serial):
                     break
             if not futures:
@@ -121,23 +124,6 @@ def blocks(
             future.cancel()
 
 
-def _submit(
-    futures: dict[Future[Any], range], numbers: range, executor: Executor, case: Case, seed: int
-) -> None:
-    futures[executor.submit(_block, case, seed, numbers)] = numbers
-
-
 def _exception(error: BaseException) -> Exception:
     """An error of a worker, such that what stops the master is not among them."""
     return error if isinstance(error, Exception) else RuntimeError(repr(error))
-
-
-def _block(case: Case, seed: int, numbers: range) -> NDArray[np.void]:
-    outcomes = np.empty(len(numbers), OUTCOMES)
-    for i, number in enumerate(numbers):
-        try:
-            outcomes[i] = (number, *trial(case, seed, number))
-        except Exception as error:
-            error.add_note(f"in trial {number} of seed {seed}")
-            raise
-    return outcomes

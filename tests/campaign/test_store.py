@@ -11,6 +11,7 @@ import pytest
 
 from startrack.campaign.export import export
 from startrack.campaign.store import Store
+from startrack.case import Fidelity
 from startrack.tables import to_table
 
 
@@ -65,6 +66,8 @@ def test_another_case_seed_version_or_format_is_refused(path, case):
         Store(path, slower, 3)
     with pytest.raises(ValueError, match="seed 3, not of seed 4"):
         Store(path, case, 4)
+    with pytest.raises(ValueError, match="fidelity frame, not of fidelity window"):
+        Store(path, case, 3, Fidelity.WINDOW)
     for change, sentence in (
         ("UPDATE about SET value = '0.0.9' WHERE name = 'startrack'", r"startrack 0\.0\.9, which"),
         ("PRAGMA user_version = 99", "format 1, got format 99"),

@@ -1,0 +1,83 @@
+"""Case and attitude -> what stands before the detector: stars, PSF, path, throughput."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.camera import Camera
+from startrack.case import Instrument
+from startrack.catalog import Sky
+from startrack.detector import Turn
+from startrack.motion import shake, turn
+from startrack.optics import focus
+from startrack.scene import WAVELENGTH, blackbody_photons
+from startrack.scene.photometry import SUN
+from startrack.streams import Streams
+from startrack.values import Path, Psf, Stars
+
+EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can reach the frame
+
+
+def random_attitude(streams: Streams) -> Rotation:
+    """An attitude icrs_to_camera, uniform over all rotations."""
+    return Rotation.from_quat(streams("attitude").standard_normal(4))
+
+
+def look(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
+    """The stars that can reach the frame, brightest first."""
+    boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
+    return sky.stars[sky.cone(boresight, camera.half_diagonal + math.radians(EDGE))]
+
+
+@lru_cache(maxsize=8)
+def psf_of(instrument: Instrument) -> Psf:
+    """The PSF for sunlike stars, computed once per design."""
+    detector = instrument.detector
+    return focus(
+        instrument.optics,
+        detector.pitch,
+        WAVELENGTH,
+        detected(instrument),
+        detector.fill_factor,
+        detector.diffusion,
+    )
+
+
+def detected(instrument: Instrument) -> NDArray[np.float64]:
+    """Electrons per second of a sunlike star in each spectral bin, on a scale of no meaning."""
+    sunlike = blackbody_photons(WAVELENGTH, np.array([SUN]))[0]
+    electrons = sunlike * throughput(instrument)
+    electrons = electrons * instrument.detector.quantum_efficiency(WAVELENGTH)
+    if not electrons.any():
+        raise ValueError("transmission and quantum_efficiency must overlap between 320 and 1100 nm")
+    return electrons
+
+
+def path_of(instrument: Instrument, streams: Streams) -> Path:
+    """The path of the line of sight in the exposure of one trial."""
+    camera = instrument.camera
+    return shake(
+        instrument.motion,
+        instrument.detector.exposure,
+        1 / camera.focal_length_px,
+        streams,
+        camera.half_diagonal,
+    )
+
+
+def turn_of(instrument: Instrument, streams: Streams) -> Turn | None:
+    """The same motion at any time, which only a rolling shutter asks for."""
+    detector = instrument.detector
+    if not detector.row_delay:
+        return None
+    return turn(instrument.motion, detector.exposure, streams).at
+
+
+def throughput(instrument: Instrument) -> NDArray[np.float64]:
+    """Area of the aperture times transmission, square metre in each spectral bin."""
+    return instrument.optics.area * instrument.optics.transmission(WAVELENGTH)

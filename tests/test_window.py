@@ -1,0 +1,95 @@
+"""Windows against whole frames: the same numbers, the same spots."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from startrack.case import Fidelity
+from startrack.catalog import shipped
+from startrack.chain import observe, random_attitude, trial, trials
+from startrack.design import load_design
+from startrack.detector import Defects, Hits, Pattern
+from startrack.motion import Motion
+from startrack.scratch import scratch
+from startrack.streams import Streams
+from startrack.window import spots_in_windows
+
+MARGINAL = 60.0  # digital number, twice the flux at which the threshold lies
+CASE = load_design(shipped("designs/nanosatellite.toml")).case
+
+
+def with_detector(**changes):
+    detector = dataclasses.replace(CASE.instrument.detector, **changes)
+    return dataclasses.replace(
+        CASE, instrument=dataclasses.replace(CASE.instrument, detector=detector)
+    )
+
+
+def both(case, number, seed=5):
+    """Spots of a frame and of its windows (n, 3): x, y, flux."""
+    attitude = random_attitude(Streams(seed, number))
+    whole = observe(case, attitude, Streams(seed, number)).spots
+    parts = spots_in_windows(case, attitude, Streams(seed, number))
+    return (np.column_stack([one.x, one.y, one.flux]) for one in (whole, parts))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"row_delay": 20e-6},
+        {"hits": Hits(5e4)},
+        {"defects": Defects(dsnu=20.0, hot=2e-4, hot_current=5e3, dead=1e-4, dead_columns=1)},
+        {"bits": 14, "bow": 3.0, "bend": 0.02},
+        {"columns": 100, "rows": 300},
+    ],
+    ids=lambda changes: "-".join(changes) or "plain",
+)
+def test_spots_are_those_of_the_frame(changes):
+    """The stars' pixels have the frame's own noise; what is not marginal is found in both."""
+    case = with_detector(**changes)
+    for number in range(3):
+        whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, number))
+        assert len(whole) == len(parts) > 3
+        np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
+
+
+def test_streaks_are_those_of_the_frame():
+    motion = Motion(rate_x=0.01, rate_y=0.02)
+    case = dataclasses.replace(CASE, instrument=dataclasses.replace(CASE.instrument, motion=motion))
+    whole, parts = both(case, 1)
+    assert len(whole) > 5
+    np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
+
+
+def test_nothing_outside_the_windows_is_read():
+    before = trial(CASE, 5, 1, Fidelity.WINDOW)
+    shape = CASE.instrument.detector.rows, CASE.instrument.detector.columns
+    scratch("detection value", shape, np.float32)[...] = 1e9
+    scratch("detection filtered", shape, np.float32)[...] = 1e9
+    scratch("digital numbers", shape, np.uint16)[...] = 4095
+    scratch("expected electrons", shape, np.float64)[...] = 1e9
+    assert trial(CASE, 5, 1, Fidelity.WINDOW) == before
+
+
+def test_trials_do_not_depend_on_their_company():
+    alone = [trials(CASE, 2, [number], Fidelity.WINDOW) for number in (3, 0, 7)]
+    assert np.concatenate(alone).tobytes() == trials(CASE, 2, [3, 0, 7], Fidelity.WINDOW).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("effect", "value"),
+    [
+        ("blooming", True),
+        ("multiplication", 10.0),
+        ("settling", 0.01),
+        ("read_noise_spread", 0.2),
+        ("pattern", Pattern(row=2.0)),
+        ("lag", 0.02),
+        ("crosstalk", 0.01),
+    ],
+)
+def test_what_needs_the_whole_frame_is_refused_by_name(effect, value):
+    with pytest.raises(ValueError, match=f"without {effect}; choose the fidelity frame"):
+        trial(with_detector(**{effect: value}), 1, 0, Fidelity.WINDOW)
