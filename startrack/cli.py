@@ -24,6 +24,7 @@ A first hour:
   startrack psf                             how its optics blur a star
   startrack optimize                        a better design, in some minutes
   startrack montecarlo startrack-optimize/best.toml --out trials
+  startrack report trials/campaign.sqlite   what came out, as a page to read and to send
   startrack sample startrack-optimize/best.toml
   startrack sequence                        it follows a slew, loses the sky and finds it again
   startrack detect photo.jpg                the stars of a real image
@@ -182,6 +183,25 @@ def _parser() -> argparse.ArgumentParser:
     montecarlo.add_argument("--seconds", type=float, help="begin no trial after this time")
     montecarlo.add_argument(
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster (tcp://host:port), for workers"
+    )
+
+    report = _command(commands, "report", "a campaign as one HTML page that needs nothing else")
+    report.add_argument(
+        "campaign", type=Path, metavar="CAMPAIGN.sqlite", help="the store of `montecarlo`"
+    )
+    report.add_argument(
+        "--out", type=Path, metavar="FILE.html", help="(default: beside the campaign)"
+    )
+    report.add_argument("--title", metavar="TEXT", help="(default: the campaign's name)")
+    for name, default, text in (
+        ("stars", 60, "trials whose stars are looked at one by one"),
+        ("slews", 60, "trials at each of seven slew rates"),
+    ):
+        report.add_argument(
+            f"--{name}", type=_whole(1), default=default, help=f"{text} (default: {default})"
+        )
+    report.add_argument(
+        "--worst", type=_whole(0), default=3, help="trials shown with their frames (default: 3)"
     )
 
     sequence = _command(commands, "sequence", "a tracker in time: tracking, loss, reacquisition")

@@ -1,0 +1,132 @@
+"""Sections -> one HTML page without scripts or links to anything outside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import NamedTuple
+
+STYLE = """
+:root { color-scheme: light dark; --ink: #1c2530; --paper: #fff; --soft: #eef2f6; --line: #c9d3de;
+  --link: #1f5fa8 }
+@media (prefers-color-scheme: dark) { :root { --ink: #e4e9ef; --paper: #14181d; --soft: #1f262e;
+  --line: #3a4652; --link: #8ab8f0 } }
+* { box-sizing: border-box }
+body { margin: 0 auto; max-width: 62rem; padding: 0 1rem 3rem; color: var(--ink);
+  background: var(--paper); font: 1rem/1.5 system-ui, sans-serif }
+h1 { font-size: 1.6rem; line-height: 1.2; overflow-wrap: anywhere }
+h2 { font-size: 1.25rem; margin: 2.2rem 0 .5rem; border-bottom: 1px solid var(--line) }
+h3 { font-size: 1.05rem; margin: 1.4rem 0 .3rem }
+a { color: var(--link) }
+a:focus-visible, summary:focus-visible, .scroll:focus-visible { outline: 3px solid var(--link);
+  outline-offset: 2px }
+.skip { position: absolute; left: -99rem } .skip:focus { position: static }
+nav ol { padding-left: 1.4rem; columns: 2 15rem }
+figure { margin: 1rem 0 } figcaption { font-size: .9rem }
+figure svg, figure img { display: block; width: 100%; height: auto; background: #fff;
+  border-radius: 4px }
+figure svg { min-width: 34rem }
+figure img { max-width: 42rem }
+.scroll { overflow-x: auto; margin: .6rem 0 }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums }
+caption { text-align: left; font-size: .9rem; padding-bottom: .3rem }
+th, td { padding: .25rem .8rem .25rem 0; text-align: left; vertical-align: top;
+  border-bottom: 1px solid var(--line) }
+td.number, th.number { text-align: right }
+pre { background: var(--soft); padding: .8rem; overflow-x: auto; font-size: .85rem }
+summary { cursor: pointer; padding: .3rem 0 }
+@media print { nav, .skip { display: none } }
+"""
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+class Section(NamedTuple):
+    """A titled part of the page; the body is HTML already."""
+
+    title: str
+    body: str
+
+
+def page(title: str, lead: str, sections: Sequence[Section]) -> str:
+    """The whole page.
+
+    title  plain text
+    lead   plain text, one paragraph
+    """
+    names = [_anchor(section.title) for section in sections]
+    contents = "".join(
+        f'<li><a href="#{name}">{escape(section.title)}</a></li>'
+        for name, section in zip(names, sections, strict=True)
+    )
+    bodies = "".join(
+        f'<section aria-labelledby="{name}"><h2 id="{name}" tabindex="-1">'
+        f"{escape(section.title)}</h2>\n{section.body}</section>\n"
+        for name, section in zip(names, sections, strict=True)
+    )
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        '<link rel="icon" href="data:,">\n'
+        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+        f'<a class="skip" href="#{names[0]}">Skip to the results</a>\n'
+        f"<header><h1>{escape(title)}</h1>{paragraph(lead)}</header>\n"
+        f'<nav aria-label="Contents"><ol>{contents}</ol></nav>\n<main>\n{bodies}</main>\n'
+        "</body>\n</html>\n"
+    )
+
+
+def paragraph(text: str) -> str:
+    """Plain text as a paragraph."""
+    return f"<p>{escape(text)}</p>"
+
+
+def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Plain text in cells; columns of numbers are set right. Wide tables scroll, by keys too."""
+    cells = [list(row) for row in rows]
+    right = {i for row in cells[:1] for i, text in enumerate(row) if _numeric(text)}
+    body = "".join(f"<tr>{_row('td', row, right)}</tr>" for row in cells)
+    return (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(caption)}"><table>'
+        f"<caption>{escape(caption)}</caption><thead><tr>{_row('th', head, right)}</tr></thead>"
+        f"<tbody>{body}</tbody></table></div>\n"
+    )
+
+
+def figure(picture: str, caption: str) -> str:
+    """A picture (HTML) with its caption (plain text)."""
+    return (
+        f'<figure><div class="scroll" tabindex="0" role="region" aria-label="Picture">{picture}'
+        f"</div><figcaption>{escape(caption)}</figcaption></figure>\n"
+    )
+
+
+def code(title: str, text: str) -> str:
+    """Plain text as it is, folded away under its title."""
+    return (
+        f"<details><summary>{escape(title)}</summary>"
+        f'<pre class="scroll" tabindex="0">{escape(text)}</pre></details>\n'
+    )
+
+
+def _row(kind: str, texts: Sequence[str], right: set[int]) -> str:
+    scope = ' scope="col"' if kind == "th" else ""
+    return "".join(
+        f"<{kind}{scope}{_NUMBER if i in right else ''}>{escape(text)}</{kind}>"
+        for i, text in enumerate(texts)
+    )
+
+
+_NUMBER = ' class="number"'
+
+
+def _numeric(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _anchor(title: str) -> str:
+    return "".join(c if c.isalnum() else "-" for c in title.lower())

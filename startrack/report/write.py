@@ -1,0 +1,238 @@
+"""A campaign's store -> the page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.campaign.origin import origin
+from startrack.campaign.store import Store
+from startrack.case import Case
+from startrack.chain import random_attitude
+from startrack.checks import whole
+from startrack.error import Interval, Summary, summarise
+from startrack.report.inline import inline
+from startrack.report.look import (
+    SMEARS,
+    draw_slews,
+    draw_stars,
+    half_diagonal,
+    look_again,
+    slews,
+)
+from startrack.report.page import Section, code, figure, page, paragraph, table
+from startrack.report.skymap import sky_map
+from startrack.report.spread import SHARES, quantiles, sizes, spread
+from startrack.report.worst import show, worst
+from startrack.streams import Streams
+from startrack.tables import to_table
+from startrack.units import arcsec, deg
+
+MOST_POINTS = 5000  # trials on the map
+
+
+@dataclass(frozen=True)
+class Depth:
+    """How many trials the page does again to look closer.
+
+    stars  trials whose stars are looked at one by one
+    slews  trials at each slew rate
+    worst  trials shown with their frames
+    """
+
+    stars: int = 60
+    slews: int = 60
+    worst: int = 3
+
+    def __post_init__(self) -> None:
+        whole(1, 10**6, stars=self.stars, slews=self.slews)
+        whole(0, 100, worst=self.worst)
+
+    @property
+    def trials(self) -> int:
+        """All of them."""
+        return self.stars + self.slews * len(SMEARS) + self.worst
+
+
+def write_report(
+    store: Store, title: str, depth: Depth, progress: Callable[[int], None] | None = None
+) -> str:
+    """The page as HTML.
+
+    title     plain text
+    progress  called with the number of trials that were just done again
+    Errors    ValueError where the store holds no trial, or a startrack of another version made
+              it, whose trials this one must not explain.
+    """
+    if store.startrack != (version := origin()["startrack"]):
+        raise ValueError(
+            f"{store.path} holds trials of startrack {store.startrack}, which this startrack "
+            f"{version} cannot do again"
+        )
+    outcomes = store.outcomes()
+    if not len(outcomes):
+        raise ValueError(f"{store.path} must hold trials, but holds none")
+    advance = progress or (lambda _: None)
+    case, seed = store.case, store.seed
+    sections = [
+        _summary(outcomes),
+        _distributions(outcomes),
+        _sky(outcomes, seed),
+        *_closer(case, seed, outcomes, depth, advance),
+        _worst(case, seed, outcomes, depth, advance),
+        _inputs(store),
+    ]
+    lead = (
+        f"{len(outcomes)} trials of seed {seed}. Brackets hold the true value with 95 % "
+        f"confidence; a trial is a random attitude with its own noise."
+    )
+    return page(title, lead, sections)
+
+
+def _summary(outcomes: NDArray[np.void]) -> Section:
+    told = summarise(outcomes)
+    rows = [
+        ["error across the boresight, rms per axis", *_cells(told.across, arcsec), "arcsec"],
+        ["error about the boresight, rms", *_cells(told.about, arcsec), "arcsec"],
+        ["availability: trials with a right attitude", *_cells(told.availability, 0.01), "%"],
+        ["wrong attitudes, off by over half a degree", *_cells(told.false, 0.01), "%"],
+    ]
+    head = ["", "value", "from", "to", "unit"]
+    text = (
+        f"On average {told.stars:.1f} stars are matched. The squared error is {told.nees:.2f} of "
+        "the tracker's own variance; 3 would be an honest tracker."
+    )
+    return Section(
+        "Summary",
+        table(f"Over {told.trials} trials", head, rows) + paragraph(text) + _verdict(told),
+    )
+
+
+def _verdict(told: Summary) -> str:
+    if told.trials == round(told.trials * told.availability.value):
+        return paragraph("All attitudes were found, and all were right.")
+    lost = told.trials * (1 - told.availability.value - told.false.value)
+    return paragraph(
+        f"{round(lost)} trials gave no attitude and {round(told.trials * told.false.value)} a "
+        "wrong one. Errors are taken over the others."
+    )
+
+
+def _distributions(outcomes: NDArray[np.void]) -> Section:
+    across, about = sizes(outcomes)
+    rows = [
+        [f"{100 * share:g} %", *_cells(one, arcsec), *_cells(other, arcsec)]
+        for share, one, other in zip(SHARES, quantiles(across), quantiles(about), strict=True)
+    ]
+    head = ["share not exceeding", "across", "from", "to", "about", "from", "to"]
+    picture = inline(spread(outcomes), "spread", "Share of trials that exceed an error")
+    return Section(
+        "Distributions",
+        figure(picture, f"How often an error is exceeded, over {len(across)} right attitudes.")
+        + table("Angles that a share of the trials does not exceed, arcsec", head, rows),
+    )
+
+
+def _sky(outcomes: NDArray[np.void], seed: int) -> Section:
+    shown = outcomes[:MOST_POINTS]
+    attitudes = [random_attitude(Streams(seed, int(number))) for number in shown["trial"]]
+    boresight = Rotation.concatenate(attitudes).inv().apply([0.0, 0.0, 1.0])
+    picture = inline(sky_map(boresight, shown), "sky", "Maps of the error over the sky")
+    return Section(
+        "Sky",
+        figure(
+            picture,
+            f"ICRS, Mollweide's equal-area projection, right ascension grows to the left; the "
+            f"first {len(shown)} trials.",
+        ),
+    )
+
+
+def _closer(
+    case: Case,
+    seed: int,
+    outcomes: NDArray[np.void],
+    depth: Depth,
+    advance: Callable[[int], None],
+) -> list[Section]:
+    numbers = [int(number) for number in outcomes["trial"][: depth.stars]]
+    seen = look_again(case, seed, numbers, advance)
+    stars = inline(draw_stars(seen, half_diagonal(case)), "stars", "Centroid error of the stars")
+    slewed = slews(case, seed, depth.slews, advance)
+    own = case.instrument.motion.rate
+    turned = inline(draw_slews(slewed, own), "slews", "Error and availability over slew rate")
+    rows = [
+        [f"{one.rate / deg:.3f}", f"{one.smear:g}", *_cells(one.across, arcsec),
+         *_cells(one.share, 0.01)]
+        for one in slewed
+    ]  # fmt: skip
+    head = ["deg / s", "smear (pixel)", "across (arcsec)", "from", "to", "right (%)", "from", "to"]
+    return [
+        Section(
+            "Stars",
+            figure(
+                stars,
+                f"{len(seen.magnitude)} matched stars of {seen.trials} trials, against the true "
+                "place on the detector; bars of 95 % on bins of equal numbers.",
+            ),
+        ),
+        Section(
+            "Slew rate",
+            figure(turned, f"{depth.slews} trials at each rate, the same skies and noise.")
+            + table("Error and availability over slew rate", head, rows),
+        ),
+    ]
+
+
+def _worst(
+    case: Case,
+    seed: int,
+    outcomes: NDArray[np.void],
+    depth: Depth,
+    advance: Callable[[int], None],
+) -> Section:
+    shown = []
+    for number in worst(outcomes, depth.worst):
+        shown.append(show(case, seed, int(number)))
+        advance(1)
+    return Section("Worst trials", "".join(shown) or paragraph("None was asked for."))
+
+
+def _inputs(store: Store) -> Section:
+    rows = [
+        [began, made["startrack"], made["numpy"], made["system"], made["cores"]]
+        for began, made in store.sessions()
+    ]
+    failures = "".join(
+        code(f"Trials {numbers.start} to {numbers.stop - 1} failed", report)
+        for numbers, report in store.failures()
+    )
+    machine = json.dumps(dict(store.sessions()[-1][1]), indent=1)
+    return Section(
+        "Inputs",
+        paragraph(f"Seed {store.seed}; the design, as a file that startrack reads:")
+        + code("Design", tomli_w.dumps(to_table(store.case)))
+        + table(
+            "When the campaign was worked on (UTC), and by what",
+            ["began", "startrack", "numpy", "system", "cores"],
+            rows,
+        )
+        + code("Versions and machine of the last session", machine)
+        + (failures or paragraph("No block of trials failed.")),
+    )
+
+
+def _cells(one: Interval, unit: float) -> list[str]:
+    return [_digits(value / unit) for value in (one.value, one.low, one.high)]
+
+
+def _digits(value: float) -> str:
+    if not np.isfinite(value):
+        return "unknown" if np.isnan(value) else "open"
+    return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"

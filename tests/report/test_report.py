@@ -1,0 +1,181 @@
+"""The page of a campaign: what it says, and what a real browser makes of it."""
+
+import dataclasses
+import html.parser
+import json
+import re
+
+import numpy as np
+import pytest
+
+from report.browser import browser
+from startrack.campaign.store import Store
+from startrack.catalog import shipped
+from startrack.cli import main
+from startrack.design import load_design
+from startrack.error import summarise
+from startrack.report.page import Section, code, page, paragraph, table
+from startrack.study.montecarlo import Serial, run
+from startrack.units import arcsec
+
+TITLE = "<script>alert('x')</script> & \"quotes\""
+TRIALS, SEED = 80, 11
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    """A small tracker's campaign, one trial of which is made to look wrong and one to fail."""
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    instrument = case.instrument
+    pitch = 2 * instrument.detector.pixel_pitch
+    detector = dataclasses.replace(instrument.detector, columns=256, rows=256, pixel_pitch=pitch)
+    optics = dataclasses.replace(instrument.optics, blur=2 * instrument.optics.blur)
+    instrument = dataclasses.replace(instrument, detector=detector, optics=optics)
+    case = dataclasses.replace(case, instrument=instrument)
+    outcomes = run(case, TRIALS, SEED, Serial())
+    path = tmp_path_factory.mktemp("campaign") / "of <b>.sqlite"
+    with Store(path, case, SEED) as store:
+        store.keep(0, outcomes)
+        store.keep_failure(range(100, 110), "Traceback: <img src=x onerror=alert(1)>")
+    return path, outcomes
+
+
+@pytest.fixture(scope="module")
+def written(campaign):
+    path, _ = campaign
+    out = path.with_name("page.html")
+    arguments = ["report", str(path), "--out", str(out), "--title", TITLE, "--stars", "10"]
+    assert main([*arguments, "--slews", "5", "--worst", "2"]) == 0
+    return out
+
+
+class Reader(html.parser.HTMLParser):
+    """Tags, identifiers, addresses and text of a page."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.ids, self.addresses, self.words = [], [], [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.ids += [value for name, value in attributes if name == "id"]
+        self.addresses += [
+            value for name, value in attributes if name in ("src", "href", "xlink:href")
+        ]
+
+    def handle_data(self, text):
+        self.words.append(text)
+
+
+def test_the_summary_is_that_of_the_trials(written, campaign):
+    told = summarise(campaign[1])
+    text = written.read_text()
+    for interval in (told.across, told.about):
+        for value in (interval.value, interval.low, interval.high):
+            assert f">{value / arcsec:.4g}<" in text
+
+
+def test_the_page_needs_nothing_else_and_runs_nothing(written):
+    read = Reader(written.read_text())
+    assert not {"script", "iframe", "object", "form"} & set(read.tags)
+    for address in read.addresses:
+        assert address.startswith(("#", "data:")), address
+    assert len(read.ids) == len(set(read.ids))
+    for address in read.addresses:
+        if address.startswith("#"):
+            assert address[1:] in read.ids, address
+
+
+def test_all_inputs_are_there_and_read_back(written, campaign):
+    """The design on the page is a design file of the same case."""
+    read = Reader(written.read_text())
+    design = next(text for text in read.words if "[instrument.optics]" in text)
+    copy = written.with_name("copy.toml")
+    copy.write_text(design)
+    with Store(campaign[0]) as store:
+        assert load_design(copy).case == store.case
+    assert any("Traceback: <img src=x" in text for text in read.words)
+    assert any(f"Seed {SEED}" in text for text in read.words)
+
+
+def test_the_worst_trials_are_shown(written, campaign):
+    outcomes = campaign[1]
+    size = np.hypot(outcomes["error_x"], outcomes["error_y"])
+    worst = outcomes["trial"][np.argsort(size)[::-1][:2]]
+    shown = re.findall(r"<figcaption>Trial (\d+),", written.read_text())
+    assert [int(number) for number in shown] == worst.tolist()
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 900), (360, 740)])
+def test_a_real_browser_shows_it(written, tmp_path, width, height):
+    """No error on the console, nothing asked of the network, no sideways scrolling of the page."""
+    with browser(tmp_path / "profile", width, height) as session:
+        session.post("url", url=written.as_uri())
+        assert session.run("innerWidth") == width
+        assert session.run("document.title") == TITLE
+        assert session.run("document.documentElement.scrollWidth") <= width
+        assert session.run("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
+        # The letters of pictures stay legible: a narrow screen scrolls a picture in its frame.
+        widths = session.run("[...document.querySelectorAll('svg')].map(s => s.clientWidth)")
+        assert len(widths) == 4
+        assert min(widths) >= 500
+        assert session.post("se/log", type="browser") == []
+        asked = [
+            json.loads(one["message"])["message"]
+            for one in session.post("se/log", type="performance")
+        ]
+        addresses = {
+            one["params"]["request"]["url"]
+            for one in asked
+            if one["method"] == "Network.requestWillBeSent"
+            and one["params"]["documentURL"] == written.as_uri()
+        }
+        assert {a for a in addresses if not a.startswith("data:")} == {written.as_uri()}
+
+
+def test_it_is_used_by_keys_alone(written, tmp_path):
+    """Tab reaches the skip link, the contents, every table and every fold; Enter opens a fold."""
+    tab, enter = "\ue004", "\ue007"
+    focused = "document.activeElement"
+    with browser(tmp_path / "profile", 1280, 900) as session:
+        session.post("url", url=written.as_uri())
+        session.press(tab)
+        assert session.run(f"{focused}.className") == "skip"
+        wanted = session.run("document.querySelectorAll('a, summary, .scroll').length")
+        hidden = session.run("document.querySelectorAll('details:not([open]) .scroll').length")
+        reached, kinds = 1, set()
+        for _ in range(200):
+            session.press(tab)
+            if session.run(f"{focused} === document.body"):
+                break
+            reached += 1
+            kinds.add(session.run(f"{focused}.tagName"))
+            if session.run(f"{focused}.matches('details:not([open]) > summary')"):
+                session.press(enter)
+                assert session.run(f"{focused}.parentElement.open")
+                wanted, hidden = wanted, hidden - 1
+        assert hidden == 0
+        assert reached == wanted
+        assert kinds == {"A", "DIV", "SUMMARY", "PRE"}
+
+
+def test_texts_are_escaped():
+    bad = "</pre><script>x</script>"
+    made = page(
+        bad, bad, [Section(bad, paragraph(bad) + code(bad, bad) + table(bad, [bad], [[bad]]))]
+    )
+    assert "<script>" not in made
+    assert made.count("&lt;script&gt;") == 12  # each place that takes text
+
+
+def test_what_cannot_be_reported_is_refused(campaign, tmp_path, capsys):
+    with Store(campaign[0]) as store:
+        case = store.case
+    empty = tmp_path / "empty.sqlite"
+    Store(empty, case, 1).close()
+    assert main(["report", str(empty)]) == 1
+    assert "must hold trials, but holds none" in capsys.readouterr().err
+    assert main(["report", str(tmp_path / "none.sqlite")]) == 2
+    assert "but there is none" in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.html"))
