@@ -109,5 +109,5 @@ def test_a_fidelity_is_read_by_its_name(tmp_path):
     assert design.campaign is not None
     assert design.campaign.fidelity is Fidelity.WINDOW
     path.write_text(text.replace("trials = 64", 'trials = 64\nfidelity = "coarse"', 1))
-    with pytest.raises(ValueError, match="campaign.fidelity must be one of frame, window, cov"):
+    with pytest.raises(ValueError, match=r"campaign\.fidelity must be one of frame, window, cov"):
         load_design(path)
