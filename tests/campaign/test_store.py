@@ -70,7 +70,7 @@ def test_another_case_seed_version_or_format_is_refused(path, case):
         Store(path, case, 3, Fidelity.WINDOW)
     for change, sentence in (
         ("UPDATE about SET value = '0.0.9' WHERE name = 'startrack'", r"startrack 0\.0\.9, which"),
-        ("PRAGMA user_version = 99", "format 1, got format 99"),
+        ("PRAGMA user_version = 99", "format 2, got format 99"),
         ("PRAGMA application_id = 7", "is another database"),
     ):
         with sqlite3.connect(path) as base:
