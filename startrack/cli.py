@@ -91,6 +91,10 @@ def _parser() -> argparse.ArgumentParser:
         "--threshold", type=float, metavar="SIGMA", help="that a star must exceed (default: 5.5)"
     )
     detect.add_argument(
+        "--false", type=float, metavar="N",
+        help="instead: the false spots that noise may make in an image on average, such as 0.05",
+    )  # fmt: skip
+    detect.add_argument(
         "--sigma", type=float, metavar="PIXEL", help="of a star's image (default: 1)"
     )
     detect.add_argument(

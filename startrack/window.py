@@ -18,6 +18,7 @@ from startrack.detection import (
     margin,
     measure_sky,
     star_profile,
+    threshold_of,
 )
 from startrack.detector import (
     Detector,
@@ -63,7 +64,8 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     places = list(seen(light, path, icrs_to_camera, camera, detector, turn))
     skies = blank_skies(detector, sky, settings, psf)
     chosen = skies[int(streams("blank sky").integers(BLANKS))]
-    halves = reach_of(star / detector.electrons_per_dn, chosen, settings, psf)
+    threshold = threshold_of(settings, detector.columns, detector.rows, psf)
+    halves = reach_of(star / detector.electrons_per_dn, chosen, threshold, settings, psf)
     regions = np.concatenate(
         [
             around_paths(np.array([(x, y) for _, x, y in places]), halves, detector),
@@ -83,16 +85,17 @@ def blank_skies(detector: Detector, sky: float, settings: Detection, psf: Psf) -
     return tuple(measure_sky(frame, settings, psf) for frame in frames)
 
 
-def reach_of(flux: Floats, ground: Sky, settings: Detection, psf: Psf) -> Ints:
+def reach_of(flux: Floats, ground: Sky, threshold: float, settings: Detection, psf: Psf) -> Ints:
     """How far from each star its light matters to the search, pixel; -1 where it never does.
 
-    flux  (n,) digital number
+    flux       (n,) digital number
+    threshold  sigma
     """
     noise = float(np.median(ground.rms))
     share = star_profile(psf, settings)
     peak = flux * share[0]
     half = len(share) - np.searchsorted(share[::-1], DARKEST * noise / np.maximum(flux, 1e-300))
-    faint = peak < (settings.threshold - FAINTEST) * noise
+    faint = peak < (threshold - FAINTEST) * noise
     return np.where(faint, -1, np.maximum(half, LEAST_HALF))
 
 

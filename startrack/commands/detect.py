@@ -56,6 +56,7 @@ def _settings(options: argparse.Namespace) -> tuple[Detection, Psf | None]:
         settings, psf = case.tracker.detection, psf_of(case.instrument)
     asked = {
         "threshold": options.threshold,
+        "false_per_frame": options.false,
         "kernel_sigma": options.sigma,
         "centroid": options.centroid,
     }

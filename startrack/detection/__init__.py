@@ -7,10 +7,12 @@ pixels      Frame -> Pixels: float32 without holes
 robust      background and noise of pixels that stars may be among
 background  filtered image -> Sky: its background and noise, tile by tile
 matched     image -> filtered image, by the kernel of a Gaussian or of the design's PSF
+law         how far its noise reaches, by the gain model or by the skewness it shows
 connect     filtered image, level -> Peaks of its connected components
+between     how far a peak stands out, at the best place between the pixels
 examine     Peaks -> which of them are no stars
 find        Pixels -> Candidates: peaks that look like stars
-rate        how many false spots noise makes
+rate        how many false spots noise makes, and the threshold for as many
 sample      what every centroid works on, and a pixel's noise
 gravity     centre of gravity
 s_curve     its error over the star's place in the pixel, from the PSF
@@ -32,7 +34,7 @@ from startrack.detection.detect import detect
 from startrack.detection.flat import divide_flat, without_pixels
 from startrack.detection.parameters import Detection
 from startrack.detection.psf_table import gaussian_psf
-from startrack.detection.rate import false_alarms
+from startrack.detection.rate import false_alarms, threshold_of
 from startrack.detection.smear import smeared
 from startrack.detection.windows import detect_near
 from startrack.detection.within import (
@@ -60,5 +62,6 @@ __all__ = [
     "smeared",
     "star_profile",
     "subtract_dark",
+    "threshold_of",
     "without_pixels",
 ]

@@ -9,17 +9,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.detection.law import HEAVINESS, MILD
 from startrack.detection.robust import plane
 
 Image = NDArray[np.float32]
+MOST_SKEWNESS = 1.5
 STRIDE = 4  # pixel; the filtered image is smooth, so few rows and columns tell most of it
-MOST_SKEWNESS = 1.5  # where one term of the expansion still orders the levels well
 TAIL = 5.0  # sigma; what is farther out is a star, and no part of the noise's tail
 # One tile knows its noise to 9 %. At 5 sigma a level 9 % low lets ten times more noise through,
 # one 9 % high loses a sixth of the faintest stars: tiles that may be alike share their noise.
 CHANCE = 1.3
 ALIKE = 0.5  # sigma; a tile knows its mean to 0.12, and nine of them to 0.05
 SKEWED = 0.4  # what 25 tiles show by chance once in a million
+# What a tile of 64 values shows of a gamma law of skewness g, whose tail the clipping takes for
+# stars: (1 - 0.007 - 0.03 g - 0.06 g^2) of its rms, 0.86 of g, its mean 0.05 g sigma low.
+SHOWN_SKEWNESS = 0.86
+MORE_THAN_MODEL = 1.08  # of the model's noise; 25 tiles show that by chance once in 1000
 
 
 class Sky(NamedTuple):
@@ -28,23 +33,15 @@ class Sky(NamedTuple):
     mean      (down + 2, across + 2) digital number
     rms       (down + 2, across + 2) digital number
     skewness  (down + 2, across + 2) 1, of the noise
+    kurtosis  (down + 2, across + 2) 1, its excess
     mesh      pixel, side of a tile
     """
 
     mean: Image
     rms: Image
     skewness: Image
+    kurtosis: Image
     mesh: int
-
-    def sigmas(self, threshold: float) -> Image:
-        """How many sigma this noise passes as often as normal noise passes `threshold`.
-
-            sigmas = z + skewness (z^2 - 1) / 6,   z = threshold
-
-        Source: Cornish and Fisher (1937), to first order in the skewness.
-        """
-        more = max(threshold**2 - 1, 0.0) / 6
-        return np.asarray(threshold + self.skewness * np.float32(more), np.float32)
 
 
 def sky(filtered: Image, mesh: int, floor: float) -> Sky:
@@ -69,9 +66,25 @@ def sky(filtered: Image, mesh: int, floor: float) -> Sky:
     mean = np.where(np.abs(mean - shared) < ALIKE * noise, shared, mean)
     # One tile cannot tell its skewness; many tiles can, and leaves have more of it than the sky.
     around = cv2.medianBlur(skewness, side)
-    skewness = np.where(around > SKEWED, around, np.median(skewness))
-    skewness = np.clip(skewness, 0, MOST_SKEWNESS)
-    return Sky(mean, noise, _wider(skewness), mesh)
+    skewness = np.where(around > SKEWED, around, np.median(skewness) / SHOWN_SKEWNESS)
+    skewness = _wider(np.clip(skewness, 0, MOST_SKEWNESS))
+    mild = np.minimum(skewness, np.float32(MILD))
+    mean = mean + np.float32(0.05) * mild * noise
+    noise = noise * (np.float32(1.007) + mild * (np.float32(0.03) + np.float32(0.06) * mild))
+    return Sky(mean, noise, skewness, np.float32(HEAVINESS) * skewness**2, mesh)
+
+
+def believed(ground: Sky, model: tuple[Image, Image, Image]) -> Sky:
+    """The law that the gain model tells, where the tiles show no more noise than that."""
+    rms, skewness, kurtosis = model
+    kept = ground.rms <= MORE_THAN_MODEL * rms
+    return Sky(
+        ground.mean,
+        np.where(kept, rms, ground.rms),
+        np.where(kept, skewness, ground.skewness),
+        np.where(kept, kurtosis, ground.kurtosis),
+        ground.mesh,
+    )
 
 
 def _wider(grid: Image) -> Image:

@@ -9,19 +9,23 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.detection.background import between
+from startrack.detection.between import highest_between
 from startrack.detection.robust import around
-from startrack.values import Ints
+from startrack.values import Floats, Ints
 
 Image = NDArray[np.float32]
 # The ring's pixels are correlated and tell its noise to 15 %, its mean to a third of the noise.
 # A ring that differs by less than this may do so by chance, and the tile knows better.
 UNEVEN = 1.5
 HIGHER = 1.0  # sigma
+SURE = 0.5  # sigma; where a hot pixel at the threshold and a star at it are told apart best
 
 
 @njit(cache=True, error_model="numpy")
 def alone(
+    image: Image,
     filtered: Image,
+    filters: Floats,
     x: Ints,
     y: Ints,
     reach: int,
@@ -36,6 +40,7 @@ def alone(
     The edge of a tree, of the limb or of a bright star's halo passes the tile's level, but its
     ring is as uneven as the edge is high.
 
+    filters    of stars between the pixels, (k, rows, columns)
     sigmas     how far a peak must stand out, on the grid of the Sky
     mean, rms  of the Sky, and its mesh
     floor      digital number, least noise
@@ -47,35 +52,13 @@ def alone(
         level = between(mean, mesh, x[i], y[i])
         noise = max(between(rms, mesh, x[i], y[i]), rms[v, u])
         far = max(between(sigmas, mesh, x[i], y[i]), sigmas[v, u])
-        high = top(filtered, x[i], y[i])
-        good[i] = high > level + far * noise
+        good[i] = highest_between(image, x[i], y[i], level, filters) > far * noise
         if good[i]:
             ring, _, _, spread, _ = around(filtered, x[i], y[i], reach, floor)
             level = ring if ring > level + HIGHER * noise else level
             noise = spread if spread > UNEVEN * noise else noise
-            good[i] = high > level + far * noise
+            good[i] = highest_between(image, x[i], y[i], level, filters) > far * noise
     return good
-
-
-@njit(cache=True, error_model="numpy")
-def top(image: Image, x: int, y: int) -> float:
-    """Height of a peak between the pixels: that of the parabolas through it and its neighbours.
-
-    A star of sigma 0.7 pixel loses up to a fifth of its peak on the corner of four pixels.
-    """
-    rows, columns = image.shape
-    high = float(image[y, x])
-    if 0 < x < columns - 1:
-        high += _rise(image[y, x - 1], image[y, x], image[y, x + 1])
-    if 0 < y < rows - 1:
-        high += _rise(image[y - 1, x], image[y, x], image[y + 1, x])
-    return high
-
-
-@njit(cache=True, error_model="numpy")
-def _rise(before: float, here: float, after: float) -> float:
-    bend = 2 * here - before - after
-    return (before - after) ** 2 / (8 * bend) if bend > 0 else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -83,14 +66,17 @@ def sharp(image: Image, x: Ints, y: Ints, reach: int, share: float) -> NDArray[n
     """Whether one row or one column holds more of the light than the sharpest star puts there.
 
     It tells hot pixels, and hot rows and columns, from stars. The 3 x 3 pixels about the peak
-    of the image itself count, because the filter has rounded the hot pixel off.
+    of the image itself count, because the filter has rounded the hot pixel off. What noise may
+    have made sharp is a star.
     """
     verdict = np.empty(len(x), np.bool_)
+    # Of `most - share * sum`: three pixels count 1 - share, six -share.
+    chance = math.sqrt(3 * (1 - share) ** 2 + 6 * share**2)
     for i in range(len(x)):
-        background, _, _, _, _ = around(image, x[i], y[i], reach, 0.0)
+        background, _, _, noise, _ = around(image, x[i], y[i], reach, 0.0)
         core = image[y[i] - 1 : y[i] + 2, x[i] - 1 : x[i] + 2].astype(np.float64) - background
         most = max(core.sum(axis=0).max(), core.sum(axis=1).max())
-        verdict[i] = most > share * core.sum()
+        verdict[i] = most - share * core.sum() > SURE * chance * noise
     return verdict
 
 

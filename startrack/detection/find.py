@@ -8,16 +8,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.detection.background import Sky, sky
+from startrack.detection.background import Sky, believed, sky
+from startrack.detection.between import bank
 from startrack.detection.connect import lit, peaks
 from startrack.detection.examine import alone, largest_share, sharp
-from startrack.detection.matched import Kernel, filtered, gaussian_kernel, psf_kernel
+from startrack.detection.law import modelled, sigmas
+from startrack.detection.matched import Kernel, filtered, kernel_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
+from startrack.detection.rate import threshold_over
 from startrack.values import Ints, Psf
 
+Image = NDArray[np.float32]
 # A star between the pixels shows less of its peak, so pixels are looked at from here on.
-LOOK = np.float32(0.85)  # of the threshold
+LOOK = np.float32(0.75)  # of the threshold
 KERNEL_TAIL = 4  # pixel; the outer pixels of a filtered star are too faint to matter
 
 
@@ -39,39 +43,55 @@ def find(pixels: Pixels, settings: Detection, psf: Psf, mesh: int | None = None)
     """
     kernel = kernel_of(settings, psf)
     image = filtered(pixels.value, kernel)
-    ground = sky(image, mesh or settings.mesh, rounding(pixels, kernel))
-    bright = lit(image, look_level(ground, settings), ground.mesh)
-    return choose(pixels, image, bright, ground, settings, psf)
+    ground = ground_of(pixels, image, kernel, mesh or settings.mesh)
+    far = reach_of_noise(ground, settings, image.size, kernel)
+    bright = lit(image, look_level(ground, far), ground.mesh)
+    return choose(pixels, image, bright, ground, far, settings, psf)
 
 
-def look_level(ground: Sky, settings: Detection) -> NDArray[np.float32]:
+def ground_of(pixels: Pixels, image: Image, kernel: Kernel, mesh: int) -> Sky:
+    """Background and noise of the filtered image; its noise by the gain model where that holds."""
+    ground = sky(image, mesh, rounding(pixels, kernel))
+    if not pixels.gain.known:
+        return ground
+    return believed(ground, modelled(ground.mean, pixels.gain, pixels.step, kernel))
+
+
+def reach_of_noise(ground: Sky, settings: Detection, area: int, kernel: Kernel) -> Image:
+    """How far a star must stand out of a frame of so many pixels, sigma, on the Sky's grid."""
+    return sigmas(threshold_over(settings, area, kernel), ground.skewness, ground.kurtosis)
+
+
+def look_level(ground: Sky, far: Image) -> Image:
     """The level from which on pixels are looked at, on the grid of the Sky, digital number."""
-    sigmas = ground.sigmas(settings.threshold)
-    return np.asarray(ground.mean + LOOK * sigmas * ground.rms, np.float32)
+    return np.asarray(ground.mean + LOOK * far * ground.rms, np.float32)
 
 
 def choose(
     pixels: Pixels,
-    image: NDArray[np.float32],
+    image: Image,
     bright: Ints,
     ground: Sky,
+    far: Image,
     settings: Detection,
     psf: Psf,
 ) -> Candidates:
     """The peaks among the bright pixels of a filtered image that look like stars.
 
     bright  (n,) row * columns + column of the pixels above `look_level`
+    far     as from `reach_of_noise`
     """
     kernel = kernel_of(settings, psf)
-    reach = settings.window // 2
+    reach, ring = settings.window // 2, ring_half(settings, kernel)
     x, y, area = peaks(
         image, bright, settings.min_area, settings.max_area, reach, reach + settings.edge
     )
-    far = ring_half(settings, kernel)
-    sigmas, floor = ground.sigmas(settings.threshold), rounding(pixels, kernel)
-    good = alone(image, x, y, far, sigmas, ground.mean, ground.rms, ground.mesh, floor)
+    good = alone(
+        pixels.value, image, bank(psf, kernel), x, y, ring, far, ground.mean, ground.rms,
+        ground.mesh, rounding(pixels, kernel),
+    )  # fmt: skip
     if settings.sharpest_sigma > 0:
-        good &= ~sharp(pixels.value, x, y, far, largest_share(settings.sharpest_sigma))
+        good &= ~sharp(pixels.value, x, y, ring, largest_share(settings.sharpest_sigma))
     if pixels.spoilt is not None:
         good &= pixels.spoilt[y, x] == 0
     return Candidates(x[good], y[good], area[good])
@@ -91,10 +111,3 @@ def ring_half(settings: Detection, kernel: Kernel) -> int:
     A star's filtered image is twice as long as the kernel, and must not fill its own ring.
     """
     return max(settings.window // 2, 2 * (max(kernel.whole.shape) // 2) - KERNEL_TAIL)
-
-
-def kernel_of(settings: Detection, psf: Psf) -> Kernel:
-    """The matched filter that the settings ask for."""
-    if settings.kernel == "psf" or settings.smear_x or settings.smear_y:
-        return psf_kernel(psf)
-    return gaussian_kernel(settings.kernel_sigma)

@@ -13,6 +13,7 @@ from startrack.values import Floats
 
 ROUNDS = 5
 STEPS = 12
+NARROW = 1  # pixel, half side of the smallest window
 LEAST_LEFT = 0.5  # below that the window is too small for its star
 
 
@@ -41,17 +42,21 @@ def gravity(sample: Sample, uncut: bool) -> Floats:
 
 @njit(cache=True, error_model="numpy")
 def _gravity(  # type: ignore[no-untyped-def]
-    image, x, y, half, floor, electrons_per_dn, offset, read_noise, saturation, uncut
+    image, x, y, whole, floor, electrons_per_dn, offset, read_noise, saturation, uncut
 ):
     rows, columns = image.shape
     table = np.full((len(x), ROW), np.nan)
     for i in range(len(x)):
-        u, v = x[i], y[i]
+        u, v, half = x[i], y[i], whole
         lost = False
         for k in range(ROUNDS):
             background, slope_x, slope_y, spread, count = around(image, u, v, half, floor)
             flux, gx, gy, mx, my = moments(image, u, v, half, background, slope_x, slope_y)
             lost = not (flux > 0 and abs(gx) <= half and abs(gy) <= half)
+            if lost and half > NARROW:
+                # A faint star may drown in its window's noise, and is then looked for in its core.
+                u, v, half = x[i], y[i], NARROW
+                continue
             # A star on the border of two pixels may go to and fro; either window serves.
             if lost or (abs(gx) <= 0.5 and abs(gy) <= 0.5) or k == ROUNDS - 1:
                 break

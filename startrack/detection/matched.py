@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.detection.parameters import Detection
 from startrack.values import Floats, Psf
 
 Image = NDArray[np.float32]
@@ -18,7 +19,8 @@ REACH = 2.6  # sigma; what is farther adds a thousandth to the SNR
 SEPARABLE = 1e-3  # of the largest singular value: a kernel is a line times a column
 
 
-class Kernel(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Kernel:
     """What a star on the middle of a pixel looks like, as a filter that keeps a constant.
 
     whole   (2 m + 1, 2 n + 1) 1, sums to 1
@@ -51,6 +53,13 @@ def filtered(image: Image, kernel: Kernel) -> Image:
     else:
         result = cv2.filter2D(image, cv2.CV_32F, kernel.whole, borderType=border)
     return np.asarray(result, np.float32)
+
+
+def kernel_of(settings: Detection, psf: Psf) -> Kernel:
+    """The matched filter that the settings ask for."""
+    if settings.kernel == "psf" or settings.smear_x or settings.smear_y:
+        return psf_kernel(psf)
+    return gaussian_kernel(settings.kernel_sigma)
 
 
 @lru_cache(maxsize=64)

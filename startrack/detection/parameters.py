@@ -24,6 +24,8 @@ class Detection:
     smear_x, _y     pixel, by which the tracker knows a star's image to move in the exposure; not
                     0, they draw the PSF out and make it the kernel
     threshold       sigma of the filtered frame, above the background, that a spot must exceed
+    false_per_frame false spots that noise may make on average in what is searched; where given,
+                    the threshold follows from it
     kernel_sigma    pixel, sigma of the Gaussian matched filter; best near that of the
                     stars
     window          pixel, odd side of the square whose centre of gravity is taken
@@ -42,6 +44,7 @@ class Detection:
     smear_x: float = 0.0
     smear_y: float = 0.0
     threshold: float = 5.5
+    false_per_frame: float | None = None
     kernel_sigma: float = 1.0
     window: int = 5
     mesh: int = 32
@@ -58,6 +61,8 @@ class Detection:
         one_of(KERNELS, kernel=self.kernel)
         within(-100, 100, smear_x=self.smear_x, smear_y=self.smear_y)
         positive(threshold=self.threshold)
+        if self.false_per_frame is not None:
+            within(1e-12, 1e3, false_per_frame=self.false_per_frame)
         within(0.3, 10, kernel_sigma=self.kernel_sigma)
         whole(3, 31, window=self.window)
         if self.window % 2 == 0:

@@ -16,6 +16,26 @@ LARGEST = 1e12  # digital number; what is beyond is no reading, and its square m
 EPSILON = float(np.finfo(np.float32).eps)
 
 
+class Gain(NamedTuple):
+    """What is known of the law of a pixel's numbers; NaN where unknown.
+
+    offset      digital number of an empty pixel, less the pivot
+    read_noise  digital number rms
+    """
+
+    electrons_per_dn: float
+    offset: float
+    read_noise: float
+
+    @property
+    def known(self) -> bool:
+        """Whether the noise follows from the background."""
+        return bool(np.isfinite(self).all())
+
+
+UNKNOWN = Gain(np.nan, np.nan, np.nan)
+
+
 class Pixels(NamedTuple):
     """An image that can be filtered.
 
@@ -23,12 +43,14 @@ class Pixels(NamedTuple):
     pivot   digital number that was taken off, so that float32 holds the rest
     step    digital number between two neighbouring values of the image
     spoilt  (rows, columns) not 0 on dead pixels and their neighbours; None where none is dead
+    gain    of its pixels
     """
 
     value: Image
     pivot: float
     step: float
     spoilt: NDArray[np.uint8] | None
+    gain: Gain = UNKNOWN
 
 
 def pixels(frame: Frame) -> Pixels:
@@ -46,8 +68,9 @@ def pixels(frame: Frame) -> Pixels:
     if not image.size:
         raise ValueError(f"image must not be empty, got {image.shape}")
     value, pivot = _narrow(image)
+    gain = gain_of(frame, pivot)
     if image.dtype.kind != "f" and image.dtype.itemsize <= 2:
-        return Pixels(value, pivot, 1.0, None)
+        return Pixels(value, pivot, 1.0, None, gain)
     dead = ~(np.abs(value) < LARGEST)  # NaN too
     if dead.all():
         raise ValueError(f"image must hold finite values below {LARGEST:g}, got none")
@@ -57,7 +80,14 @@ def pixels(frame: Frame) -> Pixels:
     else:
         spoilt = None
     rounding = EPSILON * float(np.mean(np.abs(value), dtype=np.float64))
-    return Pixels(value, pivot, rounding if image.dtype.kind == "f" else max(rounding, 1.0), spoilt)
+    step = rounding if image.dtype.kind == "f" else max(rounding, 1.0)
+    return Pixels(value, pivot, step, spoilt, gain)
+
+
+def gain_of(frame: Frame, pivot: float) -> Gain:
+    """What a frame knows of its pixels."""
+    electrons = frame.electrons_per_dn
+    return Gain(electrons, frame.offset - pivot, frame.read_noise / electrons)
 
 
 def _narrow(image: NDArray[np.number]) -> tuple[Image, float]:

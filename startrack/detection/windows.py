@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from startrack.checks import positive
 from startrack.detection.centroid import centroid
-from startrack.detection.find import Candidates, find, kernel_of
+from startrack.detection.find import Candidates, find
+from startrack.detection.matched import kernel_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, pixels
 from startrack.detection.smear import star_image

@@ -10,19 +10,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.detection.background import Sky, between, sky
+from startrack.detection.background import Sky, between
 from startrack.detection.centroid import centroid
 from startrack.detection.find import (
     Candidates,
     choose,
-    kernel_of,
+    ground_of,
     look_level,
+    reach_of_noise,
     ring_half,
-    rounding,
 )
-from startrack.detection.matched import filtered
+from startrack.detection.matched import filtered, kernel_of
 from startrack.detection.parameters import Detection
-from startrack.detection.pixels import Pixels, pixels
+from startrack.detection.pixels import Pixels, gain_of, pixels
 from startrack.detection.psf_table import reach
 from startrack.detection.smear import star_image
 from startrack.scratch import scratch
@@ -35,7 +35,7 @@ RING = 3  # pixel, from a window to the far side of the ring about it
 def measure_sky(frame: Frame, settings: Detection, psf: Psf | None = None) -> Sky:
     """Background and noise of a whole frame, as `detect` sees them."""
     image, kernel = pixels(frame), kernel_of(settings, star_image(settings, psf))
-    return sky(filtered(image.value, kernel), settings.mesh, rounding(image, kernel))
+    return ground_of(image, filtered(image.value, kernel), kernel, settings.mesh)
 
 
 def detect_within(
@@ -60,9 +60,10 @@ def detect_within(
     image = scratch("detection filtered", (rows, columns), np.float32)
     _copy(frame.image, windows, value)
     _filter(value, seen, kernel.whole, image)
-    known = Pixels(value, 0.0, 1.0, None)
-    bright = _lit(image, seen, look_level(ground, settings), ground.mesh)
-    found = choose(known, image, bright, ground, settings, star)
+    known = Pixels(value, 0.0, 1.0, None, gain_of(frame, 0.0))
+    sigmas = reach_of_noise(ground, settings, image.size, kernel)
+    bright = _lit(image, seen, look_level(ground, sigmas), ground.mesh)
+    found = choose(known, image, bright, ground, sigmas, settings, star)
     inside = _inside(found.x, found.y, regions)
     chosen = Candidates(found.x[inside], found.y[inside], found.area[inside])
     return centroid(frame, known, chosen, settings, star)

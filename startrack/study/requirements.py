@@ -16,6 +16,7 @@ from startrack.case import Case
 from startrack.catalog import Selection, open_sky
 from startrack.chain import look, psf_of, throughput
 from startrack.checks import non_negative, positive, whole, within
+from startrack.detection import threshold_of
 from startrack.detector import electron_rate
 from startrack.motion import blur
 from startrack.scene import illuminate
@@ -115,7 +116,7 @@ def limiting_magnitude(case: Case) -> float:
     sharpness /= np.sqrt(1 + length**2 * sharpness)
     signal = star * detector.exposure * np.sqrt(sharpness)
     ratio = signal / np.sqrt(noise)
-    threshold = case.tracker.detection.threshold
+    threshold = threshold_of(case.tracker.detection, detector.columns, detector.rows, psf)
     return float(np.interp(-np.log(threshold), -np.log(ratio), MAGNITUDES))
 
 
