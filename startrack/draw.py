@@ -1,4 +1,4 @@
-"""Pictures of frames, solutions, errors, optimisations and tolerances."""
+"""Pictures of frames, solutions and errors."""
 
 from __future__ import annotations
 
@@ -16,9 +16,6 @@ from scipy.spatial.transform import Rotation
 from startrack.camera import Camera
 from startrack.error import summarise
 from startrack.saving import whole
-from startrack.study.box import Box
-from startrack.study.optimize import Optimum
-from startrack.study.sample import Tolerance
 from startrack.units import arcsec
 from startrack.values import Frame, Matches, Spots, Stars
 from startrack.wcs import celestial
@@ -122,79 +119,6 @@ def draw_errors(path: Path, outcomes: NDArray[np.void], title: str) -> None:
     _save(path, figure)
 
 
-def draw_convergence(path: Path, optimum: Optimum, box: Box, objective: str) -> None:
-    """The error of each design that was tried, and the path of the variables."""
-    figure = Figure(figsize=(9, 7), layout="constrained")
-    error, places = figure.subplots(2, 1, sharex=True)
-    number = np.arange(1, len(optimum.evaluations) + 1)
-    rms = np.array(
-        [
-            getattr(one.summary, objective).value / arcsec if one.summary else math.nan
-            for one in optimum.evaluations
-        ]
-    )
-    feasible = np.array([one.feasible for one in optimum.evaluations])
-    error.semilogy(number[feasible], rms[feasible], "o", ms=4, color="#2e7d5b",
-                   label="meets the requirements")  # fmt: skip
-    error.semilogy(number[~feasible], rms[~feasible], "x", ms=4, color="#c0392b",
-                   label="misses one")  # fmt: skip
-    # Designs that the requirements refuse may look better: the best line leaves them out.
-    so_far = np.fmin.accumulate(np.where(feasible, rms, np.inf))
-    error.step(number, np.where(np.isfinite(so_far), so_far, np.nan), where="post", color="#2e7d5b",
-               lw=1)  # fmt: skip
-    trials = max((one.summary.trials for one in optimum.evaluations if one.summary), default=0)
-    error.set_ylabel(f"rms error {objective} (arcsec)")
-    error.set_title(
-        f"{len(optimum.evaluations)} designs, {trials} trials each, same skies and noise; on "
-        f"{optimum.fresh[0].trials} fresh trials better by "
-        f"{optimum.factor.value:.2f} [{optimum.factor.low:.2f}, {optimum.factor.high:.2f}]",
-        fontsize=9,
-        loc="left",
-    )
-    error.legend(fontsize=8)
-    cube = np.array([one.place for one in optimum.evaluations])
-    for variable, line in zip(box.variables, cube.T, strict=True):
-        places.plot(number, line, lw=1.2, label=variable.name.rpartition(".")[2])
-    places.set(xlabel="evaluation", ylabel="place between the bounds", ylim=(-0.03, 1.03))
-    places.legend(fontsize=8, ncols=3)
-    _save(path, figure)
-
-
-def draw_corner(path: Path, tolerance: Tolerance) -> None:
-    """Each pair of variables of the designs that keep the error, and each alone."""
-    box = tolerance.box
-    columns = [list(box.text(box.design(place)).values()) for place in tolerance.samples[::50]]
-    units = [text.partition(" ")[2] for text in columns[0]]
-    values = np.array([[float(text.split()[0]) for text in row] for row in columns])
-    n = len(box)
-    figure = Figure(figsize=(2 * n + 1, 2 * n + 1), layout="constrained")
-    grid = figure.subplots(n, n, squeeze=False)
-    for i in range(n):
-        for j in range(n):
-            axes: Axes = grid[i, j]
-            if j > i:
-                axes.set_axis_off()
-                continue
-            if i == j:
-                axes.hist(values[:, i], 30, color="#3567a8")
-                axes.set_yticks([])
-            else:
-                axes.plot(values[:, j], values[:, i], ",", color="#3567a8")
-            axes.tick_params(labelsize=7)
-            for k, at_edge, label in ((j, i == n - 1, axes.set_xlabel),
-                                      (i, j == 0 and i > 0, axes.set_ylabel)):  # fmt: skip
-                if at_edge:
-                    name = box.variables[k].name.rpartition(".")[2]
-                    label(f"{name} ({units[k]})" if units[k] else name, fontsize=8)
-    figure.suptitle(
-        f"designs that keep the rms error below {tolerance.limit / arcsec:.2f} arcsec\n"
-        f"{tolerance.effective:.0f} independent samples, response surface within "
-        f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs",
-        fontsize=9,
-    )
-    _save(path, figure)
-
-
 def _image(frame: Frame) -> tuple[Figure, Axes]:
     rows, columns = frame.image.shape
     width = 8.0
@@ -247,8 +171,6 @@ def _save(path: Path, figure: Figure) -> None:
 
 
 __all__: Sequence[str] = [
-    "draw_convergence",
-    "draw_corner",
     "draw_errors",
     "draw_frame",
     "draw_solution",

@@ -1,27 +1,26 @@
-"""Variable, Box: named parameters of a case as points of a unit cube."""
+"""Variable, Link, Box: named parameters of a case as points of a unit cube."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack.case import Case
-from startrack.checks import one_of
-from startrack.tables import unit_of
-from startrack.units import Unit, parse, write
+from startrack.checks import finite, one_of
+from startrack.study.parameter import number, quantity, replaced, text
 
 
 @dataclass(frozen=True)
 class Variable:
     """One parameter that may change.
 
-    name       path in the case, such as "instrument.optics.focal_length"
+    name       path in the case, such as "instrument.optics.focal_length"; in a list by number,
+               such as "instrument.motion.tones.0.rms_x". A whole number is rounded
     low, high  bounds, with a unit where the parameter has one
     scale      "linear" or "log": how the range is walked through
     """
@@ -36,8 +35,30 @@ class Variable:
 
 
 @dataclass(frozen=True)
+class Link:
+    """One parameter that follows another, from their values in the design.
+
+        value = value_0 (to / to_0)^power
+
+    name  path of the parameter that follows
+    to    path of the one that it follows, which may be no variable itself but follow one
+    """
+
+    name: str
+    to: str
+    power: float = 1.0
+
+    def __post_init__(self) -> None:
+        finite(power=self.power)
+
+
+@dataclass(frozen=True)
 class Box:
-    """The designs that differ from `case` in the variables alone.
+    """The designs that differ from `case` in the variables, and in what follows them.
+
+    links  taken in their order, after the variables
+    adapt  a Python function that makes the last changes to each design, None for none; what it
+           refuses with a ValueError is no design of the box
 
     Errors  ValueError where a name is no number of the case, a bound has a wrong unit, the bounds
             are not in order, or the start lies outside them.
@@ -45,28 +66,35 @@ class Box:
 
     case: Case
     variables: tuple[Variable, ...]
+    links: tuple[Link, ...] = ()
+    adapt: Callable[[Case], Case] | None = None
 
     def __post_init__(self) -> None:
         if not self.variables:
             raise ValueError("variables must name at least one parameter, got none")
-        names = [variable.name for variable in self.variables]
+        names = [one.name for one in (*self.variables, *self.links)]
         if len(set(names)) < len(names):
             raise ValueError(f"variables must not name a parameter twice, got {', '.join(names)}")
         for variable, (low, high) in zip(self.variables, self._bounds, strict=True):
-            if not low < high:
-                raise ValueError(
-                    f"{variable.name}: low must be below high, got {variable.low} and "
-                    f"{variable.high}"
-                )
-            if variable.scale == "log" and low <= 0:
-                raise ValueError(f"{variable.name}: low must be positive for a log scale")
-            start = _get(self.case, variable.name)
-            if not low <= start <= high:
-                raise ValueError(
-                    f"{variable.name} must start in its bounds, from {variable.low} to "
-                    f"{variable.high}, got {self._text(variable, start)}"
-                )
-        self.design(np.zeros(len(self))), self.design(np.ones(len(self)))
+            self._check(variable, low, high)
+        for link in self.links:
+            if number(self.case, link.to) <= 0 or number(self.case, link.name) == 0:
+                raise ValueError(f"{link.name}: a link needs values that are not zero at the start")
+        self._replaced(np.zeros(len(self))), self._replaced(np.ones(len(self)))
+
+    def _check(self, variable: Variable, low: float, high: float) -> None:
+        if not low < high:
+            raise ValueError(
+                f"{variable.name}: low must be below high, got {variable.low} and {variable.high}"
+            )
+        if variable.scale == "log" and low <= 0:
+            raise ValueError(f"{variable.name}: low must be positive for a log scale")
+        start = number(self.case, variable.name)
+        if not low <= start <= high:
+            raise ValueError(
+                f"{variable.name} must start in its bounds, from {variable.low} to "
+                f"{variable.high}, got {text(self.case, variable.name, start)}"
+            )
 
     def __len__(self) -> int:
         return len(self.variables)
@@ -80,7 +108,7 @@ class Box:
         """The place (n,) of a design in the unit cube."""
         result = np.empty(len(self))
         for i, (variable, (low, high)) in enumerate(zip(self.variables, self._bounds, strict=True)):
-            value = _get(case, variable.name)
+            value = number(case, variable.name)
             if variable.scale == "log":
                 low, high, value = math.log(low), math.log(high), math.log(value)
             result[i] = (value - low) / (high - low)
@@ -97,69 +125,32 @@ class Box:
         return result
 
     def design(self, place: NDArray[np.float64]) -> Case:
-        """The case at a place in the unit cube."""
+        """The case at a place in the unit cube.
+
+        Errors  ValueError where the parameters, or `adapt`, refuse it.
+        """
+        case = self._replaced(place)
+        return self.adapt(case) if self.adapt else case
+
+    def _replaced(self, place: NDArray[np.float64]) -> Case:
         case = self.case
         for name, value in self.values(place).items():
-            try:
-                case = _with(case, name.split("."), value)
-            except ValueError as error:
-                raise ValueError(f"{name}: {error}") from None
+            case = replaced(case, name, value)
+        for link in self.links:
+            ratio = number(case, link.to) / number(self.case, link.to)
+            case = replaced(case, link.name, number(self.case, link.name) * ratio**link.power)
         return case
 
     def text(self, case: Case) -> dict[str, str]:
         """The variables of a design as a person writes them, four digits and a unit."""
         return {
-            variable.name: self._text(variable, _get(case, variable.name))
+            variable.name: text(case, variable.name, number(case, variable.name))
             for variable in self.variables
         }
 
     @cached_property
     def _bounds(self) -> list[tuple[float, float]]:
-        return [(self._si(v, v.low), self._si(v, v.high)) for v in self.variables]
-
-    def _si(self, variable: Variable, bound: float | str) -> float:
-        unit = _unit(self.case, variable.name)
-        if unit and isinstance(bound, str):
-            try:
-                return parse(bound, unit.si)
-            except ValueError as error:
-                raise ValueError(f"{variable.name}: bound {error}") from None
-        if unit or isinstance(bound, str):
-            wanted = (
-                f"have a unit, such as '1 {unit.shown}'" if unit else "be a number without unit"
-            )
-            raise ValueError(f"{variable.name}: bound must {wanted}, got {bound!r}")
-        return float(bound)
-
-    def _text(self, variable: Variable, value: float) -> str:
-        unit = _unit(self.case, variable.name)
-        rounded = float(f"{value:.4g}")
-        if not unit:
-            return f"{rounded:g}"
-        number, _, name = write(value, unit.si, unit.shown).partition(" ")
-        return f"{float(number):.4g} {name}"
-
-
-def _get(case: Any, name: str) -> float:
-    for part in name.split("."):
-        if not dataclasses.is_dataclass(case) or not hasattr(case, part):
-            raise ValueError(f"{name} must be a parameter of the design, but {part} is none")
-        case = getattr(case, part)
-    if isinstance(case, bool) or not isinstance(case, float):
-        raise ValueError(f"{name} must be a number that can vary, got {case!r}")
-    return case
-
-
-def _with(owner: Any, parts: list[str], value: float) -> Any:
-    if len(parts) > 1:
-        value = _with(getattr(owner, parts[0]), parts[1:], value)
-    return dataclasses.replace(owner, **{parts[0]: value})
-
-
-def _unit(case: Any, name: str) -> Unit | None:
-    """The unit of a parameter, None where it has none."""
-    _get(case, name)
-    *owners, last = name.split(".")
-    for part in owners:
-        case = getattr(case, part)
-    return unit_of(type(case), last)
+        return [
+            (quantity(self.case, v.name, v.low), quantity(self.case, v.name, v.high))
+            for v in self.variables
+        ]

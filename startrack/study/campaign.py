@@ -1,12 +1,14 @@
-"""Campaign: what an optimisation or a sampling is asked to do."""
+"""Campaign: what a study of a design is asked."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 from startrack.case import Fidelity
-from startrack.checks import one_of, positive, whole, within
-from startrack.study.box import Variable
+from startrack.checks import positive, whole, within
+from startrack.study.box import Link, Variable
+from startrack.study.choice import Choice
+from startrack.study.objective import Objective
 from startrack.study.requirements import Requirements
 
 
@@ -15,22 +17,29 @@ class Campaign:
     """The question that is put to a design.
 
     variables      what may change
+    links          what follows them
+    choices        what may be one of several: each combination is a branch of its own
     requirements   what must hold
-    objective      "across" or "about": whose rms error is made small
-    fidelity       how much of each trial is made: "frame", "window" or "covariance"
-    trials         Monte Carlo trials for each design
-    evaluations    designs that the optimiser may try
+    objective      "across", "about" or "both", whose rms error is made small; with a share in
+                   percent, as in "across-99.73", the error that so many trials do not exceed
+    fidelity       of the trials that a search is done with; the winner is verified on frames
+    trials         of each design at first
+    most_trials    of each design at last; the number doubles between
+    evaluations    designs that an optimiser may try
     sample_trials  trials for each design that the tolerance region is computed from
-    fresh_trials   trials on which start and best are compared at the end
+    fresh_trials   frames on which start and best are compared at the end
     margin         share by which the error may grow in the tolerance region of `sample`
     span           half the width of that region's box, as a share of each variable's range
     """
 
     variables: tuple[Variable, ...] = ()
+    links: tuple[Link, ...] = ()
+    choices: tuple[Choice, ...] = ()
     requirements: Requirements = field(default_factory=Requirements)
     objective: str = "across"
-    fidelity: Fidelity = Fidelity.FRAME
-    trials: int = 64
+    fidelity: Fidelity = Fidelity.WINDOW
+    trials: int = 50
+    most_trials: int = 200
     evaluations: int = 120
     sample_trials: int = 160
     fresh_trials: int = 1000
@@ -38,8 +47,9 @@ class Campaign:
     span: float = 0.15
 
     def __post_init__(self) -> None:
-        one_of(("across", "about"), objective=self.objective)
+        Objective.read(self.objective)
         whole(2, 10**6, trials=self.trials, fresh_trials=self.fresh_trials)
+        whole(self.trials, 10**6, most_trials=self.most_trials)
         whole(2, 10**6, sample_trials=self.sample_trials)
         whole(1, 10**6, evaluations=self.evaluations)
         positive(margin=self.margin)

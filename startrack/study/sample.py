@@ -4,130 +4,129 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
-import emcee
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 from scipy.stats import qmc
 
 from startrack.case import Case
+from startrack.study.bench import Bench
 from startrack.study.box import Box
 from startrack.study.campaign import Campaign
-from startrack.study.optimize import Evaluation, evaluate
+from startrack.study.ensemble import Chains, draw, thinned
+from startrack.study.evaluate import Evaluation, evaluate
 from startrack.study.surface import Surface, fit, terms_needed
 
 Floats = NDArray[np.float64]
 
 DESIGNS_PER_TERM = 2.5
 CHECKS = 12
-WALKERS = 40
-STRETCH = 4000  # steps between two looks at the convergence
-MOST_STEPS = 40_000
-LONG_ENOUGH = 50  # autocorrelation times, emcee's own rule
 
 
 @dataclass(frozen=True, eq=False)
 class Tolerance:
     """The designs around a centre that keep the error under a limit.
 
-    box              the variables
-    samples          (n, d) places in the box's unit cube, drawn in proportion to the probability
-                     that the design meets the limit and the requirements
-    limit            radian, rms error that must be kept
-    surface_error    ln(rms), leave-one-out error of the response surface
-    check_error      ln(rms), rms difference to Monte Carlo at designs of the region that the
-                     surface has not seen
-    checks           how many of these designs there were
-    acceptance       share of accepted moves
-    autocorrelation  steps, the longest over the variables
-    effective        independent samples, walkers * steps / autocorrelation
-    evaluations      all designs that were tried
+    box            the variables
+    chains         places in the box's unit cube, drawn in proportion to the probability that the
+                   design meets the limit and the requirements
+    limit          radian, error that must be kept
+    surface_error  ln(error), leave-one-out error of the response surface
+    check_error    ln(error), rms difference to Monte Carlo at designs of the region that the
+                   surface has not seen
+    promised       1, mean probability of those designs to keep the limit and the requirements, by
+                   the surface
+    kept           1, share of them that did by Monte Carlo
+    checks         how many of these designs there were
+    evaluations    all designs that were tried
     """
 
     box: Box
-    samples: Floats
+    chains: Chains
     limit: float
     surface_error: float
     check_error: float
+    promised: float
+    kept: float
     checks: int
-    acceptance: float
-    autocorrelation: float
-    effective: float
     evaluations: tuple[Evaluation, ...]
 
     @property
-    def converged(self) -> bool:
-        """Whether the chains are at least 50 autocorrelation times long."""
-        return self.effective >= LONG_ENOUGH * WALKERS
+    def samples(self) -> Floats:
+        """(n, d) places."""
+        return self.chains.flat
 
 
 def sample(
     case: Case,
     campaign: Campaign,
-    seed: int,
-    executor: Executor,
-    workers: int = 1,
+    bench: Bench,
     watch: Callable[[Evaluation], None] | None = None,
 ) -> Tolerance:
     """Sample the tolerance region around a design.
 
     Monte Carlo at designs of a Latin hypercube in a box around the case; a quadratic through
-    ln(rms) and through each margin; emcee (Foreman-Mackey et al. 2013, PASP 125, 306) on
+    ln(error) and through each margin; emcee (Foreman-Mackey et al. 2013, PASP 125, 306) on
 
-        p(design) ~ P(ln rms <= ln limit) * prod_i P(margin_i >= 0)
+        p(design) ~ P(ln error <= ln limit) * prod_i P(margin_i >= 0)
 
     with normal laws of the surfaces' own errors. The density is a function, not a Monte Carlo, so
-    that the sampler sees no noise.
+    that the sampler sees no noise. Designs drawn from the region are then tried.
 
-    Errors  ValueError where the campaign names no variables or the centre meets no requirement.
+    Errors  ValueError where the campaign names no variables or the centre cannot be tried.
             model: a quadratic; its error is in the result, measured twice.
     """
-    box = Box(case, campaign.variables)
-    campaign = replace(campaign, trials=campaign.sample_trials)
+    box = Box(case, campaign.variables, campaign.links)
+    campaign = replace(
+        campaign, trials=campaign.sample_trials, most_trials=campaign.sample_trials
+    )
     d = len(box)
     low = np.maximum(box.start - campaign.span, 0)
     high = np.minimum(box.start + campaign.span, 1)
-    cube = qmc.LatinHypercube(d, rng=np.random.default_rng(seed)).random(designs_needed(d) - CHECKS)
+    rng = np.random.default_rng(bench.seed)
+    cube = qmc.LatinHypercube(d, rng=rng).random(designs_needed(d) - CHECKS)
     cube[0] = (box.start - low) / (high - low)
     evaluations = []
 
-    def measure(places: Floats) -> tuple[Floats, Floats]:
-        """Places in [-1, 1], and ln(rms) and margins there, of the designs that were solved."""
-        kept, results = [], []
+    def measure(places: Floats) -> list[Evaluation]:
         for u in places:
-            done = evaluate(box, campaign, low + (high - low) * u, seed, executor, workers)
-            evaluations.append(done)
+            evaluations.append(evaluate(box, campaign, low + (high - low) * u, bench))
             if watch:
-                watch(done)
-            if math.isfinite(done.rms(campaign.objective)):
-                kept.append(2 * u - 1)
-                results.append([math.log(done.rms(campaign.objective)), *done.margins.values()])
-        return np.array(kept), np.array(results)
+                watch(evaluations[-1])
+        return evaluations[-len(places) :]
 
-    at, results = measure(cube)
-    if not len(at) or evaluations[0].summary is None:
-        raise ValueError(f"the design must work to be sampled around: {evaluations[0].note}")
-    surface = fit(at, results)
-    limit = results[0, 0] + math.log1p(campaign.margin)
-    sampler, autocorrelation = _walk(surface, limit, d, seed)
-    burn_in = sampler.iteration // 5
-    chain = sampler.get_chain(discard=burn_in, flat=True)
-    picks = chain[np.linspace(0, len(chain) - 1, CHECKS).astype(int)]
-    checked, truth = measure((picks + 1) / 2)
-    difference = surface(checked)[:, 0] - truth[:, 0] if len(checked) else np.array([np.nan])
+    tried = measure(cube)
+    if not tried[0].error > 0:
+        raise ValueError(f"the design must work to be sampled around: {tried[0].note or 'unsolved'}")
+    at, results = _results(2 * cube - 1, tried)
+    # What is the same everywhere, such as a power that no variable changes, needs no surface.
+    moving = np.ptp(results, axis=0) > 0
+    if (results[0, 1:][~moving[1:]] < 0).any():
+        raise ValueError("the design misses a requirement that no variable changes")
+    surface = fit(at, results[:, moving])
+    limit = math.log(tried[0].error) + math.log1p(campaign.margin)
+    log_probability = region(surface, limit)
+
+    def middle(rng: np.random.Generator, n: int) -> Floats:
+        return 0.3 * rng.uniform(-1, 1, (n, d))
+
+    chains = draw(log_probability, middle, bench.seed, ledger=bench.ledger)
+    picks = thinned(chains.flat, CHECKS)
+    checked = measure((picks + 1) / 2)
+    at, truth = _results(picks, checked)
+    difference = surface(at)[:, 0] - truth[:, 0] if len(at) else np.array([np.nan])
+    kept = [one.feasible and math.log(one.error) <= limit for one in checked]
     return Tolerance(
         box,
-        low + (high - low) * (chain + 1) / 2,
+        replace(chains, samples=low + (high - low) * (chains.samples + 1) / 2),
         math.exp(limit),
         float(surface.error[0]),
         float(np.sqrt(np.mean(difference**2))),
-        len(checked),
-        float(np.mean(sampler.acceptance_fraction)),
-        autocorrelation,
-        WALKERS * (sampler.iteration - burn_in) / autocorrelation,
+        float(np.exp(log_probability(picks)).mean()),
+        float(np.mean(kept)),
+        len(at),
         tuple(evaluations),
     )
 
@@ -137,11 +136,8 @@ def designs_needed(dimensions: int) -> int:
     return 1 + math.ceil(DESIGNS_PER_TERM * terms_needed(dimensions)) + CHECKS
 
 
-def _walk(surface: Surface, limit: float, d: int, seed: int) -> tuple[emcee.EnsembleSampler, float]:
-    """Run the ensemble in [-1, 1]^d from the centre until it is long enough.
-
-    Returns  the sampler, and the longest autocorrelation time in steps
-    """
+def region(surface: Surface, limit: float) -> Callable[[Floats], Floats]:
+    """The logarithm of the probability that a place (n, d) in [-1, 1] keeps limit and margins."""
     error = np.maximum(surface.error, 1e-6)
 
     def log_probability(places: Floats) -> Floats:
@@ -150,14 +146,11 @@ def _walk(surface: Surface, limit: float, d: int, seed: int) -> tuple[emcee.Ense
         score += special.log_ndtr(predicted[:, 1:] / error[1:]).sum(axis=1)
         return np.where((np.abs(places) <= 1).all(axis=1), score, -np.inf)
 
-    state = np.random.RandomState(np.random.MT19937(np.random.SeedSequence((seed, d))))
-    sampler = emcee.EnsembleSampler(WALKERS, d, log_probability, vectorize=True)
-    start = emcee.State(0.2 * state.uniform(-1, 1, (WALKERS, d)), random_state=state.get_state())
-    while True:
-        start = sampler.run_mcmc(start, STRETCH)
-        kept = 0.8 * sampler.iteration
-        autocorrelation = float(
-            np.max(sampler.get_autocorr_time(discard=sampler.iteration // 5, tol=0))
-        )
-        if kept > LONG_ENOUGH * autocorrelation or sampler.iteration >= MOST_STEPS:
-            return sampler, autocorrelation
+    return log_probability
+
+
+def _results(places: Floats, tried: list[Evaluation]) -> tuple[Floats, Floats]:
+    """The places (n, d), and ln(error) and margins there (n, k), of the designs that were solved."""
+    solved = [i for i, one in enumerate(tried) if one.error > 0]
+    rows = [[math.log(tried[i].error), *tried[i].margins.values()] for i in solved]
+    return places[solved], np.array(rows)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -15,9 +14,11 @@ from numpy.typing import NDArray
 
 from startrack.error import Interval
 from startrack.saving import save_text
-from startrack.study.box import Box
 from startrack.study.campaign import Campaign
-from startrack.study.optimize import Evaluation, Optimum
+from startrack.study.ensemble import Chains
+from startrack.study.evaluate import Evaluation
+from startrack.study.objective import Objective
+from startrack.study.optimize import Optimum
 from startrack.study.sample import Tolerance
 from startrack.units import arcsec
 
@@ -51,25 +52,9 @@ def write_evaluations(path: Path, evaluations: Sequence[Evaluation]) -> None:
     _write_csv(path, head, rows)
 
 
-def evaluation_line(one: Evaluation) -> str:
-    """One design as a line of JSON; variables in SI, errors in arcsecond."""
-    across, about, availability = (None if math.isnan(value) else value for value in _errors(one))
-    return json.dumps(
-        {
-            "values": one.values,
-            "across_rms_arcsec": across,
-            "about_rms_arcsec": about,
-            "availability": availability,
-            "margins": one.margins,
-            "score": one.score,
-            "feasible": one.feasible,
-            "note": one.note,
-        }
-    )
-
-
-def comparison(optimum: Optimum, box: Box, campaign: Campaign) -> str:
+def comparison(optimum: Optimum, campaign: Campaign) -> str:
     """Start and best side by side, as Markdown."""
+    box = optimum.box
     before, after = box.text(optimum.start), box.text(optimum.best)
     lines = ["| | start | best |", "|---|---|---|"]
     lines += [f"| {name.split('.', 1)[1]} | {before[name]} | {after[name]} |" for name in before]
@@ -100,15 +85,20 @@ def comparison(optimum: Optimum, box: Box, campaign: Campaign) -> str:
         f"| magnitudes in hand for {needs.min_stars} stars in {100 * needs.sky_share:g} % of the "
         f"sky | {sky[0]:+.2f} | {sky[1]:+.2f} |"
     )
-    factor = optimum.factor
+    factor, optimism = optimum.factor, optimum.optimism
+    designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
     lines += [
         "",
         f"Better by a factor of {factor.value:.2f} [{factor.low:.2f}, {factor.high:.2f}] in the "
-        f"rms error {campaign.objective} the boresight, on {start.trials} fresh trials, paired. "
-        f"{len(optimum.evaluations)} designs were tried with {campaign.trials} trials each; the "
-        f"tuning trials promised {optimum.promised / arcsec:.2f} arcsec. Brackets hold with 95 % "
-        "confidence.",
+        f"{Objective.read(campaign.objective)}, on {start.trials} fresh frames, paired. {designs} "
+        f"designs were tried, with {campaign.trials} to {campaign.most_trials} trials each. The "
+        f"tuning trials promised {optimum.promised / arcsec:.2f} arcsec; fresh frames show "
+        f"{optimism.value:.3f} [{optimism.low:.3f}, {optimism.high:.3f}] of that. {trials} trials "
+        "were done in all. Brackets hold with 95 % confidence.",
     ]
+    if optimum.lacking:
+        short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())
+        lines += ["", f"NOT MET, the least violated first: {short}."]
     return "\n".join(lines)
 
 
@@ -124,12 +114,32 @@ def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
         "surface_error": tolerance.surface_error,
         "check_error": tolerance.check_error,
         "checks": tolerance.checks,
-        "acceptance": tolerance.acceptance,
-        "autocorrelation_steps": tolerance.autocorrelation,
-        "effective_samples": tolerance.effective,
-        "converged": tolerance.converged,
+        "promised": tolerance.promised,
+        "kept": tolerance.kept,
+        **chain_values(tolerance.chains),
         "designs": len(tolerance.evaluations),
     }
+
+
+def chain_values(chains: Chains) -> dict[str, Any]:
+    """For JSON, what tells whether samples may be believed."""
+    return {
+        "acceptance": chains.acceptance,
+        "autocorrelation_steps": float(chains.autocorrelation.max()),
+        "effective_samples": float(chains.effective.min()),
+        "split_r_hat": float(chains.split_r_hat.max()),
+        "converged": chains.converged,
+        "doubt": chains.doubt,
+    }
+
+
+def chain_text(chains: Chains) -> str:
+    """The same for a person."""
+    return (
+        f"{chains.effective.min():.0f} independent samples, acceptance {chains.acceptance:.2f}, "
+        f"split R-hat {chains.split_r_hat.max():.4f} over {len(chains.samples)} independent "
+        f"ensembles, {chains.doubt and 'NOT converged: ' + chains.doubt or 'converged'}"
+    )
 
 
 def tolerance_table(tolerance: Tolerance) -> str:
@@ -146,12 +156,11 @@ def tolerance_table(tolerance: Tolerance) -> str:
     lines += [
         "",
         f"Quantiles of the designs that keep the rms error below {tolerance.limit / arcsec:.2f} "
-        f"arcsec and meet the requirements: {tolerance.effective:.0f} independent samples, "
-        f"acceptance {tolerance.acceptance:.2f}, "
-        f"{'converged' if tolerance.converged else 'NOT converged'}. The response surface is off "
+        f"arcsec and meet the requirements: {chain_text(tolerance.chains)}. The response surface is off "
         f"by {100 * tolerance.surface_error:.1f} % leaving one out, by "
         f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs "
-        f"({len(tolerance.evaluations)} designs in all).",
+        f"({len(tolerance.evaluations)} designs in all); it gave them a probability of "
+        f"{tolerance.promised:.2f} to belong, and {tolerance.kept:.2f} of them did.",
     ]
     return "\n".join(lines)
 

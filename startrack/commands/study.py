@@ -1,0 +1,52 @@
+"""What the commands on campaigns share: the design that is asked, its bench, and its folder."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from startrack.case import Case
+from startrack.commands.terminal import example, read_campaign, say
+from startrack.exits import WrongUse
+from startrack.study.bench import Bench
+from startrack.study.box import Box
+from startrack.study.campaign import Campaign
+from startrack.study.choice import branches
+from startrack.study.ledger import Ledger
+from startrack.study.montecarlo import pool
+
+LEDGER = "ledger.sqlite"
+
+
+class Study(NamedTuple):
+    """A campaign on a design, and where its trials are done and kept."""
+
+    case: Case
+    campaign: Campaign
+    bench: Bench
+    out: Path
+
+
+@contextmanager
+def open_study(options: argparse.Namespace, doing: str) -> Iterator[Study]:
+    """Read the campaign, check its box, open workers and the ledger of the folder.
+
+    What a study that was cut short has done is in the ledger: the same command goes on there.
+    """
+    path = options.campaign or example()
+    design, campaign = read_campaign(path)
+    try:
+        for branch in branches(design.case, campaign.choices):
+            Box(branch.case, campaign.variables, campaign.links)
+    except ValueError as error:
+        raise WrongUse(f"{path}: {error}") from None
+    say(f"{doing} {path.stem} on {options.workers} workers; results go to {options.out}")
+    with (
+        Ledger(options.out / LEDGER) as ledger,
+        pool(options.workers) as executor,
+    ):
+        bench = Bench(options.seed, executor, options.workers, ledger)
+        yield Study(design.case, campaign, bench, options.out)

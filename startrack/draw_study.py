@@ -1,0 +1,103 @@
+"""Pictures of studies: the way to an optimum, samples, fronts and sensitivities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from startrack.saving import whole
+from startrack.study.ensemble import thinned
+from startrack.study.objective import Objective
+from startrack.study.optimize import Optimum
+from startrack.study.sample import Tolerance
+from startrack.units import arcsec
+
+Floats = NDArray[np.float64]
+
+
+def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
+    """The error of each design that was tried, and the path of the variables."""
+    tried = optimum.evaluations
+    figure = Figure(figsize=(9, 7), layout="constrained")
+    error, places = figure.subplots(2, 1, sharex=True)
+    number = np.arange(1, len(tried) + 1)
+    found = np.array([one.error / arcsec for one in tried])
+    feasible = np.array([one.feasible for one in tried])
+    error.semilogy(number[feasible], found[feasible], "o", ms=4, color="#2e7d5b",
+                   label="meets the requirements")  # fmt: skip
+    error.semilogy(number[~feasible], found[~feasible], "x", ms=4, color="#c0392b",
+                   label="misses one")  # fmt: skip
+    # Designs that the requirements refuse may look better: the best line leaves them out.
+    so_far = np.fmin.accumulate(np.where(feasible, found, np.inf))
+    error.step(number, np.where(np.isfinite(so_far), so_far, np.nan), where="post", color="#2e7d5b",
+               lw=1)  # fmt: skip
+    trials = np.array([one.trials for one in tried])
+    for at in np.flatnonzero(np.diff(trials)):
+        error.axvline(at + 1.5, color="0.6", lw=0.8, ls=":")
+    error.set_ylabel(f"{Objective.read(objective)} (arcsec)")
+    error.set_title(
+        f"{len(tried)} designs, {trials[trials > 0].min(initial=10**6)} to {trials.max()} trials "
+        f"each, same skies and noise; on {optimum.fresh[0].trials} fresh frames better by "
+        f"{optimum.factor.value:.2f} [{optimum.factor.low:.2f}, {optimum.factor.high:.2f}]",
+        fontsize=9,
+        loc="left",
+    )
+    error.legend(fontsize=8)
+    cube = np.array([one.place for one in tried])
+    for variable, line in zip(optimum.box.variables, cube.T, strict=True):
+        places.plot(number, line, lw=1.2, label=variable.name.rpartition(".")[2])
+    places.set(xlabel="evaluation", ylabel="place between the bounds", ylim=(-0.03, 1.03))
+    places.legend(fontsize=8, ncols=3)
+    _save(path, figure)
+
+
+def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
+    """Each pair of variables of the designs that keep the error, and each alone."""
+    box = tolerance.box
+    texts = [list(box.text(box.design(place)).values()) for place in thinned(tolerance.samples, 2000)]
+    units = [text.partition(" ")[2] for text in texts[0]]
+    names = [variable.name.rpartition(".")[2] for variable in box.variables]
+    labels = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
+    draw_corner(
+        path,
+        np.array([[float(text.split()[0]) for text in row] for row in texts]),
+        labels,
+        f"designs that keep the error below {tolerance.limit / arcsec:.2f} arcsec\n"
+        f"{tolerance.chains.effective.min():.0f} independent samples, response surface within "
+        f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs",
+    )
+
+
+def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) -> None:
+    """Each pair of columns of samples (n, d), and each alone."""
+    n = len(labels)
+    figure = Figure(figsize=(2 * n + 1, 2 * n + 1), layout="constrained")
+    grid = figure.subplots(n, n, squeeze=False)
+    for i in range(n):
+        for j in range(n):
+            axes: Axes = grid[i, j]
+            if j > i:
+                axes.set_axis_off()
+                continue
+            if i == j:
+                axes.hist(samples[:, i], 30, color="#3567a8")
+                axes.set_yticks([])
+            else:
+                axes.plot(samples[:, j], samples[:, i], ".", ms=1.5, alpha=0.4, color="#3567a8")
+            axes.tick_params(labelsize=7)
+            if i == n - 1:
+                axes.set_xlabel(labels[j], fontsize=8)
+            if j == 0 and i > 0:
+                axes.set_ylabel(labels[i], fontsize=8)
+    figure.suptitle(title, fontsize=9)
+    _save(path, figure)
+
+
+def _save(path: Path, figure: Figure) -> None:
+    with whole(path) as draft:
+        figure.savefig(draft)

@@ -1,0 +1,66 @@
+"""Choice: a part of a design that is one of several; cases enter, a branch for each leaves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+from startrack.case import Case
+from startrack.study.parameter import find, quantity, replaced
+
+MOST_BRANCHES = 256
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One parameter that takes one of some values.
+
+    name    path in the case
+    values  numbers, texts with a unit where the parameter has one, or names
+    """
+
+    name: str
+    values: tuple[float | str, ...]
+
+    def __post_init__(self) -> None:
+        if not self.values or len(set(self.values)) < len(self.values):
+            raise ValueError(f"values must be given, each once, got {self.values}")
+
+
+class Branch(NamedTuple):
+    """A case with one value of each choice, and which."""
+
+    label: str
+    case: Case
+
+
+def branches(case: Case, choices: Sequence[Choice]) -> list[Branch]:
+    """Every combination of the choices; the case alone where there are none.
+
+    Errors  ValueError where a value does not fit its parameter, or there are more than 256.
+    """
+    count = math.prod(len(choice.values) for choice in choices)
+    if count > MOST_BRANCHES:
+        raise ValueError(f"choices must make at most {MOST_BRANCHES} combinations, got {count}")
+    return list(_branches(case, choices))
+
+
+def _branches(case: Case, choices: Sequence[Choice]) -> Iterator[Branch]:
+    for values in product(*(choice.values for choice in choices)):
+        chosen = case
+        for choice, value in zip(choices, values, strict=True):
+            chosen = replaced(chosen, choice.name, _value(case, choice.name, value))
+        names = (choice.name.rpartition(".")[2] for choice in choices)
+        label = ", ".join(f"{name} {_told(v)}" for name, v in zip(names, values, strict=True))
+        yield Branch(label, chosen)
+
+
+def _value(case: Case, name: str, value: float | str) -> float | str:
+    return value if isinstance(find(case, name), str) else quantity(case, name, value)
+
+
+def _told(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"

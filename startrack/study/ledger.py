@@ -1,0 +1,122 @@
+"""One SQLite file that remembers what was tried, so that no trial is done twice."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.study.montecarlo import OUTCOMES
+
+APPLICATION = 0x53544C47  # "STLG" in the file's header
+TABLES = """
+CREATE TABLE IF NOT EXISTS trials (
+    key BLOB NOT NULL, first INTEGER NOT NULL, outcomes BLOB NOT NULL, PRIMARY KEY (key, first)
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS stretches (
+    key BLOB NOT NULL, number INTEGER NOT NULL, steps BLOB NOT NULL, PRIMARY KEY (key, number)
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS refused (key BLOB PRIMARY KEY, reason TEXT NOT NULL) WITHOUT ROWID;
+"""
+
+
+class Ledger:
+    """Outcomes by key, open for one process at a time.
+
+    What is kept is committed before `keep` returns: a process that is killed at any instant
+    leaves a whole file.
+    """
+
+    def __init__(self, path: Path | None = None):
+        """Open the ledger of a file, or begin one; None keeps it in memory.
+
+        Errors  ValueError where the file is none of ours, OSError where it cannot be opened or
+                another process has it.
+        """
+        self.path = path
+        with self._told():
+            if path:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            self._base = sqlite3.connect(path or ":memory:", timeout=0, isolation_level=None)
+            try:
+                self._open()
+            except BaseException:
+                self._base.close()
+                raise
+
+    def _open(self) -> None:
+        ask = self._base.execute
+        ask("PRAGMA locking_mode = EXCLUSIVE")
+        if ask("SELECT 1 FROM sqlite_master LIMIT 1").fetchone():
+            (application,) = ask("PRAGMA application_id").fetchone()
+            if application != APPLICATION:
+                raise ValueError(f"{self.path} must be a ledger of startrack, but is another file")
+        ask("PRAGMA journal_mode = WAL")
+        ask("PRAGMA synchronous = NORMAL")
+        ask("BEGIN EXCLUSIVE")
+        for statement in TABLES.split(";"):
+            ask(statement)
+        ask(f"PRAGMA application_id = {APPLICATION}")
+        ask("COMMIT")
+
+    def held(self, key: bytes) -> NDArray[np.void]:
+        """The outcomes kept under a key, in the order in which they came."""
+        rows = self._base.execute(
+            "SELECT outcomes FROM trials WHERE key = ? ORDER BY first", (key,)
+        )
+        return np.frombuffer(b"".join(row[0] for row in rows), OUTCOMES)
+
+    def keep(self, key: bytes, first: int, outcomes: NDArray[np.void]) -> None:
+        """Keep outcomes after the `first` ones that the key already has."""
+        with self._told():
+            row = (key, first, outcomes.tobytes())
+            self._base.execute("INSERT INTO trials VALUES (?, ?, ?)", row)
+
+    def refusal(self, key: bytes) -> str:
+        """Why what the key stands for cannot be tried; empty where it can."""
+        row = self._base.execute("SELECT reason FROM refused WHERE key = ?", (key,)).fetchone()
+        return row[0] if row else ""
+
+    def keep_refusal(self, key: bytes, reason: str) -> None:
+        """Keep that what the key stands for cannot be tried."""
+        with self._told():
+            self._base.execute("INSERT OR REPLACE INTO refused VALUES (?, ?)", (key, reason))
+
+    def stretch(self, key: bytes, number: int) -> bytes | None:
+        """A stretch of a chain, None where it is not done yet."""
+        row = self._base.execute(
+            "SELECT steps FROM stretches WHERE key = ? AND number = ?", (key, number)
+        ).fetchone()
+        return row[0] if row else None
+
+    def keep_stretch(self, key: bytes, number: int, steps: bytes) -> None:
+        """Keep a stretch of a chain."""
+        with self._told():
+            self._base.execute("INSERT INTO stretches VALUES (?, ?, ?)", (key, number, steps))
+
+    def close(self) -> None:
+        """Fold the log into the one file."""
+        self._base.close()
+
+    def __enter__(self) -> Ledger:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """SQLite's errors in our words."""
+        try:
+            yield
+        except sqlite3.DatabaseError as error:
+            code = getattr(error, "sqlite_errorname", "")
+            if code.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
+                raise OSError(f"{self.path} is in use by another process") from None
+            if code.startswith(("SQLITE_NOTADB", "SQLITE_CORRUPT")):
+                raise ValueError(f"{self.path} must be a ledger of startrack: {error}") from None
+            raise OSError(f"{self.path} cannot be written: {error}") from None

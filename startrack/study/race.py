@@ -1,0 +1,86 @@
+"""Boxes of several branches enter; the branch that wins leaves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.study.bench import Bench
+from startrack.study.box import Box
+from startrack.study.campaign import Campaign
+from startrack.study.evaluate import Evaluation, evaluate
+from startrack.study.objective import Objective
+from startrack.study.refine import FIRST_STEP, Watch
+from startrack.study.search import Search, least
+
+ROUND = 4  # evaluations for each variable, and once more, that a branch has in a round
+SURE = 0.997  # confidence at which a branch is worse than the leader
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class _Runner:
+    """A branch, its best place so far, and the step that its next search begins with."""
+
+    label: str
+    box: Box
+    place: Floats
+    step: float = FIRST_STEP
+    best: Evaluation | None = None
+
+
+def race(
+    boxes: Mapping[str, Box],
+    starts: Mapping[str, Floats],
+    campaign: Campaign,
+    bench: Bench,
+    watch: Watch,
+) -> tuple[str, Floats]:
+    """Search all branches in rounds; each round keeps the better half, and no clear loser.
+
+    Source: successive halving, Jamieson and Talwalkar (2016), with the test of a race (Maron and
+    Moore 1994), here in pairs on the same trials.
+
+    Returns  the winner and its best place; at once where there is one branch alone
+    """
+    field = [_Runner(label, box, starts[label]) for label, box in boxes.items()]
+    while len(field) > 1:
+        for runner in field:
+            _run(runner, campaign, bench, watch)
+        field.sort(key=_score)
+        half = field[: math.ceil(len(field) / 2)]
+        field = [one for one in half if one is half[0] or not _beaten(one, half[0], campaign, bench)]
+    return field[0].label, field[0].place
+
+
+def _run(runner: _Runner, campaign: Campaign, bench: Bench, watch: Watch) -> None:
+    def score(place: Floats) -> float:
+        done = evaluate(runner.box, campaign, place, bench)
+        watch(done)
+        if runner.best is None or done.score < runner.best.score:
+            runner.best = done
+        return done.score
+
+    search = Search(evaluations=ROUND * (len(runner.box) + 1), first_step=runner.step)
+    runner.place = least(score, runner.place, search).place
+    runner.step /= 2
+
+
+def _score(runner: _Runner) -> float:
+    return runner.best.score if runner.best else math.inf
+
+
+def _beaten(one: _Runner, leader: _Runner, campaign: Campaign, bench: Bench) -> bool:
+    if not (one.best and leader.best and one.best.error > 0 and leader.best.error > 0):
+        return False
+    objective = Objective.read(campaign.objective)
+    trials = [
+        bench.run(each.box.design(each.place), campaign.trials, campaign.fidelity)
+        for each in (one, leader)
+    ]
+    return objective.ratio(*trials, bench.seed, confidence=SURE).low > 1

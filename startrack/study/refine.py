@@ -1,0 +1,104 @@
+"""A box and a start enter; passes of Sbplx on ever more trials leave the best that was found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.study.bench import Bench
+from startrack.study.box import Box
+from startrack.study.campaign import Campaign
+from startrack.study.evaluate import Evaluation, evaluate
+from startrack.study.objective import Objective
+from startrack.study.search import Search, least
+
+FIRST_STEP = 0.15  # of each range; each pass starts with half the step of the one before
+PATIENCE = 4  # evaluations for each variable, and once more, without a gain beyond the noise
+SHARE = 0.6  # of the evaluations left that a pass may take, unless it is the last
+RESAMPLES = 200  # of the interval that a gain is judged by
+
+Floats = NDArray[np.float64]
+Watch = Callable[[Evaluation], None]
+
+
+def refine(
+    box: Box, start: Floats, campaign: Campaign, bench: Bench, watch: Watch
+) -> tuple[list[Evaluation], str]:
+    """Search from a start with the campaign's trials, then with twice as many, to its most.
+
+    A pass ends when the best has not gained for a while by more than the standard error of the
+    difference, taken in pairs on the same trials: what is won beyond that is the noise's.
+
+    Returns  the evaluations of the last pass, best first, and a sentence on how it ended
+    """
+    left, step, ending = campaign.evaluations, FIRST_STEP, ""
+    tried = list[Evaluation]()
+    plan = list(growth(campaign.trials, campaign.most_trials))
+    for trials in plan:
+        last = trials == plan[-1]
+        share = left if last else math.ceil(SHARE * left)
+        tried = []
+        settled = _Settled(box, campaign, bench, trials)
+
+        def score(
+            place: Floats,
+            trials: int = trials,
+            settled: _Settled = settled,
+            tried: list[Evaluation] = tried,
+        ) -> float:
+            done = evaluate(box, campaign, place, bench, trials)
+            tried.append(done)
+            settled.see(done)
+            watch(done)
+            return done.score
+
+        found = least(score, start, Search(evaluations=max(1, share), first_step=step), settled)
+        left -= found.evaluations
+        start, step, ending = found.place, step / 2, found.ending
+        if left <= 0:
+            break
+    return sorted(tried, key=lambda one: (not one.feasible, one.score)), ending
+
+
+def growth(first: int, most: int) -> Iterator[int]:
+    """Trials of each pass: doubled until the most."""
+    while first < most:
+        yield first
+        first = min(2 * first, most)
+    yield most
+
+
+class _Settled:
+    """Whether a pass still gains more than its noise."""
+
+    def __init__(self, box: Box, campaign: Campaign, bench: Bench, trials: int) -> None:
+        self._box, self._bench, self._trials = box, bench, trials
+        self._fidelity = campaign.fidelity
+        self._objective = Objective.read(campaign.objective)
+        self._anchor: Evaluation | None = None  # the best when it last gained
+        self._quiet = 0
+
+    def see(self, done: Evaluation) -> None:
+        self._quiet += 1
+        if self._anchor is None or (done.score < self._anchor.score and self._gains(done)):
+            self._anchor, self._quiet = done, 0
+
+    def __call__(self) -> str:
+        patience = PATIENCE * (len(self._box) + 1)
+        return "the gain is within the noise" if self._quiet >= patience else ""
+
+    def _gains(self, done: Evaluation) -> bool:
+        assert self._anchor is not None
+        gain = self._anchor.score - done.score
+        if not (done.error > 0 and self._anchor.error > 0):
+            return True
+        one, other = (
+            self._bench.run(self._box.design(np.array(each.place)), self._trials, self._fidelity)
+            for each in (self._anchor, done)
+        )
+        # The standard error is half the 68 % interval of the logarithm.
+        ratio = self._objective.ratio(one, other, self._bench.seed, RESAMPLES, confidence=0.68)
+        return gain > math.log(ratio.high / ratio.low) / 2
