@@ -18,13 +18,13 @@ error            the estimate against the truth   -> Outcome, Summary
 wcs, images      attitudes and frames as files
 case             Case: what is true and what the tracker believes
 chain            one trial, one line a room
+products         detectors that a design may name
 sequence         trials in time: tracking, loss and reacquisition
 variance         more knowledge from fewer trials
 study            many trials, better designs, tolerances
 campaign         many trials, on disk as they are done, until they say enough
-products         detectors that a design may name
 design           designs as TOML files
-draw, draw_psf, draw_sequence   pictures
+draw, draw_psf, draw_sequence, draw_study   pictures
 report           a campaign as one page
 commands, cli    the command `startrack`
 """

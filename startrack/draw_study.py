@@ -59,7 +59,9 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
 def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
     """Each pair of variables of the designs that keep the error, and each alone."""
     box = tolerance.box
-    texts = [list(box.text(box.design(place)).values()) for place in thinned(tolerance.samples, 2000)]
+    texts = [
+        list(box.text(box.design(place)).values()) for place in thinned(tolerance.samples, 2000)
+    ]
     units = [text.partition(" ")[2] for text in texts[0]]
     names = [variable.name.rpartition(".")[2] for variable in box.variables]
     labels = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]

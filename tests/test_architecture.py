@@ -30,23 +30,24 @@ ORDER = (
         "view",
         "window",
         "chain",
+        "products",
         "sequence",
         "variance",
         "study",
         "campaign",
-        "products",
         "design",
         "draw",
         "draw_psf",
         "draw_sequence",
         "report",
+        "draw_study",
         "commands",
         "cli",
     ),
 )
 ONE_PLACE = {
-    "nlopt": "study/optimize.py",
-    "emcee": "study/sample.py",
+    "nlopt": "study/search.py",
+    "emcee": "study/ensemble.py",
     "rich": "commands/terminal.py",
 }
 FILES = sorted(ROOT.rglob("*.py"))

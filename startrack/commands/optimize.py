@@ -17,9 +17,11 @@ from startrack.study.tables import comparison, write_evaluations
 
 def command(options: argparse.Namespace) -> int:
     """Leave best.toml, comparison.md, convergence.png, evaluations.csv and result.json."""
-    with open_study(options, "optimising") as (case, campaign, bench, out):
-        with progress("designs", campaign.evaluations) as advance:
-            optimum = optimize(case, campaign, bench, lambda _: advance(1))
+    with (
+        open_study(options, "optimising") as (case, campaign, bench, out),
+        progress("designs", campaign.evaluations) as advance,
+    ):
+        optimum = optimize(case, campaign, bench, lambda _: advance(1))
     box = optimum.box
     table = comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"

@@ -18,9 +18,11 @@ def command(options: argparse.Namespace) -> int:
 
     Chains that have not converged leave their doubt alone, and no numbers to be quoted.
     """
-    with open_study(options, "sampling around") as (case, campaign, bench, out):
-        with progress("designs", designs_needed(len(campaign.variables))) as advance:
-            tolerance = sample(case, campaign, bench, lambda _: advance(1))
+    with (
+        open_study(options, "sampling around") as (case, campaign, bench, out),
+        progress("designs", designs_needed(len(campaign.variables))) as advance,
+    ):
+        tolerance = sample(case, campaign, bench, lambda _: advance(1))
     values = tolerance_values(tolerance)
     if not tolerance.chains.converged:
         doubt = tolerance.chains.doubt

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack import __version__
-from startrack.case import Case
+from startrack.case import Case, Fidelity
 from startrack.study.ledger import Ledger
 from startrack.study.montecarlo import OUTCOMES, Serial, run
 
@@ -36,7 +36,7 @@ class Bench:
         ledger: Ledger | None = None,
     ):
         self.seed = seed
-        self.tried = dict[str, int]()
+        self.tried = dict[Fidelity, int]()
         self._executor = executor or Serial()
         self._workers = workers
         self.ledger = ledger or Ledger()
@@ -45,7 +45,7 @@ class Bench:
         self,
         case: Case,
         trials: int,
-        fidelity: str = "frame",
+        fidelity: Fidelity = Fidelity.FRAME,
         first: int = 0,
         progress: Callable[[int], None] | None = None,
     ) -> NDArray[np.void]:
@@ -63,7 +63,14 @@ class Bench:
             return held[:trials]
         try:
             new = run(
-                case, lacking, self.seed, self._executor, first + len(held), self._workers, progress
+                case,
+                lacking,
+                self.seed,
+                self._executor,
+                first + len(held),
+                self._workers,
+                progress,
+                fidelity,
             )
         except ValueError as error:
             self.ledger.keep_refusal(key, str(error))
@@ -72,7 +79,7 @@ class Bench:
         self.ledger.keep(key, len(held), new)
         return np.concatenate([held, new]).astype(OUTCOMES)
 
-    def _key(self, case: Case, fidelity: str, first: int) -> bytes:
+    def _key(self, case: Case, fidelity: Fidelity, first: int) -> bytes:
         # A frozen case writes all its numbers, each with all its digits.
         text = f"{__version__} {self.seed} {fidelity} {first} {case!r}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()

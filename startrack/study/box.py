@@ -72,7 +72,7 @@ class Box:
     def __post_init__(self) -> None:
         if not self.variables:
             raise ValueError("variables must name at least one parameter, got none")
-        names = [one.name for one in (*self.variables, *self.links)]
+        names = [one.name for one in self.variables] + [one.name for one in self.links]
         if len(set(names)) < len(names):
             raise ValueError(f"variables must not name a parameter twice, got {', '.join(names)}")
         for variable, (low, high) in zip(self.variables, self._bounds, strict=True):

@@ -9,16 +9,20 @@ from itertools import product
 from typing import NamedTuple
 
 from startrack.case import Case
+from startrack.products import with_product
 from startrack.study.parameter import find, quantity, replaced
+from startrack.tables import from_table, to_table
 
 MOST_BRANCHES = 256
+DETECTOR = "instrument.detector"
 
 
 @dataclass(frozen=True)
 class Choice:
     """One parameter that takes one of some values.
 
-    name    path in the case
+    name    path in the case; "instrument.detector" for a product of the catalogue, whose values
+            take the place of all but the exposure
     values  numbers, texts with a unit where the parameter has one, or names
     """
 
@@ -52,14 +56,20 @@ def _branches(case: Case, choices: Sequence[Choice]) -> Iterator[Branch]:
     for values in product(*(choice.values for choice in choices)):
         chosen = case
         for choice, value in zip(choices, values, strict=True):
-            chosen = replaced(chosen, choice.name, _value(case, choice.name, value))
+            chosen = _chosen(chosen, choice.name, value)
         names = (choice.name.rpartition(".")[2] for choice in choices)
         label = ", ".join(f"{name} {_told(v)}" for name, v in zip(names, values, strict=True))
         yield Branch(label, chosen)
 
 
-def _value(case: Case, name: str, value: float | str) -> float | str:
-    return value if isinstance(find(case, name), str) else quantity(case, name, value)
+def _chosen(case: Case, name: str, value: float | str) -> Case:
+    if name == DETECTOR:
+        table = to_table(case)
+        exposure = table["instrument"]["detector"]["exposure"]
+        table["instrument"]["detector"] = {"product": value, "exposure": exposure}
+        return from_table(Case, with_product(table))
+    text = isinstance(find(case, name), str)
+    return replaced(case, name, value if text else quantity(case, name, value))
 
 
 def _told(value: float | str) -> str:

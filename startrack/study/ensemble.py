@@ -1,4 +1,4 @@
-"""A log-probability enters; samples of it leave, with what tells whether to believe them (emcee)."""
+"""A log-probability enters; samples leave, with what tells whether to believe them (emcee)."""
 
 from __future__ import annotations
 
@@ -93,7 +93,9 @@ class Chains:
         farthest = float(np.max(self.split_r_hat))
         fewest = float(np.min(self.effective))
         if not steps >= LONG_ENOUGH * longest:
-            return f"{steps} steps are fewer than {LONG_ENOUGH} autocorrelation times of {longest:.0f}"
+            return (
+                f"{steps} steps are fewer than {LONG_ENOUGH} autocorrelation times of {longest:.0f}"
+            )
         if not farthest <= FARTHEST:
             return f"the ensembles differ: split R-hat is {farthest:.3f}, above {FARTHEST}"
         if not fewest >= FEWEST:
@@ -240,5 +242,3 @@ def _refuse_noise(log_probability: Callable[[Floats], Floats], at: Floats, first
 def thinned(samples: Floats, count: int) -> Floats:
     """`count` of the samples (n, d), evenly."""
     return samples[np.linspace(0, len(samples) - 1, min(count, len(samples))).astype(int)]
-
-

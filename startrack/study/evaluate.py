@@ -73,9 +73,9 @@ def evaluate(
         case = box.design(place)
         margins = campaign.requirements.margins(case)
         outcomes = bench.run(case, trials or campaign.trials, campaign.fidelity)
-    except ValueError as error:  # a design that cannot be built is a bad one, not the end
+    except ValueError as reason:  # a design that cannot be built is a bad one, not the end
         refused = LOST + PENALTY
-        return Evaluation(tuple(place), values, math.nan, refused, {}, None, str(error))
+        return Evaluation(tuple(place), values, math.nan, refused, {}, None, str(reason))
     summary = summarise(outcomes)
     margins |= measured(campaign.requirements, summary)
     objective = Objective.read(campaign.objective)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.case import Case
+from startrack.case import Case, Fidelity
 from startrack.error import Interval, Summary, summarise
 from startrack.study.bench import FRESH, Bench
 from startrack.study.box import Box
@@ -128,7 +128,7 @@ def optimize(
         objective.ratio(second, tuning, bench.seed, paired=False),
         best.margins | measured(campaign.requirements, summary),
         ending,
-        dict(bench.tried),
+        {fidelity.value: count for fidelity, count in bench.tried.items()},
     )
 
 
@@ -158,6 +158,6 @@ def _fresh(
 ) -> NDArray[np.void]:
     """Outcomes on frames that nothing was tuned on; none where the design cannot be tried."""
     try:
-        return bench.run(case, campaign.fresh_trials, "frame", FRESH, watch)
+        return bench.run(case, campaign.fresh_trials, Fidelity.FRAME, FRESH, watch)
     except ValueError:
         return np.empty(0, OUTCOMES)

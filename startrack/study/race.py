@@ -54,7 +54,9 @@ def race(
             _run(runner, campaign, bench, watch)
         field.sort(key=_score)
         half = field[: math.ceil(len(field) / 2)]
-        field = [one for one in half if one is half[0] or not _beaten(one, half[0], campaign, bench)]
+        field = [
+            one for one in half if one is half[0] or not _beaten(one, half[0], campaign, bench)
+        ]
     return field[0].label, field[0].place
 
 
@@ -79,8 +81,8 @@ def _beaten(one: _Runner, leader: _Runner, campaign: Campaign, bench: Bench) -> 
     if not (one.best and leader.best and one.best.error > 0 and leader.best.error > 0):
         return False
     objective = Objective.read(campaign.objective)
-    trials = [
+    mine, theirs = (
         bench.run(each.box.design(each.place), campaign.trials, campaign.fidelity)
         for each in (one, leader)
-    ]
-    return objective.ratio(*trials, bench.seed, confidence=SURE).low > 1
+    )
+    return objective.ratio(mine, theirs, bench.seed, confidence=SURE).low > 1

@@ -13,7 +13,7 @@ from startrack.study.evaluate import missed
 from startrack.study.requirements import Requirements
 from startrack.study.search import Algorithm, Search, least
 
-PLACES = 300  # that are asked over the whole box, and again around the best of them
+PLACES = 120  # that are asked over the whole box, and again around the best of them
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ def reach(box: Box, requirements: Requirements) -> Reached:
     """Look for a design that meets mass, power and all else that needs no trials.
 
     Errors  model: a search; a corner that meets them may be missed where it is smaller than a
-            part in 300 of the box.
+            part in 120 of the box.
     """
 
     def short(place: Floats) -> float:

@@ -79,9 +79,7 @@ def sample(
             model: a quadratic; its error is in the result, measured twice.
     """
     box = Box(case, campaign.variables, campaign.links)
-    campaign = replace(
-        campaign, trials=campaign.sample_trials, most_trials=campaign.sample_trials
-    )
+    campaign = replace(campaign, trials=campaign.sample_trials, most_trials=campaign.sample_trials)
     d = len(box)
     low = np.maximum(box.start - campaign.span, 0)
     high = np.minimum(box.start + campaign.span, 1)
@@ -99,7 +97,9 @@ def sample(
 
     tried = measure(cube)
     if not tried[0].error > 0:
-        raise ValueError(f"the design must work to be sampled around: {tried[0].note or 'unsolved'}")
+        raise ValueError(
+            f"the design must work to be sampled around: {tried[0].note or 'unsolved'}"
+        )
     at, results = _results(2 * cube - 1, tried)
     # What is the same everywhere, such as a power that no variable changes, needs no surface.
     moving = np.ptp(results, axis=0) > 0
@@ -150,7 +150,7 @@ def region(surface: Surface, limit: float) -> Callable[[Floats], Floats]:
 
 
 def _results(places: Floats, tried: list[Evaluation]) -> tuple[Floats, Floats]:
-    """The places (n, d), and ln(error) and margins there (n, k), of the designs that were solved."""
+    """The places (n, d), and ln(error) and margins there (n, k), of those that were solved."""
     solved = [i for i, one in enumerate(tried) if one.error > 0]
     rows = [[math.log(tried[i].error), *tried[i].margins.values()] for i in solved]
     return places[solved], np.array(rows)

@@ -138,7 +138,7 @@ def chain_text(chains: Chains) -> str:
     return (
         f"{chains.effective.min():.0f} independent samples, acceptance {chains.acceptance:.2f}, "
         f"split R-hat {chains.split_r_hat.max():.4f} over {len(chains.samples)} independent "
-        f"ensembles, {chains.doubt and 'NOT converged: ' + chains.doubt or 'converged'}"
+        f"ensembles, {f'NOT converged: {chains.doubt}' if chains.doubt else 'converged'}"
     )
 
 
@@ -155,9 +155,9 @@ def tolerance_table(tolerance: Tolerance) -> str:
         lines.append(f"| {name.split('.', 1)[1]} | {centre[name]} | {row} |")
     lines += [
         "",
-        f"Quantiles of the designs that keep the rms error below {tolerance.limit / arcsec:.2f} "
-        f"arcsec and meet the requirements: {chain_text(tolerance.chains)}. The response surface is off "
-        f"by {100 * tolerance.surface_error:.1f} % leaving one out, by "
+        f"Quantiles of the designs that keep the error below {tolerance.limit / arcsec:.2f} "
+        f"arcsec and meet the requirements: {chain_text(tolerance.chains)}. The response surface "
+        f"is off by {100 * tolerance.surface_error:.1f} % leaving one out, by "
         f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs "
         f"({len(tolerance.evaluations)} designs in all); it gave them a probability of "
         f"{tolerance.promised:.2f} to belong, and {tolerance.kept:.2f} of them did.",

@@ -22,7 +22,12 @@ def small() -> Design:
     optics = dataclasses.replace(instrument.optics, blur=2 * instrument.optics.blur)
     instrument = dataclasses.replace(instrument, detector=detector, optics=optics)
     campaign = dataclasses.replace(
-        design.campaign, trials=12, evaluations=14, fresh_trials=60, sample_trials=12
+        design.campaign,
+        trials=12,
+        most_trials=24,
+        evaluations=20,
+        fresh_trials=60,
+        sample_trials=12,
     )
     return Design(dataclasses.replace(design.case, instrument=instrument), campaign)
 

@@ -27,9 +27,7 @@ def test_a_gaussian_has_its_moments():
     assert chains.converged, chains.doubt
     effective = chains.effective.min()
     # Six standard errors of a mean, and of a variance; false alarm 1e-8.
-    np.testing.assert_allclose(
-        chains.flat.mean(axis=0), 0, atol=6 * np.sqrt(2 / effective)
-    )
+    np.testing.assert_allclose(chains.flat.mean(axis=0), 0, atol=6 * np.sqrt(2 / effective))
     np.testing.assert_allclose(
         np.cov(chains.flat.T), COVARIANCE, atol=6 * 2 * np.sqrt(2 / effective)
     )

@@ -158,9 +158,7 @@ def test_enough_ends_it():
 def test_the_same_seed_goes_the_same_way(algorithm):
     def path():
         places = []
-        least(
-            lambda p: places.append(p) or valley(p), np.array([0.5, 0.5]), Search(algorithm, 60)
-        )
+        least(lambda p: places.append(p) or valley(p), np.array([0.5, 0.5]), Search(algorithm, 60))
         return np.array(places)
 
     np.testing.assert_array_equal(path(), path())
