@@ -9,7 +9,7 @@ from concurrent.futures import Executor
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack import __version__
+import startrack
 from startrack.case import Case, Fidelity
 from startrack.study.ledger import Ledger
 from startrack.study.montecarlo import OUTCOMES, Serial, run
@@ -81,5 +81,5 @@ class Bench:
 
     def _key(self, case: Case, fidelity: Fidelity, first: int) -> bytes:
         # A frozen case writes all its numbers, each with all its digits.
-        text = f"{__version__} {self.seed} {fidelity} {first} {case!r}"
+        text = f"{startrack.__version__} {self.seed} {fidelity} {first} {case!r}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()

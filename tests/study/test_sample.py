@@ -44,6 +44,7 @@ def test_the_tolerance_region_of_a_small_tracker(small):
     assert tolerance.limit == pytest.approx(centre * (1 + campaign.margin))
 
 
+@pytest.mark.slow
 def test_the_probability_of_the_region_is_kept_by_monte_carlo(small):
     """Twelve designs of the region: the surface promises a share, Monte Carlo finds one.
 
