@@ -33,6 +33,7 @@ ORDER = (
         "products",
         "sequence",
         "variance",
+        "budget",
         "study",
         "campaign",
         "design",

@@ -13,7 +13,7 @@ stability   drift and blur of a path, and what to expect of a motion (MPE, RPE)
 from startrack.motion.density import density
 from startrack.motion.parameters import Broadband, Motion, Tone
 from startrack.motion.shake import shake, slew, trace
-from startrack.motion.stability import Stability, blur, stability
+from startrack.motion.stability import Stability, blur, stability, wander
 from startrack.motion.transfer import image_path, nyquist_mtf, transfer
 from startrack.motion.turn import Turn, turn
 
@@ -33,4 +33,5 @@ __all__ = [
     "trace",
     "transfer",
     "turn",
+    "wander",
 ]

@@ -1,0 +1,144 @@
+"""Budget: a line for each cause of error, their sum, and the whole; about and across."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from startrack.budget.causes import Term
+from startrack.error import Interpretation, level
+from startrack.values import Floats
+
+ACROSS, ABOUT = (0, 1), (2,)
+
+
+class Spread(Protocol):
+    """How an error about the camera's three axes is spread."""
+
+    def rms(self) -> Floats:
+        """(3,) radian."""
+
+    def level(self, axes: Sequence[int], share: float, interpretation: Interpretation) -> float:
+        """Radian per axis that is not exceeded in a share of the cases."""
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A normal error in each of m fields of the sky: what a design leads to expect.
+
+    mean, sigma  (m, 3) radian
+    weight       (m,) 1, share of each field; sums to 1
+    """
+
+    mean: Floats
+    sigma: Floats
+    weight: Floats
+
+    def rms(self) -> Floats:
+        """(3,) radian."""
+        return np.sqrt(self.weight @ (self.mean**2 + self.sigma**2))
+
+    def level(self, axes: Sequence[int], share: float, interpretation: Interpretation) -> float:
+        """Of the mixture of all fields; with a law of time and field alike, mixed is all it knows.
+
+        Errors  ValueError for another interpretation.
+        """
+        if interpretation is not Interpretation.MIXED:
+            raise ValueError(
+                "interpretation must be mixed where nothing is simulated, got "
+                f"{interpretation.value}"
+            )
+        mean, sigma = np.abs(self.mean[:, axes]), np.maximum(self.sigma[:, axes], 1e-15)
+
+        def excess(size: float) -> float:
+            inside = ndtr((size - mean) / sigma) - ndtr((-size - mean) / sigma)
+            return float(self.weight @ inside.mean(axis=1)) - share
+
+        return float(brentq(excess, 0.0, float((mean + 9 * sigma).max()), rtol=1e-9))
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Errors that were simulated.
+
+    error  (members, times, 3) radian
+    """
+
+    error: Floats
+
+    def rms(self) -> Floats:
+        """(3,) radian."""
+        return np.sqrt((self.error**2).mean(axis=(0, 1)))
+
+    def level(self, axes: Sequence[int], share: float, interpretation: Interpretation) -> float:
+        """See `startrack.error.level`; the axes count alike, as if they were more members."""
+        chosen = np.concatenate([self.error[..., axis] for axis in axes])
+        return level(chosen, share, interpretation)
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One cause of error, or several.
+
+    name    of the cause
+    term    that it belongs to; None for a sum
+    spread  of the error that it makes
+    """
+
+    name: str
+    term: Term | None
+    spread: Spread
+
+    @property
+    def across(self) -> float:
+        """Radian, rms per axis across the boresight."""
+        x, y, _ = self.spread.rms()
+        return float(np.sqrt((x * x + y * y) / 2))
+
+    @property
+    def about(self) -> float:
+        """Radian, rms about the boresight."""
+        return float(self.spread.rms()[2])
+
+
+@dataclass(frozen=True, eq=False)
+class Budget:
+    """An error budget.
+
+    lines         one for each cause
+    whole         the error end to end
+    availability  1, share of the sky and time with an attitude
+    stars         mean number of stars in these
+    """
+
+    lines: tuple[Line, ...]
+    whole: Line
+    availability: float
+    stars: float
+
+    @property
+    def across(self) -> float:
+        """Radian, rms per axis across the boresight, end to end."""
+        return self.whole.across
+
+    @property
+    def about(self) -> float:
+        """Radian, rms about the boresight, end to end."""
+        return self.whole.about
+
+    @property
+    def sum(self) -> tuple[float, float]:
+        """Radian, across and about: the root of the sum of the lines' squares."""
+        across = sum(line.across**2 for line in self.lines)
+        return across**0.5, sum(line.about**2 for line in self.lines) ** 0.5
+
+    def term(self, term: Term) -> tuple[float, float]:
+        """Radian, across and about: all lines of a term together."""
+        lines = [line for line in self.lines if line.term is term]
+        across = sum(line.across**2 for line in lines)
+        return across**0.5, sum(line.about**2 for line in lines) ** 0.5

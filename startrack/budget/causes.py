@@ -1,0 +1,172 @@
+"""Causes of error, under the terms of the standard, and the case without each of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from startrack.case import Case
+from startrack.detector import Detector
+
+
+class Term(StrEnum):
+    """The parts of a star tracker's error, as ECSS-E-ST-60-20C names them."""
+
+    BIAS = "bias"
+    HEAT = "thermo-elastic"
+    FIELD = "FOV spatial"
+    PIXEL = "pixel spatial"
+    NOISE = "temporal noise"
+    ABERRATION = "aberration"
+    DATE = "measurement date"
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One cause of error.
+
+    name     of the cause
+    term     that it belongs to
+    without  the case as it would be without the cause, the sky and all other draws the same
+    """
+
+    name: str
+    term: Term
+    without: Callable[[Case], Case]
+
+
+# Two causes need more than another case: shot noise goes with the draw of all noise, and what a
+# centroid errs without any other cause is its method's own.
+SHOT, METHOD = "shot noise", "centroid method"
+
+
+def causes(case: Case) -> tuple[Cause, ...]:
+    """The causes that a case has, from pixels to the spacecraft; shot noise and method apart."""
+    return tuple(_present(case))
+
+
+def _present(case: Case) -> Iterator[Cause]:
+    detector, motion = case.instrument.detector, case.instrument.motion
+    if detector.noise:
+        yield Cause("read noise", Term.NOISE, _silent)
+    if motion.tones or motion.broadband:
+        yield Cause("jitter", Term.NOISE, _calm)
+    if detector.hits:
+        yield Cause("hits", Term.NOISE, lambda one: _with(one, hits=None))
+    if detector.prnu:
+        yield Cause("PRNU", Term.PIXEL, lambda one: _with(one, prnu=0.0))
+    if detector.defects:
+        yield Cause("DSNU", Term.PIXEL, _flawless)
+    if detector.settling or detector.lag or detector.bend or detector.bow:
+        yield Cause("read-out", Term.PIXEL, _linear)
+    if case.believed_camera != case.instrument.camera:
+        yield Cause("camera model", Term.FIELD, _calibrated)
+    true, believed = case.catalog, case.believed_catalog
+    if (true.proper_motion, true.epoch) != (believed.proper_motion, believed.epoch):
+        yield Cause("proper motion", Term.FIELD, _moved)
+    if true.parallax != believed.parallax:
+        yield Cause("parallax", Term.FIELD, _near)
+    seen = true.aberration, true.orbital_velocity
+    if seen != (believed.aberration, believed.orbital_velocity):
+        yield Cause("aberration", Term.ABERRATION, _corrected)
+    if case.instrument.mounting.still != case.believed_mounting:
+        yield Cause("mounting", Term.BIAS, _aligned)
+    if case.instrument.mounting.swings:
+        yield Cause("mounting swing", Term.HEAT, _cool)
+    if case.lateness and motion.rate:
+        yield Cause("time stamp", Term.DATE, _punctual)
+
+
+def bare(case: Case) -> Case:
+    """The case without any of its causes but noise."""
+    for cause in causes(case):
+        if cause.name != "read noise":
+            case = cause.without(case)
+    return case
+
+
+def dark_spread(detector: Detector) -> float:
+    """Electron rms over the pixels by which dark current differs; of hot pixels the exponential."""
+    if not detector.defects:
+        return 0.0
+    defects = detector.defects
+    growth = detector.thermal.growth if detector.thermal else 1.0
+    hot = 2 * defects.hot - defects.hot**2  # variance of an exponential with that chance
+    variance = defects.dsnu**2 + hot * defects.hot_current**2
+    return math.sqrt(variance) * growth * detector.binning * detector.exposure
+
+
+def _with(case: Case, **changes: object) -> Case:
+    detector = replace(case.instrument.detector, **changes)  # type: ignore[arg-type]
+    return replace(case, instrument=replace(case.instrument, detector=detector))
+
+
+def _believing(case: Case, **changes: object) -> Case:
+    return replace(case, tracker=replace(case.tracker, **changes))  # type: ignore[arg-type]
+
+
+def _silent(case: Case) -> Case:
+    thermal = case.instrument.detector.thermal
+    quiet = replace(thermal, capacitance=0.0) if thermal else None
+    return _with(case, read_noise=0.0, read_noise_spread=0.0, pattern=None, thermal=quiet)
+
+
+def _calm(case: Case) -> Case:
+    motion = replace(case.instrument.motion, tones=(), broadband=())
+    return replace(case, instrument=replace(case.instrument, motion=motion))
+
+
+def _flawless(case: Case) -> Case:
+    defects = case.instrument.detector.defects
+    assert defects
+    mean = case.instrument.detector.dark_current + defects.hot * defects.hot_current
+    return _with(case, defects=None, dark_current=mean)
+
+
+def _linear(case: Case) -> Case:
+    return _with(case, settling=0.0, lag=0.0, bend=0.0, bow=0.0)
+
+
+def _calibrated(case: Case) -> Case:
+    return _believing(case, camera=None)
+
+
+def _moved(case: Case) -> Case:
+    true = case.catalog
+    return _believing(
+        case,
+        catalog=replace(case.believed_catalog, proper_motion=true.proper_motion, epoch=true.epoch),
+    )
+
+
+def _near(case: Case) -> Case:
+    catalog = replace(case.believed_catalog, parallax=case.catalog.parallax)
+    return _believing(case, catalog=catalog)
+
+
+def _corrected(case: Case) -> Case:
+    true = case.catalog
+    return _believing(
+        case,
+        catalog=replace(
+            case.believed_catalog,
+            aberration=true.aberration,
+            orbital_velocity=true.orbital_velocity,
+        ),
+    )
+
+
+def _aligned(case: Case) -> Case:
+    return _believing(case, mounting=None)
+
+
+def _cool(case: Case) -> Case:
+    mounting = case.instrument.mounting
+    still = replace(case, instrument=replace(case.instrument, mounting=mounting.still))
+    return _believing(still, mounting=case.believed_mounting)
+
+
+def _punctual(case: Case) -> Case:
+    return _believing(case, delay=None)

@@ -1,0 +1,238 @@
+"""Sky and camera -> the stars of many fields, and what errors of their places do to attitudes."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.spatial.transform import Rotation
+from scipy.stats import qmc
+
+from startrack.camera import Camera
+from startrack.catalog import Selection, open_sky
+from startrack.values import Floats, Ints
+
+FIELDS = 512
+WIDER = 1.25  # fields are kept for all cameras that are narrower by less than this
+
+
+class Fields(NamedTuple):
+    """The stars of fields that lie evenly over the sky, one field after the other.
+
+    attitude  icrs_to_camera of the m fields
+    first     (m + 1,) where each field begins in the arrays that follow
+    x, y      (n,) 1, x / z and y / z in camera axes; brightest first in each field
+    star      (n,) index into the catalogue
+    """
+
+    attitude: Rotation
+    first: Ints
+    x: Floats
+    y: Floats
+    star: Ints
+
+
+def fields(selection: Selection, camera: Camera, count: int = FIELDS) -> Fields:
+    """The stars within the camera's half diagonal, and some beyond it, of fixed attitudes."""
+    step = math.log(WIDER)
+    radius = math.exp(math.ceil(math.log(camera.half_diagonal) / step) * step)
+    return _fields(selection, min(radius, 1.5), count)
+
+
+@lru_cache(maxsize=8)
+def _fields(selection: Selection, radius: float, count: int) -> Fields:
+    sky, attitude = open_sky(selection), attitudes(count)
+    boresight = attitude.inv().apply([0.0, 0.0, 1.0])
+    found = sky.cones(boresight, radius)
+    first = np.concatenate([[0], np.cumsum([len(one) for one in found])])
+    seen = [
+        one.apply(sky.stars.direction[stars]) if len(stars) else np.empty((0, 3))
+        for one, stars in zip(attitude, found, strict=True)
+    ]
+    x, y, z = np.concatenate(seen).T
+    return Fields(attitude, first, x / z, y / z, np.concatenate(found))
+
+
+@lru_cache(maxsize=8)
+def attitudes(count: int) -> Rotation:
+    """Attitudes spread evenly over all rotations, from a Sobol sequence.
+
+    Source: Shoemake (1992), Uniform random rotations, Graphics Gems III, 124.
+    """
+    u = qmc.Sobol(3, scramble=False).random(count)
+    a, b = np.sqrt(1 - u[:, 0]), np.sqrt(u[:, 0])
+    p, q = 2 * np.pi * u[:, 1], 2 * np.pi * u[:, 2]
+    return Rotation.from_quat(
+        np.column_stack([a * np.sin(p), a * np.cos(p), b * np.sin(q), b * np.cos(q)])
+    )
+
+
+class Response(NamedTuple):
+    """What the tracker makes of stars, over their magnitude.
+
+    start, step  magnitude of the first entry, and between two
+    share        (k,) 1, detected
+    stated       (k, 2, 2) pixel^2, covariance by which a star is weighted
+    causes       (c, k, 2, 2) pixel^2, true covariance of each random cause
+    """
+
+    start: float
+    step: float
+    share: Floats
+    stated: Floats
+    causes: Floats
+
+
+class Attitudes(NamedTuple):
+    """Errors of the attitudes of m fields, in camera axes.
+
+    stars     (m,) 1, expected number of detected stars
+    solved    (m,) 1, chance that there are enough of them
+    variance  (m, c, 3) radian^2, of each random cause
+    shift     (m, d, 3) radian, by each displacement
+    stated    (m, 3, 3) radian^-2, information as the tracker states it
+    """
+
+    stars: Floats
+    solved: Floats
+    variance: Floats
+    shift: Floats
+    stated: Floats
+
+
+def propagate(
+    view: Fields,
+    inside: Ints,
+    first: Ints,
+    magnitude: Floats,
+    displacement: Floats,
+    response: Response,
+    focal_length_px: float,
+    scale_free: bool,
+    fewest: int,
+    most: int,
+) -> Attitudes:
+    """Errors of stars into errors of attitudes, by the gain of each star.
+
+        e = sum_i gain_i error_i,   gain_i = I^-1 H_i^T W_i - b r_i,   I = sum_i H_i^T W_i H_i
+
+    H_i is the change of a star's place with a turn and W_i its weight. A tracker that fits its
+    focal length first, with equal weights, moves every star p_i by r error_i p_i: hence the second
+    term, b = I^-1 sum_i H_i^T W_i p_i. Each star counts by its chance to be detected.
+
+    inside        (n,) which entries of the fields lie on the detector; first (m + 1,) of these
+    magnitude     (n,) G of the sunlike star that is as bright
+    displacement  (d, n, 2) pixel, fixed errors of the places
+    scale_free    whether the tracker fits its focal length
+    fewest, most  detected stars that a solution needs, and the brightest that are kept
+    Errors        model: to first order in the errors; a star that is detected at times counts as a
+                  share of one, which states too little error where few stars are seen.
+    """
+    count = len(first) - 1
+    causes, shifts = len(response.causes), len(displacement)
+    stars, solved = np.zeros(count), np.zeros(count)
+    variance, shift = np.zeros((count, causes, 3)), np.zeros((count, shifts, 3))
+    stated = np.zeros((count, 3, 3))
+    _propagate(
+        first, view.x[inside], view.y[inside], magnitude, displacement, *response,
+        focal_length_px, scale_free, fewest, most, stars, solved, variance, shift, stated,
+    )  # fmt: skip
+    return Attitudes(stars, solved, variance, shift, stated)
+
+
+@njit(cache=True, error_model="numpy")
+def _propagate(  # type: ignore[no-untyped-def]
+    first, x, y, magnitude, displacement, start, step, share, stated, causes,
+    focal, scale_free, fewest, most, stars, solved, variance, shift, information,
+):  # fmt: skip
+    last = len(share) - 2
+    design, weight, gain = np.empty((2, 4)), np.empty((2, 2)), np.empty((3, 2))
+    for f in range(len(first) - 1):
+        info, plain, moved = np.zeros((3, 3)), np.zeros((4, 4)), np.zeros(3)
+        chance = np.zeros(fewest)  # of exactly so many detected stars
+        chance[0] = 1.0
+        end, total = first[f], 0.0
+        while end < first[f + 1] and total < most:
+            place = min(max((magnitude[end] - start) / step, 0.0), last + 0.999)
+            k = int(place)
+            p = share[k] + (place - k) * (share[k + 1] - share[k])
+            if p > 1e-4:
+                _design(x[end], y[end], focal, design)
+                _inverse(stated, k, place - k, weight)
+                for a in range(4):
+                    for b in range(4):
+                        plain[a, b] += p * (
+                            design[0, a] * design[0, b] + design[1, a] * design[1, b]
+                        )
+                for a in range(3):
+                    left0 = design[0, a] * weight[0, 0] + design[1, a] * weight[1, 0]
+                    left1 = design[0, a] * weight[0, 1] + design[1, a] * weight[1, 1]
+                    for b in range(3):
+                        info[a, b] += p * (left0 * design[0, b] + left1 * design[1, b])
+                    moved[a] += p * (left0 * design[0, 3] + left1 * design[1, 3])
+                for n in range(fewest - 1, 0, -1):
+                    chance[n] = chance[n] * (1 - p) + chance[n - 1] * p
+                chance[0] *= 1 - p
+                total += p
+            end += 1
+        stars[f], information[f] = total, info
+        solved[f] = 1 - chance.sum()
+        if solved[f] < 1e-6 or total < 2.0 or not np.linalg.cond(info) < 1e15:
+            solved[f] = 0.0
+            continue
+        inverse = np.linalg.inv(info)
+        moved = inverse @ moved
+        row = np.zeros(4)
+        if scale_free:
+            row = np.linalg.inv(plain)[3]
+        for i in range(first[f], end):
+            place = min(max((magnitude[i] - start) / step, 0.0), last + 0.999)
+            k = int(place)
+            t = place - k
+            p = share[k] + t * (share[k + 1] - share[k])
+            if not p > 1e-4:
+                continue
+            _design(x[i], y[i], focal, design)
+            _inverse(stated, k, t, weight)
+            for b in range(2):
+                fitted = 0.0
+                for a in range(4):
+                    fitted += row[a] * design[b, a]
+                for a in range(3):
+                    gain[a, b] = -moved[a] * fitted
+                    for c in range(3):
+                        gain[a, b] += inverse[a, c] * (
+                            design[0, c] * weight[0, b] + design[1, c] * weight[1, b]
+                        )
+            for c in range(len(causes)):
+                xx = causes[c, k, 0, 0] + t * (causes[c, k + 1, 0, 0] - causes[c, k, 0, 0])
+                xy = causes[c, k, 0, 1] + t * (causes[c, k + 1, 0, 1] - causes[c, k, 0, 1])
+                yy = causes[c, k, 1, 1] + t * (causes[c, k + 1, 1, 1] - causes[c, k, 1, 1])
+                for a in range(3):
+                    u, v = gain[a, 0], gain[a, 1]
+                    variance[f, c, a] += p * (u * u * xx + 2 * u * v * xy + v * v * yy)
+            for d in range(len(displacement)):
+                for a in range(3):
+                    shift[f, d, a] += p * (
+                        gain[a, 0] * displacement[d, i, 0] + gain[a, 1] * displacement[d, i, 1]
+                    )
+
+
+@njit(cache=True, error_model="numpy")
+def _design(x, y, focal, design):  # type: ignore[no-untyped-def]
+    """How a star's place (pixel) changes with a turn of the sky and with the scale."""
+    design[0] = focal * (-x * y), focal * (1 + x * x), -focal * y, focal * x
+    design[1] = -focal * (1 + y * y), focal * x * y, focal * x, focal * y
+
+
+@njit(cache=True, error_model="numpy")
+def _inverse(table, k, t, out):  # type: ignore[no-untyped-def]
+    """Of a covariance between two entries of a table."""
+    xx = table[k, 0, 0] + t * (table[k + 1, 0, 0] - table[k, 0, 0])
+    xy = table[k, 0, 1] + t * (table[k + 1, 0, 1] - table[k, 0, 1])
+    yy = table[k, 1, 1] + t * (table[k + 1, 1, 1] - table[k, 1, 1])
+    scale = xx * yy - xy * xy
+    out[0, 0], out[0, 1], out[1, 0], out[1, 1] = yy / scale, -xy / scale, -xy / scale, xx / scale
