@@ -37,24 +37,28 @@ class Cause:
     without: Callable[[Case], Case]
 
 
-# Two causes need more than another case: shot noise goes with the draw of all noise, and what a
-# centroid errs without any other cause is its method's own.
-SHOT, METHOD = "shot noise", "centroid method"
+# What every case has, and no other case is without.
+SHOT, READ, METHOD, NEIGHBOURS = "shot noise", "read noise", "centroid method", "neighbours"
+ALWAYS = (
+    (SHOT, Term.NOISE),
+    (READ, Term.NOISE),
+    (METHOD, Term.PIXEL),
+    (NEIGHBOURS, Term.FIELD),
+)
+HITS = "hits"
 
 
 def causes(case: Case) -> tuple[Cause, ...]:
-    """The causes that a case has, from pixels to the spacecraft; shot noise and method apart."""
+    """The causes that a case has, from pixels to the spacecraft, beside those of all cases."""
     return tuple(_present(case))
 
 
 def _present(case: Case) -> Iterator[Cause]:
     detector, motion = case.instrument.detector, case.instrument.motion
-    if detector.noise:
-        yield Cause("read noise", Term.NOISE, _silent)
     if motion.tones or motion.broadband:
         yield Cause("jitter", Term.NOISE, _calm)
     if detector.hits:
-        yield Cause("hits", Term.NOISE, lambda one: _with(one, hits=None))
+        yield Cause(HITS, Term.NOISE, lambda one: _with(one, hits=None))
     if detector.prnu:
         yield Cause("PRNU", Term.PIXEL, lambda one: _with(one, prnu=0.0))
     if detector.defects:
@@ -80,11 +84,17 @@ def _present(case: Case) -> Iterator[Cause]:
 
 
 def bare(case: Case) -> Case:
-    """The case without any of its causes but noise."""
+    """The case without any of its causes."""
     for cause in causes(case):
-        if cause.name != "read noise":
-            case = cause.without(case)
+        case = cause.without(case)
     return case
+
+
+def noiseless(case: Case) -> Case:
+    """The case without its pixels' own noise, shot noise left."""
+    thermal = case.instrument.detector.thermal
+    quiet = replace(thermal, capacitance=0.0) if thermal else None
+    return _with(case, read_noise=0.0, read_noise_spread=0.0, pattern=None, thermal=quiet)
 
 
 def dark_spread(detector: Detector) -> float:
@@ -105,12 +115,6 @@ def _with(case: Case, **changes: object) -> Case:
 
 def _believing(case: Case, **changes: object) -> Case:
     return replace(case, tracker=replace(case.tracker, **changes))  # type: ignore[arg-type]
-
-
-def _silent(case: Case) -> Case:
-    thermal = case.instrument.detector.thermal
-    quiet = replace(thermal, capacitance=0.0) if thermal else None
-    return _with(case, read_noise=0.0, read_noise_spread=0.0, pattern=None, thermal=quiet)
 
 
 def _calm(case: Case) -> Case:

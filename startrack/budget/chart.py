@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
+from startrack.budget.quiet import quiet
 from startrack.case import Case, Instrument
 from startrack.chain import psf_of, throughput
 from startrack.detection import Detection
@@ -18,19 +19,18 @@ from startrack.detection.find import Candidates, kernel_of
 from startrack.detection.matched import filtered
 from startrack.detection.pixels import pixels
 from startrack.detection.smear import star_image
-from startrack.detector import Detector, electron_rate
+from startrack.detector import electron_rate
 from startrack.detector.crosstalk import diffuse
-from startrack.detector.settle import settle
 from startrack.detector.stamp import stamp
 from startrack.motion import blur, slew
 from startrack.scene import illuminate
 from startrack.streams import Streams
-from startrack.values import Floats, Frame, Psf, Spots, Stars
+from startrack.values import Floats, Psf, Stars
 
 PHASES = 6  # sub-pixel places per axis
 STEP = 0.5  # magnitude between two rows of the chart
 BRIGHTEST = -1.5
-MARGIN = 6  # pixel between the rings of two stars
+RING = 3  # pixel, from the window to the outside of the ring that its background is taken from
 FAINTEST_SNR = 3.0  # below this nothing is detected
 
 
@@ -68,7 +68,9 @@ class Scale(NamedTuple):
 def scale(case: Case) -> Scale:
     """The scale of a case; see `electron_rate` for its errors."""
     detector = case.instrument.detector
-    light = illuminate(case.scene, _sunlike())
+    one = np.zeros(1)
+    sunlike = Stars(np.zeros(1, np.int64), np.zeros((1, 3)), one, np.full(1, np.nan))
+    light = illuminate(case.scene, sunlike)
     star, sky = electron_rate(light, detector, throughput(case.instrument))
     solid_angle = case.instrument.camera.focal_length_px**-2
     dark = detector.dark_rate
@@ -92,60 +94,54 @@ def chart(
     """Measure stars without noise, as the tracker would.
 
     A star without noise has the error of its centroid's method alone, and the covariance that the
-    tracker states of it is that of its noise. Where the ring about a star is even, the tracker's
-    background is what it never is among noise; so the pixels alternate by their noise like a
-    chessboard, which moves no centroid.
+    tracker states of it is that of its noise.
 
     magnitude  (m,) G
     gain       (m, p, side, side) 1, response of the pixels about each star; None for all alike
     extra      (m, p, side, side) electron in them; None for none
     noisy      whether the tracker believes the pixels to have noise of their own
     """
-    size, detector, detection = scale(case), case.instrument.detector, case.tracker.detection
-    point, psf = _point(case.instrument, detection)
-    side = point.shape[-1]
-    electrons = size.star * 10 ** (-0.4 * magnitude[:, None, None, None]) * point
+    light = scale(case).star * 10 ** (-0.4 * magnitude[:, None, None, None])
+    electrons = light * lone(case)
     if gain is not None:
         electrons = electrons * gain
-    electrons = electrons + size.background
     if extra is not None:
         electrons = electrons + extra
-    level = _signal(electrons, detector)
-    board = np.indices((side, side)).sum(axis=0) % 2 * 2 - 1
-    level = level + (size.pixel if noisy else math.sqrt(size.background)) * board
-    count = len(magnitude)
-    image = level.reshape(count, PHASES, PHASES, side, side)
-    image = image.transpose(0, 1, 3, 2, 4).reshape(count * PHASES * side, PHASES * side)
-    image = np.minimum(image / detector.electrons_per_dn + detector.offset, 2.0**detector.bits - 1)
-    frame = Frame(
-        image.astype(np.float32),
-        detector.exposure,
-        detector.electrons_per_dn,
-        float(detector.offset),
-        size.noise if noisy else 0.0,
-    )
-    return Chart(magnitude, *_measured(frame, side, count, detection, psf))
+    side, shape = electrons.shape[-1], electrons.shape[:2]
+    place, covariance = measure(case, electrons.reshape(-1, side, side), noisy)
+    offset = place.reshape(*shape, 2) - phases()
+    return Chart(magnitude, offset, covariance.reshape(*shape, 2, 2))
 
 
-def _measured(
-    frame: Frame, side: int, count: int, detection: Detection, psf: Psf
-) -> tuple[Floats, Floats]:
-    """Offsets and covariances, by the cells that the spots lie in."""
-    rows, columns = np.arange(count * PHASES), np.arange(PHASES)
-    row, column = (
-        grid.ravel() * side + side // 2 for grid in np.meshgrid(rows, columns, indexing="ij")
+def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, Floats]:
+    """The tracker's centroid of stars that have a cell each.
+
+    electrons  (n, side, side) of the star in the pixels of its cell, side odd
+    Returns    (n, 2) pixel from the middle of the cell, (n, 2, 2) pixel^2 as stated; NaN for a
+               star that the tracker drops
+    """
+    size, detection = scale(case), case.tracker.detection
+    side, across = electrons.shape[-1], math.gcd(len(electrons), PHASES**2)
+    cells = electrons.reshape(-1, across, side, side).transpose(0, 2, 1, 3)
+    own = size.noise if noisy else 0.0
+    frame = quiet(
+        cells.reshape(-1, across * side) + size.background,
+        case.instrument.detector,
+        math.hypot(own, math.sqrt(size.background)),
+        own,
     )
+    row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
     every = replace(detection, max_spots=2**20)
+    psf = star_image(detection, psf_of(case.instrument))
     candidates = Candidates(column, row, np.ones(len(row), np.int64))
-    spots: Spots = centroid(frame, pixels(frame), candidates, every, star_image(detection, psf))
-    place = np.column_stack([spots.x, spots.y])
-    cell = np.floor((place + 0.5) / side).astype(np.int64)
-    star = cell[:, 1] * PHASES + cell[:, 0]
-    offset = np.full((len(row), 2), np.nan)
-    covariance = np.full((len(row), 2, 2), np.nan)
-    offset[star] = place - np.column_stack([column, row])[star] - _phases()[star % PHASES**2]
+    spots = centroid(frame, pixels(frame), candidates, every, psf)
+    found = np.column_stack([spots.x, spots.y])
+    cell = np.floor((found + 0.5) / side).astype(np.int64)
+    star = cell[:, 1] * across + cell[:, 0]
+    place, covariance = np.full((len(row), 2), np.nan), np.full((len(row), 2, 2), np.nan)
+    place[star] = found - np.column_stack([column, row])[star]
     covariance[star] = spots.covariance
-    return offset.reshape(count, -1, 2), covariance.reshape(count, -1, 2, 2)
+    return place, covariance
 
 
 def detected(case: Case, magnitude: Floats) -> Floats:
@@ -157,95 +153,90 @@ def detected(case: Case, magnitude: Floats) -> Floats:
             tell a star from a hot pixel, are left out.
     """
     size, detection = scale(case), case.tracker.detection
-    point, psf = _point(case.instrument, detection)
-    kernel = kernel_of(detection, star_image(detection, psf))
+    point = lone(case)
+    kernel = kernel_of(detection, star_image(detection, psf_of(case.instrument)))
     middle = point.shape[-1] // 2
-    peak = np.empty(len(point))
-    for i, one in enumerate(point):
-        near = filtered(one.astype(np.float32), kernel)[
-            middle - 1 : middle + 2, middle - 1 : middle + 2
-        ]
-        peak[i] = near.max()
+    near = slice(middle - 1, middle + 2)
+    peak = np.array([filtered(one, kernel)[near, near].max() for one in point.astype(np.float32)])
     snr = size.star * 10 ** (-0.4 * magnitude[:, None]) * peak / (size.pixel * kernel.noise)
     return np.asarray(ndtr(snr - detection.threshold).mean(axis=1))
 
 
 def magnitudes(case: Case, faintest: float) -> Floats:
     """The magnitudes of a chart: from the brightest stars to those that are hardly detected."""
-    size = scale(case)
-    point, _ = _point(case.instrument, case.tracker.detection)
+    size, point = scale(case), lone(case)
     sharpness = math.sqrt(float((point**2).sum()) / len(point))
     limit = 2.5 * math.log10(size.star * sharpness / size.pixel / FAINTEST_SNR)
     end = max(min(faintest, limit) + STEP, BRIGHTEST + 2 * STEP)
     return np.arange(BRIGHTEST, end + STEP, STEP)
 
 
+@lru_cache(maxsize=8)
 def pattern(cause: str, shape: tuple[int, ...]) -> Floats:
     """Fixed normal numbers: what one copy of a detector has, the same in all designs."""
-    return _pattern(cause, shape)
-
-
-@lru_cache(maxsize=8)
-def _pattern(cause: str, shape: tuple[int, ...]) -> Floats:
     draw = Streams(0, 0)(cause).standard_normal(shape)
     draw.flags.writeable = False
     return draw
 
 
-def side_of(case: Case) -> int:
-    """Pixel, of the cell that a star of the chart has for itself."""
-    return int(_point(case.instrument, case.tracker.detection)[0].shape[-1])
+def lone(case: Case) -> Floats:
+    """A star's light in the pixels about each of its sub-pixel places (p, side, side)."""
+    return _lone(case.instrument, case.tracker.detection)
 
 
-@lru_cache(maxsize=64)
-def _point(instrument: Instrument, detection: Detection) -> tuple[Floats, Psf]:
-    """A star's light in the pixels about each of its places (p, side, side), and the PSF."""
-    psf, detector, camera = psf_of(instrument), instrument.detector, instrument.camera
+@lru_cache(maxsize=8)
+def _lone(instrument: Instrument, detection: Detection) -> Floats:
+    return images(instrument, phases(), cell(instrument, detection))
+
+
+def cell(instrument: Instrument, detection: Detection) -> int:
+    """Pixel, odd side of the cell that a star with its ring needs for itself."""
+    _, _, _, run = _shaken(instrument)
+    ring = detection.window // 2 + RING + math.ceil(run)
+    return 2 * (max(ring, math.ceil(psf_of(instrument).half_width)) + RING) + 1
+
+
+def images(instrument: Instrument, place: Floats, side: int) -> Floats:
+    """The light of stars in an exposure, at the boresight.
+
+    place    (n, 2) pixel from the middle of a cell
+    Returns  (n, side, side) 1
+    """
+    psf, weight, offset, _ = _shaken(instrument)
+    strip = np.zeros((side, len(place) * side))
+    middle = np.arange(len(place)) * side + side // 2
+    for share, (x, y) in zip(weight, offset, strict=True):
+        stamp(strip, psf, middle + place[:, 0] + x, side // 2 + place[:, 1] + y,
+              np.full(len(place), share))  # fmt: skip
+    share = instrument.detector.crosstalk
+    if share:
+        strip = diffuse(strip, share)
+    return np.ascontiguousarray(strip.reshape(side, -1, side).transpose(1, 0, 2))
+
+
+@lru_cache(maxsize=8)
+def _shaken(instrument: Instrument) -> tuple[Psf, Floats, Floats, float]:
+    """PSF with the blur of the jitter to expect; weight (k,) and place (k, 2), pixel, of the smear.
+
+    The last is how far the smear reaches, pixel.
+    """
+    camera, detector, motion = instrument.camera, instrument.detector, instrument.motion
     pixel = 1 / camera.focal_length_px
-    motion = instrument.motion
-    steady = replace(motion, tones=(), broadband=())
-    jitter = blur(replace(motion, rate_x=0.0, rate_y=0.0, rate_z=0.0), detector.exposure, pixel)
-    if jitter.any():
-        wide = (
-            float(np.hypot(jitter[0], jitter[1])) / math.sqrt(2) * instrument.optics.image_distance
-        )
+    still = replace(motion, rate_x=0.0, rate_y=0.0, rate_z=0.0)
+    x, y, _ = blur(still, detector.exposure, pixel)
+    if x or y:
+        wide = math.hypot(x, y) / math.sqrt(2) * instrument.optics.image_distance
         lens = replace(instrument.optics, blur=math.hypot(instrument.optics.blur, wide))
-        shaken = replace(instrument, optics=lens, motion=steady)
-        return _point(shaken, detection)[0], psf
+        instrument = replace(instrument, optics=lens)
+    steady = replace(motion, tones=(), broadband=())
     path = slew(steady, detector.exposure, pixel, camera.half_diagonal)
-    run = float(np.abs(path.rotation[:, :2]).max()) / pixel
-    ring = detection.window // 2 + 3
-    side = 2 * (max(ring + math.ceil(run), math.ceil(psf.half_width)) + MARGIN // 2) + 1
-    phases = _phases()
-    image = np.zeros((PHASES * side, PHASES * side))
-    column, row = (grid.ravel() for grid in np.meshgrid(*2 * (np.arange(PHASES),)))
-    for weight, turn in zip(path.weight, path.rotation, strict=True):
-        x = column * side + side // 2 + phases[:, 0] + turn[1] / pixel
-        y = row * side + side // 2 + phases[:, 1] - turn[0] / pixel
-        stamp(image, psf, x, y, np.full(len(x), weight))
-    if detector.crosstalk:
-        image = diffuse(image, detector.crosstalk)
-    cells = image.reshape(PHASES, side, PHASES, side).transpose(0, 2, 1, 3)
-    return np.ascontiguousarray(cells.reshape(-1, side, side)), psf
+    # The sky turns by r: a star on the boresight moves by (r_y, -r_x).
+    offset = path.rotation[:, [1, 0]] * [1, -1] / pixel
+    return psf_of(instrument), path.weight, offset, float(np.abs(offset).max())
 
 
 @lru_cache(maxsize=1)
-def _phases() -> Floats:
+def phases() -> Floats:
     """(p, 2) pixel, x and y from the middle of the pixel."""
     line = (np.arange(PHASES) + 0.5) / PHASES - 0.5
     return np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-
-
-def _signal(electrons: Floats, detector: Detector) -> Floats:
-    """What the converter sees of electrons, without noise."""
-    held = np.minimum(electrons, detector.full_well)
-    level = held * (1 - detector.bend * held / detector.full_well)
-    if detector.settling:
-        flat = level.reshape(-1, level.shape[-1])
-        level = settle(flat, detector.settling).reshape(level.shape)
-    return np.asarray(level)
-
-
-def _sunlike() -> Stars:
-    one = np.zeros(1)
-    return Stars(np.zeros(1, np.int64), np.zeros((1, 3)), one, np.full(1, np.nan))

@@ -23,13 +23,13 @@ class Fields(NamedTuple):
     """The stars of fields that lie evenly over the sky, one field after the other.
 
     attitude  icrs_to_camera of the m fields
-    first     (m + 1,) where each field begins in the arrays that follow
+    field     (n,) which field
     x, y      (n,) 1, x / z and y / z in camera axes; brightest first in each field
     star      (n,) index into the catalogue
     """
 
     attitude: Rotation
-    first: Ints
+    field: Ints
     x: Floats
     y: Floats
     star: Ints
@@ -47,13 +47,13 @@ def _fields(selection: Selection, radius: float, count: int) -> Fields:
     sky, attitude = open_sky(selection), attitudes(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
     found = sky.cones(boresight, radius)
-    first = np.concatenate([[0], np.cumsum([len(one) for one in found])])
+    field = np.repeat(np.arange(count), [len(one) for one in found])
     seen = [
         one.apply(sky.stars.direction[stars]) if len(stars) else np.empty((0, 3))
         for one, stars in zip(attitude, found, strict=True)
     ]
     x, y, z = np.concatenate(seen).T
-    return Fields(attitude, first, x / z, y / z, np.concatenate(found))
+    return Fields(attitude, field, x / z, y / z, np.concatenate(found))
 
 
 @lru_cache(maxsize=8)
@@ -106,7 +106,6 @@ class Attitudes(NamedTuple):
 def propagate(
     view: Fields,
     inside: Ints,
-    first: Ints,
     magnitude: Floats,
     displacement: Floats,
     response: Response,
@@ -123,7 +122,7 @@ def propagate(
     focal length first, with equal weights, moves every star p_i by r error_i p_i: hence the second
     term, b = I^-1 sum_i H_i^T W_i p_i. Each star counts by its chance to be detected.
 
-    inside        (n,) which entries of the fields lie on the detector; first (m + 1,) of these
+    inside        (n,) which stars of the fields count, in their order
     magnitude     (n,) G of the sunlike star that is as bright
     displacement  (d, n, 2) pixel, fixed errors of the places
     scale_free    whether the tracker fits its focal length
@@ -131,7 +130,8 @@ def propagate(
     Errors        model: to first order in the errors; a star that is detected at times counts as a
                   share of one, which states too little error where few stars are seen.
     """
-    count = len(first) - 1
+    count = len(view.attitude)
+    first = np.searchsorted(view.field[inside], np.arange(count + 1))
     causes, shifts = len(response.causes), len(displacement)
     stars, solved = np.zeros(count), np.zeros(count)
     variance, shift = np.zeros((count, causes, 3)), np.zeros((count, shifts, 3))
@@ -213,7 +213,7 @@ def _propagate(  # type: ignore[no-untyped-def]
                 yy = causes[c, k, 1, 1] + t * (causes[c, k + 1, 1, 1] - causes[c, k, 1, 1])
                 for a in range(3):
                     u, v = gain[a, 0], gain[a, 1]
-                    variance[f, c, a] += p * (u * u * xx + 2 * u * v * xy + v * v * yy)
+                    variance[f, c, a] += p * max(u * u * xx + 2 * u * v * xy + v * v * yy, 0.0)
             for d in range(len(displacement)):
                 for a in range(3):
                     shift[f, d, a] += p * (

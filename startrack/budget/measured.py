@@ -1,0 +1,290 @@
+"""Case -> Budget by trials: causes switched off one by one, on the same sky and the same noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import replace
+from enum import Enum
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from startrack.attitude import Mounting, solve
+from startrack.budget.budget import Budget, Line, Sample
+from startrack.budget.causes import (
+    ALWAYS,
+    HITS,
+    METHOD,
+    NEIGHBOURS,
+    READ,
+    SHOT,
+    Term,
+    bare,
+    causes,
+    noiseless,
+)
+from startrack.budget.chart import scale
+from startrack.budget.quiet import own_noise, quiet
+from startrack.camera import Camera
+from startrack.case import Case, Instrument
+from startrack.catalog import open_sky
+from startrack.chain import (
+    Record,
+    asked_for,
+    observe,
+    path_of,
+    psf_of,
+    random_attitude,
+    throughput,
+    turn_of,
+)
+from startrack.checks import whole
+from startrack.detection.centroid import centroid
+from startrack.detection.find import Candidates
+from startrack.detection.pixels import pixels
+from startrack.detection.smear import star_image
+from startrack.detector import expected, frame_of
+from startrack.identification.fit import fit
+from startrack.scene import illuminate
+from startrack.streams import Streams
+from startrack.values import Floats, Frame, Ints, Matches, Spots
+
+LOST = np.nan
+SAME = 0.7  # pixel, within which a spot is the same in two frames
+BLOCKS = 8  # of members, for each worker
+
+
+def measured(
+    case: Case,
+    members: int,
+    seed: int,
+    executor: Executor,
+    times: int = 1,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> Budget:
+    """Error budget from trials.
+
+        contribution of a cause = error - error without it
+
+    as vectors, of one and the same sky, noise and set of stars, so that what two causes share is
+    not counted as either's scatter. The contributions of all causes add up to the error but for
+    what causes do to each other.
+
+    members   random attitudes, each with a device and a calibration as the case has them
+    times     frames of each, with noise of their own
+    executor  where they run
+    progress  called with the number of members that were just done
+    Returns   Budget whose lines hold (members, times, 3) errors; unsolved and false frames are
+              left out with their member
+    Errors    ValueError where no member can be solved in all frames. statistical: 4 % of an rms
+              across the boresight for 300 members of 1 frame.
+    """
+    whole(1, 10**7, members=members, times=times)
+    size = -(-members // (workers * BLOCKS))
+    plan = [range(at, min(at + size, members)) for at in range(0, members, size)]
+    futures = [executor.submit(_members, case, seed, block, times) for block in plan]
+    blocks = []
+    for block, future in zip(plan, futures, strict=True):
+        blocks.append(future.result())
+        if progress:
+            progress(len(block))
+    table = np.concatenate([block for block, _ in blocks])  # (members, times, 1 + causes, 3)
+    stars = np.concatenate([block for _, block in blocks])
+    good = np.isfinite(table).all(axis=(1, 2, 3))
+    if not good.any():
+        raise ValueError(f"a budget needs solved trials, got none of {members}")
+    lines = [
+        Line(name, term, Sample(table[good, :, k + 1]))
+        for k, (name, term) in enumerate(terms(case))
+    ]
+    return Budget(
+        tuple(lines),
+        Line("end to end", None, Sample(table[good, :, 0])),
+        float(np.isfinite(table).all(axis=(2, 3)).mean()),
+        float(stars[good].mean()),
+    )
+
+
+class Look(Enum):
+    """What is in a frame."""
+
+    REAL = "all there is"
+    SHOT = "shot noise as the only noise"
+    READ = "the pixels' own noise as the only noise"
+    QUIET = "no noise"
+    ALONE = "no noise, and no stars but those that were matched"
+
+
+def terms(case: Case) -> tuple[tuple[str, Term], ...]:
+    """The lines of a measured budget."""
+    return (*ALWAYS, *((cause.name, cause.term) for cause in causes(case)))
+
+
+def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Floats, int]:
+    """The error of one trial, and what each cause adds to it.
+
+    A cause that stays is switched in frames without noise, where nothing but it changes; a kind of
+    noise is put alone into them.
+
+    Returns  (1 + causes, 3) radian in camera axes, the error first, then as in `terms`; NaN where
+             the trial has no right attitude; the number of stars
+    """
+    record = observe(case, attitude, streams)
+    rows = np.full((1 + len(terms(case)), 3), np.nan)
+    if not record.outcome.solved or record.outcome.false:
+        return rows, record.outcome.stars
+    trial = _Trial(case, attitude, streams, record)
+    error, calm = trial.error(case, Look.REAL), trial.error(case, Look.QUIET)
+    ideal = bare(case)
+    parts = {
+        SHOT: trial.error(case, Look.SHOT) - calm,
+        READ: trial.error(case, Look.READ) - calm,
+        NEIGHBOURS: trial.error(ideal, Look.QUIET) - trial.error(ideal, Look.ALONE),
+        METHOD: trial.error(ideal, Look.ALONE),
+    }
+    for cause in causes(case):
+        look, whole = (Look.REAL, error) if cause.name == HITS else (Look.QUIET, calm)
+        parts[cause.name] = whole - trial.error(cause.without(case), look)
+    rows[0] = error
+    for k, (name, _) in enumerate(terms(case)):
+        rows[k + 1] = parts[name]
+    return rows, record.outcome.stars
+
+
+class _Trial:
+    """One trial that is looked at again with other causes: its stars and weights stay."""
+
+    def __init__(self, case: Case, attitude: Rotation, streams: Streams, record: Record):
+        self._case, self._attitude, self._streams = case, attitude, streams
+        self._record, self._used = record, _used(case, record)
+        self._known = {(_imaging(case), Look.REAL): record.spots}
+
+    def error(self, case: Case, look: Look) -> Floats:
+        """(3,) radian, of the attitude from a frame of the case, by the beliefs of the case."""
+        spots = self._spots(case, look)
+        true = open_sky(self._case.believed_catalog).stars.identifier
+        believed = open_sky(case.believed_catalog).stars
+        matches = self._record.matches
+        star = matches.star
+        if len(believed) != len(true) or (believed.identifier[star] != true[star]).any():
+            order = np.argsort(believed.identifier)
+            star = order[np.searchsorted(believed.identifier, true[star], sorter=order)]
+        direction = believed.direction[star]
+        chosen = replace(matches, direction=direction)
+        chosen = replace(chosen, camera=_refined(case, spots, chosen))
+        kept = replace(
+            chosen,
+            spot=matches.spot[self._used],
+            star=star[self._used],
+            direction=direction[self._used],
+        )
+        estimate = solve(spots, kept, replace(case.tracker.attitude, gate=1e9, sift=False))
+        assert estimate.icrs_to_camera is not None
+        asked = asked_for(case, self._attitude, self._streams)
+        return (estimate.icrs_to_camera * asked.inv()).as_rotvec()
+
+    def _spots(self, case: Case, look: Look) -> Spots:
+        """The same stars in a frame of another case."""
+        imaging = _imaging(case)
+        if (imaging, look) not in self._known:
+            frame = self._frame(replace(case, instrument=imaging), look)
+            self._known[imaging, look] = self._measured(frame)
+        return self._known[imaging, look]
+
+    def _frame(self, case: Case, look: Look) -> Frame:
+        if look is Look.SHOT:
+            case = noiseless(case)
+        detector, size = case.instrument.detector, scale(case)
+        electrons = self._electrons(case, look is Look.ALONE)
+        if look in (Look.REAL, Look.SHOT):
+            return frame_of(electrons, detector, self._streams)
+        # Shot noise alone must be compared with the same ring, hence the case's own ripple.
+        frame = quiet(electrons, detector, size.pixel, size.noise)
+        if look is Look.READ:
+            own = own_noise(detector, self._streams) / detector.electrons_per_dn
+            frame = replace(frame, image=(frame.image + own).astype(np.float32))
+        return frame
+
+    def _electrons(self, case: Case, alone: bool) -> Floats:
+        instrument, stars = case.instrument, self._record.stars
+        if alone:
+            seen = open_sky(case.believed_catalog).stars.identifier[self._record.matches.star]
+            stars = stars[np.isin(stars.identifier, seen)]
+        return expected(
+            illuminate(case.scene, stars),
+            psf_of(instrument),
+            path_of(instrument, self._streams),
+            self._attitude,
+            instrument.camera,
+            instrument.detector,
+            throughput(instrument),
+            turn_of(instrument, self._streams),
+        )
+
+    def _measured(self, frame: Frame) -> Spots:
+        """All spots of the record at their places in another frame; what is lost stays."""
+        old, settings = self._record.spots, self._case.tracker.detection
+        candidates = Candidates(
+            np.rint(old.x).astype(np.int64), np.rint(old.y).astype(np.int64), old.area
+        )
+        psf = star_image(settings, psf_of(self._case.instrument))
+        new = centroid(frame, pixels(frame), candidates, settings, psf)
+        if not len(new):
+            return old
+        distance = np.hypot(old.x[:, None] - new.x, old.y[:, None] - new.y)
+        nearest = distance.argmin(axis=1)
+        found = distance[np.arange(len(old)), nearest] < SAME
+        return replace(
+            old, x=np.where(found, new.x[nearest], old.x), y=np.where(found, new.y[nearest], old.y)
+        )
+
+
+def _imaging(case: Case) -> Instrument:
+    """What a frame is made by; it does not know how the camera is mounted."""
+    return replace(case.instrument, mounting=Mounting(), delay=0.0)
+
+
+def _refined(case: Case, spots: Spots, matches: Matches) -> Camera:
+    """The believed camera with the focal length that these places give, as identification does."""
+    camera = case.believed_camera
+    if not case.tracker.identification.focal_tolerance:
+        return camera
+    assert matches.icrs_to_camera is not None
+    pairs = np.arange(len(matches))
+    pixel = np.column_stack([spots.x, spots.y])[matches.spot]
+    rotation = matches.icrs_to_camera.as_matrix()
+    for _ in range(2):  # distortion is no similarity
+        direction = camera.unproject(pixel)
+        plane = direction[:, :2] / direction[:, 2:]
+        rotation, change = fit(plane, matches.direction, pairs, pairs, rotation, 1.0, True, 3)
+        camera = camera.scaled(change)
+    return camera
+
+
+def _used(case: Case, record: Record) -> Ints:
+    """Which of the matches the estimate kept: those with the smallest residuals."""
+    matches, estimate = record.matches, record.estimate
+    if estimate.stars == len(matches):
+        return np.arange(len(matches))
+    assert estimate.icrs_to_camera is not None
+    seen = matches.camera.project(estimate.icrs_to_camera.apply(matches.direction))
+    spots = record.spots
+    floor = case.tracker.attitude.centroid_floor**2 * np.eye(2)
+    residual = np.column_stack([spots.x, spots.y])[matches.spot] - seen
+    inverse = np.linalg.inv(spots.covariance[matches.spot] + floor)
+    square = np.einsum("ni,nij,nj->n", residual, inverse, residual)
+    return np.sort(np.argsort(square)[: estimate.stars])
+
+
+def _members(case: Case, seed: int, members: range, times: int) -> tuple[Floats, Floats]:
+    """(members, times, 1 + causes, 3) contributions, and (members, times) numbers of stars."""
+    table = np.empty((len(members), times, 1 + len(terms(case)), 3))
+    stars = np.empty((len(members), times))
+    for i, member in enumerate(members):
+        attitude = random_attitude(Streams(seed, member * times))
+        for k in range(times):
+            streams = Streams(seed, member * times + k)
+            table[i, k], stars[i, k] = contributions(case, attitude, streams)
+    return table, stars
