@@ -21,6 +21,7 @@ chain            one trial, one line a room
 products         detectors that a design may name
 sequence         trials in time: tracking, loss and reacquisition
 variance         more knowledge from fewer trials
+budget           what the error is made of, cause by cause, with trials and without
 study            many trials, better designs, tolerances
 campaign         many trials, on disk as they are done, until they say enough
 design           designs as TOML files

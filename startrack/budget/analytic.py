@@ -20,11 +20,11 @@ from startrack.budget.fields import FIELDS, Fields, Response, fields, propagate
 from startrack.budget.neighbours import displaced
 from startrack.case import Case
 from startrack.catalog import Selection, open_sky
-from startrack.chain import throughput
 from startrack.detector import electron_rate
 from startrack.motion import wander
 from startrack.scene import illuminate
 from startrack.values import Floats, Ints, Stars
+from startrack.view import throughput
 
 FINE = 0.05  # magnitude between two entries of a response
 COLOURS = np.linspace(-0.6, 4.0, 24)  # BP - RP

@@ -12,12 +12,12 @@ from scipy.special import ndtr
 
 from startrack.budget.quiet import quiet
 from startrack.case import Case, Instrument
-from startrack.chain import psf_of, throughput
 from startrack.detection import Detection
 from startrack.detection.centroid import centroid
-from startrack.detection.find import Candidates, kernel_of
-from startrack.detection.matched import filtered
+from startrack.detection.find import Candidates
+from startrack.detection.matched import filtered, kernel_of
 from startrack.detection.pixels import pixels
+from startrack.detection.rate import threshold_over
 from startrack.detection.smear import star_image
 from startrack.detector import electron_rate
 from startrack.detector.crosstalk import diffuse
@@ -26,6 +26,7 @@ from startrack.motion import blur, slew
 from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.values import Floats, Psf, Stars
+from startrack.view import psf_of, throughput
 
 PHASES = 6  # sub-pixel places per axis
 STEP = 0.5  # magnitude between two rows of the chart
@@ -159,7 +160,9 @@ def detected(case: Case, magnitude: Floats) -> Floats:
     near = slice(middle - 1, middle + 2)
     peak = np.array([filtered(one, kernel)[near, near].max() for one in point.astype(np.float32)])
     snr = size.star * 10 ** (-0.4 * magnitude[:, None]) * peak / (size.pixel * kernel.noise)
-    return np.asarray(ndtr(snr - detection.threshold).mean(axis=1))
+    detector = case.instrument.detector
+    threshold = threshold_over(detection, detector.columns * detector.rows, kernel)
+    return np.asarray(ndtr(snr - threshold).mean(axis=1))
 
 
 def magnitudes(case: Case, faintest: float) -> Floats:

@@ -29,16 +29,7 @@ from startrack.budget.quiet import own_noise, quiet
 from startrack.camera import Camera
 from startrack.case import Case, Instrument
 from startrack.catalog import open_sky
-from startrack.chain import (
-    Record,
-    asked_for,
-    observe,
-    path_of,
-    psf_of,
-    random_attitude,
-    throughput,
-    turn_of,
-)
+from startrack.chain import Record, asked_for, observe
 from startrack.checks import whole
 from startrack.detection.centroid import centroid
 from startrack.detection.find import Candidates
@@ -49,8 +40,8 @@ from startrack.identification.fit import fit
 from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.values import Floats, Frame, Ints, Matches, Spots
+from startrack.view import path_of, psf_of, random_attitude, throughput, turn_of
 
-LOST = np.nan
 SAME = 0.7  # pixel, within which a spot is the same in two frames
 BLOCKS = 8  # of members, for each worker
 
