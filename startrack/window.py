@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import numpy as np
@@ -15,21 +16,31 @@ from startrack.detection import (
     detect_within,
     grown,
     kernel_half,
+    lowest_looks,
     margin,
     measure_sky,
+    peak_border,
+    star_filter,
     star_profile,
     threshold_of,
 )
 from startrack.detector import (
     Detector,
+    Numbers,
+    Tilt,
     arriving,
+    excesses,
     expose_within,
     frame_of,
     ground,
     ground_tables,
     lone_pixels,
+    numbers_of,
+    odd_pixels,
     only_lone_pixels,
+    put,
     seen,
+    tilt_for,
 )
 from startrack.scene import illuminate
 from startrack.streams import Streams
@@ -47,8 +58,10 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     """What the tracker finds in a frame, from the pixels alone that it could look at.
 
     Around each star that it may find, and around each pixel unlike the others, the very numbers
-    of the frame are rendered and searched. What the search compares them with, background and
-    noise of the frame, is that of one of eight blank frames of the design.
+    of the frame are rendered and searched. Elsewhere noise alone makes spots: where it passes
+    the level of the search is drawn, with the numbers there, from their exact law. What the
+    search compares with, background and noise of the frame, is that of one of eight blank frames
+    of the design.
 
     icrs_to_camera  true attitude at the middle of the exposure
     Returns         Spots, brightest first
@@ -62,27 +75,70 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     star, sky = arriving(light, camera, detector, throughput(instrument))
     path, turn = path_of(instrument, streams), turn_of(instrument, streams)
     places = list(seen(light, path, icrs_to_camera, camera, detector, turn))
-    skies = blank_skies(detector, sky, settings, psf)
-    chosen = skies[int(streams("blank sky").integers(BLANKS))]
+    blank = blank_of(detector, sky, settings, psf)
+    chosen = blank.skies[int(streams("blank sky").integers(BLANKS))]
+    flux = star / detector.electrons_per_dn
     threshold = threshold_of(settings, detector.columns, detector.rows, psf)
-    halves = reach_of(star / detector.electrons_per_dn, chosen, threshold, settings, psf)
+    halves = reach_of(flux, chosen, threshold, settings, psf)
     regions = np.concatenate(
         [
             around_paths(np.array([(x, y) for _, x, y in places]), halves, detector),
-            around_pixels(lone_pixels(detector, sky, streams), settings, psf, detector),
+            around_pixels(
+                lone_pixels(detector, sky, streams), kernel_half(settings, psf), detector
+            ),
         ]
     )
-    windows = grown(regions, margin(settings, psf), detector.columns, detector.rows)
+    looks = lowest_looks(chosen, settings, detector.columns * detector.rows, psf)
+    pixel, numbers = excesses(
+        blank.numbers, blank.tilt, looks, chosen.mesh, peak_border(settings), regions, streams
+    )
+    lone = around_pixels(pixel, 0, detector)
+    windows = grown(
+        np.concatenate([regions, lone]), margin(settings, psf), detector.columns, detector.rows
+    )
     frame = expose_within(windows, places, star, psf, detector, sky, streams)
-    return detect_within(frame, regions, chosen, settings, psf)
+    spots = detect_within(frame, regions, chosen, settings, psf)
+    if not len(pixel):
+        return spots
+    put(frame, pixel, numbers)
+    return merged(spots, detect_within(frame, lone, chosen, settings, psf), settings.max_spots)
+
+
+@dataclass(frozen=True, eq=False)
+class Blank:
+    """What a design's frames without stars are like.
+
+    skies    background and noise of some, as the detection measures them
+    numbers  the laws of their numbers
+    tilt     those in which the detection's filter passes its level
+    """
+
+    skies: tuple[Sky, ...]
+    numbers: Numbers
+    tilt: Tilt
 
 
 @lru_cache(maxsize=8)
-def blank_skies(detector: Detector, sky: float, settings: Detection, psf: Psf) -> tuple[Sky, ...]:
-    """Background and noise of frames without stars, as the detection measures them."""
+def blank_of(detector: Detector, sky: float, settings: Detection, psf: Psf) -> Blank:
+    """Render and measure blank frames, once per design."""
     level, tables = ground(detector, sky), ground_tables(detector, sky)
     frames = (frame_of(level, detector, Streams(BLANK_SEED, n), tables) for n in range(BLANKS))
-    return tuple(measure_sky(frame, settings, psf) for frame in frames)
+    skies = tuple(measure_sky(frame, settings, psf) for frame in frames)
+    numbers = numbers_of(detector, sky, odd_pixels(detector, sky).tobytes())
+    area = detector.columns * detector.rows
+    look = float(np.median([lowest_looks(one, settings, area, psf) for one in skies]))
+    tilt = tilt_for(numbers, star_filter(settings, psf), look, skies[0].mesh, peak_border(settings))
+    return Blank(skies, numbers, tilt)
+
+
+def merged(spots: Spots, more: Spots, most: int) -> Spots:
+    """Spots of both, brightest first, at most so many."""
+    order = np.argsort(-np.concatenate([spots.flux, more.flux]), kind="stable")[:most]
+    together = (
+        np.concatenate([getattr(spots, each.name), getattr(more, each.name)])[order]
+        for each in fields(Spots)
+    )
+    return Spots(*together)
 
 
 def reach_of(flux: Floats, ground: Sky, threshold: float, settings: Detection, psf: Psf) -> Ints:
@@ -113,9 +169,8 @@ def around_paths(place: Floats, half: Ints, detector: Detector) -> Ints:
     return grown(regions, 0, detector.columns, detector.rows)
 
 
-def around_pixels(pixel: Ints, settings: Detection, psf: Psf, detector: Detector) -> Ints:
-    """Regions (w, 4) around single pixels, as far as the detection's filter spreads them."""
+def around_pixels(pixel: Ints, half: int, detector: Detector) -> Ints:
+    """Regions (w, 4) that hold pixels and so many more on each side."""
     y, x = np.divmod(pixel, detector.columns)
-    half = kernel_half(settings, psf)
     regions = np.column_stack([x - half, y - half, x + half + 1, y + half + 1])
     return grown(regions, 0, detector.columns, detector.rows)

@@ -4,11 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from startrack.case import Fidelity
 from startrack.catalog import shipped
 from startrack.chain import observe, random_attitude, trial, trials
+from startrack.curve import Curve
 from startrack.design import load_design
+from startrack.detection import Detection
 from startrack.detector import Defects, Hits, Pattern
 from startrack.motion import Motion
 from startrack.scratch import scratch
@@ -93,3 +96,18 @@ def test_trials_do_not_depend_on_their_company():
 def test_what_needs_the_whole_frame_is_refused_by_name(effect, value):
     with pytest.raises(ValueError, match=f"without {effect}; choose the fidelity frame"):
         trial(with_detector(**{effect: value}), 1, 0, Fidelity.WINDOW)
+
+
+def test_noise_makes_as_many_false_spots_as_in_frames():
+    """Frames without stars, at a threshold that noise passes once a frame: 5 standard deviations
+    of the difference in the count, 1e-4 for the fluxes by Kolmogorov and Smirnov."""
+    blind = Curve((300e-9, 1200e-9), (1e-9, 1e-9))
+    case = dataclasses.replace(
+        with_detector(columns=256, rows=256, dark_current=400.0, quantum_efficiency=blind),
+        tracker=dataclasses.replace(CASE.tracker, detection=Detection(threshold=4.5)),
+    )
+    found = [list(both(case, number)) for number in range(300)]
+    whole, parts = (np.concatenate(each)[:, 2] for each in zip(*found, strict=True))
+    assert len(whole) > 100
+    assert abs(len(whole) - len(parts)) < 5 * np.sqrt(len(whole) + len(parts))
+    assert stats.ks_2samp(whole, parts).pvalue > 1e-4

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from startrack.detection.background import Sky, believed, sky
@@ -75,17 +76,22 @@ def choose(
     far: Image,
     settings: Detection,
     psf: Psf,
+    regions: Ints | None = None,
 ) -> Candidates:
     """The peaks among the bright pixels of a filtered image that look like stars.
 
-    bright  (n,) row * columns + column of the pixels above `look_level`
-    far     as from `reach_of_noise`
+    bright   (n,) row * columns + column of the pixels above `look_level`
+    far      as from `reach_of_noise`
+    regions  (w, 4) left, top, right, bottom that peaks must lie in, None for all of the frame
     """
     kernel = kernel_of(settings, psf)
     reach, ring = settings.window // 2, ring_half(settings, kernel)
     x, y, area = peaks(
         image, bright, settings.min_area, settings.max_area, reach, reach + settings.edge
     )
+    if regions is not None:
+        inside = _inside(x, y, regions)
+        x, y, area = x[inside], y[inside], area[inside]
     good = alone(
         pixels.value, image, bank(psf, kernel), x, y, ring, far, ground.mean, ground.rms,
         ground.mesh, rounding(pixels, kernel),
@@ -111,3 +117,15 @@ def ring_half(settings: Detection, kernel: Kernel) -> int:
     A star's filtered image is twice as long as the kernel, and must not fill its own ring.
     """
     return max(settings.window // 2, 2 * (max(kernel.whole.shape) // 2) - KERNEL_TAIL)
+
+
+@njit(cache=True, error_model="numpy")
+def _inside(x: Ints, y: Ints, regions: Ints) -> NDArray[np.bool_]:
+    """Which pixels lie in one of the regions."""
+    verdict = np.zeros(len(x), np.bool_)
+    for i in range(len(x)):
+        for left, top, right, bottom in regions:
+            if left <= x[i] < right and top <= y[i] < bottom:
+                verdict[i] = True
+                break
+    return verdict

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from startrack.detection.background import Sky, between
 from startrack.detection.centroid import centroid
 from startrack.detection.find import (
-    Candidates,
     choose,
     ground_of,
     look_level,
@@ -63,10 +62,8 @@ def detect_within(
     known = Pixels(value, 0.0, 1.0, None, gain_of(frame, 0.0))
     sigmas = reach_of_noise(ground, settings, image.size, kernel)
     bright = _lit(image, seen, look_level(ground, sigmas), ground.mesh)
-    found = choose(known, image, bright, ground, sigmas, settings, star)
-    inside = _inside(found.x, found.y, regions)
-    chosen = Candidates(found.x[inside], found.y[inside], found.area[inside])
-    return centroid(frame, known, chosen, settings, star)
+    found = choose(known, image, bright, ground, sigmas, settings, star, regions)
+    return centroid(frame, known, found, settings, star)
 
 
 def margin(settings: Detection, psf: Psf | None = None) -> int:
@@ -76,6 +73,26 @@ def margin(settings: Detection, psf: Psf | None = None) -> int:
     ring = ring_half(settings, kernel) + RING + max(kernel.whole.shape) // 2
     fit = {"likelihood": max(reach(star)), "gaussian": math.ceil(3 * settings.kernel_sigma + 0.5)}
     return max(ring, 2 * half + RING, fit.get(settings.centroid, half) + RING)
+
+
+def star_filter(settings: Detection, psf: Psf | None = None) -> Floats:
+    """The weights of the detection's filter, (2 m + 1, 2 n + 1) 1."""
+    return kernel_of(settings, star_image(settings, psf)).whole.astype(float)
+
+
+def lowest_looks(ground: Sky, settings: Detection, area: int, psf: Psf | None = None) -> Floats:
+    """The lowest level from which on each tile of a Sky is looked at, (down, across).
+
+    area  pixel, of the frame
+    """
+    kernel = kernel_of(settings, star_image(settings, psf))
+    level = look_level(ground, reach_of_noise(ground, settings, area, kernel))
+    return cv2.erode(level, np.ones((3, 3), np.uint8))[1:-1, 1:-1].astype(float)
+
+
+def peak_border(settings: Detection) -> int:
+    """How far a peak must stay from the border of the frame, pixel."""
+    return settings.window // 2 + settings.edge
 
 
 def kernel_half(settings: Detection, psf: Psf | None = None) -> int:
@@ -158,15 +175,3 @@ def _lit(image, windows, level, mesh):  # type: ignore[no-untyped-def]
                 if image[y, x] > lowest and image[y, x] > between(level, mesh, x, y):
                     found.append(y * columns + x)
     return np.array(found, np.int64)
-
-
-@njit(cache=True, error_model="numpy")
-def _inside(x: Ints, y: Ints, regions: Ints) -> NDArray[np.bool_]:
-    """Which pixels lie in one of the regions."""
-    verdict = np.zeros(len(x), np.bool_)
-    for i in range(len(x)):
-        for left, top, right, bottom in regions:
-            if left <= x[i] < right and top <= y[i] < bottom:
-                verdict[i] = True
-                break
-    return verdict

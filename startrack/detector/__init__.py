@@ -14,6 +14,7 @@ charge      defects    response of each pixel, DSNU, hot and dead pixels and col
             ground     expected electrons where no star is
             expose     Light, Psf, Path -> expected electrons -> Frame
             windows    the same in windows of a frame
+            excess     where noise alone passes a filter's level, without the frame
 pixel       hits       tracks of cosmic rays and protons
             bloom      charge beyond the full well
             multiply   the register of an EMCCD
@@ -28,6 +29,7 @@ Below them: counter (random bits of a pixel), normal and poisson (quantiles), ta
 
 from startrack.detector.collect import electron_rate
 from startrack.detector.defects import Defects
+from startrack.detector.excess import Numbers, Tilt, excesses, numbers_of, tilt_for
 from startrack.detector.expose import arriving, expected, expose, frame_of, seen
 from startrack.detector.ground import ground, ground_tables
 from startrack.detector.hits import Hits
@@ -38,19 +40,28 @@ from startrack.detector.readout import read_out
 from startrack.detector.scan import Line, scan, scanned, staggered, tdi
 from startrack.detector.shutter import Turn
 from startrack.detector.thermal import Thermal
-from startrack.detector.windows import expose_within, lone_pixels, only_lone_pixels
+from startrack.detector.windows import (
+    expose_within,
+    lone_pixels,
+    odd_pixels,
+    only_lone_pixels,
+    put,
+)
 
 __all__ = [
     "Defects",
     "Detector",
     "Hits",
     "Line",
+    "Numbers",
     "Pattern",
     "Region",
     "Thermal",
+    "Tilt",
     "Turn",
     "arriving",
     "electron_rate",
+    "excesses",
     "expected",
     "expose",
     "expose_within",
@@ -58,12 +69,16 @@ __all__ = [
     "ground",
     "ground_tables",
     "lone_pixels",
+    "numbers_of",
+    "odd_pixels",
     "only_lone_pixels",
     "poisson_quantile",
+    "put",
     "read_out",
     "scan",
     "scanned",
     "seen",
     "staggered",
     "tdi",
+    "tilt_for",
 ]

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -55,10 +55,20 @@ class Tables(NamedTuple):
 EMPTY = Tables(np.full(1, OPEN, np.uint32), 1, np.zeros((1, 1), np.uint64), 0, 0, 0)
 
 
-def level_mean(level: NDArray[np.int64], noise: float) -> NDArray[np.float64]:
+def level_mean(level: NDArray[Any], noise: float) -> NDArray[np.float64]:
     """Expected electrons of a level: sqrt(mean + noise^2) rises by 1 / STEPS from one on."""
     step = level / STEPS
     return step * (2 * noise + step)
+
+
+def levels_between(mean: NDArray[np.float64], noise: float) -> NDArray[np.float64]:
+    """Where expectations lie between the levels: that of level k is k.
+
+    A share of the place beyond a level is the probability by which `digitise` takes the next.
+    """
+    level = np.floor((np.sqrt(mean + noise**2) - noise) * STEPS)
+    low, high = level_mean(level, noise), level_mean(level + 1, noise)
+    return level + (mean - low) / (high - low)
 
 
 def tables_for(mean: NDArray[np.float64], law: Law, wings: float = 0.1) -> Tables:

@@ -77,12 +77,20 @@ def expose_within(
     return told(image, detector)
 
 
+def put(frame: Frame, pixel: Ints, numbers: Ints) -> None:
+    """Write numbers (k, 2 m + 1, 2 n + 1) about pixels into a frame of `expose_within`.
+
+    pixel  (k,) row * columns + column
+    """
+    _put(frame.image, pixel, numbers)
+
+
 def lone_pixels(detector: Detector, sky: float, streams: Streams) -> Ints:
     """The pixels that are unlike their neighbours: hit, hot or dead.
 
     Returns  (k,) row * columns + column
     """
-    odd = _odd_pixels(detector, sky)
+    odd = odd_pixels(detector, sky)
     if not detector.hits:
         return odd
     shape = (detector.rows, detector.columns)
@@ -91,7 +99,8 @@ def lone_pixels(detector: Detector, sky: float, streams: Streams) -> Ints:
 
 
 @lru_cache(maxsize=4)
-def _odd_pixels(detector: Detector, sky: float) -> Ints:
+def odd_pixels(detector: Detector, sky: float) -> Ints:
+    """The hot and the dead ones, (k,) row * columns + column."""
     level = ground(detector, sky)
     middle = float(np.median(level[:: max(1, level.shape[0] // 256)]))
     spread = math.hypot(math.sqrt(middle), law_of(detector).noise)
@@ -105,3 +114,14 @@ def _lay(electrons, level, windows):  # type: ignore[no-untyped-def]
         for y in range(top, bottom):
             for x in range(left, right):
                 electrons[y, x] = level[y, x]
+
+
+@njit(cache=True, error_model="numpy")
+def _put(image, pixel, numbers):  # type: ignore[no-untyped-def]
+    rows, columns = image.shape
+    down, across = numbers.shape[1] // 2, numbers.shape[2] // 2
+    for k in range(len(pixel)):
+        y, x = pixel[k] // columns, pixel[k] % columns
+        for v in range(max(y - down, 0), min(y + down + 1, rows)):
+            for u in range(max(x - across, 0), min(x + across + 1, columns)):
+                image[v, u] = numbers[k, v - y + down, u - x + across]
