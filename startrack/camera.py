@@ -80,6 +80,16 @@ class Camera:
         corners = [(x, y) for x in (-0.5, self.columns - 0.5) for y in (-0.5, self.rows - 0.5)]
         return float(np.arccos(self.unproject(np.array(corners))[:, 2].min()))
 
+    def lattice(self, count: int) -> Floats:
+        """Directions of places evenly spaced from the first pixel's centre to the last's.
+
+        count    places along each side
+        Returns  (count^2, 3) unit vectors in camera axes, row by row
+        """
+        x = np.linspace(0, self.columns - 1, count)
+        y = np.linspace(0, self.rows - 1, count)
+        return self.unproject(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+
     def scaled(self, factor: float) -> Camera:
         """The same camera with another focal length."""
         return replace(self, focal_length_px=self.focal_length_px * factor)

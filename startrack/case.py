@@ -14,7 +14,7 @@ from startrack.detection import Detection
 from startrack.detector import Detector
 from startrack.identification import Identification
 from startrack.motion import Motion
-from startrack.optics import Optics
+from startrack.optics import Baffle, Optics
 from startrack.scene import Scene
 from startrack.units import Unit
 
@@ -39,6 +39,7 @@ class Instrument:
 
     mounting  how the camera sits on the spacecraft
     delay     second, by which the time stamp of a frame lies after the middle of its exposure
+    baffle    what it lets through of Sun, Moon and Earth; None: nothing
     """
 
     optics: Optics
@@ -46,6 +47,7 @@ class Instrument:
     motion: Motion = field(default_factory=Motion)
     mounting: Mounting = field(default_factory=Mounting)
     delay: Annotated[float, Unit("s", "ms")] = 0.0
+    baffle: Baffle | None = None
 
     def __post_init__(self) -> None:
         finite(delay=self.delay)

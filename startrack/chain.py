@@ -21,11 +21,11 @@ from startrack.detector import expose
 from startrack.error import Outcome, judge
 from startrack.identification import PatternIndex, build_index, identify
 from startrack.motion import turn
-from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.values import Estimate, Frame, Matches, Path, Psf, Spots, Stars
 from startrack.view import (
     detected,
+    light_of,
     look,
     path_of,
     psf_of,
@@ -41,6 +41,7 @@ __all__ = [
     "asked_for",
     "detected",
     "index_of",
+    "light_of",
     "look",
     "observe",
     "path_of",
@@ -119,7 +120,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     """
     camera = case.instrument.camera
     stars = look(open_sky(case.catalog), icrs_to_camera, camera)
-    light = illuminate(case.scene, stars)
+    light = light_of(case, stars, icrs_to_camera, streams)
     psf = psf_of(case.instrument)
     path = path_of(case.instrument, streams)
     frame = expose(

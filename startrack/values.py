@@ -43,6 +43,33 @@ class Stars:
 
 
 @dataclass(frozen=True, eq=False)
+class Glow:
+    """Light of the sky that varies over the frame: a spectrum times a map.
+
+    spectrum  (k,) photon / s / m^2 / sr in each bin
+    share     (p, q) 1, at places evenly spaced from the centre of the frame's first pixel to that
+              of its last, row by row; straight lines between them
+    """
+
+    spectrum: Floats
+    share: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Glare:
+    """A body whose light reaches the detector on ways that are not those of the image.
+
+    direction    (n, 3) unit vectors to its parts, ICRS axes
+    share        (n,) 1, of each part in the light of the spectrum
+    photon_rate  (k,) photon / s / m^2 in each bin
+    """
+
+    direction: Floats
+    share: Floats
+    photon_rate: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Light:
     """What arrives at the entrance pupil from the point sources and from the sky between them.
 
@@ -50,12 +77,16 @@ class Light:
     wavelength   (k,) metre, centres of the spectral bins
     photon_rate  (n, k) photon / s / m^2 in each bin
     background   (k,) photon / s / m^2 / sr in each bin, the same over the field
+    glow         what varies over it, besides
+    glare        bodies so bright that they are seen beside the field
     """
 
     direction: Floats
     wavelength: Floats
     photon_rate: Floats
     background: Floats
+    glow: tuple[Glow, ...] = ()
+    glare: tuple[Glare, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

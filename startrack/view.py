@@ -1,4 +1,4 @@
-"""Case and attitude -> what stands before the detector: stars, PSF, path, throughput."""
+"""Case and attitude -> what stands before the detector: stars, light, PSF, path, throughput."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
-from startrack.case import Instrument
+from startrack.case import Case, Instrument
 from startrack.catalog import Sky
 from startrack.detector import Turn
 from startrack.motion import shake, turn
-from startrack.optics import focus
-from startrack.scene import WAVELENGTH, blackbody_photons
+from startrack.optics import focus, veil
+from startrack.scene import WAVELENGTH, Sight, blackbody_photons, illuminate
 from startrack.scene.photometry import SUN
 from startrack.streams import Streams
-from startrack.values import Path, Psf, Stars
+from startrack.values import Light, Path, Psf, Stars
 
 EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can reach the frame
 
@@ -32,6 +32,16 @@ def look(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
     """The stars that can reach the frame, brightest first."""
     boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
     return sky.stars[sky.cone(boresight, camera.half_diagonal + math.radians(EDGE))]
+
+
+def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Streams) -> Light:
+    """What arrives at the entrance, with the veil of what the baffle lets through."""
+    instrument = case.instrument
+    sight = Sight(icrs_to_camera, instrument.camera, case.catalog.limit_g, streams)
+    light = illuminate(case.scene, stars, sight)
+    if instrument.baffle is None:
+        return light
+    return veil(light, instrument.baffle, instrument.optics, icrs_to_camera, instrument.camera)
 
 
 @lru_cache(maxsize=8)

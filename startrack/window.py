@@ -42,10 +42,9 @@ from startrack.detector import (
     seen,
     tilt_for,
 )
-from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.values import Floats, Ints, Psf, Spots
-from startrack.view import look, path_of, psf_of, throughput, turn_of
+from startrack.view import light_of, look, path_of, psf_of, throughput, turn_of
 
 BLANKS = 8  # frames without stars, whose background and noise stand for those of all
 BLANK_SEED = 2**63 - 1
@@ -71,7 +70,12 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     detector, camera = instrument.detector, instrument.camera
     only_lone_pixels(detector)
     psf = psf_of(instrument)
-    light = illuminate(case.scene, look(open_sky(case.catalog), icrs_to_camera, camera))
+    stars = look(open_sky(case.catalog), icrs_to_camera, camera)
+    light = light_of(case, stars, icrs_to_camera, streams)
+    if light.glow:
+        raise ValueError(
+            "fidelity must be frame where the light of the sky varies over the field, got window"
+        )
     star, sky = arriving(light, camera, detector, throughput(instrument))
     path, turn = path_of(instrument, streams), turn_of(instrument, streams)
     places = list(seen(light, path, icrs_to_camera, camera, detector, turn))

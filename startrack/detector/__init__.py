@@ -3,6 +3,7 @@
 parameters  Detector: pixels, exposure, noise, converter; None or zero for what it does not have
 
 photons     collect    Light -> electrons per second that each star and each pixel of sky delivers
+            glow       what of the sky varies over the field
             stamp      the PSF of each star, added to the image at its sub-pixel place
             shutter    where stars are while the rows are exposed, globally or rolling
             scan       lines, staggered lines and TDI: an image that grows with time

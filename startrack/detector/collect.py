@@ -21,5 +21,10 @@ def electron_rate(light: Light, detector: Detector, throughput: Floats) -> tuple
     throughput  (k,) square metre, aperture times transmission
     Returns     (n,) electron / s; electron / s / sr
     """
-    efficiency = detector.quantum_efficiency(light.wavelength) * detector.fill_factor * throughput
-    return light.photon_rate @ efficiency, light.background @ efficiency
+    per_photon = efficiency(light, detector, throughput)
+    return light.photon_rate @ per_photon, light.background @ per_photon
+
+
+def efficiency(light: Light, detector: Detector, throughput: Floats) -> Floats:
+    """(k,) electron m^2 / photon in each bin of the light."""
+    return detector.quantum_efficiency(light.wavelength) * detector.fill_factor * throughput

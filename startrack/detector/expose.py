@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from startrack.camera import Camera
 from startrack.detector.collect import electron_rate
 from startrack.detector.crosstalk import diffuse
-from startrack.detector.ground import ground, ground_tables
+from startrack.detector.glow import glow_of
+from startrack.detector.ground import caught, ground, ground_tables
 from startrack.detector.lag import carry
 from startrack.detector.law import Image
 from startrack.detector.maps import response
@@ -44,7 +45,8 @@ def expose(
         light, psf, path, icrs_to_camera, camera, detector, throughput, turn, before
     )
     _, sky = arriving(light, camera, detector, throughput)
-    return frame_of(electrons, detector, streams, ground_tables(detector, sky))
+    tables = None if light.glow else ground_tables(detector, sky)
+    return frame_of(electrons, detector, streams, tables)
 
 
 def frame_of(
@@ -98,6 +100,9 @@ def expected(
     places = seen(light, path, icrs_to_camera, camera, detector, turn)
     # Charge.
     electrons = ground(detector, sky).copy()
+    glow = glow_of(light, camera, detector, throughput)
+    if glow is not None:
+        electrons += caught(glow, detector)
     draw(electrons, psf, places, star, detector)
     return carry(electrons, before, detector.lag) if detector.lag else electrons
 

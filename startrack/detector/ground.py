@@ -25,15 +25,21 @@ def ground(detector: Detector, sky: float) -> Floats:
 
     sky  electron in a pixel of mean response
     """
-    electrons = np.full((detector.rows, detector.columns), float(sky))
-    gain = response(detector)
-    if gain is not None:
-        electrons *= gain
-    if detector.crosstalk:
-        electrons = diffuse(electrons, detector.crosstalk)
+    electrons = caught(np.full((detector.rows, detector.columns), float(sky)), detector)
     electrons += dark(detector) * detector.exposure
     electrons.flags.writeable = False
     return electrons
+
+
+def caught(electrons: Floats, detector: Detector) -> Floats:
+    """What pixels catch of light that is spread over the frame: by their response, and crosstalk.
+
+    electrons  (rows, columns), in pixels of mean response; overwritten
+    """
+    gain = response(detector)
+    if gain is not None:
+        electrons *= gain
+    return diffuse(electrons, detector.crosstalk) if detector.crosstalk else electrons
 
 
 @lru_cache(maxsize=4)

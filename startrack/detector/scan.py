@@ -12,6 +12,7 @@ from startrack.camera import Camera
 from startrack.checks import finite, whole
 from startrack.detector.collect import electron_rate
 from startrack.detector.expose import frame_of
+from startrack.detector.glow import glow_of
 from startrack.detector.maps import response
 from startrack.detector.parameters import Detector
 from startrack.detector.shutter import Turn
@@ -91,7 +92,8 @@ def scan(
     detector        as many rows as there are lines; `exposure` is that of one line
     Errors          ValueError where sizes differ, or where a map of the pixels' read noise is
                     asked for.
-                    model: blooming, hits and channel act on the image as on a matrix.
+                    model: blooming, hits and channel act on the image as on a matrix; the sky's
+                    glow is that of time zero.
     """
     electrons = scanned(
         light, psf, icrs_to_camera, turn, camera, lines, count, detector, throughput
@@ -123,12 +125,15 @@ def scanned(
         )
     star_rate, sky_rate = electron_rate(light, detector, throughput)
     sky = sky_rate * camera.focal_length_px**-2 * detector.exposure
+    glow = glow_of(light, camera, detector, throughput)
     phases = 1 + max(line.phase for line in lines)
     image = np.zeros((phases, count, detector.columns))
     gain = response(detector)
     for number, line in enumerate(lines):
         start = (np.arange(count) - count / 2 + line.delay) * detector.exposure
         seen = np.full((count, detector.columns), sky)
+        if glow is not None:
+            seen += glow[number]
         for row, x, y, electrons in _passing(
             light.direction, star_rate, psf, icrs_to_camera, turn, camera, line, start, detector
         ):

@@ -15,9 +15,11 @@ band        many wavelengths -> a few
 transfer    transfer functions of a circular pupil, of a Gaussian blur and of the pixel
 focus       Optics -> Psf
 over_field  Optics -> Psf at places in the field
+baffle      stray light of Sun, Moon and Earth
 quality     modulation transfer, encircled and ensquared energy, widths
 """
 
+from startrack.optics.baffle import Baffle, veil
 from startrack.optics.choose import Choice, choose
 from startrack.optics.focus import focus, pixel_response
 from startrack.optics.over_field import at_field, over_field
@@ -30,6 +32,7 @@ from startrack.optics.zernike import Aberration
 __all__ = [
     "POINT",
     "Aberration",
+    "Baffle",
     "Choice",
     "Optics",
     "Pupil",
@@ -46,4 +49,5 @@ __all__ = [
     "pixel_transfer",
     "pupil_transfer",
     "quality",
+    "veil",
 ]

@@ -1,12 +1,25 @@
-"""What light arrives: stars and sky become photons per wavelength at the entrance pupil.
+"""What light arrives: stars, sky and bodies become photons per wavelength at the entrance pupil.
 
-parameters    Scene: what there is to see
+parameters    Scene: what there is to see, when and from where
 photometry    magnitude and colour into a photon spectrum
+ephemeris     Scene -> where the bodies of the solar system are
+planets       their magnitudes
+bodies        Sun, Moon and Earth: discs and glare
+zodiacal      sunlight on the dust between the planets
+starlight     stars below the catalogue's limit, and the dust between the stars
 illuminate    Stars -> Light
 """
 
-from startrack.scene.illuminate import illuminate
-from startrack.scene.parameters import Scene
+from startrack.scene.illuminate import Sight, illuminate
+from startrack.scene.parameters import Orbit, Scene
 from startrack.scene.photometry import WAVELENGTH, blackbody_photons, colour_temperature
 
-__all__ = ["WAVELENGTH", "Scene", "blackbody_photons", "colour_temperature", "illuminate"]
+__all__ = [
+    "WAVELENGTH",
+    "Orbit",
+    "Scene",
+    "Sight",
+    "blackbody_photons",
+    "colour_temperature",
+    "illuminate",
+]

@@ -2,26 +2,170 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from startrack.camera import Camera
+from startrack.scene.bodies import (
+    Disc,
+    Earth,
+    disc_points,
+    earth_of,
+    moon_of,
+    sun_of,
+)
+from startrack.scene.ephemeris import AU, Observer, observer_of
 from startrack.scene.parameters import Scene
-from startrack.scene.photometry import SUN, WAVELENGTH, colour_temperature, photon_rate
+from startrack.scene.photometry import (
+    SUN,
+    SUN_G_MINUS_V,
+    WAVELENGTH,
+    colour_temperature,
+    photon_rate,
+)
+from startrack.scene.planets import PLANETS, magnitude_v
+from startrack.scene.starlight import starlight, starlight_spectrum
+from startrack.scene.zodiacal import zodiacal, zodiacal_spectrum
+from startrack.streams import Streams
 from startrack.units import arcsec
-from startrack.values import Light, Stars
+from startrack.values import Glow, Light, Stars
+
+Floats = NDArray[np.float64]
+
+NODES = 17  # of a glow's map along a side of the frame
+LIMB_NODES = 129  # the same where the Earth's limb is in the frame
+POINTS = 2.0  # per pixel, of a disc
 
 
-def illuminate(scene: Scene, stars: Stars) -> Light:
-    """The light of stars and sky; see `photometry.photon_rate` for its model and errors."""
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """Where a camera looks, for what of the scene depends on that.
+
+    icrs_to_camera  true attitude
+    camera          the true one
+    limit_g         G of the faintest star that the catalogue renders
+    streams         of the trial
+    """
+
+    icrs_to_camera: Rotation
+    camera: Camera
+    limit_g: float
+    streams: Streams
+
+    def sees(self, disc: Disc) -> bool:
+        """Whether a disc may reach into the frame."""
+        boresight = self.icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
+        angle = math.acos(min(max(float(boresight @ disc.direction), -1.0), 1.0))
+        return angle < disc.radius + 1.1 * self.camera.half_diagonal
+
+    def nodes(self, count: int) -> Floats:
+        """(count^2, 3) ICRS directions of the places of a glow's map."""
+        return self.icrs_to_camera.inv().apply(self.camera.lattice(count))
+
+
+def illuminate(scene: Scene, stars: Stars, sight: Sight | None = None) -> Light:
+    """The light of stars, sky and bodies.
+
+    sight    where the camera looks; None: only stars and the even background, which are the same
+            everywhere
+    Errors  those of `photometry.photon_rate`, `zodiacal`, `starlight`, `planets`, `bodies`.
+            model: what hides a star hides it whole; discs are those of the middle of the
+            exposure. numerical: glow 1 % between the places of its map, the Earth's limb 1/128 of
+            the frame.
+    """
     rate = photon_rate(stars.magnitude_g, colour_temperature(stars.colour))
-    return Light(stars.direction, WAVELENGTH, rate, _sky(scene.background_g))
+    light = Light(stars.direction, WAVELENGTH, rate, _even(scene.background_g))
+    if sight is None or not scene.lights:
+        return light
+    observer = observer_of(scene, sight.streams) if scene.dated else None
+    earth = earth_of(observer) if observer and "earth" in scene.lights else None
+    light = replace(light, glow=tuple(_glows(scene, sight, observer, earth)))
+    return _with_bodies(light, scene, sight, observer, earth) if observer else light
 
 
 @lru_cache(maxsize=64)
-def _sky(background_g: float | None) -> NDArray[np.float64]:
+def _even(background_g: float | None) -> Floats:
     """Photon / s / m^2 / sr in each bin; the sky is sunlight scattered by dust."""
     if background_g is None:
         return np.zeros_like(WAVELENGTH)
     return photon_rate(np.array([background_g]), np.array([SUN]))[0] / arcsec**2
+
+
+def _glows(
+    scene: Scene, sight: Sight, observer: Observer | None, earth: Earth | None
+) -> Iterator[Glow]:
+    """What shines over the whole field, in front of the Earth and beside it."""
+    limb = earth is not None and sight.sees(earth.disc)
+    count = LIMB_NODES if limb else NODES
+    line = sight.nodes(count)
+    open_sky = ~earth.disc.covers(line) if earth and limb else np.ones(len(line), bool)
+
+    def glow(spectrum: Floats, share: Floats) -> Glow:
+        return Glow(spectrum, share.reshape(count, count))
+
+    if "starlight" in scene.lights:
+        yield glow(starlight_spectrum(), starlight(line, sight.limit_g) * open_sky)
+    if observer and "zodiacal" in scene.lights:
+        sun = observer.see("sun")
+        brightness = zodiacal(line, sun.direction, sun.distance / AU)
+        yield glow(zodiacal_spectrum(), brightness * open_sky)
+    if earth and limb:
+        yield glow(earth.light, earth.shine(line))
+
+
+def _with_bodies(
+    light: Light, scene: Scene, sight: Sight, observer: Observer, earth: Earth | None
+) -> Light:
+    """From the farthest to the nearest, as each hides what is behind it."""
+    if "planets" in scene.lights:
+        light = _added(light, *_planets(observer, scene))
+    if "sun" in scene.lights:
+        light = _with_disc(light, sun_of(observer), sight)
+    if "moon" in scene.lights:
+        light = _with_disc(light, moon_of(observer), sight)
+    if earth is None:
+        return light
+    glare = tuple(one for one in light.glare if not earth.disc.covers(one.direction).any())
+    if earth.glare.share.any():
+        glare = (*glare, earth.glare)
+    return replace(_behind(light, earth.disc), glare=glare)
+
+
+def _planets(observer: Observer, scene: Scene) -> tuple[Floats, Floats]:
+    """Directions and photon rates of all of them; of the Earth too, for who is far from it."""
+    names = PLANETS if scene.place is None else (*PLANETS, "earth")
+    bodies = {name: observer.see(name) for name in names}
+    magnitude_g = [
+        magnitude_v(name, body, observer.year) + SUN_G_MINUS_V for name, body in bodies.items()
+    ]
+    rate = photon_rate(np.array(magnitude_g), np.full(len(names), SUN))
+    return np.array([body.direction for body in bodies.values()]), rate
+
+
+def _with_disc(light: Light, disc: Disc, sight: Sight) -> Light:
+    """A body before what is there already: in the field as a disc, and its glare."""
+    light = _behind(light, disc)
+    if sight.sees(disc):
+        place, share = disc_points(disc, 1 / sight.camera.focal_length_px / POINTS)
+        light = _added(light, place, np.outer(share, disc.photon_rate))
+    return replace(light, glare=(*light.glare, disc.glare()))
+
+
+def _added(light: Light, direction: Floats, photon_rate: Floats) -> Light:
+    return replace(
+        light,
+        direction=np.concatenate([light.direction, direction]),
+        photon_rate=np.concatenate([light.photon_rate, photon_rate]),
+    )
+
+
+def _behind(light: Light, disc: Disc) -> Light:
+    """Without the points that a disc hides."""
+    seen = ~disc.covers(light.direction)
+    return replace(light, direction=light.direction[seen], photon_rate=light.photon_rate[seen])

@@ -1,23 +1,109 @@
-"""Scene: what there is to see besides the stars."""
+"""Scene: what there is to see besides the stars, when and from where."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Annotated
 
-from startrack.checks import within
+from startrack.checks import finite, non_negative, one_of, positive, within
+from startrack.units import Unit
+
+LIGHTS = ("zodiacal", "starlight", "planets", "sun", "moon", "earth")
+FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A circular orbit around the Earth.
+
+    altitude     metre above the equator's radius
+    inclination  radian
+    node         radian, right ascension of the ascending node
+    phase        radian from the node at the date; None: each trial draws it
+    """
+
+    altitude: Annotated[float, Unit("m", "km")]
+    inclination: Annotated[float, Unit("rad", "deg")] = 0.0
+    node: Annotated[float, Unit("rad", "deg")] = 0.0
+    phase: Annotated[float | None, Unit("rad", "deg")] = None
+
+    def __post_init__(self) -> None:
+        positive(altitude=self.altitude)
+        finite(inclination=self.inclination, node=self.node)
+        if self.phase is not None:
+            finite(phase=self.phase)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """The sky between the stars.
+    """The sky between the stars, and the bodies in front of them.
 
-    background_g  magnitude per square arcsecond in Gaia's G, None for a black sky. Zodiacal light
-                  at high ecliptic latitude is near V 23.3, on the ecliptic at 90 degrees from the
-                  Sun near 22.1 (Leinert et al. 1998, A&AS 127, 1, table 17, from 10^-8 W units).
+    What is absent costs nothing and draws nothing.
+
+    background_g  magnitude per square arcsecond in Gaia's G of an even sky, None for a black one.
+                  It stands for the zodiacal light, which is near V 23.3 at high ecliptic latitude
+                  and near 22.1 on the ecliptic at 90 degrees from the Sun.
+    lights        which of LIGHTS there are beside it: "zodiacal" light; "starlight" of stars
+                  below the catalogue's limit and of the dust that they light; "planets", the
+                  "sun" and the "moon", in the field and through the baffle; the "earth" under an
+                  orbit. Sun, Moon and Earth hide the stars behind them, and each other's light
+    date          UTC, as "2026-03-20T12:00:00"
+    days          each trial draws its date within so many days after `date`
+    orbit         around the Earth; None: the observer is at the Earth's centre, without an Earth
+    place         metre from the solar system's barycentre, ICRS axes, instead
     """
 
-    background_g: float | None = 22.0
+    background_g: float | None = None
+    lights: tuple[str, ...] = ()
+    date: str | None = None
+    days: float = 0.0
+    orbit: Orbit | None = None
+    place: Annotated[tuple[float, ...] | None, Unit("m", "AU")] = None
 
     def __post_init__(self) -> None:
         if self.background_g is not None:
             within(-30, 40, background_g=self.background_g)
+        for light in self.lights:
+            one_of(LIGHTS, lights=light)
+        non_negative(days=self.days)
+        if self.date is not None:
+            within(FIRST_YEAR, LAST_YEAR - 1 - self.days / 365, **{"year of date": self.start.year})
+        self._refuse_contradictions()
+
+    def _refuse_contradictions(self) -> None:
+        if "zodiacal" in self.lights and self.background_g is not None:
+            raise ValueError(
+                "background_g must be left out where lights has zodiacal, for which it stands, "
+                f"got {self.background_g:g}"
+            )
+        if self.dated and self.date is None:
+            raise ValueError(f"date must be given for {', '.join(self.dated)}, got none")
+        if self.orbit and self.place:
+            raise ValueError("orbit and place must not both be given, as each is the observer's")
+        if "earth" in self.lights and not self.orbit:
+            raise ValueError("orbit must be given where lights has earth, got none")
+        if self.place is not None:
+            if len(self.place) != 3:
+                raise ValueError(f"place must have three coordinates, got {len(self.place)}")
+            for each in self.place:
+                finite(place=each)
+
+    @property
+    def dated(self) -> list[str]:
+        """The lights that move in time."""
+        return [light for light in self.lights if light != "starlight"]
+
+    @property
+    def start(self) -> datetime:
+        """The date, UTC.
+
+        Errors  ValueError where it is not one.
+        """
+        try:
+            date = datetime.fromisoformat(self.date or "")
+        except ValueError:
+            raise ValueError(
+                f"date must be written as 2026-03-20T12:00:00, got {self.date!r}"
+            ) from None
+        return date.astimezone(UTC) if date.tzinfo else date.replace(tzinfo=UTC)

@@ -22,6 +22,7 @@ ZERO_POINT = {"G": 25.6874, "BP": 25.3385, "RP": 24.7479}  # magnitude of one el
 GAIA_APERTURE = 0.7278  # m^2
 
 SUN = 5772.0  # K, IAU 2015 nominal effective temperature
+SUN_G_MINUS_V = -0.14  # Casagrande & VandenBerg (2018), MNRAS 479, L102
 UNKNOWN_COLOUR = SUN
 COOLEST, HOTTEST = 1500.0, 50000.0  # K, outside which a colour is clipped
 

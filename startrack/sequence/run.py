@@ -16,14 +16,13 @@ from startrack.attitude import State, solve
 from startrack.camera import Camera
 from startrack.case import Case
 from startrack.catalog import open_sky
-from startrack.chain import index_of, look, psf_of, random_attitude, throughput
+from startrack.chain import index_of, light_of, look, psf_of, random_attitude, throughput
 from startrack.checks import whole
 from startrack.detection import detect
 from startrack.detector import expected, frame_of
 from startrack.error import Outcome, judge
 from startrack.identification import identify, track
 from startrack.motion import trace
-from startrack.scene import illuminate
 from startrack.sequence.flight import Flight, flight
 from startrack.sequence.follow import Known, carry, take
 from startrack.sequence.gyro import shown
@@ -121,9 +120,10 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]
     instrument, camera = case.instrument, case.instrument.camera
     detector, before = instrument.detector, None
     for k, turn in enumerate(true.turns):
+        stars = look(open_sky(case.catalog), true.attitude[k], camera)
         path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
         electrons = expected(
-            illuminate(case.scene, look(open_sky(case.catalog), true.attitude[k], camera)),
+            light_of(case, stars, true.attitude[k], Streams(seed, number)),
             psf_of(instrument),
             path,
             true.attitude[k],

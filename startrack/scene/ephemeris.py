@@ -1,0 +1,147 @@
+"""Scene, Streams -> where the bodies of the solar system are, seen by the observer."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.scene.parameters import Orbit, Scene
+from startrack.streams import Streams
+from startrack.units import LIGHT_SPEED
+
+Floats = NDArray[np.float64]
+
+AU = 149_597_870_700.0  # metre, IAU 2012
+EARTH_RADIUS = 6_378_137.0  # metre, WGS 84 at the equator
+DAY = 86400.0  # second
+J2000 = 2451545.0  # Julian day
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body as the observer sees it.
+
+    direction     (3,) unit vector, ICRS axes
+    distance      metre from the observer
+    sun           (3,) metre from the body to the Sun
+    """
+
+    direction: Floats
+    distance: float
+    sun: Floats
+
+    @property
+    def sun_distance(self) -> float:
+        """Metre from the Sun."""
+        return float(np.linalg.norm(self.sun))
+
+    @property
+    def phase_angle(self) -> float:
+        """Radian between the Sun and the observer, seen from the body."""
+        cosine = float(-self.direction @ self.sun) / self.sun_distance
+        return math.acos(min(max(cosine, -1.0), 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Observer:
+    """When and where the sky is looked at.
+
+    day       Julian day, TDB
+    position  (3,) metre from the solar system's barycentre, ICRS axes
+    earth     (3,) metre from the observer to the Earth's centre
+    """
+
+    day: float
+    position: Floats
+    earth: Floats
+
+    @property
+    def year(self) -> float:
+        """Julian year."""
+        return 2000 + (self.day - J2000) / 365.25
+
+    def see(self, name: str) -> Body:
+        """A body, or the Sun, where it was when its light left it.
+
+        name    "sun", "moon", or a planet
+        Errors  model: no aberration (21 arcsec), no light deflection.
+                numerical: astropy's built-in ephemeris: Sun 1 arcsec, Moon 10 arcsec, planets
+                40 arcsec between 1900 and 2100.
+        """
+        late = 0.0
+        for _ in range(2):
+            there = _barycentric(name, self.day - late / DAY)
+            line = there - self.position
+            late = float(np.linalg.norm(line)) / LIGHT_SPEED
+        distance = float(np.linalg.norm(line))
+        sun = _barycentric("sun", self.day - late / DAY) - there
+        return Body(line / distance, distance, sun)
+
+
+def observer_of(scene: Scene, streams: Streams | None) -> Observer:
+    """The observer of one trial.
+
+    streams  of the trial; needed only where the scene draws a date or a place in the orbit
+    """
+    day = _start(scene)
+    if scene.days:
+        day += scene.days * _draw(streams, "date")
+    earth = _barycentric("earth", day)
+    if scene.place is not None:
+        position = np.array(scene.place)
+    elif scene.orbit:
+        phase = scene.orbit.phase
+        phase = 2 * math.pi * _draw(streams, "orbit") if phase is None else phase
+        position = earth + on_orbit(scene.orbit, phase)
+    else:
+        position = earth
+    return Observer(day, position, earth - position)
+
+
+def on_orbit(orbit: Orbit, phase: float) -> Floats:
+    """(3,) metre from the Earth's centre, ICRS axes."""
+    along, across = math.cos(phase), math.sin(phase)
+    node, tilt = orbit.node, orbit.inclination
+    unit = np.array(
+        [
+            along * math.cos(node) - across * math.cos(tilt) * math.sin(node),
+            along * math.sin(node) + across * math.cos(tilt) * math.cos(node),
+            across * math.sin(tilt),
+        ]
+    )
+    return (EARTH_RADIUS + orbit.altitude) * unit
+
+
+@lru_cache(maxsize=64)
+def _start(scene: Scene) -> float:
+    """Julian day, TDB."""
+    from astropy.time import Time  # costs 0.5 s, and only dated scenes need it
+
+    with warnings.catch_warnings():
+        # Leap seconds of years to come are unknown, a second of time at most.
+        warnings.filterwarnings("ignore", message=".*dubious year.*")
+        return float(Time(scene.start.replace(tzinfo=None), scale="utc").tdb.jd)
+
+
+@lru_cache(maxsize=256)
+def _barycentric(name: str, day: float) -> Floats:
+    """(3,) metre, ICRS axes, read-only."""
+    from astropy import units
+    from astropy.coordinates import get_body_barycentric
+    from astropy.time import Time
+
+    place = get_body_barycentric(name, Time(day, format="jd", scale="tdb"), ephemeris="builtin")
+    metre = np.array(place.xyz.to_value(units.m))
+    metre.flags.writeable = False
+    return metre
+
+
+def _draw(streams: Streams | None, cause: str) -> float:
+    if streams is None:
+        raise TypeError(f"streams must be given where the {cause} is drawn, got None")
+    return float(streams(cause).random())
