@@ -39,6 +39,7 @@ __all__ = [
     "OUTCOMES",
     "Record",
     "asked_for",
+    "attempt",
     "detected",
     "index_of",
     "light_of",
@@ -101,15 +102,21 @@ def trial(case: Case, seed: int, number: int, fidelity: Fidelity = Fidelity.FRAM
     Errors  ValueError where the case contradicts itself, or has what the fidelity lacks.
     """
     streams = Streams(seed, number)
-    attitude = random_attitude(streams)
+    return attempt(case, random_attitude(streams), streams, fidelity)
+
+
+def attempt(
+    case: Case, icrs_to_camera: Rotation, streams: Streams, fidelity: Fidelity = Fidelity.FRAME
+) -> Outcome:
+    """The outcome of a trial at a chosen attitude; errors as `trial`."""
     if fidelity is Fidelity.FRAME:
-        return observe(case, attitude, streams).outcome
+        return observe(case, icrs_to_camera, streams).outcome
     if fidelity is Fidelity.COVARIANCE:
         raise ValueError("fidelity must be frame or window; covariance is not made yet")
-    spots = spots_in_windows(case, attitude, streams)
+    spots = spots_in_windows(case, icrs_to_camera, streams)
     camera, stars = case.believed_camera, open_sky(case.believed_catalog).stars
     _, estimate = recognise(spots, camera, stars, case.tracker)
-    return judge(estimate, asked_for(case, attitude, streams), len(spots))
+    return judge(estimate, asked_for(case, icrs_to_camera, streams), len(spots))
 
 
 def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:

@@ -77,8 +77,14 @@ def refine(
 
 def _linearise(predicted: Floats, seen_plane: Floats) -> tuple[Floats, Floats]:
     """Residuals (n, 2) in the plane, and their derivatives (n, 2, 3) by the rotation."""
-    x, y = (predicted[:, :2] / predicted[:, 2:]).T
+    plane = predicted[:, :2] / predicted[:, 2:]
+    return seen_plane - plane, tangent(plane)
+
+
+def tangent(plane: Floats) -> Floats:
+    """How places (n, 2) in the image plane move with a small rotation, (n, 2, 3)."""
+    x, y = plane.T
     design = np.empty((len(x), 2, 3))
     design[:, 0] = np.column_stack([-x * y, 1 + x * x, -y])
     design[:, 1] = np.column_stack([-(1 + y * y), x * y, x])
-    return seen_plane - np.column_stack([x, y]), design
+    return design

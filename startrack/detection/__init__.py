@@ -24,6 +24,7 @@ gaussian    fit of a Gaussian
 likelihood  fit of the design's PSF
 centroid    Candidates -> Spots, by one of these four
 detect      Frame -> Spots
+response    how a centroid answers to each of its pixels
 windows     Frame, predicted places -> Spots
 within      Frame known in regions alone -> Spots
 """

@@ -36,7 +36,7 @@ def centroid(
     Returns  Spots, brightest first
     Errors   those of the files of the four centroids.
     """
-    table = _measured(sample(frame, pixels, candidates, settings), settings, psf)
+    table = measured(sample(frame, pixels, candidates, settings), settings, psf)
     order = np.argsort(-table[:, 2], kind="stable")  # NaN goes last
     chosen = order[_apart(table, order, settings.max_spots)]
     x, y, flux, sigma, xx, xy, yy = table[chosen, :7].T
@@ -50,7 +50,7 @@ def centroid(
     )
 
 
-def _measured(stars: Sample, settings: Detection, psf: Psf) -> Floats:
+def measured(stars: Sample, settings: Detection, psf: Psf) -> Floats:
     """One row per candidate, as `gravity` describes it."""
     match settings.centroid:
         case "likelihood":

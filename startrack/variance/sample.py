@@ -1,0 +1,92 @@
+"""Case, attitudes and numbers of trials -> outcomes, with their controls where asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.case import Case, Fidelity
+from startrack.chain import OUTCOMES, attempt, observe
+from startrack.detector import expected
+from startrack.scene import illuminate
+from startrack.streams import Streams
+from startrack.variance.control import control
+from startrack.view import psf_of, throughput, turn_of
+
+AXES = "xyz"
+CONTROLS = np.dtype(
+    [(f"{name}_{axis}", float) for name in ("linear", "middle", "variance") for axis in AXES]
+)
+
+
+def sample(
+    case: Case,
+    seed: int,
+    numbers: Sequence[int],
+    attitudes: Rotation,
+    fidelity: Fidelity = Fidelity.FRAME,
+) -> NDArray[np.void]:
+    """Outcomes (n,) of trials at chosen attitudes, with the noise of their numbers."""
+    rows = [
+        (number, *attempt(case, attitude, Streams(seed, number), fidelity))
+        for number, attitude in zip(numbers, attitudes, strict=True)
+    ]
+    return np.array(rows, OUTCOMES)
+
+
+def sample_controlled(
+    case: Case, seed: int, numbers: Sequence[int], attitudes: Rotation
+) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """The same for whole frames, and the fields of `Control` of each trial.
+
+    A trial that has no control, for lack of bright stars, has one of zero with variance zero,
+    which the attitude alone decides, so that nothing is biased.
+    """
+    outcomes = np.empty(len(numbers), OUTCOMES)
+    controls = np.zeros(len(numbers), CONTROLS)
+    instrument = case.instrument
+    for k, (number, attitude) in enumerate(zip(numbers, attitudes, strict=True)):
+        streams = Streams(seed, number)
+        record = observe(case, attitude, streams)
+        outcomes[k] = (number, *record.outcome)
+        electrons = expected(
+            illuminate(case.scene, record.stars),
+            psf_of(instrument),
+            record.path,
+            attitude,
+            instrument.camera,
+            instrument.detector,
+            throughput(instrument),
+            turn_of(instrument, streams),
+        )
+        image = record.frame.image.astype(float)
+        made = control(case, attitude, record.stars, electrons, image)
+        if made is not None:
+            controls[k] = tuple(np.concatenate(made))
+    return outcomes, controls
+
+
+def squares(outcomes: NDArray[np.void], about: bool = False) -> NDArray[np.float64]:
+    """Radian^2, whose mean is the square of the rms across (per axis) or about the boresight.
+
+    Trials without a right attitude count as zero; divide by the availability.
+    """
+    right = outcomes["solved"] & ~outcomes["false"]
+    across = (outcomes["error_x"] ** 2 + outcomes["error_y"] ** 2) / 2
+    return np.where(right, outcomes["error_z"] ** 2 if about else across, 0.0)
+
+
+def surplus(controls: NDArray[np.void], about: bool = False) -> NDArray[np.float64]:
+    """Radian^2, of the linearised error: its square less the exact mean of that; zero on average.
+
+    E |e0 + L|^2 = |e0|^2 + var L
+    """
+    axes = "z" if about else "xy"
+    total = np.zeros(len(controls))
+    for axis in axes:
+        total += controls[f"linear_{axis}"] ** 2 - controls[f"middle_{axis}"] ** 2
+        total -= controls[f"variance_{axis}"]
+    return total / len(axes)
