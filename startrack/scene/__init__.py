@@ -8,6 +8,7 @@ bodies        Sun, Moon and Earth: discs and glare
 zodiacal      sunlight on the dust between the planets
 starlight     stars below the catalogue's limit, and the dust between the stars
 illuminate    Stars -> Light
+earth         rays at the Earth -> Ground, where it fills the field; imported by those who need it
 """
 
 from startrack.scene.illuminate import Sight, illuminate

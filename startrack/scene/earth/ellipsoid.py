@@ -1,0 +1,117 @@
+"""Cartesian coordinates to geodetic ones and back, on the ellipsoid WGS84."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# NIMA TR8350.2 (2000), table 3.1: WGS84's two defining lengths, and what follows from them.
+EQUATORIAL = 6378137.0  # metre
+FLATTENING = 1 / 298.257223563
+POLAR = EQUATORIAL * (1 - FLATTENING)  # metre
+ECCENTRICITY_2 = FLATTENING * (2 - FLATTENING)
+SECOND_ECCENTRICITY_2 = ECCENTRICITY_2 / (1 - ECCENTRICITY_2)
+
+
+def cartesian(longitude: Floats, latitude: Floats, height: Floats) -> Floats:
+    """Earth-fixed point of geodetic coordinates.
+
+        P = [(N + h) cos(lat) cos(lon), (N + h) cos(lat) sin(lon), (N (1 - e^2) + h) sin(lat)]
+
+    longitude, latitude  (...) radian
+    height               (...) metre above the ellipsoid
+    Returns              (..., 3) metre
+    """
+    sine = np.sin(latitude)
+    normal = EQUATORIAL / np.sqrt(1 - ECCENTRICITY_2 * sine**2)
+    across = (normal + height) * np.cos(latitude)
+    return np.stack(
+        [
+            across * np.cos(longitude),
+            across * np.sin(longitude),
+            (normal * (1 - ECCENTRICITY_2) + height) * sine,
+        ],
+        axis=-1,
+    )
+
+
+def geodetic(point: Floats) -> tuple[Floats, Floats, Floats]:
+    """Longitude, latitude and height of Earth-fixed points.
+
+    Source: Bowring (1985), Survey Review 28, 202, with one step more.
+
+    point    (..., 3) metre
+    Returns  longitude in (-pi, pi] and latitude, (...) radian; height, (...) metre
+    Errors   numerical: 5e-9 m from -5 to 1000 km of height, 3e-8 m at 36000 km; of no use within
+             100 km of the centre of the Earth.
+    """
+    point = np.ascontiguousarray(point, float)
+    out = np.empty((point.size // 3, 3))
+    _geodetic_all(point.reshape(-1, 3), out)
+    longitude, latitude, height = (out[:, i].reshape(point.shape[:-1]) for i in range(3))
+    return longitude, latitude, height
+
+
+def up(longitude: Floats, latitude: Floats) -> Floats:
+    """Unit vectors (..., 3) normal to the ellipsoid, at (...) radian."""
+    across = np.cos(latitude)
+    return np.stack(
+        [across * np.cos(longitude), across * np.sin(longitude), np.sin(latitude)], axis=-1
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _geodetic_all(point, out):  # type: ignore[no-untyped-def]
+    for n in range(len(point)):
+        x, y, z = point[n]
+        sine, cosine, height, _ = vertical(x, y, z)
+        out[n, 0] = math.atan2(y, x)
+        out[n, 1] = math.atan2(sine, cosine)
+        out[n, 2] = height
+
+
+@njit(cache=True, error_model="numpy")
+def vertical(x, y, z):  # type: ignore[no-untyped-def]
+    """Sine and cosine of the latitude, height, and distance from the axis of one point.
+
+    Free of trigonometric functions: latitude and reduced latitude are kept as sine and cosine.
+    """
+    across = math.sqrt(x * x + y * y)
+    radius = math.sqrt(across * across + z * z)
+    sine = POLAR * z * (1 + SECOND_ECCENTRICITY_2 * POLAR / radius)
+    cosine = EQUATORIAL * across
+    for _ in range(2):
+        scale = 1 / math.sqrt(sine * sine + cosine * cosine)
+        sine, cosine = sine * scale, cosine * scale
+        rise = z + SECOND_ECCENTRICITY_2 * POLAR * sine * sine * sine
+        run = across - ECCENTRICITY_2 * EQUATORIAL * cosine * cosine * cosine
+        sine, cosine = (1 - FLATTENING) * rise, run
+    scale = 1 / math.sqrt(rise * rise + run * run)
+    sine, cosine = rise * scale, run * scale
+    level = EQUATORIAL * math.sqrt(1 - ECCENTRICITY_2 * sine * sine)
+    return sine, cosine, across * cosine + z * sine - level, across
+
+
+@njit(cache=True, error_model="numpy")
+def shell(ox, oy, oz, dx, dy, dz, height):  # type: ignore[no-untyped-def]
+    """Distances at which a ray enters and leaves the ellipsoid whose axes are longer by `height`.
+
+    It lies within a metre of the surface of that height, up to 10 km. Entry above leave: a miss.
+    """
+    wide, tall = 1 / (EQUATORIAL + height), 1 / (POLAR + height)
+    ox, oy, oz = ox * wide, oy * wide, oz * tall
+    dx, dy, dz = dx * wide, dy * wide, dz * tall
+    a = dx * dx + dy * dy + dz * dz
+    b = ox * dx + oy * dy + oz * dz
+    # The square of the distance from the centre, without the loss of digits of b^2 - a c.
+    cx, cy, cz = oy * dz - oz * dy, oz * dx - ox * dz, ox * dy - oy * dx
+    rest = a - (cx * cx + cy * cy + cz * cz)
+    if rest < 0:
+        return math.inf, -math.inf
+    root = math.sqrt(rest)
+    return (-b - root) / a, (-b + root) / a

@@ -1,0 +1,112 @@
+"""A straight ray -> its path over a grid, near one of its points: quadratic in the distance."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from numba import njit
+
+from startrack.scene.earth.ellipsoid import (
+    ECCENTRICITY_2,
+    EQUATORIAL,
+)
+from startrack.scene.earth.surface import locate
+
+TOLERANCE = 1e-3  # metre, or of a cell where that is less: how far a path may leave its ray
+LONGEST = 0.125  # of the distance from the Earth's axis, over which a path may reach
+
+
+class Path(NamedTuple):
+    """The path at a distance s from its middle: each of u, v, h is q0 + q1 s + q2 s^2.
+
+    u, v    columns and rows from the vertex [0, 0]
+    h       metre above the ellipsoid
+    margin  metre, by which h minus the height of the terrain may be wrong
+    """
+
+    u0: float
+    u1: float
+    u2: float
+    v0: float
+    v1: float
+    v2: float
+    h0: float
+    h1: float
+    h2: float
+    margin: float
+
+
+@njit(cache=True, error_model="numpy")
+def reach(surface, x, y, z, dx, dy, dz, longest):  # type: ignore[no-untyped-def]
+    """Half the length of a path that keeps to its tolerance, at most `longest`; its margin.
+
+    The third derivatives of the path, in metres, stay below 8 c / p^2, with c the horizontal
+    share of the direction and p the distance from the axis: of the height 3 sin(e) cos^2(e) / r^2,
+    of the latitude 6 c / r^2, of the longitude 6 c / p^2. Taylor's remainder does the rest.
+    """
+    across_2 = max(x * x + y * y, 1e-6)
+    across = math.sqrt(across_2)
+    along = x * dx + y * dy + z * dz
+    level = math.sqrt(max(0.0, 1 - along * along / (across_2 + z * z))) + 0.005  # grows on its way
+    cell = min(surface.step_x * across, surface.step_y * EQUATORIAL)
+    tolerance = TOLERANCE * min(1.0, cell)
+    margin = tolerance + (surface.highest - surface.lowest) * 2 * tolerance / cell
+    half = min(longest, LONGEST * across)
+    cube = 6 * tolerance * across_2 / (8 * level)
+    if half * half * half > cube:
+        half = cube ** (1 / 3)
+    return half, margin
+
+
+@njit(cache=True, error_model="numpy")
+def path_at(surface, x, y, z, dx, dy, dz, margin):  # type: ignore[no-untyped-def]
+    """The path around a point, its derivatives from those of the local axes.
+
+    With e, n, w the parts of the direction to the east, to the north and upwards:
+        lon' = e / p,  lat' = n / (M + h),  h' = w,  p' = cos(lat) w - sin(lat) n
+        e' = lon' (sin(lat) n - cos(lat) w),  n' = -lat' w - lon' sin(lat) e,
+        w' = lat' n + lon' cos(lat) e
+    """
+    u, v, height, sine, cosine, across = locate(surface, x, y, z)
+    across = max(across, 1e-3)
+    radial = (x * dx + y * dy) / across
+    east = (x * dy - y * dx) / across
+    north = cosine * dz - sine * radial
+    rise = sine * dz + cosine * radial
+    bend = 1 - ECCENTRICITY_2 * sine * sine
+    meridian = EQUATORIAL * (1 - ECCENTRICITY_2) / (bend * math.sqrt(bend))
+    turn, climb = east / across, north / (meridian + height)
+    growth = 3 * ECCENTRICITY_2 * meridian * sine * cosine / bend * climb + rise
+    turn_2 = (turn * (sine * north - cosine * rise) - turn * radial) / across
+    climb_2 = (-climb * rise - turn * sine * east - climb * growth) / (meridian + height)
+    rise_2 = climb * north + turn * cosine * east
+    per_column, per_row = 1 / surface.step_x, 1 / surface.step_y
+    return Path(
+        u, turn * per_column, 0.5 * turn_2 * per_column,
+        v, -climb * per_row, -0.5 * climb_2 * per_row,
+        height, rise, 0.5 * rise_2, margin,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def crossing(q0, q1, q2, sign, target):  # type: ignore[no-untyped-def]
+    """Where a quadratic comes to `target` on its branch that rises (sign 1) or falls (-1).
+
+    Nearly straight ones by the reverted series, to 1e-16; infinity where it does not get there.
+    """
+    rest = target - q0
+    slow = q1 * q1
+    bend = q2 * rest
+    if abs(bend) < 5e-4 * slow and sign * q1 > 0:
+        bend /= slow
+        return rest / q1 * (1 - bend * (1 - bend * (2 - bend * (5 - bend * 14))))
+    root = slow + 4 * bend
+    if root < 0:
+        return math.inf
+    root = math.sqrt(root)
+    if sign * q1 > 0:
+        return 2 * rest / (q1 + sign * root)
+    if q2 == 0:
+        return math.inf
+    return (sign * root - q1) / (2 * q2)

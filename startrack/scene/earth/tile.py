@@ -1,0 +1,64 @@
+"""Heights -> square tiles of cells, each with the maxima of its blocks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+SIZE = 9  # a tile is a block of level 9
+CELLS = 1 << SIZE  # of a tile, along each side
+VERTICES = CELLS + 1  # neighbours share their outermost vertices
+BLOCKS = (4**SIZE - 1) // 3  # of the levels 1 to 9 in a tile
+
+
+@njit(cache=True, error_model="numpy")
+def block(level, j, i):  # type: ignore[no-untyped-def]
+    """Place of a block within the maxima of its tile: level 1 first, each level row by row."""
+    return ((1 << 2 * SIZE) - (1 << 2 * (SIZE + 1 - level))) // 3 + (j << (SIZE - level)) + i
+
+
+@njit(cache=True, error_model="numpy")
+def fill(tile, maxima):  # type: ignore[no-untyped-def]
+    """Fill in the maxima of a tile, in place; returns its lowest and highest height.
+
+    NaN, a hole, counts as below all: blocks of holes are never entered.
+
+    tile    (513, 513) metre
+    maxima  (87381,) metre; that of a block covers all vertices of its cells
+    """
+    lowest, highest = math.inf, -math.inf
+    for j in range(CELLS // 2):
+        for i in range(CELLS // 2):
+            most = np.float32(-np.inf)
+            for b in range(2 * j, 2 * j + 3):
+                for a in range(2 * i, 2 * i + 3):
+                    height = tile[b, a]
+                    most = height if height > most else most
+                    lowest = height if height < lowest else lowest
+            maxima[(j << (SIZE - 1)) + i] = most
+            highest = most if most > highest else highest
+    for level in range(2, SIZE + 1):
+        for j in range(CELLS >> level):
+            for i in range(CELLS >> level):
+                finer = block(level - 1, 2 * j, 2 * i)
+                below = finer + (CELLS >> (level - 1))
+                maxima[block(level, j, i)] = max(
+                    max(maxima[finer], maxima[finer + 1]), max(maxima[below], maxima[below + 1])
+                )
+    return lowest, highest
+
+
+def cut(heights: NDArray[np.float32], j: int, i: int) -> NDArray[np.float32]:
+    """One tile of an array, NaN beyond its edges.
+
+    heights  (rows, columns) metre
+    j, i     row and column of the tile
+    Returns  (513, 513)
+    """
+    tile = np.full((VERTICES, VERTICES), np.nan, heights.dtype)
+    part = heights[j * CELLS : j * CELLS + VERTICES, i * CELLS : i * CELLS + VERTICES]
+    tile[: part.shape[0], : part.shape[1]] = part
+    return tile
