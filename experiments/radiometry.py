@@ -1,0 +1,340 @@
+"""How right is the air, how exact are its tables, and how fast are they applied?
+
+The radiative transfer against published tables, another solver and MODTRAN; the shipped table
+against direct runs at random places; the error and time over the density of the table; magnitudes
+of the limb. Times are the least of several, one thread.
+
+    python experiments/radiometry.py [--json FILE] [--figure FILE]
+
+needs the extra `earth`; PythonicDISORT and pybsm, which holds runs of MODTRAN 5.2.1, are left out
+where they are missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import json
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import one_thread  # noqa: F401
+from numpy.typing import NDArray
+
+from startrack.catalog import shipped
+from startrack.scene.air import (
+    Air,
+    AirTable,
+    Reach,
+    Sight,
+    build,
+    in_bands,
+    load_limb,
+    load_table,
+    look_up,
+    radiance,
+    refine,
+)
+from startrack.scene.air.build import SHIPPED
+from startrack.scene.air.solver import TOP
+from startrack.scene.air.solver import radiance as solve
+from startrack.units import arcsec, deg, nm, um
+
+Floats = NDArray[np.float64]
+
+GREEN: Floats = np.array([550 * nm])
+SUN = 0.5371  # cosine, off the ordinates of the solvers
+PIXELS = 1_000_000
+BANDS = 25
+REPEATS = 5
+
+# Natraj, Li and Yung (2009), ApJ 691, 1909: Stokes I of the corrected tables of Coulson, Dave and
+# Sekera (1960) for optical depth 0.5, albedo 0.8, cosine of the Sun 0.2, irradiance pi:
+# (cosine of the sensor, azimuth in degree) -> I
+NATRAJ = {
+    (0.02, 0.0): 0.47382125,
+    (0.4, 0.0): 0.23059806,
+    (1.0, 0.0): 0.13280858,
+    (0.02, 60.0): 0.33343531,
+    (0.4, 60.0): 0.18923236,
+    (1.0, 60.0): 0.13280858,
+}
+
+# The background of pybsm's runs of MODTRAN, "mixed forest", as its README prints it.
+FOREST_AT: Floats = np.array([0.2, 0.5, 0.7, 0.725, 0.75, 0.775, 0.9, 0.925, 1.0, 1.25]) * um
+FOREST: Floats = np.array([0.025, 0.036, 0.032, 0.097, 0.254, 0.314, 0.31, 0.419, 0.4, 0.384])
+TARGET = 0.15
+AUGUST_23 = 1.0104  # astronomical units
+WATER_BANDS = ((680, 740), (755, 775), (810, 845), (890, 1000))  # nm, strong lines of water, oxygen
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    parser.add_argument("--figure", type=Path, help="draw the spectrum and the table's error here")
+    chosen = parser.parse_args()
+    table = load_table(shipped("atmosphere/rural-23km.fits"))
+    figures: dict[str, Any] = {
+        "rayleigh_od_550": optical_depth(),
+        "natraj_max_relative_error": natraj(),
+        "disort_max_relative_error": disort(),
+        "energy_closure": closure(),
+        **modtran(),
+        **table_error(table),
+        **speed(table),
+        "limb_magnitudes": limb(),
+    }
+    for name, value in figures.items():
+        print(f"{name:32} {value}")
+    if chosen.json:
+        chosen.json.write_text(json.dumps(figures, indent=1) + "\n")
+    if chosen.figure:
+        draw(table, chosen.figure)
+
+
+def optical_depth() -> float:
+    """Of molecules at 550 nm; 0.0973 by Bodhaine et al. (1999)."""
+    _, heights, extinction = solve(Air("none"), GREEN, 0.0, SUN, [(1.0, 0.0, TOP)], (0.0,), 4)
+    return float(np.trapezoid(extinction[0], heights))
+
+
+def natraj() -> float:
+    """sasktran2 in the settings of the tables, on the one layer of Coulson, Dave and Sekera."""
+    sk = importlib.import_module("sasktran2")
+    config = sk.Config()
+    config.num_streams, config.num_stokes, config.num_singlescatter_moments = 40, 3, 40
+    config.multiple_scatter_source = sk.MultipleScatterSource.DiscreteOrdinates
+    config.single_scatter_source = sk.SingleScatterSource.DiscreteOrdinates
+    heights = np.array([0.0, 1.0])
+    geometry = sk.Geometry1D(
+        0.2, 0.0, 6371e3, heights, sk.InterpolationMethod.LowerInterpolation,
+        sk.GeometryType.PlaneParallel,
+    )  # fmt: skip
+    view = sk.ViewingGeometry()
+    for cosine, azimuth in NATRAJ:
+        view.add_ray(sk.GroundViewingSolar(0.2, math.radians(azimuth), cosine, 200e3))
+    state = sk.Atmosphere(geometry, config, numwavel=1, calculate_derivatives=False)
+    moments = np.zeros((4 * 40, 2, 1))
+    moments[0], moments[8], moments[9], moments[11] = 1.0, 0.5, 3.0, -math.sqrt(6) / 2
+    ones = np.ones((2, 1))
+    state["layer"] = sk.constituent.Manual(0.5 * ones, ones, moments)
+    state["surface"] = sk.constituent.LambertianSurface(0.8)
+    found = sk.Engine(config, geometry, view).calculate_radiance(state).radiance.to_numpy()
+    stokes = math.pi * found[0, :, 0]
+    return float(np.max(np.abs(stokes / np.array(list(NATRAJ.values())) - 1)))
+
+
+def cells(air: Air, rays: list[tuple[float, float, float]], streams: int) -> tuple[Floats, Floats]:
+    """What white ground adds, and the spherical albedo, at 550 nm."""
+    albedos = (0.0, 0.25, 0.75)
+    found = solve(air, GREEN, 0.0, SUN, rays, albedos, streams)[0][:, 0]
+    first, second = ((lit - found[0]) / a for lit, a in zip(found[1:], albedos[1:], strict=True))
+    spherical = (second - first) / (albedos[2] * second - albedos[1] * first)
+    return first * (1 - albedos[1] * spherical), spherical
+
+
+def disort() -> float | None:
+    """Transmitted flux of clear air, and of the same by PythonicDISORT."""
+    if not importlib.util.find_spec("PythonicDISORT"):
+        return None
+    import warnings
+
+    worst = 0.0
+    _, heights, extinction = solve(Air("none"), GREEN, 0.0, SUN, [(1.0, 0.0, TOP)], (0.0,), 4)
+    depth = np.trapezoid(extinction[0], heights)
+    king = 1.0484  # Bates (1984) at 550 nm
+    depolarisation = 6 * (king - 1) / (7 * king + 3)
+    phase = np.zeros((1, 17))
+    phase[0, [0, 2]] = 1, (1 - depolarisation) / (2 + depolarisation) / 5
+    for sun in (SUN, 0.2123, 0.9531):
+        added, _ = cells(Air("none"), [(SUN, 0.0, TOP), (sun, 0.0, TOP)], 16)
+        own = math.sqrt(math.pi * added[0] / SUN)
+        ours = math.pi * added[1] / SUN / own
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            solved = importlib.import_module("PythonicDISORT").pydisort(
+                depth, np.array([1 - 1e-7]), 16, phase, sun, 1.0, 0.0, only_flux=True
+            )
+        theirs = sum(solved[2](depth)) / sun
+        worst = max(worst, abs(ours / theirs - 1))
+    return worst
+
+
+def closure() -> float:
+    """What clear air neither lets through nor sends back."""
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    cosines, weights = (nodes + 1) / 2, weights / 2
+    added, spherical = cells(Air("none"), [(c, 0.0, TOP) for c in [*cosines, SUN]], 8)
+    total = math.pi * added / SUN
+    total /= math.sqrt(total[-1])
+    return float(abs(spherical.mean() + 2 * (weights * cosines) @ total[:-1] - 1))
+
+
+def modtran() -> dict[str, Any]:
+    """Nadir from 24.5 km, Sun at 50 degrees, rural 23 km, against pybsm's rows of MODTRAN."""
+    try:
+        utils = importlib.import_module("pybsm.utils")
+    except ModuleNotFoundError:
+        return {"modtran_total_vis_max": None, "modtran_total_nir_max": None}
+    rows = utils.load_database_atmosphere_no_interp(altitude=24500.0, ground_range=0, ihaze=1)
+    wavelength = np.arange(400.0, 1001.0, 10.0) * nm
+    total = np.array([np.interp(wavelength, rows[:, 0], rows[:, i]) for i in (2, 3, 4, 5)]).sum(0)
+    grid = SHIPPED._replace(height=np.array([0.0]), sun=np.array([0.0, 50.0]) * deg)
+    table = build(Air(), grid, polarised=False)  # MODTRAN does not carry polarisation either
+    bands = in_bands(table, triangles(table, wavelength, 20 * nm), 24500.0, AUGUST_23)
+    forest = np.interp(wavelength, FOREST_AT, FOREST)
+    fine = refine(bands, Reach((0.0, 0.0), (0.0, 0.0), (50 * deg, 50 * deg), (90 * deg, 90 * deg)))
+    flat = np.ones(1)
+    sight = Sight(
+        0 * flat, 0 * flat, 50 * deg * flat, 90 * deg * flat, math.cos(50 * deg) * flat, flat, flat
+    )
+    ours = radiance(fine, sight, np.full(len(wavelength), TARGET), forest).total[0]
+    error = np.abs(ours / total - 1)
+    at = wavelength / nm
+    strong = np.zeros(len(at), bool)
+    for low, high in WATER_BANDS:
+        strong |= (at >= low) & (at <= high)
+    visible = (at >= 450) & (at <= 670)
+    infrared = (at >= 780) & (at <= 1000) & ~strong
+    return {
+        "modtran_total_vis_max": float(error[visible].max()),
+        "modtran_total_vis_mean": float(error[visible].mean()),
+        "modtran_total_nir_max": float(error[infrared].max()),
+    }
+
+
+def triangles(table: AirTable, centres: Floats, width: float) -> Floats:
+    """Bands with a triangular response of area one; `width` at half height."""
+    shape = np.clip(1 - np.abs(table.spectrum - centres[:, None]) / width, 0, None)
+    return shape / (shape * np.gradient(table.spectrum)).sum(-1)[:, None]
+
+
+def table_error(table: AirTable, places: int = 60) -> dict[str, Any]:
+    """The table at random places against runs of the solver there, ground of albedo 0.3."""
+    rng = np.random.default_rng(1)
+    wavelength = np.array([450, 550, 800]) * nm
+    node = np.argmin(np.abs(table.spectrum - wavelength[:, None]), 1)
+    response = np.zeros((3, len(table.spectrum)))
+    response[range(3), node] = 1
+    bare = AirTable(**{**vars(table), "gas": np.ones_like(table.gas)})  # the solver has no lines
+    unit = response @ (np.gradient(table.spectrum) * table.irradiance)
+    errors = []
+    bands = in_bands(bare, response, TOP)
+    for _ in range(places):
+        height = rng.uniform(0, 4e3)
+        sensor, sun = rng.uniform(0, 70, 2) * deg
+        azimuth = rng.uniform(0, math.pi)
+        here = Reach(*((value, value) for value in (height, sensor, sun, azimuth)))
+        whole = (height, sensor, sun, azimuth, math.cos(sun), 1.0, 1.0)
+        sight = Sight._make(np.array([value]) for value in whole)
+        ours = radiance(refine(bands, here), sight, np.full(3, 0.3), np.full(3, 0.3)).total[0]
+        rays = [(math.cos(sensor), math.pi - azimuth, TOP)]
+        direct = solve(
+            table.air, table.spectrum[node], height, math.cos(sun), rays, (0.3,), 8, True
+        )
+        errors.append(np.abs(ours / unit / direct[0][0, :, 0] - 1))
+    return {
+        "table_error_median": float(np.median(errors)),
+        "table_error_p95": float(np.quantile(errors, 0.95)),
+        "table_error_places": places,
+    }
+
+
+def image(size: int) -> Sight:
+    """A nadir image over hills, as smooth as images are."""
+    y, x = np.mgrid[:size, :size] / size
+    height = 1000 + 900 * np.sin(7 * x) * np.cos(5 * y)
+    sensor = (0.1 + 4.8 * np.hypot(x - 0.5, y - 0.5)) * deg
+    sun = (40.5 + 4 * x) * deg
+    azimuth = np.abs(np.arctan2(y - 0.5, x - 0.5))
+    flat = np.ones(size * size)
+    places = [part.ravel() for part in (height, sensor, sun, azimuth)]
+    return Sight._make([*places, 0.7 * flat, flat, flat])
+
+
+def speed(table: AirTable) -> dict[str, Any]:
+    """Million pixels a second in 25 bands, ours and scipy's interpolator on the path term alone."""
+    from scipy.interpolate import RegularGridInterpolator
+
+    response = triangles(table, np.linspace(420, 900, BANDS) * nm, 20 * nm)
+    reach = Reach((0.0, 2e3), (0.0, 5 * deg), (40 * deg, 45 * deg), (0.0, math.pi))
+    fine = refine(in_bands(table, response, 600e3), reach)
+    whole = image(1000)
+    block = Sight(*(values[: 2**15] for values in whole))
+    reflectance = np.full((2**15, BANDS), 0.2, np.float32)
+    around = np.full(BANDS, 0.2)
+    ours = least(lambda: look_up(fine, block, reflectance, around)) / 2**15
+    axes = [
+        start + step * np.arange(size)
+        for start, step, size in zip(fine.start, fine.step, fine.path.shape, strict=False)
+    ]
+    scipys = RegularGridInterpolator(axes, fine.path)
+    places = np.stack(block[:4], -1)
+    theirs = least(lambda: scipys(places)) / 2**15
+    return {
+        "lookup_mpx_per_s": 1e-6 / ours,
+        "scipy_mpx_per_s": 1e-6 / theirs,
+        "lookup_bands": BANDS,
+    }
+
+
+def least(work: Any) -> float:
+    """CPU seconds of the fastest of several runs."""
+    times = []
+    for _ in range(REPEATS + 1):
+        start = time.process_time()
+        work()
+        times.append(time.process_time() - start)
+    return min(times[1:])
+
+
+def limb() -> dict[str, float]:
+    """Magnitude of a pixel of 60 arcsec at 550 nm, Sun at 30 degrees; and of the day's ground."""
+    table = load_limb(shipped("atmosphere/limb.fits"))
+    sun, vega = 1.863, 3.63e-11  # W / m^2 / nm at 550 nm
+    pixel = (60 * arcsec) ** 2
+    heights = np.array([20e3, 40e3, 60e3, 80e3])
+    flat = np.ones(4)
+    light = table(GREEN, heights, 30 * deg * flat, 90 * deg * flat)[:, 0]
+    day = np.array([0.3 / math.pi * math.cos(30 * deg)])
+    seen = -2.5 * np.log10(np.concatenate([light, day]) * sun * pixel / vega)
+    names = ("20 km", "40 km", "60 km", "80 km", "day ground of albedo 0.3")
+    return dict(zip(names, (round(float(one), 2) for one in seen), strict=True))
+
+
+def draw(table: AirTable, path: Path) -> None:
+    """The spectrum of figure 3: Sun in the zenith, sensor at 100 km, albedo 0.5, 1 nm."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    shown = (table.spectrum >= 400 * nm) & (table.spectrum <= 2400 * nm)
+    wavelength = table.spectrum[shown]
+    response = np.zeros((shown.sum(), len(table.spectrum)))
+    response[range(shown.sum()), np.flatnonzero(shown)] = 1 / np.gradient(table.spectrum)[shown]
+    fine = refine(
+        in_bands(table, response, TOP), Reach((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
+    )
+    flat = np.ones(1)
+    half = np.full(shown.sum(), 0.5)
+    parts = radiance(
+        fine, Sight(0 * flat, 0 * flat, 0 * flat, 0 * flat, flat, flat, flat), half, half
+    )
+    figure, axes = plt.subplots(figsize=(9, 5), layout="constrained")
+    for name in ("direct", "indirect", "scattered", "total"):
+        axes.plot(wavelength / um, getattr(parts, name)[0] * 1e-6, label=name, lw=1)
+    axes.set_xlabel("wavelength / um")
+    axes.set_ylabel("spectral radiance / (W / m$^2$ / sr / um)")
+    axes.set_title("Sun in the zenith, sensor at 100 km, albedo 0.5, rural aerosol 23 km")
+    axes.legend()
+    axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=120)
+
+
+if __name__ == "__main__":
+    main()

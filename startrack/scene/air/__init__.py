@@ -1,0 +1,55 @@
+"""Air between ground and sensor: radiation from tables, in two steps.
+
+parameters  Air: aerosol, visibility, water, ozone
+
+first step, with the extra `earth`:
+aerosol     type and visibility -> extinction over height, phase function (Mie)
+gases       water, ozone, mixed gases and the Sun's spectrum
+solver      sasktran2, wrapped
+build       Air -> AirTable
+
+table       AirTable, and its file
+checked     FITS file -> its parts, or a sentence
+
+second step:
+bands       AirTable and bands -> BandTable
+look_up     BandTable and where pixels look -> the Sun's three terms
+heat        temperature -> a blackbody in bands
+radiance    -> the five terms of the radiance at the sensor
+
+limb        tangent height and place of the Sun -> radiance of the limb
+"""
+
+from startrack.scene.air.bands import BandTable, in_bands
+from startrack.scene.air.build import Grid, build
+from startrack.scene.air.heat import Heat, heat_of, planck
+from startrack.scene.air.limb import Limb, build_limb, load_limb, save_limb
+from startrack.scene.air.look_up import FineTable, Reach, Sight, look_up, refine
+from startrack.scene.air.parameters import Air
+from startrack.scene.air.radiance import Terms, radiance
+from startrack.scene.air.table import AirTable, load_table, save_table
+
+__all__ = [
+    "Air",
+    "AirTable",
+    "BandTable",
+    "FineTable",
+    "Grid",
+    "Heat",
+    "Limb",
+    "Reach",
+    "Sight",
+    "Terms",
+    "build",
+    "build_limb",
+    "heat_of",
+    "in_bands",
+    "load_limb",
+    "load_table",
+    "look_up",
+    "planck",
+    "radiance",
+    "refine",
+    "save_limb",
+    "save_table",
+]

@@ -1,0 +1,88 @@
+"""Where each pixel looks, what is there -> radiance at the sensor, as the sum of five terms."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.scene.air.heat import Heat
+from startrack.scene.air.look_up import FineTable, Sight, look_up
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Reals = NDArray[np.floating[Any]]
+
+PIXELS = 2**15  # at a time, so that what is computed stays in the cache
+
+
+class Terms(NamedTuple):
+    """The five terms of the radiance at the sensor, (n, b) each, watt / m^2 / sr in each band.
+
+    Source: Krutz et al. (2011), eq. (1).
+
+    direct     sunlight that the ground reflects
+    indirect   light of sky, air and slopes around that the ground reflects
+    scattered  light that the air scatters, from the Sun and from the ground around
+    emitted    heat of the ground
+    thermal    heat of the air, straight or reflected
+    """
+
+    direct: Singles
+    indirect: Singles
+    scattered: Singles
+    emitted: Singles
+    thermal: Singles
+
+    @property
+    def total(self) -> Singles:
+        """(n, b) watt / m^2 / sr."""
+        return self.direct + self.indirect + self.scattered + self.emitted + self.thermal
+
+
+def radiance(
+    table: FineTable,
+    sight: Sight,
+    reflectance: Reals,
+    surroundings: Reals,
+    heat: Heat | None = None,
+    temperature: Floats | None = None,
+    air_temperature: float = 275.0,
+) -> Terms:
+    """Radiance of n pixels of ground.
+
+        L_em = (1 - rho) B(T) t
+        L_th = (1 - t) B(T_air) + rho (1 - t) B(T_air) t
+
+    with t the transmittance between ground and sensor.
+
+    Source: Krutz et al. (2011), eqs. (1) to (3).
+
+    reflectance      (n, b) or (b,) 1
+    surroundings     (b,) 1, mean reflectance of the ground around
+    heat             of the bands; None where nothing is warm enough to be seen
+    temperature      (n,) kelvin, of the ground; needed with `heat`
+    air_temperature  kelvin, one for all the air that absorbs
+    Errors           ValueError as `look_up` and `Heat`; TypeError where heat has no temperature.
+                     model: the air is isothermal, which over a black ground of its own
+                     temperature gives Planck's law exactly; real air errs by some per cent of
+                     L_th in the windows and more in the bands of gases.
+    """
+    count, bands = len(sight.height), table.backscatter.shape[1]
+    out = Terms(*np.zeros((5, count, bands), np.float32))
+    reflectance = np.broadcast_to(reflectance, (count, bands))
+    for first in range(0, count, PIXELS):
+        some = slice(first, first + PIXELS)
+        part = Sight(*(values[some] for values in sight))
+        lit = look_up(table, part, reflectance[some], surroundings)
+        for term, values in zip(out, lit, strict=False):
+            term[some] = values
+    if heat is not None:
+        if temperature is None:
+            raise TypeError("temperature must be given with heat, got None")
+        through = table.transmitted(sight)
+        glow = heat(np.array([air_temperature])) * (1 - through)
+        out.emitted[:] = (1 - reflectance) * heat(temperature) * through
+        out.thermal[:] = glow + reflectance * glow * through
+    return out
