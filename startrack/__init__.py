@@ -17,6 +17,8 @@ error            the estimate against the truth   -> Outcome, Summary
 
 wcs, images      attitudes and frames as files
 case             Case: what is true and what the tracker believes
+view             what stands before the detector
+sweep            images of lines that scan, and their spots as a matrix's
 chain            one trial, one line a room
 products         detectors that a design may name
 sequence         trials in time: tracking, loss and reacquisition

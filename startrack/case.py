@@ -79,6 +79,8 @@ class Tracker:
     catalog   its cut of the star catalogue, None for the one that the sky is made of
     mounting  how it believes the camera to sit, None for as it does, but for its swing
     delay     second that it takes off its time stamps, None for all of the delay there is
+    motion    how it believes the camera to turn, None for as it does, jitter apart; where lines
+              scan, each spot has its own time
     """
 
     detection: Detection = field(default_factory=Detection)
@@ -88,6 +90,7 @@ class Tracker:
     catalog: Selection | None = None
     mounting: Mounting | None = None
     delay: Annotated[float | None, Unit("s", "ms")] = None
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         if self.delay is not None:
@@ -119,6 +122,11 @@ class Case:
     def believed_mounting(self) -> Mounting:
         """How the tracker believes the camera to sit."""
         return self.tracker.mounting or self.instrument.mounting.still
+
+    @property
+    def believed_motion(self) -> Motion:
+        """How the tracker believes the camera to turn; its rates count."""
+        return self.tracker.motion or self.instrument.motion
 
     @property
     def lateness(self) -> float:

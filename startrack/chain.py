@@ -22,9 +22,11 @@ from startrack.error import Outcome, judge
 from startrack.identification import PatternIndex, build_index, identify
 from startrack.motion import turn
 from startrack.streams import Streams
+from startrack.sweep import straighten, sweep
 from startrack.values import Estimate, Frame, Matches, Path, Psf, Spots, Stars
 from startrack.view import (
     detected,
+    frame_before,
     light_of,
     look,
     path_of,
@@ -130,20 +132,29 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     light = light_of(case, stars, icrs_to_camera, streams)
     psf = psf_of(case.instrument)
     path = path_of(case.instrument, streams)
-    frame = expose(
-        light,
-        psf,
-        path,
-        icrs_to_camera,
-        camera,
-        case.instrument.detector,
-        throughput(case.instrument),
-        streams,
-        turn_of(case.instrument, streams),
-    )
-    spots, matches, estimate = track(
-        frame, case.believed_camera, open_sky(case.believed_catalog).stars, case.tracker, psf
-    )
+    detector = case.instrument.detector
+    if detector.scan:
+        frame = sweep(case, light, icrs_to_camera, streams)
+    else:
+        frame = expose(
+            light,
+            psf,
+            path,
+            icrs_to_camera,
+            camera,
+            detector,
+            throughput(case.instrument),
+            streams,
+            turn_of(case.instrument, streams),
+            frame_before(case.instrument, light, path, icrs_to_camera, streams),
+        )
+    believed = case.believed_camera
+    spots = detect(frame, case.tracker.detection, psf)
+    if detector.scan:
+        motion = case.believed_motion
+        spots = straighten(spots, detector.scan, detector.exposure, motion, believed)
+    catalog = open_sky(case.believed_catalog).stars
+    matches, estimate = recognise(spots, believed, catalog, case.tracker)
     outcome = judge(estimate, asked_for(case, icrs_to_camera, streams), len(spots))
     return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from startrack.camera import Camera
 from startrack.case import Case, Instrument
 from startrack.catalog import Sky
-from startrack.detector import Turn
+from startrack.detector import Turn, expected
 from startrack.motion import shake, turn
 from startrack.optics import focus, veil
 from startrack.scene import WAVELENGTH, Sight, blackbody_photons, illuminate
@@ -86,6 +87,29 @@ def turn_of(instrument: Instrument, streams: Streams) -> Turn | None:
     if not detector.row_delay:
         return None
     return turn(instrument.motion, detector.exposure, streams).at
+
+
+def frame_before(
+    instrument: Instrument, light: Light, path: Path, icrs_to_camera: Rotation, streams: Streams
+) -> NDArray[np.float64] | None:
+    """What the frame before left in the pixels, which only a lag asks for.
+
+    The camera turned then as it turns now; the frames before that one are taken to be like it.
+    """
+    detector = instrument.detector
+    if not detector.lag:
+        return None
+    motion, late = turn(instrument.motion, detector.exposure, streams), 1 / detector.update_rate
+    return expected(
+        light,
+        psf_of(instrument),
+        replace(path, rotation=motion.at(path.time - late)),
+        icrs_to_camera,
+        instrument.camera,
+        replace(detector, lag=0.0),
+        throughput(instrument),
+        lambda time: motion.at(time - late),
+    )
 
 
 def throughput(instrument: Instrument) -> NDArray[np.float64]:

@@ -28,6 +28,7 @@ ORDER = (
         "images",
         "case",
         "view",
+        "sweep",
         "window",
         "chain",
         "products",

@@ -6,14 +6,25 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.catalog import shipped
+from startrack.catalog import open_sky, shipped
 from startrack.chain import observe
 from startrack.design import Design, load_design, save_design
+from startrack.detector import expected
+from startrack.motion import Motion
 from startrack.optics import Baffle
 from startrack.scene import Orbit, Scene
 from startrack.scene.ephemeris import observer_of
 from startrack.streams import Streams
 from startrack.units import deg
+from startrack.view import (
+    frame_before,
+    light_of,
+    look,
+    path_of,
+    psf_of,
+    random_attitude,
+    throughput,
+)
 
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
 DATE = "2026-03-25T12:00:00"
@@ -96,3 +107,46 @@ def test_a_scene_survives_a_file(tmp_path):
     case = case_with(scene, BAFFLE)
     save_design(tmp_path / "design.toml", Design(case))
     assert load_design(tmp_path / "design.toml").case == case
+
+
+def lagging(share: float, rate: float):
+    """The expected electrons of a slewing camera's frame, its attitude and its instrument."""
+    detector = dataclasses.replace(CASE.instrument.detector, lag=share, exposure=0.02)
+    instrument = dataclasses.replace(CASE.instrument, detector=detector, motion=Motion(rate_y=rate))
+    case, streams = dataclasses.replace(CASE, instrument=instrument), Streams(5, 0)
+    attitude = random_attitude(streams)
+    stars = look(open_sky(case.catalog), attitude, instrument.camera)
+    light = light_of(case, stars, attitude, streams)
+    path = path_of(instrument, streams)
+    before = frame_before(instrument, light, path, attitude, streams)
+
+    def seen(attitude: Rotation, before=None):
+        return expected(
+            light, psf_of(instrument), path, attitude, instrument.camera, detector,
+            throughput(instrument), None, before,
+        )  # fmt: skip
+
+    return seen, attitude, before, detector
+
+
+def test_lag_shows_where_the_stars_were_a_frame_ago():
+    """A frame is the share that it keeps, and the share that the frame before it left.
+
+    That frame was seen at another attitude: the camera turns about its own y axis, and an empty
+    lag leaves all of it.
+    """
+    rate = 0.02
+    seen, attitude, before, detector = lagging(0.2, rate)
+    late = 1 / detector.update_rate
+    earlier = Rotation.from_rotvec([0.0, rate * late, 0.0]) * attitude
+    assert rate * late * CASE.instrument.camera.focal_length_px > 2  # the ghosts stand apart
+    wanted = seen(attitude) + 0.2 / 0.8 * seen(earlier)  # each without a frame before: 0.8 of it
+    np.testing.assert_allclose(seen(attitude, before), wanted, rtol=1e-6, atol=1e-6)
+
+
+def test_lag_at_rest_changes_nothing():
+    """The frame before held the same, so that as much came from it as went to the next."""
+    lagged, attitude, before, _ = lagging(0.3, 0.0)
+    plain, _, none, _ = lagging(0.0, 0.0)
+    assert none is None
+    np.testing.assert_allclose(lagged(attitude, before), plain(attitude), rtol=1e-12)

@@ -6,6 +6,7 @@ photons     collect    Light -> electrons per second that each star and each pix
             glow       what of the sky varies over the field
             stamp      the PSF of each star, added to the image at its sub-pixel place
             shutter    where stars are while the rows are exposed, globally or rolling
+            lines      where the lines of a detector look, and when
             scan       lines, staggered lines and TDI: an image that grows with time
 charge      defects    response of each pixel, DSNU, hot and dead pixels and columns
             crosstalk  electrons that diffuse into the next pixels
@@ -34,11 +35,12 @@ from startrack.detector.excess import Numbers, Tilt, excesses, numbers_of, tilt_
 from startrack.detector.expose import arriving, expected, expose, frame_of, seen
 from startrack.detector.ground import ground, ground_tables
 from startrack.detector.hits import Hits
+from startrack.detector.lines import Line, Scan, staggered, tdi
 from startrack.detector.parameters import Detector, Region
 from startrack.detector.pattern import Pattern
 from startrack.detector.poisson import poisson_quantile
 from startrack.detector.readout import read_out
-from startrack.detector.scan import Line, scan, scanned, staggered, tdi
+from startrack.detector.scan import scan, scanned
 from startrack.detector.shutter import Turn
 from startrack.detector.thermal import Thermal
 from startrack.detector.windows import (
@@ -57,6 +59,7 @@ __all__ = [
     "Numbers",
     "Pattern",
     "Region",
+    "Scan",
     "Thermal",
     "Tilt",
     "Turn",

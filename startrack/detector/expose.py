@@ -45,7 +45,8 @@ def expose(
         light, psf, path, icrs_to_camera, camera, detector, throughput, turn, before
     )
     _, sky = arriving(light, camera, detector, throughput)
-    tables = None if light.glow else ground_tables(detector, sky)
+    even = before is None and not light.glow
+    tables = ground_tables(detector, sky) if even else None
     return frame_of(electrons, detector, streams, tables)
 
 
@@ -90,6 +91,8 @@ def expected(
                     TypeError where a rolling shutter has no `turn`.
                     model: the solid angle of a pixel is that on the boresight.
     """
+    if detector.scan:
+        raise ValueError("detector must be a matrix where a frame is exposed at once, got lines")
     if (camera.rows, camera.columns) != (detector.rows, detector.columns):
         raise ValueError(
             f"camera and detector must have the same size, got {camera.columns} x {camera.rows} "

@@ -10,6 +10,7 @@ from startrack.checks import finite, non_negative, positive, whole, within
 from startrack.curve import ALL, Curve
 from startrack.detector.defects import Defects
 from startrack.detector.hits import Hits
+from startrack.detector.lines import Scan
 from startrack.detector.pattern import Pattern
 from startrack.detector.thermal import Thermal
 from startrack.units import Unit
@@ -35,7 +36,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Detector:
-    """A matrix of pixels, in the terms of EMVA 1288 (release 4.0).
+    """A matrix of pixels, or lines of them, in the terms of EMVA 1288 (release 4.0).
 
     What is zero, one or None here costs nothing and draws nothing.
 
@@ -74,6 +75,7 @@ class Detector:
                         whose median is `read_noise`
     gain                1, of the amplifier before the converter
     bow                 digital number, integral non-linearity of the converter at half scale
+    scan                lines that sweep over the sky; None for a matrix
     """
 
     columns: int
@@ -107,6 +109,7 @@ class Detector:
     read_noise_spread: float = 0.0
     gain: float = 1.0
     bow: float = 0.0
+    scan: Scan | None = None
 
     def __post_init__(self) -> None:
         whole(1, 2**16, columns=self.columns, rows=self.rows)
@@ -132,6 +135,8 @@ class Detector:
             )
         if self.region:
             self._check(self.region)
+        if self.scan:
+            self._check_scan(self.scan)
 
     def _check(self, region: Region) -> None:
         for name, start, length, array in (
@@ -143,6 +148,21 @@ class Detector:
                     f"region must lie on the array's {array} {name}, got {start} to "
                     f"{start + length * self.binning}"
                 )
+
+    def _check_scan(self, scan: Scan) -> None:
+        matrix_only = {
+            "row_delay": self.row_delay,
+            "region": self.region,
+            "lag": self.lag,
+            "read_noise_spread": self.read_noise_spread,
+        }
+        for name in (name for name, there in matrix_only.items() if there):
+            raise ValueError(f"{name} must be left out where lines scan")
+        if self.columns * scan.phases > self.pixel_rate * self.exposure * (1 + 1e-9):
+            raise ValueError(
+                f"pixel_rate must read {self.columns * scan.phases} pixel within an exposure of "
+                f"{self.exposure:g} s where lines scan, got {self.pixel_rate:g} pixel / s"
+            )
 
     @property
     def pitch(self) -> float:
@@ -192,7 +212,9 @@ class Detector:
 
     @property
     def update_rate(self) -> float:
-        """Frames per second, exposure and read-out one after the other."""
+        """Frames per second, exposure and read-out one after the other; lines do both at once."""
+        if self.scan:
+            return 1 / (self.exposure * self.rows)
         return 1 / (self.exposure + self.rows * self.columns / self.pixel_rate)
 
     @property

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
-from startrack.checks import finite, whole
+from startrack.checks import whole
 from startrack.detector.collect import electron_rate
 from startrack.detector.expose import frame_of
 from startrack.detector.glow import glow_of
+from startrack.detector.lines import Line
 from startrack.detector.maps import response
 from startrack.detector.parameters import Detector
 from startrack.detector.shutter import Turn
@@ -23,47 +22,6 @@ from startrack.values import Frame, Light, Psf
 Floats = NDArray[np.float64]
 
 NODES = 8  # per exposure of a line, Gauss-Legendre: 1e-6 of the flux for one pixel of smear
-
-
-@dataclass(frozen=True)
-class Line:
-    """A line of pixels: where it looks, when, and with what gain.
-
-    row    pixel of the camera, its line of sight
-    shift  pixel of the camera, of its first column
-    delay  exposures by which it is late
-    gain   1
-    phase  which of the interleaved lines of the image it adds to
-    """
-
-    row: float
-    shift: float = 0.0
-    delay: float = 0.0
-    gain: float = 1.0
-    phase: int = 0
-
-    def __post_init__(self) -> None:
-        finite(row=self.row, shift=self.shift, delay=self.delay, gain=self.gain)
-        whole(0, 15, phase=self.phase)
-
-
-def tdi(stages: int, row: float = 0.0, downward: bool = True) -> tuple[Line, ...]:
-    """Time delay and integration: charge walks from stage to stage, along with the image.
-
-    row       pixel, where the first stage looks
-    downward  whether it walks to larger rows
-    """
-    whole(1, 2**16, stages=stages)
-    step = 1 if downward else -1
-    return tuple(Line(row + step * n, delay=float(n)) for n in range(stages))
-
-
-def staggered(distance: float, row: float = 0.0) -> tuple[Line, ...]:
-    """Two lines, half a pixel apart along themselves and `distance` pixel across.
-
-    The second is as late as the image, walking one pixel an exposure to larger rows, needs.
-    """
-    return Line(row), Line(row + distance, 0.5, distance, phase=1)
 
 
 def scan(
@@ -153,21 +111,24 @@ def _passing(  # type: ignore[no-untyped-def]
     """
     here = icrs_to_camera.apply(direction)
 
-    def place(time: Floats, star: NDArray[np.intp]) -> Floats:
-        pixel = camera.project(Rotation.from_rotvec(turn(time)).apply(here[star]))
+    def place(time: Floats, towards: Floats) -> Floats:
+        pixel = camera.project(Rotation.from_rotvec(turn(time)).apply(towards))
         return pixel - (line.shift, line.row)
 
     ends = np.append(start, start[-1] + detector.exposure)
-    every = np.arange(len(here))
-    across = np.stack([place(np.full(len(here), time), every)[:, 1] for time in ends])
+    all_ends = np.repeat(ends, len(here)), np.tile(here, (len(ends), 1))
+    across = place(*all_ends)[:, 1].reshape(len(ends), len(here))
     # A star's image can touch the line in an exposure if it comes near at the start or the end,
     # or passes between.
     low, high = np.minimum(across[:-1], across[1:]), np.maximum(across[:-1], across[1:])
     near = (low < psf.half_width + 1) & (high > -psf.half_width - 1)
+    row, star = np.nonzero(near)
     node, weight = np.polynomial.legendre.leggauss(NODES)
-    for row in np.flatnonzero(near.any(axis=1)):
-        star = np.flatnonzero(near[row])
-        time = start[row] + (node + 1) / 2 * detector.exposure
-        x, y = place(np.repeat(time, len(star)), np.tile(star, NODES)).T.copy()
-        electrons = np.outer(weight / 2, star_rate[star]).ravel() * detector.exposure
-        yield row, x, y, electrons
+    time = start[row, None] + (node + 1) / 2 * detector.exposure
+    pixel = place(time.ravel(), np.repeat(here[star], NODES, axis=0))
+    electrons = np.outer(star_rate[star], weight / 2 * detector.exposure).ravel()
+    edge = np.searchsorted(row, np.arange(len(start) + 1)) * NODES
+    for each in np.unique(row):
+        part = slice(edge[each], edge[each + 1])
+        x, y = pixel[part].T.copy()
+        yield each, x, y, electrons[part]

@@ -39,6 +39,7 @@ def only_lone_pixels(detector: Detector) -> None:
         "read_noise_spread": detector.read_noise_spread,
         "lag": detector.lag,
         "crosstalk": detector.crosstalk,
+        "scan": detector.scan,
     }
     named = [name for name, there in effects.items() if there]
     if named or in_steps(detector):

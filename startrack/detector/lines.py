@@ -1,0 +1,106 @@
+"""Lines of pixels: where each looks, when and with what gain; a line, staggered lines, TDI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from startrack.checks import finite, non_negative, one_of, whole
+
+KINDS = ("line", "staggered", "tdi", "lines")
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of pixels: where it looks, when, and with what gain.
+
+    row    pixel of the camera, its line of sight
+    shift  pixel of the camera, of its first column
+    delay  exposures by which it is late
+    gain   1
+    phase  which of the interleaved lines of the image it adds to
+    """
+
+    row: float
+    shift: float = 0.0
+    delay: float = 0.0
+    gain: float = 1.0
+    phase: int = 0
+
+    def __post_init__(self) -> None:
+        finite(row=self.row, shift=self.shift, delay=self.delay, gain=self.gain)
+        whole(0, 15, phase=self.phase)
+
+
+def tdi(stages: int, row: float = 0.0, downward: bool = True) -> tuple[Line, ...]:
+    """Time delay and integration: charge walks from stage to stage, along with the image.
+
+    row       pixel, where the first stage looks
+    downward  whether it walks to larger rows
+    """
+    whole(1, 2**16, stages=stages)
+    step = 1 if downward else -1
+    return tuple(Line(row + step * n, delay=float(n)) for n in range(stages))
+
+
+def staggered(distance: float, row: float = 0.0) -> tuple[Line, ...]:
+    """Two lines, half a pixel apart along themselves and `distance` pixel across.
+
+    The second is as late as the image, walking one pixel an exposure to larger rows, needs.
+    """
+    return Line(row), Line(row + distance, 0.5, distance, phase=1)
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A detector of lines, which makes its image while the camera turns.
+
+    In its design, `columns` are the pixels of a line, `rows` the lines of the image, `exposure`
+    is that of one line. Rows of its lines count from the middle of the matrix that the image
+    would be at time zero, when half of it is made.
+
+    kind      "line", "staggered", "tdi", or "lines" for those that are given
+    stages    of a TDI
+    distance  pixel between staggered lines
+    upward    whether the charge of a TDI walks to smaller rows
+    lines     any others
+    """
+
+    kind: str = "line"
+    stages: int = 1
+    distance: float = 4.0
+    upward: bool = False
+    lines: tuple[Line, ...] = ()
+
+    def __post_init__(self) -> None:
+        one_of(KINDS, kind=self.kind)
+        whole(1, 2**12, stages=self.stages)
+        non_negative(distance=self.distance)
+        if bool(self.lines) != (self.kind == "lines"):
+            raise ValueError(f"lines must be given for the kind 'lines' alone, got {self.kind!r}")
+        if self.stages > 1 and self.kind != "tdi":
+            raise ValueError(f"stages must be 1 for the kind {self.kind!r}, got {self.stages}")
+
+    @property
+    def all_lines(self) -> tuple[Line, ...]:
+        """The lines, their rows pixel from the middle of the field."""
+        if self.kind == "line":
+            return (Line(0.0),)
+        if self.kind == "staggered":
+            return staggered(self.distance, -self.distance / 2)
+        if self.kind == "tdi":
+            half = (self.stages - 1) / 2
+            return tdi(self.stages, half if self.upward else -half, not self.upward)
+        return self.lines
+
+    @property
+    def phases(self) -> int:
+        """Columns of the image for each pixel of a line."""
+        return 1 + max(line.phase for line in self.all_lines)
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Row and delay that stand for all lines, by their gain."""
+        lines = self.all_lines
+        gain = sum(line.gain for line in lines)
+        row = sum(line.gain * line.row for line in lines)
+        return row / gain, sum(line.gain * line.delay for line in lines) / gain
