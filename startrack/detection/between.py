@@ -16,15 +16,16 @@ Image = NDArray[np.float32]
 # Places that are tried, pixel from a peak's. A star lies up to half a pixel off, and noise may
 # carry its peak over to the next one; a quarter of a pixel costs 0.03 sigma of a sharp star.
 PLACES = (-0.625, -0.375, -0.125, 0.125, 0.375, 0.625)
+MORE = 2  # pixel; these filters see few pixels, and may see all that a star lights
 
 
 @lru_cache(maxsize=64)
 def bank(psf: Psf, kernel: Kernel) -> Floats:
     """Matched filters of stars between the pixels, each passing the kernel's share of noise.
 
-    Returns  (36, rows, columns) about a peak, one more pixel than the kernel on each side
+    Returns  (36, rows, columns) about a peak, two more pixels than the kernel on each side
     """
-    half_y, half_x = kernel.whole.shape[0] // 2 + 1, kernel.whole.shape[1] // 2 + 1
+    half_y, half_x = kernel.whole.shape[0] // 2 + MORE, kernel.whole.shape[1] // 2 + MORE
     filters = np.empty((len(PLACES) ** 2, 2 * half_y + 1, 2 * half_x + 1))
     star = np.empty((3, *filters.shape[1:]))
     for k in range(len(filters)):

@@ -52,13 +52,23 @@ def alone(
         level = between(mean, mesh, x[i], y[i])
         noise = max(between(rms, mesh, x[i], y[i]), rms[v, u])
         far = max(between(sigmas, mesh, x[i], y[i]), sigmas[v, u])
-        good[i] = highest_between(image, x[i], y[i], level, filters) > far * noise
+        good[i] = _stands_out(image, filtered, filters, x[i], y[i], level, far * noise)
         if good[i]:
             ring, _, _, spread, _ = around(filtered, x[i], y[i], reach, floor)
             level = ring if ring > level + HIGHER * noise else level
             noise = spread if spread > UNEVEN * noise else noise
-            good[i] = highest_between(image, x[i], y[i], level, filters) > far * noise
+            good[i] = _stands_out(image, filtered, filters, x[i], y[i], level, far * noise)
     return good
+
+
+@njit(cache=True, error_model="numpy")
+def _stands_out(
+    image: Image, filtered: Image, filters: Floats, x: int, y: int, level: float, height: float
+) -> bool:
+    """Bright stars show it on the pixel; only the faint ones are looked at between the pixels."""
+    if filtered[y, x] - level > height:
+        return True
+    return bool(highest_between(image, x, y, level, filters) > height)
 
 
 @njit(cache=True, error_model="numpy")

@@ -23,7 +23,7 @@ from startrack.values import Ints, Psf
 Image = NDArray[np.float32]
 # A star between the pixels shows less of its peak, so pixels are looked at from here on.
 LOOK = np.float32(0.75)  # of the threshold
-KERNEL_TAIL = 4  # pixel; the outer pixels of a filtered star are too faint to matter
+KERNEL_TAIL = 2  # pixel; the outer pixels of a filtered star are too faint to matter
 
 
 class Candidates(NamedTuple):

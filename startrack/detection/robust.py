@@ -38,7 +38,10 @@ def clipped(values: Values, floor: float) -> tuple[float, float]:
     """
     sample = values[:: max(1, len(values) // SAMPLE)]
     mean = np.float32(_median(sample))
-    rms = max(DEVIATION_TO_SIGMA * float(np.abs(sample - mean).mean()), floor)
+    deviation = np.float32(0)
+    for i in range(len(sample)):
+        deviation += abs(sample[i] - mean)
+    rms = max(DEVIATION_TO_SIGMA * float(deviation) / len(sample), floor)
     count = np.float32(0)
     for _ in range(ROUNDS):
         # Offsets from the last mean are small, so float32 sums lose no digits.
@@ -73,20 +76,18 @@ def _median(values: Values) -> float:
     """
     if len(values) < SAMPLE:
         return float(np.median(values))
-    nine = np.empty(9, np.float32)
-    for i in range(9):
-        nine[i] = _middle(values[i], values[i + 9], values[i + 18])
-    return float(
-        _middle(
-            _middle(nine[0], nine[3], nine[6]),
-            _middle(nine[1], nine[4], nine[7]),
-            _middle(nine[2], nine[5], nine[8]),
-        )
-    )
+    return float(_middle(_of_nine(values, 0), _of_nine(values, 1), _of_nine(values, 2)))
 
 
-@njit(cache=True, error_model="numpy")
-def _middle(a: float, b: float, c: float) -> float:
+@njit(cache=True, error_model="numpy", inline="always")
+def _of_nine(values, i):  # type: ignore[no-untyped-def]
+    first = _middle(values[i], values[i + 9], values[i + 18])
+    second = _middle(values[i + 3], values[i + 12], values[i + 21])
+    return _middle(first, second, _middle(values[i + 6], values[i + 15], values[i + 24]))
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _middle(a, b, c):  # type: ignore[no-untyped-def]
     return max(min(a, b), min(max(a, b), c))
 
 
