@@ -38,6 +38,7 @@ Finder = Callable[[Frame], Floats]
 SIDE, BACKGROUND, READ_NOISE, OFFSET = 1024, 50.0, 5.0, 100.0
 SIGMAS = (0.7, 1.2)
 NEAR = 1.5  # pixel
+FALSE = 0.05  # spots a frame that are allowed
 FAINTEST = 9.5  # magnitude G, of stars that a spot of a real image may be
 
 
@@ -89,23 +90,30 @@ def bound(flux: float, sigma: float, background: float, read_noise: float) -> fl
     return float(np.sqrt(np.mean(variances)))
 
 
-def sharpness(sigma: float) -> float:
-    """Sum of the squares of a star's shares, over all places in a pixel."""
-    phase, total = (np.arange(8) + 0.5) / 8 - 0.5, []
+def stars_at(sigma: float, phases: int) -> Floats:
+    """Shares (n, 441) of a star's light at places all over a pixel."""
+    phase, shares = (np.arange(phases) + 0.5) / phases - 0.5, []
     for a in phase:
         for b in phase:
             image = np.zeros((21, 21))
             paint(image, np.array([10 + a]), np.array([10 + b]), 1.0, sigma)
-            total.append((image**2).sum())
-    return float(np.mean(total))
+            shares.append(image.ravel())
+    return np.array(shares)
+
+
+def snr_of(flux: float, sigma: float, own_noise: bool = True) -> float:
+    """SNR of the best filter for a star whose place is known, with the star's own shot noise."""
+    light = flux * stars_at(sigma, 8)
+    noise = BACKGROUND + READ_NOISE**2 + 1 / 12 + own_noise * light
+    return float(np.sqrt((light**2 / noise).sum(axis=1)).mean())
 
 
 def flux_of(snr: float, sigma: float) -> float:
-    """Electron; SNR of a matched filter in the background's noise."""
-    return snr * float(np.sqrt((BACKGROUND + READ_NOISE**2 + 1 / 12) / sharpness(sigma)))
+    """Electron."""
+    return float(brentq(lambda flux: snr_of(flux, sigma) - snr, 1.0, 1e6))
 
 
-def limit(flux: float, sigma: float, false: float = 0.05) -> float:
+def limit(flux: float, sigma: float, false: float = FALSE) -> float:
     """Share of stars that the best test of Neyman and Pearson finds whose place is known.
 
     The ratio of likelihoods of Poisson's counts with read noise, taken for more light, is a sum
@@ -114,19 +122,15 @@ def limit(flux: float, sigma: float, false: float = 0.05) -> float:
     A test in every pixel may be wrong in `false` of a frame.
     """
     extra = READ_NOISE**2 + 1 / 12
-    phase, shares = (np.arange(4) + 0.5) / 4 - 0.5, []
-    for a in phase:
-        for b in phase:
-            image = np.zeros((21, 21))
-            paint(image, np.array([10 + a]), np.array([10 + b]), 1.0, sigma)
-            p = image.ravel()
-            weight = np.log1p(flux * p / (BACKGROUND + extra))
-            weight /= np.sqrt((BACKGROUND + extra) * (weight @ weight))
-            empty = partial(_exceeds, weight, np.full(p.size, BACKGROUND), extra)
-            level = brentq(lambda t: np.log(empty(t) * SIDE**2 / false), 3.0, 9.0)  # noqa: B023
-            light = BACKGROUND + flux * p
-            shares.append(_exceeds(weight, light, extra, level - flux * (weight @ p)))
-    return float(np.mean(shares))
+    found = []
+    for p in stars_at(sigma, 4):
+        weight = np.log1p(flux * p / (BACKGROUND + extra))
+        weight /= np.sqrt((BACKGROUND + extra) * (weight @ weight))
+        empty = partial(_exceeds, weight, np.full(p.size, BACKGROUND), extra)
+        level = brentq(lambda t: np.log(empty(t) * SIDE**2 / false), 3.0, 9.0)  # noqa: B023
+        light = BACKGROUND + flux * p
+        found.append(_exceeds(weight, light, extra, level - flux * (weight @ p)))
+    return float(np.mean(found))
 
 
 def _exceeds(weight: Floats, light: Floats, extra: float, level: float) -> float:
@@ -196,17 +200,20 @@ def accuracy() -> dict[str, float]:
     figures: dict[str, float] = {}
     ratios = []
     print(
-        "\nlikelihood, background 50, read noise 5\nsigma    flux   SNR    rms px  bound px  ratio"
+        "\nlikelihood, background 50, read noise 5; SNR with the star's own noise, and without"
+        "\nsigma    flux   SNR            rms px  bound px  ratio"
     )
     for sigma in SIGMAS:
         fluxes = [flux_of(snr, sigma) for snr in (6, 8, 10)] + [1200.0, 2500.0, 20000.0]
         for flux in fluxes:
-            snr = flux / flux_of(1, sigma)
-            error = scatter(flux, sigma, BACKGROUND, READ_NOISE, 1, 3 if snr > 20 else 8,
-                            22 if snr > 20 else 44, centroid="likelihood")  # fmt: skip
+            snr, less = snr_of(flux, sigma), snr_of(flux, sigma, False)
+            error = scatter(flux, sigma, BACKGROUND, READ_NOISE, 1, 4, centroid="likelihood")
             least = bound(flux, sigma, BACKGROUND, READ_NOISE)
             ratio = rms(error) / least
-            print(f"{sigma:5} {flux:7.0f} {snr:5.1f} {rms(error):9.5f} {least:9.5f} {ratio:6.3f}")
+            print(
+                f"{sigma:5} {flux:7.0f} {snr:5.1f} ({less:5.1f}) "
+                f"{rms(error):9.5f} {least:9.5f} {ratio:6.3f}"
+            )
             figures[f"ml_over_bound_sigma{sigma}_snr{snr:.0f}"] = ratio
             if snr > 7.9:
                 ratios.append(ratio)
@@ -235,7 +242,9 @@ def finders(sigma: float) -> dict[str, Finder]:
 
     found: dict[str, Finder] = {}
     for name, centroid in (("detect", "gravity"), ("detect_ml", "likelihood")):
-        settings = Detection(kernel_sigma=sigma, centroid=centroid, max_spots=500)
+        settings = Detection(
+            kernel_sigma=sigma, centroid=centroid, max_spots=500, false_per_frame=FALSE
+        )
         found[name] = partial(by_startrack, settings)
     try:
         import tetra3rs
@@ -307,8 +316,11 @@ def speed() -> dict[str, float]:
 def completeness() -> dict[str, float]:
     """Shares of stars found, and false spots a frame, beside a filter that knows each place."""
     figures: dict[str, float] = {}
-    limit = norm.isf(0.05 / SIDE**2)
-    print("\nshare found; limit of a filter that knows the place, at 0.05 false a frame")
+    short = []
+    print(
+        "\nshare found; limit of a test that knows the place, at 0.05 false a frame; "
+        "SNR with the star's own noise, and without"
+    )
     for sigma in SIGMAS:
         programs = finders(sigma)
         false = dict.fromkeys(programs, 0)
@@ -322,22 +334,28 @@ def completeness() -> dict[str, float]:
             share = count / (empty if name in ("detect", "detect_ml") else 10)
             figures[f"{name}_false_per_frame_sigma{sigma}"] = share
             print(f"sigma {sigma}: {name:14} {share:7.3f} false a frame")
-        for snr in (5, 6, 7, 8, 10):
+        for snr in (4.5, 5.0, 5.5, 6.0, 7.0, 8.0, 10.0):
+            flux = flux_of(snr, sigma)
             found, total = dict.fromkeys(programs, 0), 0
-            for trial in range(10):
+            for trial in range(6):
                 streams = Streams(7, trial)
-                x, y = field(streams, 88)
+                x, y = field(streams, 57)
                 light = np.full((SIDE, SIDE), BACKGROUND)
-                paint(light, x, y, flux_of(snr, sigma), sigma)
+                paint(light, x, y, flux, sigma)
                 frame = expose(light, streams)
                 total += len(x)
                 for name, program in programs.items():
                     found[name] += int(paired(program(frame), x, y)[0].sum())
             shares = {name: count / total for name, count in found.items()}
             text = ", ".join(f"{name} {share:.3f}" for name, share in shares.items())
-            print(f"sigma {sigma}, SNR {snr:2}: limit {norm.cdf(snr - limit):.3f}; {text}")
+            best = limit(flux, sigma)
+            less = snr_of(flux, sigma, own_noise=False)
+            print(f"sigma {sigma}, {flux:.0f} e-, SNR {snr} ({less:.1f}): limit {best:.3f}; {text}")
+            short.append(best - shares["detect"])
+            figures[f"limit_completeness_snr{snr:g}_sigma{sigma}"] = best
             for name, share in shares.items():
-                figures[f"{name}_completeness_snr{snr}_sigma{sigma}"] = share
+                figures[f"{name}_completeness_snr{snr:g}_sigma{sigma}"] = share
+    figures["completeness_below_limit_max"] = max(short)
     for snr in (6, 8):
         shares_of = [figures[f"detect_completeness_snr{snr}_sigma{s}"] for s in SIGMAS]
         figures[f"completeness_snr{snr}"] = min(shares_of)

@@ -18,7 +18,7 @@ Image = NDArray[np.float32]
 # A ring that differs by less than this may do so by chance, and the tile knows better.
 UNEVEN = 1.5
 HIGHER = 1.0  # sigma
-SURE = 0.5  # sigma; where a hot pixel at the threshold and a star at it are told apart best
+SURE = 0.5  # sigma; more lets hot columns pass, and finds no more faint stars
 
 
 @njit(cache=True, error_model="numpy")
@@ -73,11 +73,13 @@ def _stands_out(
 
 @njit(cache=True, error_model="numpy")
 def sharp(image: Image, x: Ints, y: Ints, reach: int, share: float) -> NDArray[np.bool_]:
-    """Whether one row or one column holds more of the light than the sharpest star puts there.
+    """Whether a peak is sharper than the sharpest star: a hot pixel, row or column.
 
-    It tells hot pixels, and hot rows and columns, from stars. The 3 x 3 pixels about the peak
-    of the image itself count, because the filter has rounded the hot pixel off. What noise may
-    have made sharp is a star.
+    The four neighbours of a hot pixel hold less than the sharpest star puts there; a hot row's
+    or column's other pixels do, as far as their noise can tell. The image itself counts, because
+    the filter has rounded the peak off.
+
+    share  1, of the sharpest star's light that falls on one row of pixels at most
     """
     verdict = np.empty(len(x), np.bool_)
     # Of `most - share * sum`: three pixels count 1 - share, six -share.
@@ -85,8 +87,10 @@ def sharp(image: Image, x: Ints, y: Ints, reach: int, share: float) -> NDArray[n
     for i in range(len(x)):
         background, _, _, noise, _ = around(image, x[i], y[i], reach, 0.0)
         core = image[y[i] - 1 : y[i] + 2, x[i] - 1 : x[i] + 2].astype(np.float64) - background
+        sides = core[0, 1] + core[1, 0] + core[1, 2] + core[2, 1]
         most = max(core.sum(axis=0).max(), core.sum(axis=1).max())
-        verdict[i] = most - share * core.sum() > SURE * chance * noise
+        verdict[i] = sides < 2 * (1 - share) / share * core[1, 1]
+        verdict[i] |= most - share * core.sum() > SURE * chance * noise
     return verdict
 
 

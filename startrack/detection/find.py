@@ -45,7 +45,7 @@ def find(pixels: Pixels, settings: Detection, psf: Psf, mesh: int | None = None)
     kernel = kernel_of(settings, psf)
     image = filtered(pixels.value, kernel)
     ground = ground_of(pixels, image, kernel, mesh or settings.mesh)
-    far = reach_of_noise(ground, settings, image.size, kernel)
+    far = reach_of_noise(ground, settings, image.size, psf)
     bright = lit(image, look_level(ground, far), ground.mesh)
     return choose(pixels, image, bright, ground, far, settings, psf)
 
@@ -58,9 +58,9 @@ def ground_of(pixels: Pixels, image: Image, kernel: Kernel, mesh: int) -> Sky:
     return believed(ground, modelled(ground.mean, pixels.gain, pixels.step, kernel))
 
 
-def reach_of_noise(ground: Sky, settings: Detection, area: int, kernel: Kernel) -> Image:
+def reach_of_noise(ground: Sky, settings: Detection, area: int, psf: Psf) -> Image:
     """How far a star must stand out of a frame of so many pixels, sigma, on the Sky's grid."""
-    return sigmas(threshold_over(settings, area, kernel), ground.skewness, ground.kurtosis)
+    return sigmas(threshold_over(settings, area, psf), ground.skewness, ground.kurtosis)
 
 
 def look_level(ground: Sky, far: Image) -> Image:

@@ -60,7 +60,7 @@ def detect_within(
     _copy(frame.image, windows, value)
     _filter(value, seen, kernel.whole, image)
     known = Pixels(value, 0.0, 1.0, None, gain_of(frame, 0.0))
-    sigmas = reach_of_noise(ground, settings, image.size, kernel)
+    sigmas = reach_of_noise(ground, settings, image.size, star)
     bright = _lit(image, seen, look_level(ground, sigmas), ground.mesh)
     found = choose(known, image, bright, ground, sigmas, settings, star, regions)
     return centroid(frame, known, found, settings, star)
