@@ -155,13 +155,14 @@ def detected(case: Case, magnitude: Floats) -> Floats:
     """
     size, detection = scale(case), case.tracker.detection
     point = lone(case)
-    kernel = kernel_of(detection, star_image(detection, psf_of(case.instrument)))
+    star = star_image(detection, psf_of(case.instrument))
+    kernel = kernel_of(detection, star)
     middle = point.shape[-1] // 2
     near = slice(middle - 1, middle + 2)
     peak = np.array([filtered(one, kernel)[near, near].max() for one in point.astype(np.float32)])
     snr = size.star * 10 ** (-0.4 * magnitude[:, None]) * peak / (size.pixel * kernel.noise)
     detector = case.instrument.detector
-    threshold = threshold_over(detection, detector.columns * detector.rows, kernel)
+    threshold = threshold_over(detection, detector.columns * detector.rows, star)
     return np.asarray(ndtr(snr - threshold).mean(axis=1))
 
 

@@ -85,8 +85,8 @@ def lowest_looks(ground: Sky, settings: Detection, area: int, psf: Psf | None = 
 
     area  pixel, of the frame
     """
-    kernel = kernel_of(settings, star_image(settings, psf))
-    level = look_level(ground, reach_of_noise(ground, settings, area, kernel))
+    far = reach_of_noise(ground, settings, area, star_image(settings, psf))
+    level = look_level(ground, far)
     return cv2.erode(level, np.ones((3, 3), np.uint8))[1:-1, 1:-1].astype(float)
 
 
