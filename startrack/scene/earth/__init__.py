@@ -11,21 +11,37 @@ level        the surface of one height: sea, ellipsoid; tangent height of what m
 scan         the reference: a search of every cell
 intersector  the grounds that can be asked: Level, Relief, Scan
 survey       Rays -> Ground: with sun, shadow and sky
+source       anything that gives values at vertices: Array
+raster       a GeoTIFF as a source
+mosaic       sources of different resolution and extent as one pyramid of tiles
+cache        a bounded number of tiles in memory
+pyramid      terrain of any size, each ray on the level that it needs
+chart        albedo, temperature or land cover on the ground
 fractal      terrain from a seed
 """
 
+from startrack.scene.earth.chart import Chart, read_charts
 from startrack.scene.earth.ellipsoid import cartesian, geodetic, up
 from startrack.scene.earth.fractal import fractal
 from startrack.scene.earth.ground import Ground, Rays
 from startrack.scene.earth.intersector import Intersector, Level, Relief, Scan
+from startrack.scene.earth.mosaic import Mosaic
+from startrack.scene.earth.pyramid import Pyramid
+from startrack.scene.earth.raster import Raster
+from startrack.scene.earth.source import Array
 from startrack.scene.earth.surface import Grid, index
 from startrack.scene.earth.survey import survey
 
 __all__ = [
+    "Array",
+    "Chart",
     "Grid",
     "Ground",
     "Intersector",
     "Level",
+    "Mosaic",
+    "Pyramid",
+    "Raster",
     "Rays",
     "Relief",
     "Scan",
@@ -33,6 +49,7 @@ __all__ = [
     "fractal",
     "geodetic",
     "index",
+    "read_charts",
     "survey",
     "up",
 ]

@@ -29,6 +29,9 @@ class Rays:
     def __len__(self) -> int:
         return len(self.origin)
 
+    def __getitem__(self, choice: Flags | NDArray[np.intp] | slice) -> Rays:
+        return Rays(self.origin[choice], self.direction[choice], self.spread[choice])
+
 
 @dataclass(frozen=True, eq=False)
 class Ground:

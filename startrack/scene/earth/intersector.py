@@ -78,8 +78,7 @@ def beside(surface: Surface, sea: float | None, rays: Rays, hits: Hits) -> Hits:
         return hits
     wet = meet_level(rays, sea)
     first = wet.hit & (wet.distance < hits.distance) & ~covered(surface, wet.place)
-    hits.status[first], hits.distance[first] = HIT, wet.distance[first]
-    hits.place[first], hits.normal[first] = wet.place[first], wet.normal[first]
+    hits.put(first, wet.of(first))
     return hits
 
 

@@ -45,9 +45,9 @@ class Grid:
         finite(west=self.west, north=self.north)
         positive(step_x=self.step_x, step_y=self.step_y)
         whole(2, 2**31, columns=self.columns, rows=self.rows)
-        if self.columns * self.step_x > FULL_TURN * (1 + SEAM):
+        if (self.columns - 1) * self.step_x > FULL_TURN * (1 + SEAM):
             raise ValueError(
-                f"columns times step_x must not exceed a full turn, got {self.columns} columns of "
+                f"columns must not reach around more than a full turn, got {self.columns} of "
                 f"{math.degrees(self.step_x):g} degree"
             )
         if max(self.north, -self.south) > math.pi / 2 + SEAM * self.step_y:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from startrack.scene.earth.ellipsoid import ECCENTRICITY_2, EQUATORIAL
 from startrack.scene.earth.ground import Rays
-from startrack.scene.earth.march import ABSENT, HIT, MISS, march
+from startrack.scene.earth.march import ABSENT, HIT, march
 from startrack.scene.earth.surface import FULL_TURN, Surface, corners, locate
 from startrack.scene.earth.tile import CELLS, SIZE
 
@@ -25,13 +25,29 @@ class Hits(NamedTuple):
     distance  (n,) metre
     place     (n, 3) longitude and latitude in radian, height in metre
     normal    (n, 3) unit vectors
-    tile      (n, 2) row and column of the absent tile
+    tile      (n, 2) row and column of the absent tile; -1 before the ray has begun
     """
 
     @property
     def hit(self) -> NDArray[np.bool_]:
         """Which rays meet the surface."""
         return self.status == HIT
+
+    def put(self, choice: NDArray[np.intp] | NDArray[np.bool_], other: Hits) -> None:
+        """Take the rays of `choice` from other hits, in their order."""
+        self.status[choice], self.distance[choice] = other.status, other.distance
+        self.place[choice], self.normal[choice] = other.place, other.normal
+        self.tile[choice] = other.tile
+
+    def of(self, choice: NDArray[np.intp] | NDArray[np.bool_]) -> Hits:
+        """The hits of some rays."""
+        return Hits(
+            self.status[choice],
+            self.distance[choice],
+            self.place[choice],
+            self.normal[choice],
+            self.tile[choice],
+        )
 
     status: NDArray[np.uint8]
     distance: Floats
@@ -65,7 +81,7 @@ def no_hits(count: int) -> Hits:
         np.full(count, np.inf),
         nothing,
         nothing.copy(),
-        np.zeros((count, 2), np.int32),
+        np.full((count, 2), -1, np.int32),
     )
 
 
@@ -116,18 +132,23 @@ def describe(surface, tile_j, tile_i, x, y, z, place, normal):  # type: ignore[n
 
 
 def blocked(surface: Surface, rays: Rays, start: float) -> NDArray[np.bool_]:
-    """Whether each ray meets the surface at all, beyond the distance `start` in metres."""
-    out = np.zeros(len(rays), np.bool_)
-    _blocked(surface, rays.origin, rays.direction, start, out)
-    return out
+    """Whether each ray meets a surface in memory at all, beyond the distance `start` in metres."""
+    hits = no_hits(len(rays))
+    hits.status[:], hits.distance[:] = ABSENT, start
+    ask_on(surface, rays.origin, rays.direction, hits.status, hits.distance, hits.tile)
+    return hits.hit
 
 
 @njit(cache=True, error_model="numpy")
-def _blocked(surface, origin, direction, start, out):  # type: ignore[no-untyped-def]
+def ask_on(surface, origin, direction, status, distance, tile):  # type: ignore[no-untyped-def]
+    """As `go_on`, but without finding the points."""
     for n in range(len(origin)):
-        ox, oy, oz = origin[n]
-        dx, dy, dz = direction[n]
-        out[n] = march(surface, ox, oy, oz, dx, dy, dz, start, False)[0] != MISS
+        if status[n] == ABSENT:
+            ox, oy, oz = origin[n]
+            dx, dy, dz = direction[n]
+            status[n], distance[n], tile[n, 0], tile[n, 1] = march(
+                surface, ox, oy, oz, dx, dy, dz, distance[n], False
+            )
 
 
 @njit(cache=True, error_model="numpy")
