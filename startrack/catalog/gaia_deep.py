@@ -9,7 +9,7 @@ import numpy as np
 from startrack.catalog.assemble import assemble
 from startrack.catalog.bright import LIMIT_G, read_bright
 from startrack.catalog.catalog import Catalog, join
-from startrack.catalog.files import shipped
+from startrack.shipped import shipped
 
 DEEP_LIMIT_G = 10.0
 HEADER = np.dtype([("magic", "S4"), ("version", "<u4"), ("count", "<u8")])

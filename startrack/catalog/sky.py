@@ -13,12 +13,12 @@ from scipy.spatial import cKDTree
 from startrack.catalog.apparent import apparent
 from startrack.catalog.bright import read_bright
 from startrack.catalog.catalog import Catalog
-from startrack.catalog.files import shipped
 from startrack.catalog.formats import read
 from startrack.catalog.gaia_deep import deep
 from startrack.catalog.observer import earth
 from startrack.catalog.selection import Selection
 from startrack.checks import within
+from startrack.shipped import shipped
 from startrack.values import Floats, Ints, Stars
 
 

@@ -5,9 +5,11 @@ photometry    magnitude and colour into a photon spectrum
 ephemeris     Scene -> where the bodies of the solar system are
 planets       their magnitudes
 bodies        Sun, Moon and Earth: discs and glare
+limb          the sunlit air above the Earth's horizon
 zodiacal      sunlight on the dust between the planets
 starlight     stars below the catalogue's limit, and the dust between the stars
 illuminate    Stars -> Light
+air           radiance at a sensor from tables of the air; imported by those who need it
 earth         rays at the Earth -> Ground, where it fills the field; imported by those who need it
 """
 

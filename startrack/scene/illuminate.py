@@ -21,6 +21,7 @@ from startrack.scene.bodies import (
     sun_of,
 )
 from startrack.scene.ephemeris import AU, Observer, observer_of
+from startrack.scene.limb import limb_light
 from startrack.scene.parameters import Scene
 from startrack.scene.photometry import (
     SUN,
@@ -117,6 +118,8 @@ def _glows(
         yield glow(zodiacal_spectrum(), brightness * open_sky)
     if earth and limb:
         yield glow(earth.light, earth.shine(line))
+        for spectrum, share in limb_light(earth, line):
+            yield glow(spectrum, share)
 
 
 def _with_bodies(

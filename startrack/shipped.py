@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[1]
+PACKAGE = Path(__file__).resolve().parent
 # In an installed wheel, and in a checkout of the repository.
 FOLDERS = (PACKAGE / "_catalogs", PACKAGE.parent / "catalogs")
 

@@ -1,0 +1,67 @@
+"""The bright limb as a tracker in an orbit sees it."""
+
+import numpy as np
+import pytest
+
+from startrack.scene.air import load_limb
+from startrack.scene.bodies import Disc, Earth, sunlight
+from startrack.scene.ephemeris import AU, EARTH_RADIUS
+from startrack.scene.limb import limb_light
+from startrack.scene.photometry import WAVELENGTH
+from startrack.shipped import shipped
+from startrack.units import deg, nm
+
+FAR = 2800e3  # metre from the observer to the limb
+
+
+def earth(sun_zenith: float, azimuth: float, height: float) -> Earth:
+    """An Earth whose limb, at a height, stands along +y, the point nearest to it towards +x."""
+    sun = np.array(
+        [
+            np.cos(sun_zenith),
+            np.sin(sun_zenith) * np.cos(azimuth),
+            np.sin(sun_zenith) * np.sin(azimuth),
+        ]
+    )
+    centre = np.array([-(EARTH_RADIUS + height), FAR, 0.0])
+    light = 0.3 / np.pi * sunlight(AU)
+    radius = np.arcsin(EARTH_RADIUS / np.linalg.norm(centre))
+    return Earth(Disc(centre / np.linalg.norm(centre), radius, light), light, centre, sun)
+
+
+def brightness(earth: Earth, wavelength: float) -> float:
+    """Radiance along +y over the Sun's irradiance in the bin nearest to a wavelength."""
+    bin_ = int(np.argmin(np.abs(WAVELENGTH - wavelength)))
+    seen = sum(
+        spectrum[bin_] * share[0] for spectrum, share in limb_light(earth, np.array([[0.0, 1, 0]]))
+    )
+    return float(seen / sunlight(AU)[bin_])
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 90 * deg, 180 * deg])
+@pytest.mark.parametrize("height", [4e3, 20e3, 60e3])
+def test_it_is_that_of_the_table(height, azimuth):
+    table = load_limb(shipped("atmosphere/limb.fits"))
+    place = (np.array([value]) for value in (550 * nm, height, 40 * deg, azimuth))
+    assert brightness(earth(40 * deg, azimuth, height), 550 * nm) == pytest.approx(
+        table(*place)[0, 0], rel=1e-6
+    )
+
+
+def test_every_bin_is_lit_once():
+    parts = list(limb_light(earth(30 * deg, 1.0, 20e3), np.array([[0.0, 1, 0]])))
+    assert (sum((spectrum > 0).astype(int) for spectrum, _ in parts) == 1).all()
+
+
+def test_blue_outshines_red_high_up():
+    above = earth(30 * deg, 1.0, 50e3)
+    assert brightness(above, 450 * nm) > 3 * brightness(above, 800 * nm)
+
+
+@pytest.mark.parametrize("height", [-5e3, 150e3])
+def test_nothing_shines_under_the_horizon_or_above_the_air(height):
+    assert list(limb_light(earth(30 * deg, 1.0, height), np.array([[0.0, 1, 0]]))) == []
+
+
+def test_nothing_shines_behind_the_observer():
+    assert list(limb_light(earth(30 * deg, 1.0, 20e3), np.array([[0.0, -1, 0]]))) == []
