@@ -38,7 +38,7 @@ from startrack.identification import (
     identify,
     track,
 )
-from startrack.identification.gather import see
+from startrack.identification.seen import first, see, usable
 from startrack.identification.verify import weigh
 from startrack.units import deg
 from startrack.values import Spots, Stars
@@ -132,21 +132,22 @@ def bound(seen: Seen, regime: Regime) -> Floats:
 def within_reach(seen: Seen, regime: Regime) -> bool:
     """Whether the truth itself is evident enough, its faintest stars left out or not."""
     camera, stars, index = design(regime.field)
-    count = min(len(seen.spots), SETTINGS.verify_spots)
-    true = np.flatnonzero(seen.star[:count] >= 0)
-    pixel = np.column_stack([seen.spots.x, seen.spots.y])
-    view = see(pixel[:count], seen.spots.covariance[:count], camera, SETTINGS)
-    direction = seen.icrs_to_camera.apply(stars.direction[index.bright.member])
+    every = see(seen.spots, usable(seen.spots), camera, SETTINGS)
+    view = first(every, SETTINGS.verify_spots)
+    voters = index.bright
+    direction = seen.icrs_to_camera.apply(stars.direction[voters.sky.member])
     near = np.flatnonzero((direction[:, 2] > 0) & camera.holds(camera.project(direction)))
-    place = {int(star): i for i, star in enumerate(index.bright.member[near])}
-    true = np.array([i for i in true if int(seen.star[i]) in place], np.int64)
+    place = {int(star): i for i, star in enumerate(voters.sky.member[near])}
+    true = np.array(
+        [i for i in range(len(view.plane)) if int(seen.star[i]) in place], np.int64
+    )
     taken = np.array([place[int(seen.star[i])] for i in true], np.int64)
-    expected = camera.project(direction[near[taken]])
-    distance = np.linalg.norm(pixel[true] - expected, axis=1) / camera.focal_length_px
+    expected = (camera.project(direction[near[taken]]) - camera.centre) / camera.focal_length_px
+    distance = np.linalg.norm(view.plane[true] - expected, axis=1)
     best = 0.0
     for fewest in range(4, len(true) + 1):
         evidence = weigh(
-            view, index.bright, index.magnitude, near, true[:fewest], taken[:fewest],
+            view, voters, near, true[:fewest], taken[:fewest],
             distance[:fewest], seen.icrs_to_camera.as_matrix(), 1.0,
         )  # fmt: skip
         best = max(best, evidence)

@@ -169,6 +169,7 @@ class Status(StrEnum):
     """How an identification or an attitude ended. A sky that cannot be solved is data."""
 
     SOLVED = "solved"
+    AMBIGUOUS = "ambiguous"
     TOO_FEW = "too few stars"
     NO_MATCH = "no match"
     BLANK = "blank image"

@@ -15,10 +15,10 @@ from startrack.identification.index import (
     PatternIndex,
     build_index,
 )
-from startrack.identification.sky import SkyGrid
+from startrack.identification.sky import SkyGrid, Voters
 from startrack.values import Stars
 
-FORMAT = 1  # grows with every change of what an index holds or how it is built
+FORMAT = 2  # grows with every change of what an index holds or how it is built
 
 
 def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternIndex:
@@ -42,7 +42,7 @@ def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternInd
 
 def _key(stars: Stars, field_of_view: float) -> str:
     digest = hashlib.sha256(f"{FORMAT} {len(stars)} {field_of_view!r}".encode())
-    for array in (stars.direction, stars.magnitude_g):
+    for array in (stars.direction, stars.magnitude_g, stars.colour):
         digest.update(np.ascontiguousarray(array, "<f8").tobytes())
     return digest.hexdigest()
 
@@ -53,9 +53,10 @@ def _write(path: Path, key: str, index: PatternIndex) -> None:
         "key": np.array(key),
         "checksum": np.array(_checksum(index)),
         "scalars": np.array([index.stars, index.field_of_view]),
-        "magnitude": index.magnitude,
+        "magnitude": index.bright.magnitude,
+        "blur": index.bright.blur,
     }
-    for name, part in (("table", index.table), ("bright", index.bright), ("faint", index.faint)):
+    for name, part in (("table", index.table), ("bright", index.bright.sky), ("faint", index.faint)):
         arrays |= {f"{name}.{field}": np.asarray(value) for field, value in part._asdict().items()}
     # The same folder, so that the last step is a renaming, which happens at once.
     with NamedTemporaryFile(dir=path.parent, prefix=path.stem, delete=False) as file:
@@ -88,8 +89,7 @@ def _read(path: Path, key: str) -> PatternIndex | None:
                 int(count),
                 field_of_view,
                 CodeTable(**table),
-                SkyGrid(**bright),
-                file["magnitude"],
+                Voters(SkyGrid(**bright), file["magnitude"], file["blur"]),
                 SkyGrid(**faint),
             )
             return index if str(file["checksum"]) == _checksum(index) else None
@@ -100,6 +100,6 @@ def _read(path: Path, key: str) -> PatternIndex | None:
 def _checksum(index: PatternIndex) -> str:
     """Quick to compute; against damage, not against malice."""
     digest = hashlib.blake2b(digest_size=16)
-    for part in (*index.table, *index.bright, *index.faint, index.magnitude):
+    for part in (*index.table, *index.bright.sky, *index.bright[1:], *index.faint):
         digest.update(np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()

@@ -1,13 +1,12 @@
-"""Four directions enter; a code that neither rotation nor scale changes leaves.
+"""Three directions enter; a code that neither rotation nor scale changes leaves.
 
 The two directions farthest apart are the base, A and B. In the plane that touches the sphere
-between them, with A at (0, 0) and B at (1, 0), the places of the other two, C and D, are the code
-(x_C, y_C, x_D, y_D). Both lie in the lens of the points nearer to A and to B than these to each
-other. Of the four ways to name the same stars the canonical one has x_C <= x_D and
-x_C + x_D <= 1. A mirror image has another code.
+between them, with A at (0, 0) and B at (1, 0), the place (x, y) of the third, C, is the code. It
+lies in the lens of the points nearer to A and to B than these to each other. Of the two ways to
+name A and B the canonical one has x <= 1/2. A mirror image has another code.
 
-Source: the idea is that of Lang et al. (2010), Astron. J. 139, 1782, sect. 2.2, who take the
-square over the base instead.
+Source: the idea is that of Lang et al. (2010), Astron. J. 139, 1782, sect. 2.2, who take four
+stars and the square over the base.
 """
 
 from __future__ import annotations
@@ -46,16 +45,3 @@ def separation(a: Floats, b: Floats) -> float:  # pragma: no cover
     """Radian between two unit vectors (3,), accurate at small angles."""
     chord = math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
     return 2 * math.asin(min(chord / 2, 1.0))
-
-
-@njit(cache=True, error_model="numpy")
-def squared_chords(direction: Floats) -> Floats:  # pragma: no cover
-    """Squared distances (n, n) between the tips of unit vectors (n, 3)."""
-    n = len(direction)
-    square = np.zeros((n, n))
-    for i in range(n):
-        for j in range(i):
-            for k in range(3):
-                square[i, j] += (direction[i, k] - direction[j, k]) ** 2
-            square[j, i] = square[i, j]
-    return square

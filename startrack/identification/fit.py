@@ -48,12 +48,13 @@ def _triad(a: Floats, b: Floats) -> Floats:  # pragma: no cover
 @njit(cache=True, error_model="numpy")
 def fit(
     plane: Floats,
+    weight: Floats,
     direction: Floats,
     spot: NDArray[np.int64],
     star: NDArray[np.int64],
     rotation: Floats,
     scale: float,
-    scale_free: bool,
+    focal: float,
     steps: int,
 ) -> tuple[Floats, float]:  # pragma: no cover
     """Least squares over the residuals in the image plane, by Gauss-Newton.
@@ -61,18 +62,21 @@ def fit(
         residual = plane - scale (x, y) / z,   (x, y, z) = rotation direction
 
     plane       (n, 2) x / z and y / z of spots, as the believed camera unprojects them
+    weight      (n,) inverse variance of these
     direction   (m, 3) unit vectors of stars, ICRS axes
     spot, star  (k,) which spot is which star
     rotation    (3, 3) icrs_to_camera to start from, near the solution
     scale       1, true over believed focal length, to start from
-    scale_free  whether the scale is fitted, too
+    focal       standard deviation of the scale about one beforehand; 0 leaves it as it is
     steps       of Gauss-Newton
     Returns     rotation, scale; NaN where the matches leave them open
     """
-    unknowns = 4 if scale_free else 3
+    unknowns = 4 if focal > 0 else 3
     row_x, row_y = np.zeros(4), np.zeros(4)
     for _ in range(steps):
         normal, right = np.zeros((4, 4)), np.zeros(4)
+        if focal > 0:
+            normal[3, 3], right[3] = focal**-2, (1 - scale) * focal**-2
         for i in range(len(spot)):
             px, py, pz = turned(rotation, direction[star[i]])
             x, y = px / pz, py / pz
@@ -80,10 +84,11 @@ def fit(
             row_y[0], row_y[1], row_y[2], row_y[3] = -1 - y * y, x * y, x, y / scale
             dx = plane[spot[i], 0] / scale - x
             dy = plane[spot[i], 1] / scale - y
+            w = weight[spot[i]]
             for j in range(unknowns):
-                right[j] += row_x[j] * dx + row_y[j] * dy
+                right[j] += w * (row_x[j] * dx + row_y[j] * dy)
                 for k in range(j + 1):
-                    normal[j, k] += row_x[j] * row_x[k] + row_y[j] * row_y[k]
+                    normal[j, k] += w * (row_x[j] * row_x[k] + row_y[j] * row_y[k])
         step = _solve(normal, right, unknowns)
         rotation = _turn(step[:3], rotation)
         scale += step[3]

@@ -15,8 +15,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.identification.fit import derivatives, fit, turned
-from startrack.identification.sky import SkyGrid
-from startrack.identification.verify import Seen, predict, project, weigh_prior
+from startrack.identification.predict import predict, project
+from startrack.identification.seen import Seen
+from startrack.identification.sky import Voters
+from startrack.identification.verify import weigh_prior
 from startrack.values import Floats
 
 WINDOW = 16.0  # squared radius of a window over its variance: one in 3000 lies outside
@@ -27,21 +29,23 @@ MOST_CHAINS = 200
 @njit(cache=True, error_model="numpy")
 def follow(
     seen: Seen,
-    sky: SkyGrid,
-    magnitude: Floats,
+    voters: Voters,
     predicted: Floats,
     covariance: Floats,
 ) -> tuple[Floats, int, float]:  # pragma: no cover
     """The chain of the greatest evidence.
 
-    sky, magnitude  the stars that may be seen
-    predicted       (3, 3) icrs_to_camera
-    covariance      (3, 3) radian^2, of the small rotation about the camera's axes
-    Returns         icrs_to_camera, matches (0 for none), ln of the bound on chance
+    voters      the stars that may be seen
+    predicted   (3, 3) icrs_to_camera
+    covariance  (3, 3) radian^2, of the small rotation about the camera's axes
+    Returns     icrs_to_camera, matches (0 for none), ln of the bound on chance
     """
-    star, place = predict(seen, sky, predicted, 1.0)
-    order = np.argsort(magnitude[star])
+    sky = voters.sky
+    star, place = np.empty(len(sky.member), np.int64), np.empty((len(sky.member), 2))
+    count = predict(seen, sky, predicted, 1.0, star, place)
+    order = np.argsort(voters.magnitude[star[:count]])
     star, place = star[order], place[order]
+    weight = seen.sigma**-2.0
     rows = np.empty((len(star), 2, 3))
     for j in range(len(star)):
         rows[j] = derivatives(predicted, sky.direction[star[j]], 1.0)[:, :3]
@@ -63,7 +67,7 @@ def follow(
             if len(spots) < FEWEST:
                 continue
             rotation, _ = fit(
-                seen.plane, sky.direction, spots, star[stars], predicted, 1.0, False, 3
+                seen.plane, weight, sky.direction, spots, star[stars], predicted, 1.0, 0.0, 3
             )
             away = _away(predicted, rotation)
             fitted = project(sky.direction, star[stars], rotation, 1.0)
@@ -74,8 +78,7 @@ def follow(
             log_prior = log_peak - 0.5 * np.dot(away, np.dot(information, away))
             log_p = -weigh_prior(
                 seen,
-                sky,
-                magnitude,
+                voters,
                 star,
                 spots,
                 stars,

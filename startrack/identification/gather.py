@@ -1,99 +1,79 @@
-"""Spots enter as the believed camera sees them; what an attitude makes of all of them leaves."""
+"""An attitude enters; what it makes of all spots and all stars of the catalogue leaves."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
-from startrack.camera import Camera
 from startrack.identification.fit import fit
-from startrack.identification.index import PatternIndex
-from startrack.identification.parameters import Identification
-from startrack.identification.sky import cone
-from startrack.identification.verify import Seen, pair
-from startrack.values import Floats, Ints, Spots, Stars
+from startrack.identification.pair import pair
+from startrack.identification.predict import predict, project
+from startrack.identification.seen import Seen
+from startrack.identification.sky import SkyGrid
+from startrack.values import Floats
 
 ROUNDS = 3  # of matching and fitting; each improves the radius of the next
-GATE = 3.0  # sigma of the centroids: the match radius is not smaller
-LEAST_SIGMA = 0.01  # pixel, that a centroid is believed
-RMS_RADIUS = 4.0  # times the rms distance: where the last matches end
+REACH = 4.0  # sigma, of noise and what else the residuals show: where the matches end
+NARROWEST = 1 / 8  # of the match radius
+
+Places = NDArray[np.int64]
 
 
-def usable(spots: Spots) -> tuple[Floats, Ints]:
-    """Pixels (n, 2) of all spots, and which of them are at a finite place."""
-    pixel = np.column_stack([spots.x, spots.y])
-    return pixel, np.flatnonzero(np.isfinite(pixel).all(axis=1))
-
-
-def see(pixel: Floats, covariance: Floats, camera: Camera, settings: Identification) -> Seen:
-    """The voting spots in the image plane of the believed camera."""
-    direction = camera.unproject(pixel)
-    sigma = np.sqrt(np.maximum(np.trace(covariance, axis1=1, axis2=2), 0) / 2)
-    sigma = np.where(np.isfinite(sigma), sigma, settings.match_radius)
-    sigma = np.clip(sigma, LEAST_SIGMA, settings.match_radius)
-    radius = max(settings.match_radius, GATE * float(np.median(sigma)))
-    focal = camera.focal_length_px
-    # The border of the undistorted image; distortion moves it by a few pixels, no matter here.
-    centre = np.array(camera.centre)
-    low = (-0.5 - centre) / focal
-    high = (np.array([camera.columns, camera.rows]) - 0.5 - centre) / focal
-    return Seen(
-        direction[:, :2] / direction[:, 2:],
-        direction,
-        sigma / focal,
-        low,
-        high,
-        math.atan(math.hypot(*np.maximum(-low, high))),
-        radius / focal,
-        camera.columns * camera.rows / focal**2,
-        settings.focal_tolerance,
-    )
-
-
+@njit(cache=True, error_model="numpy")
 def gather(
-    pixel: Floats,
-    usable: Ints,
-    camera: Camera,
-    stars: Stars,
-    index: PatternIndex,
-    settings: Identification,
-    rotation: Floats,
-    scale: float,
-) -> tuple[Ints, Ints, Camera, Floats] | None:
-    """Match all spots to all stars in the image, with the focal length and attitude they give.
+    seen: Seen, faint: SkyGrid, magnitude: Floats, rotation: Floats, scale: float
+) -> tuple[Places, Places, Floats, float]:  # pragma: no cover
+    """Match all spots to the stars in the image, with the focal length and attitude they give.
 
-    Returns  spots, stars, camera, icrs_to_camera; None where too few are left for an attitude
+    faint      all stars of the catalogue
+    magnitude  (stars,) of these, in the catalogue's order
+    Returns    spots in rising order, stars of the catalogue, icrs_to_camera, scale; NaN where
+               too few are left for an attitude
     """
-    radius, tolerance = settings.match_radius, settings.focal_tolerance
+    star, place = _brightest(seen, faint, magnitude, rotation, scale)
+    weight = seen.sigma**-2.0
+    radius = np.maximum(seen.excess, REACH * seen.sigma)
+    spot, taken, distance = pair(seen.plane, place, radius)
     for _ in range(ROUNDS):
-        refined = camera.scaled(scale)
-        expected, place = _expected(rotation, refined, stars, index, 2 * len(usable) + 50)
-        chosen, taken, distance = pair(pixel[usable], place, radius)
-        spot, star = usable[chosen], expected[taken]
-        # Distortion is not a similarity, so it is taken off with the focal length of this round,
-        # and the fit finds what is left.
-        direction = refined.unproject(pixel[spot])
-        plane = direction[:, :2] / direction[:, 2:]
-        pairs = np.arange(len(spot))
-        rotation, change = fit(
-            plane, stars.direction[star], pairs, pairs, rotation, 1.0, tolerance > 0, 3
+        if len(spot) < 2:
+            break
+        rotation, scale = fit(
+            seen.plane, weight, faint.direction, spot, star[taken], rotation, scale, seen.focal, 2
         )
-        if not math.isfinite(change):
-            return None
-        scale = min(max(scale * change, 1 - tolerance), 1 + tolerance)
-        rms = math.sqrt(np.mean(distance**2))
-        radius = max(min(RMS_RADIUS * rms, radius), settings.match_radius / 8)
-    return spot, star, camera.scaled(scale), rotation
+        scale = min(max(scale, 1 - seen.focal), 1 + seen.focal)
+        place = project(faint.direction, star, rotation, scale)
+        # What the residuals show beyond the noise, along each axis: distortion, the catalogue.
+        noise = np.mean(seen.sigma[spot] ** 2)
+        excess = max(np.mean(distance**2) / 2 - noise, 0.0)
+        for i in range(len(radius)):
+            variance = seen.sigma[i] ** 2 + excess
+            weight[i] = 1 / variance
+            wide = max(seen.excess, REACH * seen.sigma[i])
+            narrow = max(REACH * math.sqrt(variance), NARROWEST * seen.excess)
+            radius[i] = min(narrow, wide)
+        spot, taken, distance = pair(seen.plane, place, radius)
+    if len(spot) < 2:
+        return spot, spot, np.full((3, 3), np.nan), np.nan
+    rotation, scale = fit(
+        seen.plane, weight, faint.direction, spot, star[taken], rotation, scale, seen.focal, 2
+    )
+    return spot, faint.member[star[taken]].astype(np.int64), rotation, scale
 
 
-def _expected(
-    rotation: Floats, camera: Camera, stars: Stars, index: PatternIndex, most: int
-) -> tuple[Ints, Floats]:
-    """The brightest stars in the image, at most so many, and their pixels (n, 2)."""
-    near = index.faint.member[cone(index.faint, rotation[2].copy(), 1.1 * camera.half_diagonal)]
-    pixel = camera.project(stars.direction[near] @ rotation.T)
-    inside = camera.holds(pixel)
-    near, pixel = near[inside], pixel[inside]
-    brightest = np.argsort(stars.magnitude_g[near], kind="stable")[:most]
-    return near[brightest].astype(np.int64), pixel[brightest]
+@njit(cache=True, error_model="numpy")
+def _brightest(
+    seen: Seen, faint: SkyGrid, magnitude: Floats, rotation: Floats, scale: float
+) -> tuple[Places, Floats]:  # pragma: no cover
+    """The brightest stars in the image and their places, so few that chance matches are rare."""
+    star = np.empty(len(faint.member), np.int64)
+    place = np.empty((len(star), 2))
+    count = predict(seen, faint, rotation, scale, star, place)
+    star, place = star[:count], place[:count]
+    most = 2 * len(seen.plane) + 50
+    if count > most:
+        chosen = np.argsort(magnitude[faint.member[star]])[:most]
+        star, place = star[chosen], place[chosen]
+    return star, place

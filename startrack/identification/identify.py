@@ -9,11 +9,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
-from startrack.identification.gather import gather, see, usable
+from startrack.identification.gather import gather
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
 from startrack.identification.search import breadth_first, search
-from startrack.values import Matches, Spots, Stars, Status
+from startrack.identification.seen import first, see, usable
+from startrack.values import Floats, Ints, Matches, Spots, Stars, Status
+
+ROUNDS = 3  # of taking the distortion off with the focal length found
+PROBABLE = 1e-2  # chance of a hypothesis below which a sky is ambiguous rather than none
 
 
 def identify(
@@ -21,7 +25,7 @@ def identify(
 ) -> Matches:
     """Which spot is which star, with nothing known of the attitude.
 
-    Patterns of four bright spots are looked up by their code; each that is found makes a
+    Triangles of bright spots are looked up by their code; each that is found makes a
     hypothesis, on which the other spots vote. The first one that chance does not make more
     often than `settings.max_false_probability` per image is refined and matched to all spots.
 
@@ -30,7 +34,8 @@ def identify(
     stars     the tracker's catalogue, apparent directions
     index     built from these stars, for about this field of view
     Returns   Matches: solved with the spots in rising order and at the least-squares attitude,
-              or too few stars, a blank image, or no match
+              or too few stars, a blank image, ambiguous (a hypothesis that is likely true, but
+              not beyond doubt), or no match
     Errors    ValueError where the index was built from another number of stars. model: the
               bound on false matches holds for spots strewn at random; those of trees or
               clouds are clumped, and so are stars.
@@ -40,35 +45,60 @@ def identify(
             f"index must be built from the same stars, got {index.stars} stars in the index "
             f"and {len(stars)} in the catalogue"
         )
-    pixel, finite = usable(spots)
+    finite = usable(spots)
     if len(finite) < settings.min_matches:
         return _too_few(len(finite), camera, settings)
-    voting = finite[: settings.verify_spots]
-    seen = see(pixel[voting], spots.covariance[voting], camera, settings)
-    rotation, scale, matches, log_p, tried = search(
-        seen,
-        breadth_first(min(len(voting), settings.pattern_spots)),
+    seen = see(spots, finite, camera, settings)
+    best, tried = search(
+        first(seen, settings.verify_spots),
+        breadth_first(min(len(finite), settings.verify_spots, settings.pattern_spots)),
         settings.code_tolerance,
         index.table,
         index.bright,
-        index.magnitude,
         settings.min_matches,
         math.log(settings.max_false_probability),
         settings.max_hypotheses,
     )
-    if matches == 0:
-        return _no_match(len(finite), tried, camera)
-    gathered = gather(pixel, finite, camera, stars, index, settings, rotation, scale)
-    if gathered is None:
-        return _no_match(len(finite), tried, camera)
-    spot, star, refined, rotation = gathered
+    if best.log_p >= math.log(settings.max_false_probability):
+        return _doubtful(best.log_p, best.matches, len(finite), tried, camera)
+    return refined(
+        spots, finite, camera, stars, index, settings, best.rotation, best.scale, best.log_p
+    )
+
+
+def refined(
+    spots: Spots,
+    finite: Ints,
+    camera: Camera,
+    stars: Stars,
+    index: PatternIndex,
+    settings: Identification,
+    rotation: Floats,
+    scale: float,
+    log_p: float,
+) -> Matches:
+    """The matches of all spots at an attitude beyond doubt.
+
+    Distortion is not a similarity: it is taken off anew with each focal length that is found.
+
+    finite  the usable spots
+    log_p   ln of the bound on chance
+    """
+    for _ in range(ROUNDS):
+        seen = see(spots, finite, camera.scaled(scale), settings)
+        place, star, rotation, change = gather(
+            seen, index.faint, stars.magnitude_g, rotation, 1.0
+        )
+        scale *= change
+        if not camera.distorted or settings.focal_tolerance == 0:
+            break
     return Matches(
         Status.SOLVED,
-        f"{len(spot)} of {len(finite)} spots are stars of the catalogue",
-        spot,
+        f"{len(place)} of {len(finite)} spots are stars of the catalogue",
+        finite[place],
         star,
         stars.direction[star],
-        refined,
+        camera.scaled(scale),
         Rotation.from_matrix(rotation),
         math.exp(log_p),
     )
@@ -80,11 +110,17 @@ def _too_few(spots: int, camera: Camera, settings: Identification) -> Matches:
     return _unsolved(status, reason, camera)
 
 
-def _no_match(spots: int, hypotheses: int, camera: Camera) -> Matches:
-    reason = f"none of {hypotheses} hypotheses explains the {spots} spots better than chance"
+def _doubtful(log_p: float, matches: int, spots: int, tried: int, camera: Camera) -> Matches:
+    if log_p < math.log(PROBABLE):
+        reason = (
+            f"{matches} of {spots} spots agree with stars, but chance makes such a match "
+            f"with a probability of up to {math.exp(log_p):.0e}"
+        )
+        return _unsolved(Status.AMBIGUOUS, reason, camera, math.exp(log_p))
+    reason = f"none of {tried} hypotheses explains the {spots} spots better than chance"
     return _unsolved(Status.NO_MATCH, reason, camera)
 
 
-def _unsolved(status: Status, reason: str, camera: Camera) -> Matches:
+def _unsolved(status: Status, reason: str, camera: Camera, chance: float = 1.0) -> Matches:
     none: NDArray[np.int64] = np.empty(0, np.int64)
-    return Matches(status, reason, none, none, np.empty((0, 3)), camera, None, 1.0)
+    return Matches(status, reason, none, none, np.empty((0, 3)), camera, None, chance)

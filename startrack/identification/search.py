@@ -1,4 +1,4 @@
-"""Patterns of spots enter, brightest first; the first hypothesis beyond doubt leaves."""
+"""Triangles of spots enter, brightest first; the first hypothesis beyond doubt leaves."""
 
 from __future__ import annotations
 
@@ -10,23 +10,25 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.identification.code import place, separation, squared_chords
-from startrack.identification.index import ACROSS, UPRIGHT, CodeTable, column, upright
-from startrack.identification.sky import SkyGrid
-from startrack.identification.verify import Seen, verify
+from startrack.identification.code import place, separation
+from startrack.identification.index import LENGTHS, UPRIGHT, CodeTable, along, column, upright
+from startrack.identification.seen import Seen
+from startrack.identification.sieve import sieve
+from startrack.identification.sky import Voters
+from startrack.identification.verify import FIRST_RADIUS, Verdict, verify
 from startrack.values import Floats
 
-SIGMAS = 4.0  # how far noise may move a code
+SIGMAS = 3.5  # how far noise may move a code
 
 
 @lru_cache(maxsize=64)
 def breadth_first(spots: int) -> NDArray[np.int64]:
-    """All (k, 4) choices of four spots, those of small sums of ranks first.
+    """All (k, 3) choices of three spots, those of small sums of ranks first.
 
     So no bright spot that is no star can hold up the search for long.
     """
-    choices = np.array(list(combinations(range(spots), 4)), np.int64).reshape(-1, 4)
-    order = np.lexsort((choices[:, 3], choices.sum(axis=1)))
+    choices = np.array(list(combinations(range(spots), 3)), np.int64).reshape(-1, 3)
+    order = np.lexsort((choices[:, 2], choices.sum(axis=1)))
     return choices[order]
 
 
@@ -36,136 +38,105 @@ def search(
     choices: NDArray[np.int64],
     code_tolerance: float,
     table: CodeTable,
-    sky: SkyGrid,
-    magnitude: Floats,
+    voters: Voters,
     fewest: int,
     log_accepted: float,
     most_hypotheses: int,
-) -> tuple[Floats, float, int, float, int]:  # pragma: no cover
-    """Look up pattern after pattern until a hypothesis is beyond doubt.
+) -> tuple[Verdict, int]:  # pragma: no cover
+    """Look up triangle after triangle until a hypothesis is beyond doubt.
 
-    choices          (k, 4) spots, in the order to try
+    choices          (k, 3) spots, in the order to try
     code_tolerance   1, error of a code beyond the noise
-    table, sky       the patterns of the index, and its stars that vote
-    magnitude        (n,) of the latter
+    table, voters    the triangles of the index, and its stars that vote
     fewest           as in `verify`
     log_accepted     ln of the bound on chance to stay below
     most_hypotheses  after so many the search ends
-    Returns          icrs_to_camera, scale, matches, ln of the bound on chance, hypotheses tried;
-                     no matches where nothing was found
+    Returns          the best verdict, the last if it is beyond doubt; hypotheses tried
     """
     tried = 0
-    square = squared_chords(seen.direction[: choices.max() + 1])
-    orders, codes = np.empty((24, 4), np.int64), np.empty((24, 4))
+    best = Verdict(np.eye(3), 1.0, 0, 0.0)
+    screen = sieve(seen.plane, seen.low, seen.high, FIRST_RADIUS * seen.radius)
+    star = np.empty(len(voters.sky.member), np.int64)
+    where = np.empty((len(star), 2))
+    names, codes = np.empty((6, 3), np.int64), np.empty((6, 2))
+    direction, base = voters.sky.direction, table.base
     for choice in choices:
-        base, noise, off_axis = _measure(seen, square, choice)
-        if not table.smallest * (1 - seen.focal) <= base <= table.largest * (1 + seen.focal):
+        longest, noise, off_axis = _measure(seen, choice)
+        if not table.smallest * (1 - seen.focal) <= longest <= table.largest * (1 + seen.focal):
             continue
         # A wrong focal length is no similarity away from the axis: there it stretches along
         # the radius otherwise than across it, by its error times tan^2.
         error = noise + code_tolerance + 2 * seen.focal * off_axis
-        stretch = noise - math.log1p(-seen.focal) + 2 * seen.focal * off_axis
-        for k in range(_orders(seen.direction, square, choice, error, orders, codes)):
-            for p in _within(codes[k], error, table, sky.direction):
-                four = table.base[table.pattern[p]]
-                true = separation(sky.direction[four[0]], sky.direction[four[1]])
-                if abs(math.log(base / true)) > stretch:
-                    continue
-                tried += 1
-                rotation, scale, matches, log_p = verify(
-                    seen, orders[k], sky, magnitude, four, fewest
-                )
-                if log_p < log_accepted:
-                    return rotation, scale, matches, log_p, tried
-                if tried >= most_hypotheses:
-                    return np.eye(3), 1.0, 0, 0.0, tried
-    return np.eye(3), 1.0, 0, 0.0, tried
+        stretch = noise + code_tolerance - math.log1p(-seen.focal) + 2 * seen.focal * off_axis
+        shortest = along(longest * math.exp(-stretch), table.smallest)
+        farthest = along(longest * math.exp(stretch), table.smallest)
+        for k in range(_namings(seen.direction, choice, longest, error, names, codes)):
+            x, y = codes[k]
+            for i in range(column(x - error), column(x + error) + 1):
+                for j in range(upright(y - error), upright(y + error) + 1):
+                    row = (i * UPRIGHT + j) * LENGTHS
+                    for p in range(table.start[row + shortest], table.start[row + farthest + 1]):
+                        three = table.triangle[p]
+                        a, b, c = base[three[0]], base[three[1]], base[three[2]]
+                        px, py = place(direction[a], direction[b], direction[c])
+                        if (px - x) ** 2 + (py - y) ** 2 > error**2:
+                            continue
+                        true = separation(direction[a], direction[b])
+                        if abs(math.log(longest / true)) > stretch:
+                            continue
+                        tried += 1
+                        verdict = verify(
+                            seen, screen, voters, names[k], (a, b, c), fewest, star, where
+                        )
+                        if verdict.log_p < best.log_p:
+                            best = verdict
+                        if best.log_p < log_accepted or tried >= most_hypotheses:
+                            return best, tried
+    return best, tried
 
 
 @njit(cache=True, error_model="numpy")
 def _measure(
-    seen: Seen, square: Floats, choice: NDArray[np.int64]
+    seen: Seen, choice: NDArray[np.int64]
 ) -> tuple[float, float, float]:  # pragma: no cover
     """Base (radian), noise of the code, and the largest tan^2 of the angle off the axis."""
-    longest, sigma, off_axis = 0.0, 0.0, 0.0
-    for i in range(4):
-        for j in range(i):
-            longest = max(longest, square[choice[i], choice[j]])
+    base, sigma, off_axis = 0.0, 0.0, 0.0
+    for i in range(3):
+        apart = separation(seen.direction[choice[i]], seen.direction[choice[i - 1]])
+        base = max(base, apart)
         sigma = max(sigma, seen.sigma[choice[i]])
         x, y = seen.plane[choice[i]]
         off_axis = max(off_axis, x * x + y * y)
-    base = 2 * math.asin(min(math.sqrt(longest) / 2, 1.0))
     return base, SIGMAS * sigma / base, off_axis
 
 
 @njit(cache=True, error_model="numpy")
-def _orders(
+def _namings(
     direction: Floats,
-    square: Floats,
     choice: NDArray[np.int64],
+    longest: float,
     error: float,
-    orders: NDArray[np.int64],
+    names: NDArray[np.int64],
     codes: Floats,
 ) -> int:  # pragma: no cover
-    """All ways to name four spots A, B, C, D that are canonical, or may be without the error.
+    """All ways to name three spots A, B, C that are canonical, or may be without the error.
 
-    orders, codes  (24, 4) are filled with the spots and their codes
-    Returns        how many there are: one, but where two rules are close to a tie
+    longest       radian, separation of the base
+    names, codes  (6, 3), (6, 2) are filled with the spots and their codes
+    Returns       how many there are: one, but where two rules are close to a tie
     """
     count = 0
-    longest = 0.0
-    for i in range(4):
-        for j in range(i):
-            longest = max(longest, square[choice[i], choice[j]])
-    for i in range(4):
-        for j in range(4):
-            if i == j or square[choice[i], choice[j]] < longest * (1 - error) ** 2:
-                continue
-            a, b = choice[i], choice[j]
-            k = 0
-            while k == i or k == j:  # noqa: SIM109, compiled code compares faster
-                k += 1
-            c, d = choice[k], choice[6 - i - j - k]
-            xc, yc = place(direction[a], direction[b], direction[c])
-            xd, yd = place(direction[a], direction[b], direction[d])
-            if xc + xd > 1 + 2 * error:
-                continue
-            if xc <= xd + 2 * error:
-                orders[count] = a, b, c, d
-                codes[count] = xc, yc, xd, yd
-                count += 1
-            if xd <= xc + 2 * error:
-                orders[count] = a, b, d, c
-                codes[count] = xd, yd, xc, yc
-                count += 1
+    for i in range(3):
+        a, b, c = choice[i], choice[i - 1], choice[i - 2]
+        if separation(direction[a], direction[b]) < longest * (1 - error):
+            continue
+        x, y = place(direction[a], direction[b], direction[c])
+        if x <= 0.5 + error:
+            names[count] = a, b, c
+            codes[count] = x, y
+            count += 1
+        if x >= 0.5 - error:
+            names[count] = b, a, c
+            codes[count] = 1 - x, -y
+            count += 1
     return count
-
-
-@njit(cache=True, error_model="numpy")
-def _within(
-    wanted: Floats, error: float, table: CodeTable, direction: Floats
-) -> NDArray[np.int64]:  # pragma: no cover
-    """Which patterns have a code within `error` of the one wanted."""
-    found = np.empty(64, np.int64)
-    count = 0
-    for i in range(column(wanted[0] - error), column(wanted[0] + error) + 1):
-        for j in range(upright(wanted[1] - error), upright(wanted[1] + error) + 1):
-            for k in range(column(wanted[2] - error), column(wanted[2] + error) + 1):
-                row = ((i * UPRIGHT + j) * ACROSS + k) * UPRIGHT
-                low = row + upright(wanted[3] - error)
-                high = row + upright(wanted[3] + error)
-                for p in range(table.start[low], table.start[high + 1]):
-                    four = table.pattern[p]
-                    a, b, c = table.base[four[0]], table.base[four[1]], table.base[four[2]]
-                    x, y = place(direction[a], direction[b], direction[c])
-                    square = (x - wanted[0]) ** 2 + (y - wanted[1]) ** 2
-                    if square > error**2:
-                        continue
-                    x, y = place(direction[a], direction[b], direction[table.base[four[3]]])
-                    square += (x - wanted[2]) ** 2 + (y - wanted[3]) ** 2
-                    if square <= error**2:
-                        if count == len(found):
-                            found = np.concatenate((found, np.empty_like(found)))
-                        found[count] = p
-                        count += 1
-    return found[:count]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from startrack.values import Floats
 
 Indices = NDArray[np.int32]
+Cubes = NDArray[np.int64]
 
 MOST_CUBES = 80  # along an axis, which keeps the table of cubes at 2 MB
 
@@ -33,6 +34,19 @@ class SkyGrid(NamedTuple):
     direction: Floats
 
 
+class Voters(NamedTuple):
+    """The stars that vote on hypotheses, and how bright they should look.
+
+    sky        (n) of them
+    magnitude  (n,) expected, but for the zero point
+    blur       (n,) magnitude, how far that may be wrong
+    """
+
+    sky: SkyGrid
+    magnitude: Floats
+    blur: Floats
+
+
 def sky_grid(direction: Floats, spacing: float) -> SkyGrid:
     """Sort unit vectors into cubes.
 
@@ -53,16 +67,23 @@ def cubes(spacing: float) -> int:
 
 
 @njit(cache=True, error_model="numpy")
+def cubes_around(grid: SkyGrid, axis: Floats, radius: float) -> tuple[Cubes, Cubes]:  # pragma: no cover
+    """First and last cubes (3,) along each axis that a cone can touch."""
+    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+    for k in range(3):
+        low[k] = max(int((axis[k] - radius + 1) / 2 * grid.side), 0)
+        high[k] = min(int((axis[k] + radius + 1) / 2 * grid.side), grid.side - 1)
+    return low, high
+
+
+@njit(cache=True, error_model="numpy")
 def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no cover
     """Places in `grid.member` of the stars within an angle of an axis.
 
     axis    (3,) unit vector
     radius  radian
     """
-    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
-    for k in range(3):
-        low[k] = max(int((axis[k] - radius + 1) / 2 * grid.side), 0)
-        high[k] = min(int((axis[k] + radius + 1) / 2 * grid.side), grid.side - 1)
+    low, high = cubes_around(grid, axis, radius)
     found = np.empty(len(grid.member), np.int32)
     count = 0
     limit = np.cos(min(radius, np.pi))

@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
 from startrack.identification.follow import FEWEST, follow
-from startrack.identification.gather import gather, see, usable
-from startrack.identification.identify import identify
+from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
-from startrack.values import Floats, Matches, Spots, Stars, Status
+from startrack.identification.seen import first, see, usable
+from startrack.values import Floats, Matches, Spots, Stars
 
 EDGE = 3.0  # sigma of the prediction
 
@@ -47,30 +47,17 @@ def track(
     if covariance.shape != (3, 3) or not (np.linalg.eigvalsh(covariance) > 0).all():
         raise ValueError(f"covariance must be (3, 3) and positive definite, got {covariance}")
     believed = replace(settings, focal_tolerance=0.0)
-    pixel, finite = usable(spots)
+    finite = usable(spots)
     if len(finite) >= FEWEST:
-        voting = finite[: settings.verify_spots]
-        seen = see(pixel[voting], spots.covariance[voting], camera, believed)
+        seen = first(see(spots, finite, camera, believed), settings.verify_spots)
         # A star that the prediction puts outside the image may be inside.
         margin = EDGE * math.sqrt(np.linalg.eigvalsh(covariance)[-1])
         wider = seen._replace(
             low=seen.low - margin, high=seen.high + margin, corner=seen.corner + 2 * margin
         )
-        rotation, matches, log_p = follow(
-            wider, index.bright, index.magnitude, predicted.as_matrix(), covariance
-        )
+        rotation, matches, log_p = follow(wider, index.bright, predicted.as_matrix(), covariance)
         if matches and log_p < math.log(settings.max_false_track):
-            gathered = gather(pixel, finite, camera, stars, index, believed, rotation, 1.0)
-            if gathered is not None:
-                spot, star, refined, rotation = gathered
-                return Matches(
-                    Status.SOLVED,
-                    f"{len(spot)} of {len(finite)} spots are where stars were predicted",
-                    spot,
-                    star,
-                    stars.direction[star],
-                    refined,
-                    Rotation.from_matrix(rotation),
-                    math.exp(log_p),
-                )
+            return refined(
+                spots, finite, camera, stars, index, believed, rotation, 1.0, log_p
+            )
     return identify(spots, camera, stars, index, settings)

@@ -1,4 +1,4 @@
-"""A hypothesis from four stars enters; how many spots it explains, and how well, leaves."""
+"""A hypothesis from three stars enters; how many spots it explains, and how well, leaves."""
 
 from __future__ import annotations
 
@@ -10,94 +10,109 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.identification.code import separation
+from startrack.identification.brightness import log_brightness
 from startrack.identification.evidence import LOG_ATTITUDES, log_evidence
-from startrack.identification.fit import align, derivatives, fit, turned
-from startrack.identification.sky import SkyGrid, cone
+from startrack.identification.fit import align, derivatives, fit
+from startrack.identification.pair import pair
+from startrack.identification.predict import predict, project
+from startrack.identification.seen import Seen
+from startrack.identification.sieve import Sieve, hits
+from startrack.identification.sky import Voters
 from startrack.values import Floats
 
-FIRST_RADIUS = 2.0  # times the match radius: four stars predict the rest less well than all do
+FIRST_RADIUS = 2.0  # times the match radius: three stars predict the rest less well than all do
 
 
-class Seen(NamedTuple):
-    """The spots that vote, as the believed camera sees them.
+class Verdict(NamedTuple):
+    """What the spots say to a hypothesis.
 
-    plane      (n, 2) x / z and y / z
-    direction  (n, 3) unit vectors, camera axes
-    sigma      (n,) radian, of the centroids
-    low, high  (2,) x / z and y / z of the corners of the image
-    corner     radian, from the boresight to the farthest corner
-    radius     1, match radius in the plane
-    area       1, of the image in the plane
-    focal      relative, tolerance of the focal length
+    rotation  (3, 3) icrs_to_camera
+    scale     1, true over believed focal length
+    matches   how many of the voting spots it explains, 0 where it is no hypothesis at all
+    log_p     ln of the bound on chance
     """
 
-    plane: Floats
-    direction: Floats
-    sigma: Floats
-    low: Floats
-    high: Floats
-    corner: float
-    radius: float
-    area: float
-    focal: float
+    rotation: Floats
+    scale: float
+    matches: int
+    log_p: float
 
 
 @njit(cache=True, error_model="numpy")
 def verify(
     seen: Seen,
+    screen: Sieve,
+    voters: Voters,
     spots: NDArray[np.int64],
-    sky: SkyGrid,
-    magnitude: Floats,
-    four: NDArray[np.int64],
+    three: tuple[int, int, int],
     fewest: int,
-) -> tuple[Floats, float, int, float]:  # pragma: no cover
-    """Fit a hypothesis, predict the stars of the image, match them to spots, fit again.
+    star: NDArray[np.int64],
+    place: Floats,
+) -> Verdict:  # pragma: no cover
+    """Predict the stars of the image, match them to spots, fit, match and fit again.
 
-    spots    (4,) places in `seen`
-    sky      the stars that vote
-    magnitude  (n,) of these
-    four     (4,) places in `sky`
-    fewest   matches that are worth the test
-    Returns  icrs_to_camera, scale, matches, ln of the bound on chance (0 where there is no match)
+    screen       the spots of `seen`
+    spots        (3,) places in `seen`
+    three        places in `voters` of the same
+    fewest       matches that are worth the test
+    star, place  (s,), (s, 2) room to work in, for all voters
     """
-    nothing = (np.eye(3), 1.0, 0, 0.0)
-    free = seen.focal > 0
+    sky = voters.sky
     farthest = seen.focal + seen.radius / seen.corner  # the second term is what noise can do
-    a, b = sky.direction[four[0]], sky.direction[four[1]]
-    u, v = seen.direction[spots[0]], seen.direction[spots[1]]
-    rotation = align(a, b, u, v)
-    scale = separation(u, v) / separation(a, b) if free else 1.0
-    rotation, scale = fit(seen.plane, sky.direction, spots, four, rotation, scale, free, 2)
+    rotation, scale = _from_base(seen, spots, sky.direction[three[0]], sky.direction[three[1]])
     if not abs(scale - 1) <= 2 * farthest:
-        return nothing
-
-    star, place = predict(seen, sky, rotation, scale)
-    if len(star) < fewest:
-        return nothing
-    radius = FIRST_RADIUS * seen.radius
-    matched_spot, matched_star, distance = pair(seen.plane, place, radius)
+        return Verdict(rotation, scale, 0, 0.0)
+    count = predict(seen, sky, rotation, scale, star, place)
+    if hits(screen, seen.plane, place, count) < fewest:
+        return Verdict(rotation, scale, 0, 0.0)
+    stars, places = star[:count], place[:count]
+    weight = seen.sigma**-2.0
+    radius = np.full(len(seen.plane), FIRST_RADIUS * seen.radius)
+    spot, taken, distance = pair(seen.plane, places, radius)
+    radius[:] = seen.radius
     for _ in range(2):
-        if len(matched_spot) < fewest:
-            return nothing
+        if len(spot) < fewest:
+            return Verdict(rotation, scale, 0, 0.0)
         rotation, scale = fit(
-            seen.plane, sky.direction, matched_spot, star[matched_star], rotation, scale, free, 2
+            seen.plane, weight, sky.direction, spot, stars[taken], rotation, scale, seen.focal, 2
         )
         if not abs(scale - 1) <= farthest:
-            return nothing
-        place = project(sky.direction, star, rotation, scale)
-        matched_spot, matched_star, distance = pair(seen.plane, place, seen.radius)
+            return Verdict(rotation, scale, 0, 0.0)
+        places = project(sky.direction, stars, rotation, scale)
+        spot, taken, distance = pair(seen.plane, places, radius)
+    if len(spot) < fewest:
+        return Verdict(rotation, scale, 0, 0.0)
+    evidence = weigh(seen, voters, stars, spot, taken, distance, rotation, scale)
+    return Verdict(rotation, scale, len(spot), min(-evidence, 0.0))
 
-    evidence = weigh(
-        seen, sky, magnitude, star, matched_spot, matched_star, distance, rotation, scale
-    )
-    return rotation, scale, len(matched_spot), min(-evidence, 0.0)
+
+@njit(cache=True, error_model="numpy")
+def _from_base(
+    seen: Seen, spots: NDArray[np.int64], a: Floats, b: Floats
+) -> tuple[Floats, float]:  # pragma: no cover
+    """Attitude and scale from the first two spots and their stars alone."""
+    u, v = seen.direction[spots[0]], seen.direction[spots[1]]
+    scale = 1.0
+    if seen.focal > 0:
+        true = separation(a, b)
+        for _ in range(2):
+            scale *= separation(u, v) / true
+            u, v = _scaled(seen.plane[spots[0]], scale), _scaled(seen.plane[spots[1]], scale)
+    return align(a, b, u, v), scale
+
+
+@njit(cache=True, error_model="numpy")
+def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
+    """The direction (3,) of a spot, were the focal length another."""
+    x, y = plane[0] / scale, plane[1] / scale
+    z = 1 / math.sqrt(1 + x * x + y * y)
+    return np.array([x * z, y * z, z])
 
 
 @njit(cache=True, error_model="numpy")
 def weigh(
     seen: Seen,
-    sky: SkyGrid,
-    magnitude: Floats,
+    voters: Voters,
     star: NDArray[np.int64],
     matched_spot: NDArray[np.int64],
     matched_star: NDArray[np.int64],
@@ -107,7 +122,7 @@ def weigh(
 ) -> float:  # pragma: no cover
     """ln of the evidence that a match is no chance, nothing being known of the attitude.
 
-    star          (m,) places in `sky` of the stars that the image should hold
+    star          (m,) places in `voters` of the stars that the image should hold
     matched_spot  (k,) places in `seen`
     matched_star  (k,) places in `star`
     distance      (k,) between the two, in the plane
@@ -121,8 +136,7 @@ def weigh(
         )
     return weigh_prior(
         seen,
-        sky,
-        magnitude,
+        voters,
         star,
         matched_spot,
         matched_star,
@@ -137,8 +151,7 @@ def weigh(
 @njit(cache=True, error_model="numpy")
 def weigh_prior(
     seen: Seen,
-    sky: SkyGrid,
-    magnitude: Floats,
+    voters: Voters,
     star: NDArray[np.int64],
     matched_spot: NDArray[np.int64],
     matched_star: NDArray[np.int64],
@@ -150,13 +163,14 @@ def weigh_prior(
 ) -> float:  # pragma: no cover
     """The same where something is known: `prior` and `log_prior` as in `log_evidence`."""
     unknowns = len(prior)
-    brightness = magnitude[star]
+    expected = voters.magnitude[star]
     brighter = np.empty(len(matched_star), np.int64)
     rows = np.empty((len(matched_star), 2, unknowns))
     for i in range(len(matched_star)):
-        brighter[i] = np.sum(brightness < brightness[matched_star[i]])
-        rows[i] = derivatives(rotation, sky.direction[star[matched_star[i]]], scale)[:, :unknowns]
-    return log_evidence(
+        brighter[i] = np.sum(expected < expected[matched_star[i]])
+        direction = voters.sky.direction[star[matched_star[i]]]
+        rows[i] = derivatives(rotation, direction, scale)[:, :unknowns]
+    placed = log_evidence(
         distance**2,
         seen.sigma[matched_spot] ** 2,
         brighter,
@@ -166,64 +180,13 @@ def weigh_prior(
         len(seen.plane),
         len(star),
         seen.area,
-        seen.radius,
+        seen.excess,
     )
-
-
-@njit(cache=True, error_model="numpy")
-def predict(
-    seen: Seen, sky: SkyGrid, rotation: Floats, scale: float
-) -> tuple[NDArray[np.int64], Floats]:  # pragma: no cover
-    """Which stars (m,) the image should hold, and where (m, 2) in the plane."""
-    near = cone(sky, rotation[2], 1.02 * seen.corner / min(scale, 1.0))
-    star = np.empty(len(near), np.int64)
-    place = np.empty((len(near), 2))
-    count = 0
-    for s in near:
-        x, y, z = turned(rotation, sky.direction[s])
-        if z <= 0:
-            continue
-        x, y = scale * x / z, scale * y / z
-        if seen.low[0] <= x <= seen.high[0] and seen.low[1] <= y <= seen.high[1]:
-            star[count] = s
-            place[count] = x, y
-            count += 1
-    return star[:count], place[:count]
-
-
-@njit(cache=True, error_model="numpy")
-def project(
-    direction: Floats, star: NDArray[np.int64], rotation: Floats, scale: float
-) -> Floats:  # pragma: no cover
-    """Where (m, 2) the chosen stars fall in the plane."""
-    place = np.empty((len(star), 2))
-    for i in range(len(star)):
-        x, y, z = turned(rotation, direction[star[i]])
-        place[i] = scale * x / z, scale * y / z
-    return place
-
-
-@njit(cache=True, error_model="numpy")
-def pair(
-    plane: Floats, place: Floats, radius: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:  # pragma: no cover
-    """One-to-one matches: each star takes its nearest spot, each spot its nearest taker.
-
-    plane    (n, 2) spots
-    place    (m, 2) predicted stars
-    Returns  (k,) spots in rising order, (k,) stars, (k,) distances up to the radius
-    """
-    taker = np.full(len(plane), -1)
-    nearest = np.full(len(plane), radius * radius)
-    for j in range(len(place)):
-        best, square = -1, radius * radius
-        for i in range(len(plane)):
-            dx = plane[i, 0] - place[j, 0]
-            if dx * dx <= square:
-                d = dx * dx + (plane[i, 1] - place[j, 1]) ** 2
-                if d <= square:
-                    best, square = i, d
-        if best >= 0 and square <= nearest[best]:
-            taker[best], nearest[best] = j, square
-    spot = np.flatnonzero(taker >= 0)
-    return spot, taker[spot], np.sqrt(nearest[spot])
+    return placed + log_brightness(
+        seen.magnitude,
+        seen.blur[matched_spot],
+        expected,
+        voters.blur[star[matched_star]],
+        matched_spot,
+        matched_star,
+    )

@@ -1,0 +1,63 @@
+"""An attitude enters; the stars that the image should hold, and where, leave."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.identification.fit import turned
+from startrack.identification.seen import Seen
+from startrack.identification.sky import SkyGrid, cubes_around
+from startrack.values import Floats
+
+Places = NDArray[np.int64]
+
+
+@njit(cache=True, error_model="numpy")
+def predict(
+    seen: Seen, sky: SkyGrid, rotation: Floats, scale: float, star: Places, place: Floats
+) -> int:  # pragma: no cover
+    """Write places in `sky` (m,) and in the plane (m, 2) of the stars; return how many.
+
+    rotation     (3, 3) icrs_to_camera
+    scale        true over believed focal length
+    star, place  to be written, long enough for all stars of `sky`
+    """
+    rxx, rxy, rxz = rotation[0]
+    ryx, ryy, ryz = rotation[1]
+    rzx, rzy, rzz = rotation[2]
+    reach = min(1.02 * seen.corner / min(scale, 1.0), 1.57)
+    nearest = math.cos(reach)
+    low, high = cubes_around(sky, rotation[2], reach)
+    count = 0
+    for i in range(low[0], high[0] + 1):
+        for j in range(low[1], high[1] + 1):
+            row = (i * sky.side + j) * sky.side
+            # Cubes along the last axis follow each other, so their stars are one run.
+            for s in range(sky.start[row + low[2]], sky.start[row + high[2] + 1]):
+                dx, dy, dz = sky.direction[s]
+                z = rzx * dx + rzy * dy + rzz * dz
+                if z < nearest:
+                    continue
+                x = scale * (rxx * dx + rxy * dy + rxz * dz) / z
+                y = scale * (ryx * dx + ryy * dy + ryz * dz) / z
+                if seen.low[0] <= x <= seen.high[0] and seen.low[1] <= y <= seen.high[1]:
+                    star[count] = s
+                    place[count, 0], place[count, 1] = x, y
+                    count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def project(
+    direction: Floats, star: Places, rotation: Floats, scale: float
+) -> Floats:  # pragma: no cover
+    """Where (m, 2) the chosen stars fall in the plane."""
+    place = np.empty((len(star), 2))
+    for i in range(len(star)):
+        x, y, z = turned(rotation, direction[star[i]])
+        place[i] = scale * x / z, scale * y / z
+    return place
