@@ -49,6 +49,7 @@ LIMIT_G = {8: 6.5, 12: 6.0, 20: 5.0}  # field, degree: faintest star seen
 TOLERANCE = 0.01  # of the focal length
 MAGNITUDE_NOISE = 0.3
 SIZE = 1024  # pixel, of a side
+RESOLUTION = 2.0  # pixel, between spots
 SETTINGS = Identification(focal_tolerance=TOLERANCE)
 
 
@@ -96,6 +97,7 @@ def sky(rng: np.random.Generator, regime: Regime) -> Seen:
     magnitude = stars.magnitude_g[star] + MAGNITUDE_NOISE * rng.standard_normal(len(star))
     kept = (magnitude < LIMIT_G[regime.field]) & (rng.random(len(star)) >= regime.missing)
     star, magnitude = star[kept], magnitude[kept]
+    star, magnitude = blended(pixel[star], star, magnitude)
     pixel = pixel[star] + regime.noise * rng.standard_normal((len(star), 2))
     pixel = np.concatenate([pixel, SIZE * rng.random((regime.false, 2)) - 0.5])
     like = rng.choice(magnitude, regime.false) if len(star) else np.zeros(regime.false)
@@ -105,6 +107,16 @@ def sky(rng: np.random.Generator, regime: Regime) -> Seen:
     believed = camera.scaled(1 / rng.uniform(1 - TOLERANCE, 1 + TOLERANCE))
     flux = 10 ** (-0.4 * magnitude[order])
     return Seen(spots_at(pixel[order], flux, regime.noise), star[order], icrs_to_camera, believed)
+
+
+def blended(
+    pixel: Floats, star: NDArray[np.int64], magnitude: Floats
+) -> tuple[NDArray[np.int64], Floats]:
+    """Of stars that no detector tells apart the brightest alone, which is kind to every solver."""
+    order = np.argsort(magnitude, kind="stable")
+    apart = np.linalg.norm(pixel[order, None] - pixel[order], axis=2)
+    alone = np.array([(apart[i, :i] > RESOLUTION).all() for i in range(len(order))], bool)
+    return star[order[alone]], magnitude[order[alone]]
 
 
 def away(found: Rotation, seen: Seen) -> Floats:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from startrack.values import Floats
 
 WILD = 0.1  # w
-ZERO_POINTS = np.arange(-2.0, 2.01, 0.2)  # magnitude, about what all spots and stars suggest
+ZERO_POINTS = np.arange(-2.1, 2.11, 0.3)  # magnitude, about what all spots and stars suggest
 LEAST_SPREAD = 0.5  # magnitude, of q
 
 
@@ -52,7 +52,7 @@ def log_brightness(
     reach = np.max(known) - np.min(known) + 1.0
     seen = np.sort(expected)[: len(magnitude)]
     shift = np.median(known) - np.median(seen)
-    total = np.zeros(len(ZERO_POINTS))
+    product = np.ones(len(ZERO_POINTS))
     for i in range(len(spot)):
         m = magnitude[spot[i]]
         if not math.isfinite(m) or not math.isfinite(spot_blur[i]):
@@ -62,10 +62,8 @@ def log_brightness(
         variance = spot_blur[i] ** 2 + star_blur[i] ** 2
         for z in range(len(ZERO_POINTS)):
             away = m - expected[star[i]] - shift - ZERO_POINTS[z]
-            total[z] += math.log((1 - WILD) * _normal(away, variance) / chance + WILD)
-    most = np.max(total)
-    mean = most + math.log(np.mean(np.exp(total - most)))
-    return float(np.logaddexp(0.0, mean)) - math.log(2)
+            product[z] *= (1 - WILD) * _normal(away, variance) / chance + WILD
+    return math.log((1 + np.mean(product)) / 2)
 
 
 @njit(cache=True, error_model="numpy")

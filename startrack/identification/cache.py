@@ -18,7 +18,7 @@ from startrack.identification.index import (
 from startrack.identification.sky import SkyGrid, Voters
 from startrack.values import Stars
 
-FORMAT = 2  # grows with every change of what an index holds or how it is built
+FORMAT = 3  # grows with every change of what an index holds or how it is built
 
 
 def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternIndex:

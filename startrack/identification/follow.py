@@ -41,9 +41,8 @@ def follow(
     Returns     icrs_to_camera, matches (0 for none), ln of the bound on chance
     """
     sky = voters.sky
-    star, place = np.empty(len(sky.member), np.int64), np.empty((len(sky.member), 2))
-    count = predict(seen, sky, predicted, 1.0, star, place)
-    order = np.argsort(voters.magnitude[star[:count]])
+    star, place = predict(seen, sky, predicted, 1.0)
+    order = np.argsort(voters.magnitude[star])
     star, place = star[order], place[order]
     weight = seen.sigma**-2.0
     rows = np.empty((len(star), 2, 3))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.identification.fit import fit
+from startrack.identification.fit import fit, quaternion
 from startrack.identification.pair import pair
 from startrack.identification.predict import predict, project
 from startrack.identification.seen import Seen
@@ -22,24 +23,39 @@ NARROWEST = 1 / 8  # of the match radius
 Places = NDArray[np.int64]
 
 
+class Gathered(NamedTuple):
+    """All matches and what they say of the camera; NaN where they leave the attitude open.
+
+    spot        (k,) in rising order
+    star        (k,) of the catalogue
+    direction   (k, 3) of these, ICRS axes
+    rotation    (3, 3) icrs_to_camera
+    quaternion  (4,) the same, scalar last
+    scale       true over believed focal length
+    """
+
+    spot: Places
+    star: Places
+    direction: Floats
+    rotation: Floats
+    quaternion: Floats
+    scale: float
+
+
 @njit(cache=True, error_model="numpy")
 def gather(
     seen: Seen, faint: SkyGrid, magnitude: Floats, rotation: Floats, scale: float
-) -> tuple[Places, Places, Floats, float]:  # pragma: no cover
+) -> Gathered:  # pragma: no cover
     """Match all spots to the stars in the image, with the focal length and attitude they give.
 
     faint      all stars of the catalogue
     magnitude  (stars,) of these, in the catalogue's order
-    Returns    spots in rising order, stars of the catalogue, icrs_to_camera, scale; NaN where
-               too few are left for an attitude
     """
     star, place = _brightest(seen, faint, magnitude, rotation, scale)
     weight = seen.sigma**-2.0
     radius = np.maximum(seen.excess, REACH * seen.sigma)
     spot, taken, distance = pair(seen.plane, place, radius)
     for _ in range(ROUNDS):
-        if len(spot) < 2:
-            break
         rotation, scale = fit(
             seen.plane, weight, faint.direction, spot, star[taken], rotation, scale, seen.focal, 2
         )
@@ -55,12 +71,14 @@ def gather(
             narrow = max(REACH * math.sqrt(variance), NARROWEST * seen.excess)
             radius[i] = min(narrow, wide)
         spot, taken, distance = pair(seen.plane, place, radius)
-    if len(spot) < 2:
-        return spot, spot, np.full((3, 3), np.nan), np.nan
     rotation, scale = fit(
         seen.plane, weight, faint.direction, spot, star[taken], rotation, scale, seen.focal, 2
     )
-    return spot, faint.member[star[taken]].astype(np.int64), rotation, scale
+    matched = star[taken]
+    names = faint.member[matched].astype(np.int64)
+    return Gathered(
+        spot, names, faint.direction[matched], rotation, quaternion(rotation), scale
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -68,12 +86,9 @@ def _brightest(
     seen: Seen, faint: SkyGrid, magnitude: Floats, rotation: Floats, scale: float
 ) -> tuple[Places, Floats]:  # pragma: no cover
     """The brightest stars in the image and their places, so few that chance matches are rare."""
-    star = np.empty(len(faint.member), np.int64)
-    place = np.empty((len(star), 2))
-    count = predict(seen, faint, rotation, scale, star, place)
-    star, place = star[:count], place[:count]
+    star, place = predict(seen, faint, rotation, scale)
     most = 2 * len(seen.plane) + 50
-    if count > most:
+    if len(star) > most:
         chosen = np.argsort(magnitude[faint.member[star]])[:most]
         star, place = star[chosen], place[chosen]
     return star, place

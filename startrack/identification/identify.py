@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
-from startrack.identification.gather import gather
-from startrack.identification.index import PatternIndex
+from startrack.identification.gather import Gathered, gather
+from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification
 from startrack.identification.search import breadth_first, search
-from startrack.identification.seen import first, see, usable
+from startrack.identification.seen import Seen, first, see, usable
+from startrack.identification.sky import SkyGrid, Voters
+from startrack.identification.verify import Verdict
 from startrack.values import Floats, Ints, Matches, Spots, Stars, Status
 
 ROUNDS = 3  # of taking the distortion off with the focal length found
@@ -48,22 +51,55 @@ def identify(
     finite = usable(spots)
     if len(finite) < settings.min_matches:
         return _too_few(len(finite), camera, settings)
-    seen = see(spots, finite, camera, settings)
-    best, tried = search(
-        first(seen, settings.verify_spots),
+    log_accepted = math.log(settings.max_false_probability)
+    best, tried, found = _identify(
+        see(spots, finite, camera, settings),
         breadth_first(min(len(finite), settings.verify_spots, settings.pattern_spots)),
+        settings.verify_spots,
         settings.code_tolerance,
         index.table,
         index.bright,
         settings.min_matches,
-        math.log(settings.max_false_probability),
+        log_accepted,
         settings.max_hypotheses,
+        index.faint,
+        stars.magnitude_g,
     )
-    if best.log_p >= math.log(settings.max_false_probability):
+    if best.log_p >= log_accepted:
         return _doubtful(best.log_p, best.matches, len(finite), tried, camera)
-    return refined(
-        spots, finite, camera, stars, index, settings, best.rotation, best.scale, best.log_p
+    if camera.distorted:
+        return refined(
+            spots, finite, camera, stars, index, settings, best.rotation, best.scale, best.log_p
+        )
+    return _solved(found, finite, camera.scaled(found.scale), best.log_p)
+
+
+@njit(cache=True, error_model="numpy")
+def _identify(
+    seen: Seen,
+    choices: NDArray[np.int64],
+    voting: int,
+    code_tolerance: float,
+    table: CodeTable,
+    voters: Voters,
+    fewest: int,
+    log_accepted: float,
+    most_hypotheses: int,
+    faint: SkyGrid,
+    magnitude: Floats,
+) -> tuple[Verdict, int, Gathered]:  # pragma: no cover
+    """`search` and `gather` in one call, for each costs as much as it works."""
+    best, tried = search(
+        first(seen, voting),
+        choices,
+        code_tolerance,
+        table,
+        voters,
+        fewest,
+        log_accepted,
+        most_hypotheses,
     )
+    return best, tried, gather(seen, faint, magnitude, best.rotation, best.scale)
 
 
 def refined(
@@ -84,22 +120,24 @@ def refined(
     finite  the usable spots
     log_p   ln of the bound on chance
     """
-    for _ in range(ROUNDS):
+    rounds = ROUNDS if camera.distorted and settings.focal_tolerance else 1
+    for _ in range(rounds):
         seen = see(spots, finite, camera.scaled(scale), settings)
-        place, star, rotation, change = gather(
-            seen, index.faint, stars.magnitude_g, rotation, 1.0
-        )
-        scale *= change
-        if not camera.distorted or settings.focal_tolerance == 0:
-            break
+        found = gather(seen, index.faint, stars.magnitude_g, rotation, 1.0)
+        scale *= found.scale
+        rotation = found.rotation
+    return _solved(found, finite, camera.scaled(scale), log_p)
+
+
+def _solved(found: Gathered, finite: Ints, camera: Camera, log_p: float) -> Matches:
     return Matches(
         Status.SOLVED,
-        f"{len(place)} of {len(finite)} spots are stars of the catalogue",
-        finite[place],
-        star,
-        stars.direction[star],
-        camera.scaled(scale),
-        Rotation.from_matrix(rotation),
+        f"{len(found.spot)} of {len(finite)} spots are stars of the catalogue",
+        finite[found.spot],
+        found.star,
+        found.direction,
+        camera,
+        Rotation.from_quat(found.quaternion),
         math.exp(log_p),
     )
 

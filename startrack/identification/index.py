@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from startrack.checks import positive, whole, within
 from startrack.identification.code import TALLEST, place, separation
+from startrack.identification.merge import merged
 from startrack.identification.sky import SkyGrid, Voters, cone, sky_grid
 from startrack.identification.thin import local_rank
 from startrack.units import deg
-from startrack.values import Floats, Stars
+from startrack.values import Floats, Ints, Stars
 
 Indices = NDArray[np.int32]
 
@@ -59,7 +60,7 @@ class PatternIndex:
     field_of_view  radian
     table          the triangles
     bright         the stars that vote on hypotheses, up to VOTING_RANK per field
-    faint          all stars of the catalogue
+    faint          all stars of the catalogue, close ones merged
     """
 
     stars: int
@@ -80,7 +81,11 @@ class PatternIndex:
 
 
 def build_index(
-    stars: Stars, field_of_view: float, stars_per_field: int = 16, triangles: int = 1_200_000
+    stars: Stars,
+    field_of_view: float,
+    stars_per_field: int = 16,
+    triangles: int = 1_200_000,
+    resolution: float | None = None,
 ) -> PatternIndex:
     """Index the triangles of bright stars that a camera can see at once.
 
@@ -94,6 +99,8 @@ def build_index(
     field_of_view    radian, of the smaller side of the image
     stars_per_field  how many stars form triangles, in the mean over fields
     triangles        about how many to index, most often fewer; each takes 6 bytes
+    resolution       radian, stars closer than this are one spot; None for field / 512, the
+                     width of two pixels of 1024
     Errors           ValueError where a star's direction is no unit vector, or the field lies
                      outside (0, 90] deg. model: the number of triangles holds for stars strewn
                      at random.
@@ -107,13 +114,13 @@ def build_index(
         worst = length[np.argmax(np.abs(length - 1))]
         raise ValueError(f"stars.direction must be unit vectors, got one of length {worst}")
 
-    order = np.argsort(stars.magnitude_g, kind="stable")
+    single, names = merged(stars, field_of_view / 512 if resolution is None else resolution)
     radius = field_of_view / math.sqrt(math.pi)  # of the disc with the area of the field
-    rank = np.empty(len(stars), np.int16)
-    rank[order] = local_rank(stars.direction[order], radius, VOTING_RANK)
-    voting = np.flatnonzero(rank < VOTING_RANK)
-    bright = _voters(stars[voting], voting, field_of_view)
-    rank = rank[bright.sky.member]
+    rank = local_rank(single.direction, radius, VOTING_RANK)
+    voting = rank < VOTING_RANK
+    bright = _voters(single[voting], field_of_view)
+    rank = rank[voting][bright.sky.member]
+    faint = sky_grid(single.direction, field_of_view / 2)
 
     base = np.flatnonzero(rank < stars_per_field).astype(np.int32)
     fields = 4 * math.pi / field_of_view**2
@@ -122,21 +129,22 @@ def build_index(
         len(stars),
         field_of_view,
         _table(bright.sky.direction, rank, base, field_of_view, crowding * field_of_view),
-        bright,
-        sky_grid(stars.direction, field_of_view / 2),
+        bright._replace(sky=_named(bright.sky, names[voting])),
+        _named(faint, names),
     )
 
 
-def _voters(stars: Stars, voting: NDArray[np.int64], field_of_view: float) -> Voters:
-    """These stars of the catalogue, with what is known of their brightness."""
+def _named(sky: SkyGrid, names: Ints) -> SkyGrid:
+    """The same grid of stars under their names in the catalogue."""
+    return sky._replace(member=names[sky.member].astype(np.int32))
+
+
+def _voters(stars: Stars, field_of_view: float) -> Voters:
+    """These stars, with what is known of their brightness."""
     sky = sky_grid(stars.direction, field_of_view / 2)
     stars = stars[sky.member.astype(np.int64)]
     red = np.where(np.isfinite(stars.colour), stars.colour - SUN_COLOUR, 1.0)
-    return Voters(
-        sky._replace(member=voting[sky.member].astype(np.int32)),
-        stars.magnitude_g,
-        np.hypot(BLUR, COLOUR_BLUR * red),
-    )
+    return Voters(sky, stars.magnitude_g, np.hypot(BLUR, COLOUR_BLUR * red))
 
 
 def _table(

@@ -27,13 +27,13 @@ class Identification:
 
     focal_tolerance: float = 0.01
     match_radius: float = 2.0
-    max_false_probability: float = 1e-6
+    max_false_probability: float = 1e-5
     max_false_track: float = 1e-3
     min_matches: int = 4
     pattern_spots: int = 24
     verify_spots: int = 40
     code_tolerance: float = 0.003
-    max_hypotheses: int = 2000
+    max_hypotheses: int = 6000
 
     def __post_init__(self) -> None:
         within(0, 0.3, focal_tolerance=self.focal_tolerance)

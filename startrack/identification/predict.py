@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from startrack.identification.fit import turned
 from startrack.identification.seen import Seen
-from startrack.identification.sky import SkyGrid, cubes_around
+from startrack.identification.sky import SkyGrid, cubes_around, rows
 from startrack.values import Floats
 
 Places = NDArray[np.int64]
@@ -18,13 +18,12 @@ Places = NDArray[np.int64]
 
 @njit(cache=True, error_model="numpy")
 def predict(
-    seen: Seen, sky: SkyGrid, rotation: Floats, scale: float, star: Places, place: Floats
-) -> int:  # pragma: no cover
-    """Write places in `sky` (m,) and in the plane (m, 2) of the stars; return how many.
+    seen: Seen, sky: SkyGrid, rotation: Floats, scale: float
+) -> tuple[Places, Floats]:  # pragma: no cover
+    """Places in `sky` (m,) and in the plane (m, 2) of the stars that the image should hold.
 
-    rotation     (3, 3) icrs_to_camera
-    scale        true over believed focal length
-    star, place  to be written, long enough for all stars of `sky`
+    rotation  (3, 3) icrs_to_camera
+    scale     true over believed focal length
     """
     rxx, rxy, rxz = rotation[0]
     ryx, ryy, ryz = rotation[1]
@@ -32,23 +31,24 @@ def predict(
     reach = min(1.02 * seen.corner / min(scale, 1.0), 1.57)
     nearest = math.cos(reach)
     low, high = cubes_around(sky, rotation[2], reach)
+    most = 0
+    for row in rows(sky, low, high):
+        most += sky.start[row + high[2] + 1] - sky.start[row + low[2]]
+    star, place = np.empty(most, np.int64), np.empty((most, 2))
     count = 0
-    for i in range(low[0], high[0] + 1):
-        for j in range(low[1], high[1] + 1):
-            row = (i * sky.side + j) * sky.side
-            # Cubes along the last axis follow each other, so their stars are one run.
-            for s in range(sky.start[row + low[2]], sky.start[row + high[2] + 1]):
-                dx, dy, dz = sky.direction[s]
-                z = rzx * dx + rzy * dy + rzz * dz
-                if z < nearest:
-                    continue
-                x = scale * (rxx * dx + rxy * dy + rxz * dz) / z
-                y = scale * (ryx * dx + ryy * dy + ryz * dz) / z
-                if seen.low[0] <= x <= seen.high[0] and seen.low[1] <= y <= seen.high[1]:
-                    star[count] = s
-                    place[count, 0], place[count, 1] = x, y
-                    count += 1
-    return count
+    for row in rows(sky, low, high):
+        for s in range(sky.start[row + low[2]], sky.start[row + high[2] + 1]):
+            dx, dy, dz = sky.direction[s]
+            z = rzx * dx + rzy * dy + rzz * dz
+            if z < nearest:
+                continue
+            x = scale * (rxx * dx + rxy * dy + rxz * dz) / z
+            y = scale * (ryx * dx + ryy * dy + ryz * dz) / z
+            if seen.low[0] <= x <= seen.high[0] and seen.low[1] <= y <= seen.high[1]:
+                star[count] = s
+                place[count, 0], place[count, 1] = x, y
+                count += 1
+    return star[:count], place[:count]
 
 
 @njit(cache=True, error_model="numpy")

@@ -56,8 +56,6 @@ def search(
     tried = 0
     best = Verdict(np.eye(3), 1.0, 0, 0.0)
     screen = sieve(seen.plane, seen.low, seen.high, FIRST_RADIUS * seen.radius)
-    star = np.empty(len(voters.sky.member), np.int64)
-    where = np.empty((len(star), 2))
     names, codes = np.empty((6, 3), np.int64), np.empty((6, 2))
     direction, base = voters.sky.direction, table.base
     for choice in choices:
@@ -85,9 +83,7 @@ def search(
                         if abs(math.log(longest / true)) > stretch:
                             continue
                         tried += 1
-                        verdict = verify(
-                            seen, screen, voters, names[k], (a, b, c), fewest, star, where
-                        )
+                        verdict = verify(seen, screen, voters, names[k], (a, b, c), fewest)
                         if verdict.log_p < best.log_p:
                             best = verdict
                         if best.log_p < log_accepted or tried >= most_hypotheses:

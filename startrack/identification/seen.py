@@ -54,51 +54,53 @@ def usable(spots: Spots) -> Ints:
 
 def see(spots: Spots, chosen: Ints, camera: Camera, settings: Identification) -> Seen:
     """The chosen spots in the image plane of the believed camera."""
-    pixel = np.column_stack([spots.x[chosen], spots.y[chosen]])
     focal = camera.focal_length_px
-    # The border of the undistorted image; distortion moves it by a few pixels, no matter here.
-    centre = np.array(camera.centre)
-    low = (-0.5 - centre) / focal
-    high = (np.array([camera.columns, camera.rows]) - 0.5 - centre) / focal
-    plane = (pixel - centre) / focal
+    x, y = camera.centre
+    plane_x, plane_y = (spots.x[chosen] - x) / focal, (spots.y[chosen] - y) / focal
     if camera.distorted:
-        direction = camera.unproject(pixel)
-        plane = direction[:, :2] / direction[:, 2:]
-    voting = settings.verify_spots
+        direction = camera.unproject(np.column_stack([spots.x[chosen], spots.y[chosen]]))
+        plane_x, plane_y = (direction[:, :2] / direction[:, 2:]).T.copy()
     return _see(
-        plane,
+        plane_x,
+        plane_y,
         spots.covariance[chosen],
-        spots.flux[chosen].astype(np.float64),
-        spots.snr[chosen].astype(np.float64),
-        low,
-        high,
+        np.asarray(spots.flux[chosen], np.float64),
+        np.asarray(spots.snr[chosen], np.float64),
+        # The border of the undistorted image; distortion moves it by a few pixels, no matter here.
+        (-0.5 - x) / focal,
+        (-0.5 - y) / focal,
+        (camera.columns - 0.5 - x) / focal,
+        (camera.rows - 0.5 - y) / focal,
         focal,
         settings.match_radius,
         settings.focal_tolerance,
-        voting,
+        settings.verify_spots,
     )
 
 
 @njit(cache=True, error_model="numpy")
 def _see(
-    plane: Floats,
+    x: Floats,
+    y: Floats,
     covariance: Floats,
     flux: Floats,
     snr: Floats,
-    low: Floats,
-    high: Floats,
+    left: float,
+    top: float,
+    right: float,
+    bottom: float,
     focal: float,
     match_radius: float,
     tolerance: float,
     voting: int,
 ) -> Seen:  # pragma: no cover
-    n = len(plane)
-    direction = np.empty((n, 3))
+    n = len(x)
+    plane, direction = np.empty((n, 2)), np.empty((n, 3))
     sigma, magnitude, blur = np.empty(n), np.empty(n), np.empty(n)
     for i in range(n):
-        x, y = plane[i]
-        z = 1 / math.sqrt(1 + x * x + y * y)
-        direction[i] = x * z, y * z, z
+        plane[i] = x[i], y[i]
+        z = 1 / math.sqrt(1 + x[i] ** 2 + y[i] ** 2)
+        direction[i] = x[i] * z, y[i] * z, z
         pixel = math.sqrt(max((covariance[i, 0, 0] + covariance[i, 1, 1]) / 2, 0.0))
         if not math.isfinite(pixel):
             pixel = match_radius
@@ -106,19 +108,18 @@ def _see(
         magnitude[i] = -2.5 * math.log10(flux[i]) if 0 < flux[i] < np.inf else np.nan
         blur[i] = PER_SNR / snr[i] if snr[i] > 0 else np.inf
     radius = max(match_radius, GATE * float(np.median(sigma[:voting]))) if n else match_radius
-    x, y = max(-low[0], high[0]), max(-low[1], high[1])
     return Seen(
         plane,
         direction,
         sigma / focal,
         magnitude,
         blur,
-        low,
-        high,
-        math.atan(math.hypot(x, y)),
+        np.array([left, top]),
+        np.array([right, bottom]),
+        math.atan(math.hypot(max(-left, right), max(-top, bottom))),
         radius / focal,
         match_radius / focal,
-        (high[0] - low[0]) * (high[1] - low[1]),
+        (right - left) * (bottom - top),
         tolerance,
     )
 

@@ -77,6 +77,14 @@ def cubes_around(grid: SkyGrid, axis: Floats, radius: float) -> tuple[Cubes, Cub
 
 
 @njit(cache=True, error_model="numpy")
+def rows(grid: SkyGrid, low: Cubes, high: Cubes):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Where in `start` each row of cubes begins: along the last axis their stars are one run."""
+    for i in range(low[0], high[0] + 1):
+        for j in range(low[1], high[1] + 1):
+            yield (i * grid.side + j) * grid.side
+
+
+@njit(cache=True, error_model="numpy")
 def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no cover
     """Places in `grid.member` of the stars within an angle of an axis.
 
@@ -87,13 +95,10 @@ def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no c
     found = np.empty(len(grid.member), np.int32)
     count = 0
     limit = np.cos(min(radius, np.pi))
-    for i in range(low[0], high[0] + 1):
-        for j in range(low[1], high[1] + 1):
-            row = (i * grid.side + j) * grid.side
-            # Cubes along the last axis follow each other, so their stars are one run.
-            for s in range(grid.start[row + low[2]], grid.start[row + high[2] + 1]):
-                d = grid.direction[s]
-                if d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2] >= limit:
-                    found[count] = s
-                    count += 1
+    for row in rows(grid, low, high):
+        for s in range(grid.start[row + low[2]], grid.start[row + high[2] + 1]):
+            d = grid.direction[s]
+            if d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2] >= limit:
+                found[count] = s
+                count += 1
     return found[:count]

@@ -46,26 +46,22 @@ def verify(
     spots: NDArray[np.int64],
     three: tuple[int, int, int],
     fewest: int,
-    star: NDArray[np.int64],
-    place: Floats,
 ) -> Verdict:  # pragma: no cover
     """Predict the stars of the image, match them to spots, fit, match and fit again.
 
-    screen       the spots of `seen`
-    spots        (3,) places in `seen`
-    three        places in `voters` of the same
-    fewest       matches that are worth the test
-    star, place  (s,), (s, 2) room to work in, for all voters
+    screen  the spots of `seen`
+    spots   (3,) places in `seen`
+    three   places in `voters` of the same
+    fewest  matches that are worth the test
     """
     sky = voters.sky
     farthest = seen.focal + seen.radius / seen.corner  # the second term is what noise can do
     rotation, scale = _from_base(seen, spots, sky.direction[three[0]], sky.direction[three[1]])
     if not abs(scale - 1) <= 2 * farthest:
         return Verdict(rotation, scale, 0, 0.0)
-    count = predict(seen, sky, rotation, scale, star, place)
-    if hits(screen, seen.plane, place, count) < fewest:
+    stars, places = predict(seen, sky, rotation, scale)
+    if hits(screen, seen.plane, places) < fewest:
         return Verdict(rotation, scale, 0, 0.0)
-    stars, places = star[:count], place[:count]
     weight = seen.sigma**-2.0
     radius = np.full(len(seen.plane), FIRST_RADIUS * seen.radius)
     spot, taken, distance = pair(seen.plane, places, radius)
