@@ -150,9 +150,7 @@ def within_reach(seen: Seen, regime: Regime) -> bool:
     direction = seen.icrs_to_camera.apply(stars.direction[voters.sky.member])
     near = np.flatnonzero((direction[:, 2] > 0) & camera.holds(camera.project(direction)))
     place = {int(star): i for i, star in enumerate(voters.sky.member[near])}
-    true = np.array(
-        [i for i in range(len(view.plane)) if int(seen.star[i]) in place], np.int64
-    )
+    true = np.array([i for i in range(len(view.plane)) if int(seen.star[i]) in place], np.int64)
     taken = np.array([place[int(seen.star[i])] for i in true], np.int64)
     expected = (camera.project(direction[near[taken]]) - camera.centre) / camera.focal_length_px
     distance = np.linalg.norm(view.plane[true] - expected, axis=1)

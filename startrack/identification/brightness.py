@@ -48,7 +48,7 @@ def log_brightness(
     known = magnitude[np.isfinite(magnitude)]
     if len(known) < 2:
         return 0.0
-    centre, spread = np.mean(known), max(np.std(known), LEAST_SPREAD)
+    centre, spread = np.mean(known), max(float(np.std(known)), LEAST_SPREAD)
     reach = np.max(known) - np.min(known) + 1.0
     seen = np.sort(expected)[: len(magnitude)]
     shift = np.median(known) - np.median(seen)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import NamedTemporaryFile
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from startrack.identification.index import (
     CodeTable,
@@ -18,7 +21,13 @@ from startrack.identification.index import (
 from startrack.identification.sky import SkyGrid, Voters
 from startrack.values import Stars
 
-FORMAT = 3  # grows with every change of what an index holds or how it is built
+FORMAT = 5  # grows with every change of what an index holds or how it is built
+
+
+class _Parts(NamedTuple):
+    table: CodeTable
+    bright: Voters
+    faint: SkyGrid
 
 
 def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternIndex:
@@ -53,11 +62,8 @@ def _write(path: Path, key: str, index: PatternIndex) -> None:
         "key": np.array(key),
         "checksum": np.array(_checksum(index)),
         "scalars": np.array([index.stars, index.field_of_view]),
-        "magnitude": index.bright.magnitude,
-        "blur": index.bright.blur,
+        **_arrays("", index),
     }
-    for name, part in (("table", index.table), ("bright", index.bright.sky), ("faint", index.faint)):
-        arrays |= {f"{name}.{field}": np.asarray(value) for field, value in part._asdict().items()}
     # The same folder, so that the last step is a renaming, which happens at once.
     with NamedTemporaryFile(dir=path.parent, prefix=path.stem, delete=False) as file:
         temporary = Path(file.name)
@@ -71,27 +77,33 @@ def _write(path: Path, key: str, index: PatternIndex) -> None:
     temporary.replace(path)
 
 
+def _arrays(prefix: str, value: Any) -> dict[str, NDArray[Any]]:
+    """The arrays and numbers of nested named tuples, by their path."""
+    if isinstance(value, PatternIndex):
+        value = _Parts(value.table, value.bright, value.faint)
+    if not hasattr(value, "_asdict"):
+        return {prefix: np.asarray(value)}
+    parts = value._asdict().items()
+    return {k: v for name, part in parts for k, v in _arrays(f"{prefix}.{name}", part).items()}
+
+
+def _build(prefix: str, kind: Any, file: Mapping[str, NDArray[Any]]) -> Any:
+    """The same backwards."""
+    if not hasattr(kind, "_fields"):
+        value = file[prefix]
+        return value.item() if value.ndim == 0 else value
+    kinds = get_type_hints(kind)
+    return kind(*(_build(f"{prefix}.{name}", kinds[name], file) for name in kind._fields))
+
+
 def _read(path: Path, key: str) -> PatternIndex | None:
     """The index of a file, None where there is none or it is not whole."""
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             if str(file["key"]) != key:
                 return None
-            table, bright, faint = (
-                {
-                    field: value.item() if value.ndim == 0 else value
-                    for field, value in ((f, file[f"{name}.{f}"]) for f in kind._fields)
-                }
-                for name, kind in (("table", CodeTable), ("bright", SkyGrid), ("faint", SkyGrid))
-            )
             count, field_of_view = file["scalars"].tolist()
-            index = PatternIndex(
-                int(count),
-                field_of_view,
-                CodeTable(**table),
-                Voters(SkyGrid(**bright), file["magnitude"], file["blur"]),
-                SkyGrid(**faint),
-            )
+            index = PatternIndex(int(count), field_of_view, *_build("", _Parts, file))
             return index if str(file["checksum"]) == _checksum(index) else None
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
@@ -100,6 +112,6 @@ def _read(path: Path, key: str) -> PatternIndex | None:
 def _checksum(index: PatternIndex) -> str:
     """Quick to compute; against damage, not against malice."""
     digest = hashlib.blake2b(digest_size=16)
-    for part in (*index.table, *index.bright.sky, *index.bright[1:], *index.faint):
-        digest.update(np.ascontiguousarray(part).tobytes())
+    for array in _arrays("", index).values():
+        digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -76,9 +76,7 @@ def gather(
     )
     matched = star[taken]
     names = faint.member[matched].astype(np.int64)
-    return Gathered(
-        spot, names, faint.direction[matched], rotation, quaternion(rotation), scale
-    )
+    return Gathered(spot, names, faint.direction[matched], rotation, quaternion(rotation), scale)
 
 
 @njit(cache=True, error_model="numpy")

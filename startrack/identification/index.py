@@ -40,14 +40,14 @@ class CodeTable(NamedTuple):
 
     smallest  radian, least separation of the base of a triangle
     largest   radian, greatest
-    base      (s,) places in `PatternIndex.bright` of the stars that form triangles
-    triangle  (k, 3) places in `base` of A, B, C
+    sky       the stars that form triangles; their members are places in `PatternIndex.bright`
+    triangle  (k, 3) places in `sky` of A, B, C
     start     (cells + 1,) where the triangles of a cell begin
     """
 
     smallest: float
     largest: float
-    base: Indices
+    sky: SkyGrid
     triangle: NDArray[np.unsignedinteger[Any]]
     start: Indices
 
@@ -75,9 +75,10 @@ class PatternIndex:
     @property
     def size(self) -> int:
         """Bytes that the arrays take."""
-        bright = self.bright
-        arrays = [*self.table[2:], *bright.sky[1:], *bright[1:], *self.faint[1:]]
-        return sum(np.asarray(array).nbytes for array in arrays)
+        table, bright = self.table, self.bright
+        grids: list[NDArray[Any]] = [*table.sky[1:], *bright.sky[1:], *self.faint[1:]]
+        rest = [table.triangle, table.start, bright.magnitude, bright.blur]
+        return sum(array.nbytes for array in grids + rest)
 
 
 def build_index(
@@ -122,13 +123,15 @@ def build_index(
     rank = rank[voting][bright.sky.member]
     faint = sky_grid(single.direction, field_of_view / 2)
 
-    base = np.flatnonzero(rank < stars_per_field).astype(np.int32)
+    base = np.flatnonzero(rank < stars_per_field)
     fields = 4 * math.pi / field_of_view**2
-    crowding = _crowding(fields, len(base) / fields, triangles)
+    crowding = _crowding(fields, len(base) / fields, triangles) * field_of_view
+    sky = sky_grid(bright.sky.direction[base], field_of_view / 2)
+    rank = rank[base][sky.member]
     return PatternIndex(
         len(stars),
         field_of_view,
-        _table(bright.sky.direction, rank, base, field_of_view, crowding * field_of_view),
+        _table(_named(sky, base), rank, field_of_view, crowding),
         bright._replace(sky=_named(bright.sky, names[voting])),
         _named(faint, names),
     )
@@ -148,18 +151,17 @@ def _voters(stars: Stars, field_of_view: float) -> Voters:
 
 
 def _table(
-    direction: Floats, rank: NDArray[np.int16], base: Indices, field_of_view: float, crowding: float
+    sky: SkyGrid, rank: NDArray[np.int16], field_of_view: float, crowding: float
 ) -> CodeTable:
-    """All triangles of the stars `base`, sorted."""
+    """All triangles of these stars, sorted."""
     smallest, largest = SMALLEST * field_of_view, LARGEST * field_of_view
-    grid = sky_grid(direction[base], largest)
-    triangle = _triangles(grid, rank[base[grid.member]], smallest, largest, crowding)
-    cell = _encode(direction[base], triangle, smallest)
+    triangle = _triangles(sky, rank, smallest, largest, crowding)
+    cell = _encode(sky.direction, triangle, smallest)
     order = np.argsort(cell, kind="stable")
     start = np.searchsorted(cell[order], np.arange(ACROSS * UPRIGHT * LENGTHS + 1))
-    narrow = np.uint16 if len(base) <= 2**16 else np.uint32
+    narrow = np.uint16 if len(rank) <= 2**16 else np.uint32
     return CodeTable(
-        smallest, largest, base, np.asarray(triangle[order], narrow), start.astype(np.int32)
+        smallest, largest, sky, np.asarray(triangle[order], narrow), start.astype(np.int32)
     )
 
 
@@ -214,8 +216,7 @@ def _triangles(
                 if c == a or chord[j] >= chord[i] or rank[c] >= most:
                     continue
                 if np.sum((grid.direction[c] - grid.direction[b]) ** 2) < chord[i] ** 2:
-                    found[count, 0], found[count, 1] = grid.member[a], grid.member[b]
-                    found[count, 2] = grid.member[c]
+                    found[count, 0], found[count, 1], found[count, 2] = a, b, c
                     count += 1
     return found[:count]
 

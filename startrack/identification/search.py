@@ -15,7 +15,7 @@ from startrack.identification.index import LENGTHS, UPRIGHT, CodeTable, along, c
 from startrack.identification.seen import Seen
 from startrack.identification.sieve import sieve
 from startrack.identification.sky import Voters
-from startrack.identification.verify import FIRST_RADIUS, Verdict, verify
+from startrack.identification.verify import FIRST_RADIUS, Verdict, attempt, promising, verify
 from startrack.values import Floats
 
 SIGMAS = 3.5  # how far noise may move a code
@@ -57,7 +57,7 @@ def search(
     best = Verdict(np.eye(3), 1.0, 0, 0.0)
     screen = sieve(seen.plane, seen.low, seen.high, FIRST_RADIUS * seen.radius)
     names, codes = np.empty((6, 3), np.int64), np.empty((6, 2))
-    direction, base = voters.sky.direction, table.base
+    direction = table.sky.direction
     for choice in choices:
         longest, noise, off_axis = _measure(seen, choice)
         if not table.smallest * (1 - seen.focal) <= longest <= table.largest * (1 + seen.focal):
@@ -74,8 +74,7 @@ def search(
                 for j in range(upright(y - error), upright(y + error) + 1):
                     row = (i * UPRIGHT + j) * LENGTHS
                     for p in range(table.start[row + shortest], table.start[row + farthest + 1]):
-                        three = table.triangle[p]
-                        a, b, c = base[three[0]], base[three[1]], base[three[2]]
+                        a, b, c = table.triangle[p]
                         px, py = place(direction[a], direction[b], direction[c])
                         if (px - x) ** 2 + (py - y) ** 2 > error**2:
                             continue
@@ -83,11 +82,16 @@ def search(
                         if abs(math.log(longest / true)) > stretch:
                             continue
                         tried += 1
-                        verdict = verify(seen, screen, voters, names[k], (a, b, c), fewest)
+                        rotation, scale = attempt(seen, names[k], direction[a], direction[b])
+                        if not promising(seen, screen, table.sky, rotation, scale, fewest):
+                            continue
+                        verdict = verify(seen, voters, rotation, scale, fewest)
                         if verdict.log_p < best.log_p:
                             best = verdict
-                        if best.log_p < log_accepted or tried >= most_hypotheses:
+                        if best.log_p < log_accepted:
                             return best, tried
+                    if tried >= most_hypotheses:
+                        return best, tried
     return best, tried
 
 

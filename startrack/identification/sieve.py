@@ -40,12 +40,12 @@ def sieve(plane: Floats, low: Floats, high: Floats, radius: float) -> Sieve:  # 
     low, high  (2,) corners of the image
     """
     width = max(radius, max(high[0] - low[0], high[1] - low[1]) / MOST_CELLS)
-    columns = int(math.ceil((high[0] - low[0]) / width)) + 1
-    rows = int(math.ceil((high[1] - low[1]) / width)) + 1
+    columns = math.ceil((high[0] - low[0]) / width) + 1
+    rows = math.ceil((high[1] - low[1]) / width) + 1
     cell = np.full((columns, rows), -1, np.int16)
     for n in range(len(plane)):
         x, y = (plane[n, 0] - low[0]) / width, (plane[n, 1] - low[1]) / width
-        i, j = int(math.floor(x)), int(math.floor(y))
+        i, j = math.floor(x), math.floor(y)
         for k in range(max(i - 1, 0), min(i + 2, columns)):
             for m in range(max(j - 1, 0), min(j + 2, rows)):
                 other = cell[k, m]

@@ -67,7 +67,9 @@ def cubes(spacing: float) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def cubes_around(grid: SkyGrid, axis: Floats, radius: float) -> tuple[Cubes, Cubes]:  # pragma: no cover
+def cubes_around(
+    grid: SkyGrid, axis: Floats, radius: float
+) -> tuple[Cubes, Cubes]:  # pragma: no cover
     """First and last cubes (3,) along each axis that a cone can touch."""
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
     for k in range(3):
@@ -77,11 +79,14 @@ def cubes_around(grid: SkyGrid, axis: Floats, radius: float) -> tuple[Cubes, Cub
 
 
 @njit(cache=True, error_model="numpy")
-def rows(grid: SkyGrid, low: Cubes, high: Cubes):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Where in `start` each row of cubes begins: along the last axis their stars are one run."""
+def most_within(grid: SkyGrid, low: Cubes, high: Cubes) -> int:  # pragma: no cover
+    """How many stars these cubes hold."""
+    most = 0
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
-            yield (i * grid.side + j) * grid.side
+            row = (i * grid.side + j) * grid.side
+            most += grid.start[row + high[2] + 1] - grid.start[row + low[2]]
+    return most
 
 
 @njit(cache=True, error_model="numpy")
@@ -92,13 +97,15 @@ def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no c
     radius  radian
     """
     low, high = cubes_around(grid, axis, radius)
-    found = np.empty(len(grid.member), np.int32)
+    found = np.empty(most_within(grid, low, high), np.int32)
     count = 0
     limit = np.cos(min(radius, np.pi))
-    for row in rows(grid, low, high):
-        for s in range(grid.start[row + low[2]], grid.start[row + high[2] + 1]):
-            d = grid.direction[s]
-            if d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2] >= limit:
-                found[count] = s
-                count += 1
+    for i in range(low[0], high[0] + 1):
+        for j in range(low[1], high[1] + 1):
+            row = (i * grid.side + j) * grid.side
+            for s in range(grid.start[row + low[2]], grid.start[row + high[2] + 1]):
+                d = grid.direction[s]
+                if d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2] >= limit:
+                    found[count] = s
+                    count += 1
     return found[:count]

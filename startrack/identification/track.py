@@ -57,7 +57,5 @@ def track(
         )
         rotation, matches, log_p = follow(wider, index.bright, predicted.as_matrix(), covariance)
         if matches and log_p < math.log(settings.max_false_track):
-            return refined(
-                spots, finite, camera, stars, index, believed, rotation, 1.0, log_p
-            )
+            return refined(spots, finite, camera, stars, index, believed, rotation, 1.0, log_p)
     return identify(spots, camera, stars, index, settings)

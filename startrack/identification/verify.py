@@ -9,15 +9,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.identification.code import separation
 from startrack.identification.brightness import log_brightness
+from startrack.identification.code import separation
 from startrack.identification.evidence import LOG_ATTITUDES, log_evidence
 from startrack.identification.fit import align, derivatives, fit
 from startrack.identification.pair import pair
 from startrack.identification.predict import predict, project
 from startrack.identification.seen import Seen
 from startrack.identification.sieve import Sieve, hits
-from startrack.identification.sky import Voters
+from startrack.identification.sky import SkyGrid, Voters
 from startrack.values import Floats
 
 FIRST_RADIUS = 2.0  # times the match radius: three stars predict the rest less well than all do
@@ -39,54 +39,10 @@ class Verdict(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def verify(
-    seen: Seen,
-    screen: Sieve,
-    voters: Voters,
-    spots: NDArray[np.int64],
-    three: tuple[int, int, int],
-    fewest: int,
-) -> Verdict:  # pragma: no cover
-    """Predict the stars of the image, match them to spots, fit, match and fit again.
-
-    screen  the spots of `seen`
-    spots   (3,) places in `seen`
-    three   places in `voters` of the same
-    fewest  matches that are worth the test
-    """
-    sky = voters.sky
-    farthest = seen.focal + seen.radius / seen.corner  # the second term is what noise can do
-    rotation, scale = _from_base(seen, spots, sky.direction[three[0]], sky.direction[three[1]])
-    if not abs(scale - 1) <= 2 * farthest:
-        return Verdict(rotation, scale, 0, 0.0)
-    stars, places = predict(seen, sky, rotation, scale)
-    if hits(screen, seen.plane, places) < fewest:
-        return Verdict(rotation, scale, 0, 0.0)
-    weight = seen.sigma**-2.0
-    radius = np.full(len(seen.plane), FIRST_RADIUS * seen.radius)
-    spot, taken, distance = pair(seen.plane, places, radius)
-    radius[:] = seen.radius
-    for _ in range(2):
-        if len(spot) < fewest:
-            return Verdict(rotation, scale, 0, 0.0)
-        rotation, scale = fit(
-            seen.plane, weight, sky.direction, spot, stars[taken], rotation, scale, seen.focal, 2
-        )
-        if not abs(scale - 1) <= farthest:
-            return Verdict(rotation, scale, 0, 0.0)
-        places = project(sky.direction, stars, rotation, scale)
-        spot, taken, distance = pair(seen.plane, places, radius)
-    if len(spot) < fewest:
-        return Verdict(rotation, scale, 0, 0.0)
-    evidence = weigh(seen, voters, stars, spot, taken, distance, rotation, scale)
-    return Verdict(rotation, scale, len(spot), min(-evidence, 0.0))
-
-
-@njit(cache=True, error_model="numpy")
-def _from_base(
+def attempt(
     seen: Seen, spots: NDArray[np.int64], a: Floats, b: Floats
 ) -> tuple[Floats, float]:  # pragma: no cover
-    """Attitude and scale from the first two spots and their stars alone."""
+    """Attitude and scale from two stars (3,) that the first two of these spots may be."""
     u, v = seen.direction[spots[0]], seen.direction[spots[1]]
     scale = 1.0
     if seen.focal > 0:
@@ -95,6 +51,53 @@ def _from_base(
             scale *= separation(u, v) / true
             u, v = _scaled(seen.plane[spots[0]], scale), _scaled(seen.plane[spots[1]], scale)
     return align(a, b, u, v), scale
+
+
+@njit(cache=True, error_model="numpy")
+def promising(
+    seen: Seen, screen: Sieve, sky: SkyGrid, rotation: Floats, scale: float, fewest: int
+) -> bool:  # pragma: no cover
+    """Whether so many of the stars `sky` meet a spot that it is worth to look closely."""
+    if not abs(scale - 1) <= 2 * _farthest(seen):
+        return False
+    _, place = predict(seen, sky, rotation, scale)
+    return hits(screen, seen.plane, place) >= fewest
+
+
+@njit(cache=True, error_model="numpy")
+def _farthest(seen: Seen) -> float:  # pragma: no cover
+    """How far the scale may lie from one; the second term is what noise can do."""
+    return seen.focal + seen.radius / seen.corner
+
+
+@njit(cache=True, error_model="numpy")
+def verify(
+    seen: Seen, voters: Voters, rotation: Floats, scale: float, fewest: int
+) -> Verdict:  # pragma: no cover
+    """Predict the stars of the image, match them to spots, fit, match and fit again.
+
+    fewest  matches that are worth the test
+    """
+    direction = voters.sky.direction
+    star, place = predict(seen, voters.sky, rotation, scale)
+    weight = seen.sigma**-2.0
+    radius = np.full(len(seen.plane), FIRST_RADIUS * seen.radius)
+    spot, taken, distance = pair(seen.plane, place, radius)
+    radius[:] = seen.radius
+    for _ in range(2):
+        if len(spot) < fewest:
+            return Verdict(rotation, scale, 0, 0.0)
+        rotation, scale = fit(
+            seen.plane, weight, direction, spot, star[taken], rotation, scale, seen.focal, 2
+        )
+        if not abs(scale - 1) <= _farthest(seen):
+            return Verdict(rotation, scale, 0, 0.0)
+        place = project(direction, star, rotation, scale)
+        spot, taken, distance = pair(seen.plane, place, radius)
+    if len(spot) < fewest:
+        return Verdict(rotation, scale, 0, 0.0)
+    evidence = weigh(seen, voters, star, spot, taken, distance, rotation, scale)
+    return Verdict(rotation, scale, len(spot), min(-evidence, 0.0))
 
 
 @njit(cache=True, error_model="numpy")
