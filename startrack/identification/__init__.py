@@ -3,12 +3,19 @@
 parameters  Identification: what the tracker believes, and how sure it wants to be
 sky         SkyGrid: the stars around a direction, for compiled code
 thin        how bright a star is among its neighbours, so that every field has its share
-code        four directions -> a code of four numbers that neither rotation nor scale changes
+merge       stars too close for the camera become one
+code        three directions -> a code of two numbers that neither rotation nor scale changes
 index       Stars -> PatternIndex: the codes of the sky
-evidence    how improbable it is that chance alone makes a match
+seen        Spots as the believed camera sees them
+predict     an attitude -> the stars that the image should hold
+sieve       which spot lies near a place, in one look
+pair        predicted stars and spots -> one-to-one matches
 fit         matched directions -> attitude and scale
-verify      a hypothesis from four stars -> how many other spots it explains
-search      patterns of spots -> the first hypothesis beyond doubt
+agree       matching and fitting in turns, until they agree
+brightness  how much the brightness of the spots speaks for a match
+evidence    how improbable it is that chance alone makes a match
+verify      a hypothesis from three stars -> how many other spots it explains, and how well
+search      triangles of spots -> the first hypothesis beyond doubt
 gather      an attitude -> the matches of all spots
 identify    Spots, PatternIndex -> Matches, with nothing known of the attitude
 follow      a predicted attitude -> the matches of the fewest spots that are beyond doubt

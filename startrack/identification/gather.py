@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.identification.fit import fit, quaternion
-from startrack.identification.pair import pair
-from startrack.identification.predict import predict, project
+from startrack.identification.agree import REACH, agree
+from startrack.identification.fit import quaternion
+from startrack.identification.predict import predict
 from startrack.identification.seen import Seen
 from startrack.identification.sky import SkyGrid
 from startrack.values import Floats
-
-ROUNDS = 3  # of matching and fitting; each improves the radius of the next
-REACH = 4.0  # sigma, of noise and what else the residuals show: where the matches end
-NARROWEST = 1 / 8  # of the match radius
 
 Places = NDArray[np.int64]
 
@@ -52,31 +47,17 @@ def gather(
     magnitude  (stars,) of these, in the catalogue's order
     """
     star, place = _brightest(seen, faint, magnitude, rotation, scale)
-    weight = seen.sigma**-2.0
-    radius = np.maximum(seen.excess, REACH * seen.sigma)
-    spot, taken, distance = pair(seen.plane, place, radius)
-    for _ in range(ROUNDS):
-        rotation, scale = fit(
-            seen.plane, weight, faint.direction, spot, star[taken], rotation, scale, seen.focal, 2
-        )
-        scale = min(max(scale, 1 - seen.focal), 1 + seen.focal)
-        place = project(faint.direction, star, rotation, scale)
-        # What the residuals show beyond the noise, along each axis: distortion, the catalogue.
-        noise = np.mean(seen.sigma[spot] ** 2)
-        excess = max(np.mean(distance**2) / 2 - noise, 0.0)
-        for i in range(len(radius)):
-            variance = seen.sigma[i] ** 2 + excess
-            weight[i] = 1 / variance
-            wide = max(seen.excess, REACH * seen.sigma[i])
-            narrow = max(REACH * math.sqrt(variance), NARROWEST * seen.excess)
-            radius[i] = min(narrow, wide)
-        spot, taken, distance = pair(seen.plane, place, radius)
-    rotation, scale = fit(
-        seen.plane, weight, faint.direction, spot, star[taken], rotation, scale, seen.focal, 2
+    reach = max(seen.excess, REACH * float(np.median(seen.sigma)))
+    found = agree(seen, faint.direction, star, place, rotation, scale, reach, 2)
+    matched = star[found.taken]
+    return Gathered(
+        found.spot,
+        faint.member[matched].astype(np.int64),
+        faint.direction[matched],
+        found.rotation,
+        quaternion(found.rotation),
+        min(max(found.scale, 1 - seen.focal), 1 + seen.focal),
     )
-    matched = star[taken]
-    names = faint.member[matched].astype(np.int64)
-    return Gathered(spot, names, faint.direction[matched], rotation, quaternion(rotation), scale)
 
 
 @njit(cache=True, error_model="numpy")

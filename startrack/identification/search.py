@@ -15,7 +15,14 @@ from startrack.identification.index import LENGTHS, UPRIGHT, CodeTable, along, c
 from startrack.identification.seen import Seen
 from startrack.identification.sieve import sieve
 from startrack.identification.sky import Voters
-from startrack.identification.verify import FIRST_RADIUS, Verdict, attempt, promising, verify
+from startrack.identification.verify import (
+    FIRST_RADIUS,
+    Verdict,
+    attempt,
+    challenge,
+    promising,
+    verify,
+)
 from startrack.values import Floats
 
 SIGMAS = 3.5  # how far noise may move a code
@@ -89,6 +96,8 @@ def search(
                         if verdict.log_p < best.log_p:
                             best = verdict
                         if best.log_p < log_accepted:
+                            if 2 * best.matches < len(seen.plane):
+                                best = challenge(seen, voters, best, fewest)
                             return best, tried
                     if tried >= most_hypotheses:
                         return best, tried

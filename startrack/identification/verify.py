@@ -9,12 +9,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.identification.agree import Agreed, agree
 from startrack.identification.brightness import log_brightness
 from startrack.identification.code import separation
 from startrack.identification.evidence import LOG_ATTITUDES, log_evidence
-from startrack.identification.fit import align, derivatives, fit
-from startrack.identification.pair import pair
-from startrack.identification.predict import predict, project
+from startrack.identification.fit import align, derivatives
+from startrack.identification.predict import predict
 from startrack.identification.seen import Seen
 from startrack.identification.sieve import Sieve, hits
 from startrack.identification.sky import SkyGrid, Voters
@@ -74,30 +74,65 @@ def _farthest(seen: Seen) -> float:  # pragma: no cover
 def verify(
     seen: Seen, voters: Voters, rotation: Floats, scale: float, fewest: int
 ) -> Verdict:  # pragma: no cover
-    """Predict the stars of the image, match them to spots, fit, match and fit again.
+    """Predict the stars of the image, match them to spots, and weigh what agrees.
 
     fewest  matches that are worth the test
     """
-    direction = voters.sky.direction
     star, place = predict(seen, voters.sky, rotation, scale)
-    weight = seen.sigma**-2.0
-    radius = np.full(len(seen.plane), FIRST_RADIUS * seen.radius)
-    spot, taken, distance = pair(seen.plane, place, radius)
-    radius[:] = seen.radius
-    for _ in range(2):
-        if len(spot) < fewest:
-            return Verdict(rotation, scale, 0, 0.0)
-        rotation, scale = fit(
-            seen.plane, weight, direction, spot, star[taken], rotation, scale, seen.focal, 2
+    found = agree(
+        seen,
+        voters.sky.direction,
+        star,
+        place,
+        rotation,
+        scale,
+        FIRST_RADIUS * seen.radius,
+        fewest,
+    )
+    return _verdict(seen, voters, star, found, fewest)
+
+
+@njit(cache=True, error_model="numpy")
+def challenge(
+    seen: Seen, voters: Voters, verdict: Verdict, fewest: int
+) -> Verdict:  # pragma: no cover
+    """The best of a verdict and those that come of leaving out each of its matches in turn.
+
+    One false spot far from a group of true ones can turn and stretch the fit so that all other
+    stars are missed, and the group be evidence enough all the same.
+    """
+    star, place = predict(seen, voters.sky, verdict.rotation, verdict.scale)
+    best = verdict
+    for without in range(verdict.matches):
+        found = agree(
+            seen,
+            voters.sky.direction,
+            star,
+            place,
+            verdict.rotation,
+            verdict.scale,
+            seen.radius,
+            fewest,
+            without,
         )
-        if not abs(scale - 1) <= _farthest(seen):
-            return Verdict(rotation, scale, 0, 0.0)
-        place = project(direction, star, rotation, scale)
-        spot, taken, distance = pair(seen.plane, place, radius)
-    if len(spot) < fewest:
-        return Verdict(rotation, scale, 0, 0.0)
-    evidence = weigh(seen, voters, star, spot, taken, distance, rotation, scale)
-    return Verdict(rotation, scale, len(spot), min(-evidence, 0.0))
+        if len(found.spot) > best.matches:
+            other = _verdict(seen, voters, star, found, fewest)
+            if other.log_p < best.log_p:
+                best = other
+    return best
+
+
+@njit(cache=True, error_model="numpy")
+def _verdict(
+    seen: Seen, voters: Voters, star: NDArray[np.int64], found: Agreed, fewest: int
+) -> Verdict:  # pragma: no cover
+    matches = len(found.spot)
+    if matches < fewest or not abs(found.scale - 1) <= _farthest(seen):
+        return Verdict(found.rotation, found.scale, 0, 0.0)
+    evidence = weigh(
+        seen, voters, star, found.spot, found.taken, found.distance, found.rotation, found.scale
+    )
+    return Verdict(found.rotation, found.scale, matches, min(-evidence, 0.0))
 
 
 @njit(cache=True, error_model="numpy")

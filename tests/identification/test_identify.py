@@ -38,7 +38,7 @@ def test_skies_are_solved_and_none_falsely(design, field, noise, clutter, rate):
         if matches.status is Status.SOLVED:
             solved += 1
             assert seen.error(matches) < max(3, 6 * noise)
-            assert matches.false_probability <= 1e-6
+            assert matches.false_probability <= 1e-5
     assert solved >= binom.ppf(1e-3, SKIES, rate)
 
 
@@ -56,7 +56,10 @@ def test_matches_are_the_true_stars(design):
         right += np.sum(true == matches.star)
         assert len(np.unique(matches.spot)) == len(matches) == len(np.unique(matches.star))
         assert (np.diff(matches.spot) > 0).all()
-        np.testing.assert_array_equal(matches.direction, camera.stars.direction[matches.star])
+        # Double stars are matched at the centre of their light.
+        apart = np.linalg.norm(camera.stars.direction[matches.star] - matches.direction, axis=1)
+        assert np.mean(apart == 0) > 0.8
+        assert apart.max() < 12 * deg / 512
     assert wrong <= 0.01 * right
 
 
@@ -160,7 +163,7 @@ def test_index_and_answer_do_not_depend_on_the_run_nor_on_the_catalogue_order(de
     again = build_index(camera.stars, 12 * deg)
     assert len(again) == len(camera.index)
     np.testing.assert_array_equal(again.table.start, camera.index.table.start)
-    np.testing.assert_array_equal(again.table.pattern, camera.index.table.pattern)
+    np.testing.assert_array_equal(again.table.triangle, camera.index.table.triangle)
     order = np.random.default_rng(9).permutation(len(camera.stars))
     shuffled = camera.stars[order]
     index = build_index(shuffled, 12 * deg)

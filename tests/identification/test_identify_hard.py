@@ -113,10 +113,13 @@ def test_all_magnitudes_wrong(design, spots_at):
 
 
 def test_few_hypotheses_end_the_search(design, spots_at):
+    """A cell of the index, looked at as a whole, may exceed the number by some."""
     camera = design(12, 6.0)
     pixel = np.random.default_rng(8).random((30, 2)) * 1024
-    settings = Identification(max_hypotheses=1, code_tolerance=0.1, focal_tolerance=0.3)
-    assert "none of 1 hyp" in run(camera, spots_at(pixel, 0.1), settings).reason
+    answer = run(camera, spots_at(pixel, 0.1), Identification(max_hypotheses=100)).reason
+    tried = int(answer.split()[2])
+    assert 100 <= tried < 200
+    assert int(run(camera, spots_at(pixel, 0.1)).reason.split()[2]) > 1000
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 10])

@@ -103,11 +103,17 @@ def test_many_frames_are_as_many_single_ones(design):
         np.testing.assert_array_equal(matches.star, one.star)
 
 
+def parts(index):
+    return index.table, index.bright, index.faint
+
+
 def same(one, other):
-    for part in ("table", "bright", "faint"):
-        for a, b in zip(getattr(one, part), getattr(other, part), strict=True):
-            np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(one.magnitude, other.magnitude)
+    """Every array of two nested tuples."""
+    if isinstance(one, tuple):
+        for a, b in zip(one, other, strict=True):
+            same(a, b)
+    else:
+        np.testing.assert_array_equal(one, other)
 
 
 def test_an_index_comes_back_from_disk_and_damage_is_noticed(design, tmp_path):
@@ -116,13 +122,13 @@ def test_an_index_comes_back_from_disk_and_damage_is_noticed(design, tmp_path):
     first = cached_index(camera.stars, 20 * deg, folder)
     (path,) = folder.iterdir()
     written = path.stat().st_mtime_ns
-    same(first, camera.index)
-    same(cached_index(camera.stars, 20 * deg, folder), first)
+    same(parts(first), parts(camera.index))
+    same(parts(cached_index(camera.stars, 20 * deg, folder)), parts(first))
     assert path.stat().st_mtime_ns == written
     whole = path.read_bytes()
     for damaged in (whole[: len(whole) // 2], b"", whole[:200_000] + b"?" + whole[200_001:]):
         path.write_bytes(damaged)
-        same(cached_index(camera.stars, 20 * deg, folder), first)
+        same(parts(cached_index(camera.stars, 20 * deg, folder)), parts(first))
         assert path.read_bytes() != damaged
     cached_index(camera.stars, 21 * deg, folder)
     assert len(list(folder.iterdir())) == 2
