@@ -27,7 +27,8 @@ from startrack.case import Case
 from startrack.catalog import shipped
 from startrack.design import Design, load_design, save_design
 from startrack.error import summarise
-from startrack.study.montecarlo import OUTCOMES, Serial, dask_pool, pool, run
+from startrack.study.cluster import dask_pool
+from startrack.study.montecarlo import OUTCOMES, Serial, pool, run
 
 SEED = 7
 

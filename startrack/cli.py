@@ -186,8 +186,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     montecarlo.add_argument("--seconds", type=float, help="begin no trial after this time")
     montecarlo.add_argument(
-        "--scheduler", metavar="ADDRESS", help="of a Dask cluster (tcp://host:port), for workers"
-    )
+        "--scheduler", metavar="ADDRESS",
+        help="take workers from a Dask cluster (tcp://host:port), or from MPI (mpi)",
+    )  # fmt: skip
+    montecarlo.add_argument(
+        "--log", type=Path, metavar="FILE",
+        help="append rate, statistic with its interval and remaining time, a JSON object a line",
+    )  # fmt: skip
 
     report = _command(commands, "report", "a campaign as one HTML page that needs nothing else")
     report.add_argument(

@@ -3,6 +3,7 @@
 store      Store: one SQLite file with the case, the seed, and each block of trials that was done
 origin     which software and which machine made the numbers
 precision  Precision: when a statistic is known well enough; quantiles with intervals
+watch      how far it is and what it knows, while it runs
 resume     do what a store still lacks
 export     the trials as CSV or Parquet
 """

@@ -10,6 +10,7 @@ from startrack.campaign.export import export
 from startrack.campaign.precision import Precision, half_width
 from startrack.campaign.resume import resume
 from startrack.campaign.store import Store
+from startrack.campaign.watch import Watch
 from startrack.case import Case, Fidelity
 from startrack.commands.terminal import (
     example,
@@ -25,9 +26,11 @@ from startrack.draw import draw_errors
 from startrack.error import summarise
 from startrack.exits import Exit, WrongUse
 from startrack.saving import save_json
-from startrack.study.montecarlo import dask_pool, pool
+from startrack.study.cluster import cluster
+from startrack.study.montecarlo import pool, warm
 
 STORE = "campaign.sqlite"
+ANY = 1e-6  # a precision that no campaign reaches, where none is asked for
 
 
 def command(options: argparse.Namespace) -> int:
@@ -40,26 +43,25 @@ def command(options: argparse.Namespace) -> int:
     case = read_design(path).case
     precision, fidelity = _precision(options), Fidelity(options.fidelity)
     where: Path | None = options.store or (options.out / STORE if options.out else None)
-    workers = dask_pool(options.scheduler) if options.scheduler else pool(options.workers)
-    new = 0
+    workers = cluster(options.scheduler) if options.scheduler else pool(options.workers)
+    if options.workers > 1 and not options.scheduler:
+        warm(case, fidelity)
     began = time.perf_counter()
     with _open(where, case, options.seed, fidelity) as store, workers as executor:
         held = sum(len(block) for block in store.done())
         if held:
             say(f"{where} holds {held} trials; going on")
-        with progress("trials", options.trials) as advance:
+        watched = precision or Precision(ANY, options.statistic, options.confidence)
+        with (
+            progress("trials", options.trials) as advance,
+            Watch(store, watched, options.trials, advance, options.log) as watch,
+        ):
             advance(min(held, options.trials))
-
-            def count(trials: int) -> None:
-                nonlocal new
-                new += trials
-                advance(trials)
-
             outcomes = resume(
-                store, executor, options.workers, options.trials, precision, options.seconds, count
+                store, executor, options.workers, options.trials, precision, options.seconds, watch
             )
         failures = store.failures()
-    rate = new / (time.perf_counter() - began)
+    rate = watch.new / (time.perf_counter() - began)
     summary = summarise(outcomes)
     result = {
         "design": str(path),
@@ -92,12 +94,11 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _precision(options: argparse.Namespace) -> Precision | None:
-    if options.precision is None:
-        return None
     try:
-        return Precision(options.precision, options.statistic, options.confidence)
+        asked = Precision(options.precision or ANY, options.statistic, options.confidence)
     except ValueError as error:
         raise WrongUse(f"--precision: {error}") from None
+    return None if options.precision is None else asked
 
 
 def _open(path: Path | None, case: Case, seed: int, fidelity: Fidelity) -> Store:

@@ -66,10 +66,13 @@ def finite(value: Any) -> Any:
 
 
 @contextmanager
-def progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A bar on standard error, where a person looks at it; its function advances it."""
+def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
+    """A bar on standard error, where a person looks at it.
+
+    Its function takes by how many it advances, and what to say beside it from now on.
+    """
     if not sys.stderr.isatty():
-        yield lambda _: None
+        yield lambda count, note="": None
         return
     from rich.console import Console
     from rich.progress import (
@@ -85,10 +88,17 @@ def progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(elapsed_when_finished=True),
+        TextColumn("{task.fields[note]}"),
     )
     with Progress(*columns, console=Console(stderr=True)) as bars:
-        task = bars.add_task(title, total=total)
-        yield lambda count: bars.advance(task, count)
+        task = bars.add_task(title, total=total, note="")
+
+        def advance(count: int, note: str = "") -> None:
+            bars.advance(task, count)
+            if note:
+                bars.update(task, note=note)
+
+        yield advance
 
 
 def quaternion(rotation: Rotation) -> list[float]:

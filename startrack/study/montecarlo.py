@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,9 +14,9 @@ from numpy.typing import NDArray
 from startrack.case import Case, Fidelity
 from startrack.chain import OUTCOMES, trials
 from startrack.checks import whole
-from startrack.study.workers import Serial, dask_pool, one_thread, pool
+from startrack.study.workers import Serial, one_thread, pool
 
-__all__ = ["OUTCOMES", "Block", "Serial", "blocks", "dask_pool", "one_thread", "pool", "run"]
+__all__ = ["OUTCOMES", "Block", "Serial", "blocks", "one_thread", "pool", "run", "warm"]
 
 BLOCKS_PER_WORKER = 4  # so that no worker waits long for the last one
 UNDER_WAY = 3  # blocks per worker that are submitted ahead, so that none waits for the master
@@ -62,6 +63,15 @@ def run(
         if progress:
             progress(len(numbers))
     return outcomes
+
+
+def warm(case: Case, fidelity: Fidelity = Fidelity.FRAME) -> None:
+    """Let numba compile in this process what workers will then find in its cache on disk.
+
+    What a broken case raises here, the workers' trials raise again where it is told.
+    """
+    with suppress(Exception):
+        trials(case, 0, range(1), fidelity)
 
 
 def blocks(

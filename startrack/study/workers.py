@@ -75,24 +75,6 @@ def pool(workers: int) -> Iterator[Executor]:
         executor.shutdown(wait=True, cancel_futures=True)
 
 
-@contextmanager
-def dask_pool(address: str) -> Iterator[Executor]:
-    """The workers of a Dask cluster, by the address of its scheduler (tcp://host:port).
-
-    Errors  ImportError without the extra `dask`; OSError where no scheduler answers.
-    """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise ImportError(
-            "--scheduler needs Dask: python -m pip install 'startrack[dask]'"
-        ) from None
-    with Client(address) as client:
-        client.run(one_thread)
-        # Trap: by default the executor takes calls for pure and merges those that are alike.
-        yield client.get_executor(pure=False)
-
-
 def one_thread() -> None:
     """Let OpenCV use one thread: the workers share the machine between them."""
     cv2.setNumThreads(1)

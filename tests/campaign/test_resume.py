@@ -17,7 +17,7 @@ class Fake(Serial):
         self.outcomes, self.fails, self.left, self.asked = outcomes, fails, most, []
 
     def submit(self, fn, /, *args, **kwargs):
-        _, _, numbers = args
+        numbers = args[2]
         if not self.left:
             raise KeyboardInterrupt
         self.left -= 1
@@ -103,7 +103,8 @@ def test_the_time_budget_ends_it(store, outcomes):
 def test_a_dask_cluster_gives_the_same_bytes_and_survives_a_kill(store):
     """Its own executor; two processes, one of which is killed when it has begun."""
     distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
-    from startrack.study.montecarlo import dask_pool, run
+    from startrack.study.cluster import dask_pool
+    from startrack.study.montecarlo import run
 
     alone = run(store.case, 128, 3, Serial())
     workers = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
