@@ -22,6 +22,7 @@ exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved
 A first hour:
   startrack simulate                        one frame of the example design
   startrack psf                             how its optics blur a star
+  startrack budget                          what its error is made of
   startrack optimize                        a better design, in some minutes
   startrack montecarlo startrack-optimize/best.toml --out trials
   startrack report trials/campaign.sqlite   what came out, as a page to read and to send
@@ -157,6 +158,30 @@ def _parser() -> argparse.ArgumentParser:
         "--epoch", type=float, default=2026.0, metavar="YEAR", help="of the images (default: 2026)"
     )
     calibrate.add_argument("--out", type=Path, metavar="FILE", help="the same as JSON")
+
+    budget = _command(commands, "budget", "what the error of a design is made of, cause by cause")
+    _design(budget)
+    budget.add_argument(
+        "--montecarlo", type=_whole(1), metavar="N",
+        help="measure it, too, on N random attitudes, by switching causes (default: analytic only)",
+    )  # fmt: skip
+    budget.add_argument(
+        "--times", type=_whole(1), default=1,
+        help="frames of each attitude, which tell what stays from what changes (default: 1)",
+    )  # fmt: skip
+    budget.add_argument(
+        "--profile", type=Path, metavar="PROFILE.toml",
+        help="fly a sequence and give its absolute, mean and relative errors and its drift",
+    )  # fmt: skip
+    budget.add_argument(
+        "--sequences", type=_whole(1), default=8, metavar="N", help="flown (default: 8)"
+    )
+    budget.add_argument(
+        "--window", type=float, default=1.0, metavar="SECONDS", help="of these (default: 1)"
+    )
+    _seed(budget)
+    _workers(budget)
+    budget.add_argument("--out", type=Path, metavar="DIR", help="for budget.json and pictures")
 
     montecarlo = _command(commands, "montecarlo", "the error of a design over many trials")
     _design(montecarlo)

@@ -41,6 +41,7 @@ ORDER = (
         "draw",
         "draw_psf",
         "draw_sequence",
+        "draw_budget",
         "report",
         "draw_study",
         "commands",

@@ -4,18 +4,42 @@ causes      what makes errors, under which term, and the case without it
 budget      Budget: a line for each cause, their sum, the whole
 analytic    Case -> Budget, in milliseconds and without a trial
 measured    the same by trials, with causes switched on the same sky and noise
+survey      stars, availability and error over the sky
+indices     sequences -> absolute, mean and relative errors and drift, with their levels
+residuals   what single stars err by in trials
 
 What these are made of:
 
 chart       noise-free stars of all places and magnitudes, measured by the tracker's centroid
+star        errors of single stars over their magnitude, cause by cause
 neighbours  how far the light of other stars moves a star
+fixed       what causes that do not change move
+visible     the stars that lie on the detector
 fields      the stars of many fields of the sky, and errors of stars into errors of attitudes
 quiet       frames without noise, and noise without frames
 """
 
 from startrack.budget.analytic import analytic
-from startrack.budget.budget import Budget, Law, Line, Sample
+from startrack.budget.budget import Budget, Law, Line, Sample, Spread
 from startrack.budget.causes import Cause, Term, causes
+from startrack.budget.indices import INDICES, indices_of
 from startrack.budget.measured import measured
+from startrack.budget.survey import Survey, circles, survey
 
-__all__ = ["Budget", "Cause", "Law", "Line", "Sample", "Term", "analytic", "causes", "measured"]
+__all__ = [
+    "INDICES",
+    "Budget",
+    "Cause",
+    "Law",
+    "Line",
+    "Sample",
+    "Spread",
+    "Survey",
+    "Term",
+    "analytic",
+    "causes",
+    "circles",
+    "indices_of",
+    "measured",
+    "survey",
+]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from scipy.optimize import brentq
@@ -25,6 +25,9 @@ class Spread(Protocol):
 
     def level(self, axes: Sequence[int], share: float, interpretation: Interpretation) -> float:
         """Radian per axis that is not exceeded in a share of the cases."""
+
+
+S = TypeVar("S", bound=Spread, covariant=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,7 @@ class Sample:
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class Line(Generic[S]):
     """One cause of error, or several.
 
     name    of the cause
@@ -92,7 +95,7 @@ class Line:
 
     name: str
     term: Term | None
-    spread: Spread
+    spread: S
 
     @property
     def across(self) -> float:
@@ -107,7 +110,7 @@ class Line:
 
 
 @dataclass(frozen=True, eq=False)
-class Budget:
+class Budget(Generic[S]):
     """An error budget.
 
     lines         one for each cause
@@ -116,8 +119,8 @@ class Budget:
     stars         mean number of stars in these
     """
 
-    lines: tuple[Line, ...]
-    whole: Line
+    lines: tuple[Line[S], ...]
+    whole: Line[S]
     availability: float
     stars: float
 

@@ -90,13 +90,6 @@ def bare(case: Case) -> Case:
     return case
 
 
-def noiseless(case: Case) -> Case:
-    """The case without its pixels' own noise, shot noise left."""
-    thermal = case.instrument.detector.thermal
-    quiet = replace(thermal, capacitance=0.0) if thermal else None
-    return _with(case, read_noise=0.0, read_noise_spread=0.0, pattern=None, thermal=quiet)
-
-
 def dark_spread(detector: Detector) -> float:
     """Electron rms over the pixels by which dark current differs; of hot pixels the exponential."""
     if not detector.defects:

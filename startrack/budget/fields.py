@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -35,16 +36,26 @@ class Fields(NamedTuple):
     star: Ints
 
 
-def fields(selection: Selection, camera: Camera, count: int = FIELDS) -> Fields:
-    """The stars within the camera's half diagonal, and some beyond it, of fixed attitudes."""
+def fields(
+    selection: Selection,
+    camera: Camera,
+    spread: Callable[[int], Rotation],
+    count: int = FIELDS,
+) -> Fields:
+    """The stars within the camera's half diagonal, and some beyond it.
+
+    spread  makes the attitudes of so many fields: `attitudes` or `boresights`
+    """
     step = math.log(WIDER)
     radius = math.exp(math.ceil(math.log(camera.half_diagonal) / step) * step)
-    return _fields(selection, min(radius, 1.5), count)
+    return _fields(selection, min(radius, 1.5), spread, count)
 
 
 @lru_cache(maxsize=8)
-def _fields(selection: Selection, radius: float, count: int) -> Fields:
-    sky, attitude = open_sky(selection), attitudes(count)
+def _fields(
+    selection: Selection, radius: float, spread: Callable[[int], Rotation], count: int
+) -> Fields:
+    sky, attitude = open_sky(selection), spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
     found = sky.cones(boresight, radius)
     field = np.repeat(np.arange(count), [len(one) for one in found])
@@ -56,7 +67,6 @@ def _fields(selection: Selection, radius: float, count: int) -> Fields:
     return Fields(attitude, field, x / z, y / z, np.concatenate(found))
 
 
-@lru_cache(maxsize=8)
 def attitudes(count: int) -> Rotation:
     """Attitudes spread evenly over all rotations, from a Sobol sequence.
 
@@ -68,6 +78,21 @@ def attitudes(count: int) -> Rotation:
     return Rotation.from_quat(
         np.column_stack([a * np.sin(p), a * np.cos(p), b * np.sin(q), b * np.cos(q)])
     )
+
+
+def boresights(count: int) -> Rotation:
+    """Attitudes whose boresights lie evenly over the sphere, their rolls at random.
+
+    On a spiral of golden turns: Gonzalez (2010), Mathematical Geosciences 42, 49.
+    """
+    k = np.arange(count) + 0.5
+    declination = np.arcsin(1 - 2 * k / count)
+    golden = np.pi * (3 - np.sqrt(5))
+    # The boresight is +z: turned to the pole first, then down to the star.
+    down = Rotation.from_euler(
+        "ZYZ", np.column_stack([golden * k, np.pi / 2 - declination, golden * k * np.sqrt(2)])
+    )
+    return down.inv()
 
 
 class Response(NamedTuple):
@@ -107,6 +132,7 @@ def propagate(
     view: Fields,
     inside: Ints,
     magnitude: Floats,
+    chance: Floats,
     displacement: Floats,
     response: Response,
     focal_length_px: float,
@@ -124,6 +150,7 @@ def propagate(
 
     inside        (n,) which stars of the fields count, in their order
     magnitude     (n,) G of the sunlike star that is as bright
+    chance        (n,) 1, that a detected star is kept
     displacement  (d, n, 2) pixel, fixed errors of the places
     scale_free    whether the tracker fits its focal length
     fewest, most  detected stars that a solution needs, and the brightest that are kept
@@ -137,7 +164,7 @@ def propagate(
     variance, shift = np.zeros((count, causes, 3)), np.zeros((count, shifts, 3))
     stated = np.zeros((count, 3, 3))
     _propagate(
-        first, view.x[inside], view.y[inside], magnitude, displacement, *response,
+        first, view.x[inside], view.y[inside], magnitude, chance, displacement, *response,
         focal_length_px, scale_free, fewest, most, stars, solved, variance, shift, stated,
     )  # fmt: skip
     return Attitudes(stars, solved, variance, shift, stated)
@@ -145,7 +172,7 @@ def propagate(
 
 @njit(cache=True, error_model="numpy")
 def _propagate(  # type: ignore[no-untyped-def]
-    first, x, y, magnitude, displacement, start, step, share, stated, causes,
+    first, x, y, magnitude, keep, displacement, start, step, share, stated, causes,
     focal, scale_free, fewest, most, stars, solved, variance, shift, information,
 ):  # fmt: skip
     last = len(share) - 2
@@ -158,7 +185,7 @@ def _propagate(  # type: ignore[no-untyped-def]
         while end < first[f + 1] and total < most:
             place = min(max((magnitude[end] - start) / step, 0.0), last + 0.999)
             k = int(place)
-            p = share[k] + (place - k) * (share[k + 1] - share[k])
+            p = keep[end] * (share[k] + (place - k) * (share[k + 1] - share[k]))
             if p > 1e-4:
                 _design(x[end], y[end], focal, design)
                 _inverse(stated, k, place - k, weight)
@@ -192,7 +219,7 @@ def _propagate(  # type: ignore[no-untyped-def]
             place = min(max((magnitude[i] - start) / step, 0.0), last + 0.999)
             k = int(place)
             t = place - k
-            p = share[k] + t * (share[k + 1] - share[k])
+            p = keep[i] * (share[k] + t * (share[k + 1] - share[k]))
             if not p > 1e-4:
                 continue
             _design(x[i], y[i], focal, design)

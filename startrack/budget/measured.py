@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -22,9 +23,8 @@ from startrack.budget.causes import (
     Term,
     bare,
     causes,
-    noiseless,
 )
-from startrack.budget.chart import scale
+from startrack.budget.chart import cell, images, measure, scale
 from startrack.budget.quiet import own_noise, quiet
 from startrack.camera import Camera
 from startrack.case import Case, Instrument
@@ -35,7 +35,8 @@ from startrack.detection.centroid import centroid
 from startrack.detection.find import Candidates
 from startrack.detection.pixels import pixels
 from startrack.detection.smear import star_image
-from startrack.detector import expected, frame_of
+from startrack.detector import electron_rate, expected, frame_of
+from startrack.detector.digitise import shot
 from startrack.identification.fit import fit
 from startrack.scene import illuminate
 from startrack.streams import Streams
@@ -54,7 +55,7 @@ def measured(
     times: int = 1,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
-) -> Budget:
+) -> Budget[Sample]:
     """Error budget from trials.
 
         contribution of a cause = error - error without it
@@ -103,9 +104,9 @@ class Look(Enum):
 
     REAL = "all there is"
     SHOT = "shot noise as the only noise"
-    READ = "the pixels' own noise as the only noise"
+    READ = "the noise of pixels and converter as the only noise"
     QUIET = "no noise"
-    ALONE = "no noise, and no stars but those that were matched"
+    ALONE = "no noise, and each star in a frame of its own, on the boresight"
 
 
 def terms(case: Case) -> tuple[tuple[str, Term], ...]:
@@ -180,31 +181,31 @@ class _Trial:
         """The same stars in a frame of another case."""
         imaging = _imaging(case)
         if (imaging, look) not in self._known:
-            frame = self._frame(replace(case, instrument=imaging), look)
-            self._known[imaging, look] = self._measured(frame)
+            case = replace(case, instrument=imaging)
+            alone = look is Look.ALONE
+            spots = self._alone(case) if alone else self._measured(self._frame(case, look))
+            self._known[imaging, look] = spots
         return self._known[imaging, look]
 
     def _frame(self, case: Case, look: Look) -> Frame:
-        if look is Look.SHOT:
-            case = noiseless(case)
         detector, size = case.instrument.detector, scale(case)
-        electrons = self._electrons(case, look is Look.ALONE)
-        if look in (Look.REAL, Look.SHOT):
-            return frame_of(electrons, detector, self._streams)
-        # Shot noise alone must be compared with the same ring, hence the case's own ripple.
-        frame = quiet(electrons, detector, size.pixel, size.noise)
-        if look is Look.READ:
-            own = own_noise(detector, self._streams) / detector.electrons_per_dn
-            frame = replace(frame, image=(frame.image + own).astype(np.float32))
-        return frame
+        electrons = self._electrons(case)
+        # Where one kind of noise is alone, the ripple stands for the others.
+        match look:
+            case Look.REAL:
+                return frame_of(electrons, detector, self._streams)
+            case Look.SHOT:
+                return quiet(shot(electrons, self._streams), detector, size.noise, size.noise)
+            case Look.READ:
+                frame = quiet(electrons, detector, math.sqrt(size.background), size.noise)
+                own = own_noise(detector, self._streams) / detector.electrons_per_dn
+                return replace(frame, image=np.rint(frame.image + own).astype(np.float32))
+        return quiet(electrons, detector, size.pixel, size.noise)
 
-    def _electrons(self, case: Case, alone: bool) -> Floats:
-        instrument, stars = case.instrument, self._record.stars
-        if alone:
-            seen = open_sky(case.believed_catalog).stars.identifier[self._record.matches.star]
-            stars = stars[np.isin(stars.identifier, seen)]
+    def _electrons(self, case: Case) -> Floats:
+        instrument = case.instrument
         return expected(
-            illuminate(case.scene, stars),
+            illuminate(case.scene, self._record.stars),
             psf_of(instrument),
             path_of(instrument, self._streams),
             self._attitude,
@@ -213,6 +214,26 @@ class _Trial:
             throughput(instrument),
             turn_of(instrument, self._streams),
         )
+
+    def _alone(self, case: Case) -> Spots:
+        """Each matched star measured in a cell of its own."""
+        matches, stars, camera = self._record.matches, self._record.stars, case.instrument.camera
+        seen = open_sky(case.believed_catalog).stars.identifier[matches.star]
+        order = np.argsort(stars.identifier)
+        stars = stars[order[np.searchsorted(stars.identifier, seen, sorter=order)]]
+        light = illuminate(case.scene, stars)
+        detector = case.instrument.detector
+        rate, _ = electron_rate(light, detector, throughput(case.instrument))
+        pixel = camera.project(self._attitude.apply(stars.direction))
+        nearest = np.rint(pixel)
+        side = cell(case.instrument, case.tracker.detection)
+        shape = images(case.instrument, pixel - nearest, side)
+        place, _ = measure(case, (rate * detector.exposure)[:, None, None] * shape)
+        old = self._record.spots
+        x, y = old.x.copy(), old.y.copy()
+        found = np.isfinite(place[:, 0])
+        x[matches.spot[found]], y[matches.spot[found]] = (nearest + place)[found].T
+        return replace(old, x=x, y=y)
 
     def _measured(self, frame: Frame) -> Spots:
         """All spots of the record at their places in another frame; what is lost stays."""

@@ -16,7 +16,8 @@ from startrack.catalog import Selection, open_sky
 from startrack.values import Floats, Ints
 
 CONTRAST = np.arange(-2.0, 6.0)  # magnitude, of the neighbour less that of the star
-STEP = 1.0  # pixel
+STEP = 0.5  # pixel
+MERGED = 1.5  # pixel beyond the window's half side, within which two stars are one spot
 TILT = math.radians(30)  # of the line from the star to its neighbour against the columns
 LOST = 1e4  # pixel, the pull of a neighbour beside which a star is not found
 SNR = 100.0  # of the brightest pixel of the star in the chart
@@ -37,12 +38,14 @@ def displaced(case: Case, view: Fields, inside: Ints, magnitude: Floats, fainter
     """Pixel (n, 2) by which the light of its neighbours moves each star of the fields.
 
     A shift along the line to the neighbour, by its distance and contrast, measured on a chart of
-    pairs; those of several neighbours are added.
+    pairs; those of several neighbours are added. Of two stars in one window the brighter has the
+    spot, and the other is LOST.
 
     inside     (n,) which stars of the fields
     magnitude  (n,) G of the sunlike star that is as bright
     fainter    (catalogue,) magnitude that the colour of a star adds to its G
-    Errors     model: pairs at one angle to the columns stand for all; no smear of the field's edge.
+    Errors     model: pairs at one angle to the columns stand for all, and the smear is that of
+               the boresight.
     """
     camera, stars = case.instrument.camera, open_sky(case.catalog).stars
     reach = _reach(case) / camera.focal_length_px
@@ -63,6 +66,8 @@ def displaced(case: Case, view: Fields, inside: Ints, magnitude: Floats, fainter
     distance = np.hypot(*apart.T)
     contrast = stars.magnitude_g[other] + fainter[other] - magnitude[one]
     pull = _pull(case, distance * camera.focal_length_px, contrast)
+    merged = distance * camera.focal_length_px < case.tracker.detection.window // 2 + MERGED
+    pull[merged & (contrast < 0)] = LOST
     shift = np.zeros((len(inside), 2))
     np.add.at(shift, one, pull[:, None] * apart / np.maximum(distance, 1e-12)[:, None])
     return shift

@@ -34,8 +34,8 @@ def response(sigma: float, share: float = 1.0) -> Response:
 def spread(view: Fields, displacement: np.ndarray, table: Response, **changes: object):  # type: ignore[no-untyped-def]
     inside = np.arange(len(view.x))
     options = {"scale_free": False, "fewest": 4, "most": 100} | changes
-    magnitude = np.ones(len(inside))
-    return propagate(view, inside, magnitude, displacement, table, FOCAL, **options)
+    ones = np.ones(len(inside))
+    return propagate(view, inside, ones, ones, displacement, table, FOCAL, **options)
 
 
 NONE = np.zeros((0, 1, 2))

@@ -1,0 +1,48 @@
+"""Case -> what single stars err by in trials: over their place in the field and their magnitude."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.budget.visible import dimming
+from startrack.case import Case
+from startrack.catalog import open_sky
+from startrack.chain import observe
+from startrack.streams import Streams
+from startrack.values import Floats, Ints
+from startrack.view import random_attitude
+
+
+class Residuals(NamedTuple):
+    """Matched stars of some trials.
+
+    trial      (n,)
+    place      (n, 2) pixel, true
+    magnitude  (n,) G of the sunlike star that is as bright
+    error      (n, 2) pixel, measured minus true
+    """
+
+    trial: Ints
+    place: Floats
+    magnitude: Floats
+    error: Floats
+
+
+def residuals(case: Case, seed: int, trials: int) -> Residuals:
+    """Where the stars are measured, against where the true attitude and camera have them."""
+    stars, believed = open_sky(case.catalog).stars, open_sky(case.believed_catalog).stars
+    order, faint = np.argsort(stars.identifier), dimming(case)
+    parts = []
+    for number in range(trials):
+        streams = Streams(seed, number)
+        record = observe(case, random_attitude(streams), streams)
+        matches, spots = record.matches, record.spots
+        seen = believed.identifier[matches.star]
+        star = order[np.searchsorted(stars.identifier, seen, sorter=order)]
+        pixel = case.instrument.camera.project(record.icrs_to_camera.apply(stars.direction[star]))
+        found = np.column_stack([spots.x, spots.y])[matches.spot]
+        magnitude = stars.magnitude_g[star] + faint[star]
+        parts.append(Residuals(np.full(len(star), number), pixel, magnitude, found - pixel))
+    return Residuals(*(np.concatenate(column) for column in zip(*parts, strict=True)))

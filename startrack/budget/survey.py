@@ -1,0 +1,61 @@
+"""Case -> how many stars it sees, how often it solves and how far it errs, over the sky."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from startrack.budget.analytic import of_fields
+from startrack.budget.fields import boresights, fields
+from startrack.case import Case
+from startrack.catalog import Sky
+from startrack.values import Floats
+
+PLACES = 3072
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What a design meets at m places that lie evenly over the sky.
+
+    direction      (m, 3) unit vectors of the boresight, ICRS axes
+    stars          (m,) 1, expected number of detected stars
+    solved         (m,) 1, chance that they are enough for an attitude
+    across, about  (m,) radian, rms error across (per axis) and about the boresight; NaN where
+                   there is no attitude
+    """
+
+    direction: Floats
+    stars: Floats
+    solved: Floats
+    across: Floats
+    about: Floats
+
+    def share(self, stars: float) -> float:
+        """Share of the sky that shows at least so many stars."""
+        return float((self.stars >= stars - 0.5).mean())
+
+
+def survey(case: Case, places: int = PLACES) -> Survey:
+    """The analytic budget place by place; see `analytic` for its errors."""
+    view = fields(case.catalog, case.instrument.camera, boresights, places)
+    budget, found = of_fields(case, view)
+    law = budget.whole.spread
+    square = np.where(found.solved[:, None] > 0, law.mean**2 + law.sigma**2, np.nan)
+    return Survey(
+        view.attitude.inv().apply([0.0, 0.0, 1.0]),
+        found.stars,
+        found.solved,
+        np.sqrt(square[:, :2].mean(axis=1)),
+        np.sqrt(square[:, 2]),
+    )
+
+
+def circles(sky: Sky, radius: float, places: int = PLACES) -> Floats:
+    """How many stars (m,) lie in circles spread evenly over the sky.
+
+    radius  radian
+    """
+    direction = boresights(places).inv().apply([0.0, 0.0, 1.0])
+    return np.array([len(one) for one in sky.cones(direction, radius)])

@@ -1,0 +1,56 @@
+"""Case and fields -> the stars that lie on the detector, and those that the tracker knows."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from startrack.budget.fields import Fields
+from startrack.case import Case
+from startrack.catalog import Selection, open_sky
+from startrack.detector import electron_rate
+from startrack.scene import illuminate
+from startrack.values import Floats, Ints, Stars
+from startrack.view import throughput
+
+COLOURS = np.linspace(-0.6, 4.0, 24)  # BP - RP
+
+
+def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple[Ints, Floats]:
+    """Which stars of the fields lie where a window fits, and their magnitudes."""
+    camera, detection = case.instrument.camera, case.tracker.detection
+    stars = open_sky(case.catalog).stars
+    reach = np.tan(min(1.1 * camera.half_diagonal, 1.5))
+    near = (np.abs(view.x) < reach) & (np.abs(view.y) < reach)
+    near &= stars.magnitude_g[view.star] < faintest + 1  # red stars are brighter than their G
+    near = np.flatnonzero(near)
+    pixel = camera.project(np.column_stack([view.x[near], view.y[near], np.ones(len(near))]))
+    near = near[camera.holds(pixel, -(detection.window // 2 + detection.edge))]
+    star = view.star[near]
+    magnitude = stars.magnitude_g[star] + fainter[star]
+    believed = believed_place(case.catalog, case.believed_catalog)[star]
+    seen = (magnitude < faintest) & (believed >= 0)
+    return near[seen], magnitude[seen]
+
+
+def dimming(case: Case) -> Floats:
+    """Magnitude by which each star of the sky is fainter here than a sunlike one of its G."""
+    count = len(COLOURS) + 1
+    colour = np.append(COLOURS, np.nan)
+    stars = Stars(np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count), colour)
+    light = illuminate(case.scene, stars)
+    rate, _ = electron_rate(light, case.instrument.detector, throughput(case.instrument))
+    fainter = -2.5 * np.log10(rate[:-1] / rate[-1])
+    known = open_sky(case.catalog).stars.colour
+    return np.where(np.isnan(known), 0.0, np.interp(known, COLOURS, fainter))
+
+
+@lru_cache(maxsize=16)
+def believed_place(true: Selection, believed: Selection) -> Ints:
+    """For each star of the true sky its index in the believed one, -1 where it is not there."""
+    here, there = open_sky(true).stars.identifier, open_sky(believed).stars.identifier
+    order = np.argsort(there, kind="stable")
+    place = np.minimum(np.searchsorted(there, here, sorter=order), len(there) - 1)
+    found = order[place]
+    return np.where(there[found] == here, found, -1)
