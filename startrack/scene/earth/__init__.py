@@ -17,6 +17,9 @@ mosaic       sources of different resolution and extent as one pyramid of tiles
 cache        a bounded number of tiles in memory
 pyramid      terrain of any size, each ray on the level that it needs
 chart        albedo, temperature or land cover on the ground
+orbit        Orbit, TwoLines: where a satellite is, and where the Sun
+sensor       matrix, line, staggered and TDI elements; the dating of lines
+sight        a camera in flight -> Rays
 fractal      terrain from a seed
 """
 
@@ -26,8 +29,18 @@ from startrack.scene.earth.fractal import fractal
 from startrack.scene.earth.ground import Ground, Rays
 from startrack.scene.earth.intersector import Intersector, Level, Relief, Scan
 from startrack.scene.earth.mosaic import Mosaic
+from startrack.scene.earth.orbit import Flight, Orbit, TwoLines, fly, sun_direction
 from startrack.scene.earth.pyramid import Pyramid
 from startrack.scene.earth.raster import Raster
+from startrack.scene.earth.sensor import (
+    Dating,
+    Elements,
+    line_elements,
+    matrix_elements,
+    staggered_elements,
+    tdi_elements,
+)
+from startrack.scene.earth.sight import Fixed, Pointing, ground_rate, scan_lines, sight
 from startrack.scene.earth.source import Array
 from startrack.scene.earth.surface import Grid, index
 from startrack.scene.earth.survey import survey
@@ -35,21 +48,37 @@ from startrack.scene.earth.survey import survey
 __all__ = [
     "Array",
     "Chart",
+    "Dating",
+    "Elements",
+    "Fixed",
+    "Flight",
     "Grid",
     "Ground",
     "Intersector",
     "Level",
     "Mosaic",
+    "Orbit",
+    "Pointing",
     "Pyramid",
     "Raster",
     "Rays",
     "Relief",
     "Scan",
+    "TwoLines",
     "cartesian",
+    "fly",
     "fractal",
     "geodetic",
+    "ground_rate",
     "index",
+    "line_elements",
+    "matrix_elements",
     "read_charts",
+    "scan_lines",
+    "sight",
+    "staggered_elements",
+    "sun_direction",
     "survey",
+    "tdi_elements",
     "up",
 ]

@@ -1,0 +1,216 @@
+"""Elements of an orbit and times -> where the satellite is over the turning Earth, and the Sun."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.checks import positive, within
+from startrack.scene.earth.ellipsoid import EQUATORIAL
+from startrack.units import Unit
+
+Floats = NDArray[np.float64]
+
+GRAVITY = 398600.8e9  # m^3 / s^2, WGS72, as SGP4 wants it (Vallado et al. 2006, AIAA 2006-6753)
+DAY = 86400.0
+EPOCH_1949 = 2433281.5  # Julian date from which SGP4 counts its days
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A satellite by its mean elements at an epoch, moved by SGP4 without drag.
+
+    epoch         UTC, as ISO 8601
+    altitude      metre of the semi-major axis above the equatorial radius
+    inclination   radian
+    node          radian, right ascension of the ascending node
+    anomaly       radian, mean, from the perigee
+    perigee       radian, its argument
+    eccentricity  1
+    """
+
+    epoch: str
+    altitude: Annotated[float, Unit("m", "km")] = 600e3
+    inclination: Annotated[float, Unit("rad", "deg")] = math.radians(97.8)
+    node: Annotated[float, Unit("rad", "deg")] = 0.0
+    anomaly: Annotated[float, Unit("rad", "deg")] = 0.0
+    perigee: Annotated[float, Unit("rad", "deg")] = 0.0
+    eccentricity: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive(altitude=self.altitude)
+        within(0, math.pi, inclination=self.inclination)
+        within(0, 0.9, eccentricity=self.eccentricity)
+        if (EQUATORIAL + self.altitude) * (1 - self.eccentricity) < EQUATORIAL + 80e3:
+            raise ValueError(
+                "altitude and eccentricity must keep the perigee above 80 km, got "
+                f"{self.altitude / 1e3:g} km and {self.eccentricity:g}"
+            )
+        utc(self.epoch)
+
+    def satellite(self) -> Any:
+        """The record that SGP4 moves."""
+        from sgp4.api import WGS72, Satrec
+
+        axis = EQUATORIAL + self.altitude
+        record, date = Satrec(), utc(self.epoch)
+        record.sgp4init(
+            WGS72, "i", 1, (date.jd1 - EPOCH_1949) + date.jd2, 0.0, 0.0, 0.0, self.eccentricity,
+            self.perigee % math.tau, self.inclination, self.anomaly % math.tau,
+            60 * math.sqrt(GRAVITY / axis**3), self.node % math.tau,
+        )  # fmt: skip
+        return record
+
+
+@dataclass(frozen=True)
+class TwoLines:
+    """A satellite by its two-line element set, moved by SGP4."""
+
+    first: str
+    second: str
+
+    def __post_init__(self) -> None:
+        for number, line in ((1, self.first), (2, self.second)):
+            if len(line) != 69 or not line.startswith(f"{number} "):
+                raise ValueError(f"line {number} must be 69 characters long, got {line!r}")
+            if _checksum(line) != line[-1]:
+                raise ValueError(
+                    f"line {number} must end in its checksum {_checksum(line)}, got {line!r}"
+                )
+
+    @property
+    def epoch(self) -> str:
+        """UTC, as ISO 8601."""
+        from astropy.time import Time
+
+        record = self.satellite()
+        return str(Time(record.jdsatepoch, record.jdsatepochF, format="jd", scale="utc").isot)
+
+    def satellite(self) -> Any:
+        """The record that SGP4 moves."""
+        from sgp4.api import WGS72, Satrec
+
+        return Satrec.twoline2rv(self.first, self.second, WGS72)
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A satellite at some times, in the Earth's fixed axes (ITRS).
+
+    second        (n,) since the epoch of its orbit
+    position      (n, 3) metre
+    velocity      (n, 3) metre / second, over the turning Earth
+    inertial      (n, 3) metre / second, against the stars, in the same axes
+    icrs_to_itrs  (n,) rotations
+    """
+
+    second: Floats
+    position: Floats
+    velocity: Floats
+    inertial: Floats
+    icrs_to_itrs: Rotation
+
+
+def fly(orbit: Orbit | TwoLines, second: Floats) -> Flight:
+    """Where a satellite is at (n,) seconds after its epoch.
+
+    Source: SGP4 (Vallado et al. 2006) by the package sgp4; axes by astropy (ERFA).
+
+    Errors  ValueError where SGP4 gives up, with its reason; ImportError without sgp4. model: SGP4
+            is good to a kilometre near the epoch. Beyond the Earth orientation that astropy brings
+            along, UT1 is taken as UTC: 0.4 km of ground at most.
+    """
+    _need_sgp4()
+    from sgp4.api import SGP4_ERRORS
+
+    second = np.asarray(second, float)
+    date = utc(orbit.epoch)
+    code, position, velocity = orbit.satellite().sgp4_array(
+        np.full(len(second), date.jd1), date.jd2 + second / DAY
+    )
+    if code.any():
+        raise ValueError(f"the orbit must last, got {SGP4_ERRORS[int(code[code > 0][0])]}")
+    teme_to_itrs, icrs_to_itrs = _axes(orbit.epoch, second)
+    spin = np.array([0.0, 0.0, 7.292115146706979e-5])  # rad / s, IERS conventions 2010
+    where, inertial = (teme_to_itrs.apply(1e3 * one) for one in (position, velocity))
+    return Flight(second, where, inertial - np.cross(spin, where), inertial, icrs_to_itrs)
+
+
+def sun_direction(epoch: str, second: float = 0.0) -> Floats:
+    """Unit vector (3,) towards the Sun in ITRS, seen from the Earth's centre.
+
+    Errors  model: astropy's built-in ephemeris, 3 arcsec; 9 arcsec of parallax are left out.
+    """
+    from astropy import units
+    from astropy.coordinates import ITRS, get_body
+
+    with _offline():
+        date = utc(epoch) + second * units.s
+        there = get_body("sun", date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
+    return np.asarray(there / np.linalg.norm(there))
+
+
+def utc(text: str) -> Any:
+    """A time from ISO 8601, UTC."""
+    from astropy.time import Time
+
+    try:
+        return Time(text.removesuffix("Z"), scale="utc")
+    except ValueError:
+        raise ValueError(
+            f"epoch must be a time such as 2026-06-21T10:00:00, got {text!r}"
+        ) from None
+
+
+def _axes(epoch: str, second: Floats) -> tuple[Rotation, Rotation]:
+    """TEME to ITRS and ICRS to ITRS, at (n,) seconds after an epoch."""
+    from astropy import units
+    from astropy.coordinates import GCRS, ITRS, TEME, CartesianRepresentation
+
+    with _offline():
+        date = utc(epoch) + np.repeat(second, 3) * units.s
+        unit = CartesianRepresentation(np.tile(np.eye(3), len(second)) * units.m)
+        turned = [
+            frame(unit, obstime=date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
+            for frame in (TEME, GCRS)
+        ]
+    # The columns of each matrix are where the three axes go.
+    from_teme, from_icrs = (one.reshape(3, -1, 3).transpose(1, 0, 2) for one in turned)
+    return Rotation.from_matrix(from_teme), Rotation.from_matrix(from_icrs)
+
+
+@contextmanager
+def _offline() -> Iterator[None]:
+    """Astropy with the Earth orientation that it brings along, and nothing downloaded."""
+    import warnings
+
+    from astropy.utils import iers
+
+    with (
+        iers.conf.set_temp("auto_download", False),
+        iers.conf.set_temp("iers_degraded_accuracy", "ignore"),
+        warnings.catch_warnings(),
+    ):
+        warnings.filterwarnings("ignore", message=".*dubious year.*")
+        warnings.filterwarnings("ignore", message=".*(polar motions|IERS).*")
+        yield
+
+
+def _checksum(line: str) -> str:
+    return str(sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10)
+
+
+def _need_sgp4() -> None:
+    try:
+        import sgp4.api  # noqa: F401
+    except ImportError:
+        raise ImportError(
+            "sgp4 must be installed to fly an orbit: pip install 'startrack[earth]'"
+        ) from None
