@@ -16,6 +16,7 @@ bands       AirTable and bands -> BandTable
 look_up     BandTable and where pixels look -> the Sun's three terms
 heat        temperature -> a blackbody in bands
 radiance    -> the five terms of the radiance at the sensor
+view        Ground -> the same, for all rays of an image
 
 limb        tangent height and place of the Sun -> radiance of the limb
 """
@@ -28,6 +29,7 @@ from startrack.scene.air.look_up import FineTable, Reach, Sight, look_up, refine
 from startrack.scene.air.parameters import Air
 from startrack.scene.air.radiance import Terms, radiance
 from startrack.scene.air.table import AirTable, load_table, save_table
+from startrack.scene.air.view import at_sensor, sight_of
 
 __all__ = [
     "Air",
@@ -40,6 +42,7 @@ __all__ = [
     "Reach",
     "Sight",
     "Terms",
+    "at_sensor",
     "build",
     "build_limb",
     "heat_of",
@@ -52,4 +55,5 @@ __all__ = [
     "refine",
     "save_limb",
     "save_table",
+    "sight_of",
 ]
