@@ -261,16 +261,21 @@ def _imaging(case: Case) -> Instrument:
 def _refined(case: Case, spots: Spots, matches: Matches) -> Camera:
     """The believed camera with the focal length that these places give, as identification does."""
     camera = case.believed_camera
-    if not case.tracker.identification.focal_tolerance:
+    tolerance = case.tracker.identification.focal_tolerance
+    if not tolerance:
         return camera
     assert matches.icrs_to_camera is not None
     pairs = np.arange(len(matches))
     pixel = np.column_stack([spots.x, spots.y])[matches.spot]
     rotation = matches.icrs_to_camera.as_matrix()
+    variance = np.trace(spots.covariance[matches.spot], axis1=1, axis2=2) / 2
+    weight = camera.focal_length_px**2 / variance
     for _ in range(2):  # distortion is no similarity
         direction = camera.unproject(pixel)
         plane = direction[:, :2] / direction[:, 2:]
-        rotation, change = fit(plane, matches.direction, pairs, pairs, rotation, 1.0, True, 3)
+        rotation, change = fit(
+            plane, weight, matches.direction, pairs, pairs, rotation, 1.0, tolerance, 3
+        )
         camera = camera.scaled(change)
     return camera
 
