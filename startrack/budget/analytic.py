@@ -42,7 +42,7 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
 def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes]:
     """The budget over some fields, and what the errors of stars do in each of them."""
     star, gate = errors(case), case.tracker.attitude.gate
-    faint = dimming(case)
+    faint = dimming(case, view.sky.stars.colour)
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), faint)
     near = displaced(case, view, inside, magnitude, faint)
     # A star that is drawn away by more than the gate is left out, by the chance of its noise.
@@ -56,7 +56,7 @@ def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes]:
     identification = case.tracker.identification
     found = propagate(
         view, inside, magnitude, chance[kept], np.stack(displacement), response(case, star),
-        case.believed_camera.focal_length_px, identification.focal_tolerance > 0,
+        case.believed_camera.focal_length_px, identification.focal_tolerance,
         identification.min_matches, case.tracker.detection.max_spots,
     )  # fmt: skip
     total = float(found.solved.sum())

@@ -13,22 +13,28 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
 from startrack.camera import Camera
-from startrack.catalog import Selection, open_sky
+from startrack.catalog import Selection, Sky, open_sky
+from startrack.identification.merge import merged
 from startrack.values import Floats, Ints
 
 FIELDS = 512
+POINTS = 512  # that the tracker's index resolves across a field
 WIDER = 1.25  # fields are kept for all cameras that are narrower by less than this
 
 
 class Fields(NamedTuple):
     """The stars of fields that lie evenly over the sky, one field after the other.
 
+    sky       single stars, those too close for the camera as one
+    name      (stars,) their places in the catalogue
     attitude  icrs_to_camera of the m fields
     field     (n,) which field
     x, y      (n,) 1, x / z and y / z in camera axes; brightest first in each field
-    star      (n,) index into the catalogue
+    star      (n,) index into the single stars
     """
 
+    sky: Sky
+    name: Ints
     attitude: Rotation
     field: Ints
     x: Floats
@@ -48,14 +54,28 @@ def fields(
     """
     step = math.log(WIDER)
     radius = math.exp(math.ceil(math.log(camera.half_diagonal) / step) * step)
-    return _fields(selection, min(radius, 1.5), spread, count)
+    # As the tracker's index takes them, in the same steps of a tenth.
+    tenth = math.log(1.1)
+    narrow = math.exp(math.floor(math.log(min(camera.fov_x, camera.fov_y)) / tenth) * tenth)
+    return _fields(selection, narrow / POINTS, min(radius, 1.5), spread, count)
+
+
+@lru_cache(maxsize=8)
+def _single(selection: Selection, resolution: float) -> tuple[Sky, Ints]:
+    stars, name = merged(open_sky(selection).stars, resolution)
+    order = np.argsort(stars.magnitude_g, kind="stable")
+    return Sky(stars[order]), name[order]
 
 
 @lru_cache(maxsize=8)
 def _fields(
-    selection: Selection, radius: float, spread: Callable[[int], Rotation], count: int
+    selection: Selection,
+    resolution: float,
+    radius: float,
+    spread: Callable[[int], Rotation],
+    count: int,
 ) -> Fields:
-    sky, attitude = open_sky(selection), spread(count)
+    (sky, name), attitude = _single(selection, resolution), spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
     found = sky.cones(boresight, radius)
     field = np.repeat(np.arange(count), [len(one) for one in found])
@@ -64,7 +84,7 @@ def _fields(
         for one, stars in zip(attitude, found, strict=True)
     ]
     x, y, z = np.concatenate(seen).T
-    return Fields(attitude, field, x / z, y / z, np.concatenate(found))
+    return Fields(sky, name, attitude, field, x / z, y / z, np.concatenate(found))
 
 
 def attitudes(count: int) -> Rotation:
@@ -136,7 +156,7 @@ def propagate(
     displacement: Floats,
     response: Response,
     focal_length_px: float,
-    scale_free: bool,
+    tolerance: float,
     fewest: int,
     most: int,
 ) -> Attitudes:
@@ -145,14 +165,14 @@ def propagate(
         e = sum_i gain_i error_i,   gain_i = I^-1 H_i^T W_i - b r_i,   I = sum_i H_i^T W_i H_i
 
     H_i is the change of a star's place with a turn and W_i its weight. A tracker that fits its
-    focal length first, with equal weights, moves every star p_i by r error_i p_i: hence the second
-    term, b = I^-1 sum_i H_i^T W_i p_i. Each star counts by its chance to be detected.
+    focal length first moves every star p_i by r error_i p_i: hence the second term,
+    b = I^-1 sum_i H_i^T W_i p_i. Each star counts by its chance to be detected.
 
     inside        (n,) which stars of the fields count, in their order
     magnitude     (n,) G of the sunlike star that is as bright
     chance        (n,) 1, that a detected star is kept
     displacement  (d, n, 2) pixel, fixed errors of the places
-    scale_free    whether the tracker fits its focal length
+    tolerance     1, sigma about one of the scale that the tracker fits; 0 where it fits none
     fewest, most  detected stars that a solution needs, and the brightest that are kept
     Errors        model: to first order in the errors; a star that is detected at times counts as a
                   share of one, which states too little error where few stars are seen.
@@ -165,7 +185,7 @@ def propagate(
     stated = np.zeros((count, 3, 3))
     _propagate(
         first, view.x[inside], view.y[inside], magnitude, chance, displacement, *response,
-        focal_length_px, scale_free, fewest, most, stars, solved, variance, shift, stated,
+        focal_length_px, tolerance, fewest, most, stars, solved, variance, shift, stated,
     )  # fmt: skip
     return Attitudes(stars, solved, variance, shift, stated)
 
@@ -173,12 +193,12 @@ def propagate(
 @njit(cache=True, error_model="numpy")
 def _propagate(  # type: ignore[no-untyped-def]
     first, x, y, magnitude, keep, displacement, start, step, share, stated, causes,
-    focal, scale_free, fewest, most, stars, solved, variance, shift, information,
+    focal, tolerance, fewest, most, stars, solved, variance, shift, information,
 ):  # fmt: skip
     last = len(share) - 2
     design, weight, gain = np.empty((2, 4)), np.empty((2, 2)), np.empty((3, 2))
     for f in range(len(first) - 1):
-        info, plain, moved = np.zeros((3, 3)), np.zeros((4, 4)), np.zeros(3)
+        full = np.zeros((4, 4))  # of the turn and of the scale
         chance = np.zeros(fewest)  # of exactly so many detected stars
         chance[0] = 1.0
         end, total = first[f], 0.0
@@ -190,31 +210,27 @@ def _propagate(  # type: ignore[no-untyped-def]
                 _design(x[end], y[end], focal, design)
                 _inverse(stated, k, place - k, weight)
                 for a in range(4):
-                    for b in range(4):
-                        plain[a, b] += p * (
-                            design[0, a] * design[0, b] + design[1, a] * design[1, b]
-                        )
-                for a in range(3):
                     left0 = design[0, a] * weight[0, 0] + design[1, a] * weight[1, 0]
                     left1 = design[0, a] * weight[0, 1] + design[1, a] * weight[1, 1]
-                    for b in range(3):
-                        info[a, b] += p * (left0 * design[0, b] + left1 * design[1, b])
-                    moved[a] += p * (left0 * design[0, 3] + left1 * design[1, 3])
+                    for b in range(4):
+                        full[a, b] += p * (left0 * design[0, b] + left1 * design[1, b])
                 for n in range(fewest - 1, 0, -1):
                     chance[n] = chance[n] * (1 - p) + chance[n - 1] * p
                 chance[0] *= 1 - p
                 total += p
             end += 1
+        info = full[:3, :3].copy()
         stars[f], information[f] = total, info
         solved[f] = 1 - chance.sum()
         if solved[f] < 1e-6 or total < 2.0 or not np.linalg.cond(info) < 1e15:
             solved[f] = 0.0
             continue
         inverse = np.linalg.inv(info)
-        moved = inverse @ moved
+        moved = inverse @ full[:3, 3].copy()
         row = np.zeros(4)
-        if scale_free:
-            row = np.linalg.inv(plain)[3]
+        if tolerance > 0:
+            full[3, 3] += tolerance**-2
+            row = np.linalg.inv(full)[3].copy()
         for i in range(first[f], end):
             place = min(max((magnitude[i] - start) / step, 0.0), last + 0.999)
             k = int(place)
@@ -227,7 +243,7 @@ def _propagate(  # type: ignore[no-untyped-def]
             for b in range(2):
                 fitted = 0.0
                 for a in range(4):
-                    fitted += row[a] * design[b, a]
+                    fitted += row[a] * (design[0, a] * weight[0, b] + design[1, a] * weight[1, b])
                 for a in range(3):
                     gain[a, b] = -moved[a] * fitted
                     for c in range(3):

@@ -25,7 +25,7 @@ def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
         seen = camera.unproject(pixel)
         plane = seen[:, :2] / seen[:, 2:]
         return camera.focal_length_px * (plane - np.column_stack([x, y]))
-    attitude, star = view.attitude[view.field[inside]], view.star[inside]
+    attitude, star = view.attitude[view.field[inside]], view.name[view.star[inside]]
     wrong, true = (
         _plane(attitude.apply(_directions(case.catalog, one.believed_catalog, star)))
         for one in (case, right)

@@ -38,6 +38,7 @@ from startrack.detection.smear import star_image
 from startrack.detector import electron_rate, expected, frame_of
 from startrack.detector.digitise import shot
 from startrack.identification.fit import fit
+from startrack.identification.seen import LEAST_SIGMA
 from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.values import Floats, Frame, Ints, Matches, Spots
@@ -139,7 +140,7 @@ def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Flo
     for cause in causes(case):
         look, whole = (Look.REAL, error) if cause.name == HITS else (Look.QUIET, calm)
         parts[cause.name] = whole - trial.error(cause.without(case), look)
-    rows[0] = error
+    rows[0] = record.outcome.error_x, record.outcome.error_y, record.outcome.error_z
     for k, (name, _) in enumerate(terms(case)):
         rows[k + 1] = parts[name]
     return rows, record.outcome.stars
@@ -156,14 +157,7 @@ class _Trial:
     def error(self, case: Case, look: Look) -> Floats:
         """(3,) radian, of the attitude from a frame of the case, by the beliefs of the case."""
         spots = self._spots(case, look)
-        true = open_sky(self._case.believed_catalog).stars.identifier
-        believed = open_sky(case.believed_catalog).stars
-        matches = self._record.matches
-        star = matches.star
-        if len(believed) != len(true) or (believed.identifier[star] != true[star]).any():
-            order = np.argsort(believed.identifier)
-            star = order[np.searchsorted(believed.identifier, true[star], sorter=order)]
-        direction = believed.direction[star]
+        matches, (star, direction) = self._record.matches, self._believed(case)
         chosen = replace(matches, direction=direction)
         chosen = replace(chosen, camera=_refined(case, spots, chosen))
         kept = replace(
@@ -176,6 +170,19 @@ class _Trial:
         assert estimate.icrs_to_camera is not None
         asked = asked_for(case, self._attitude, self._streams)
         return (estimate.icrs_to_camera * asked.inv()).as_rotvec()
+
+    def _believed(self, case: Case) -> tuple[Ints, Floats]:
+        """The matched stars in the believed catalogue of a case, and their directions there."""
+        matches = self._record.matches
+        known, believed = (open_sky(each.believed_catalog).stars for each in (self._case, case))
+        star = matches.star
+        if len(believed) != len(known) or (believed.identifier != known.identifier).any():
+            order = np.argsort(believed.identifier)
+            seen = known.identifier[star]
+            star = order[np.searchsorted(believed.identifier, seen, sorter=order)]
+        # Two stars that are taken for one have a direction of their own.
+        direction = matches.direction + believed.direction[star] - known.direction[matches.star]
+        return star, direction / np.linalg.norm(direction, axis=1, keepdims=True)
 
     def _spots(self, case: Case, look: Look) -> Spots:
         """The same stars in a frame of another case."""
@@ -216,7 +223,7 @@ class _Trial:
         )
 
     def _alone(self, case: Case) -> Spots:
-        """Each matched star measured in a cell of its own."""
+        """Each matched star measured in a cell of its own; a case that believes what is true."""
         matches, stars, camera = self._record.matches, self._record.stars, case.instrument.camera
         seen = open_sky(case.believed_catalog).stars.identifier[matches.star]
         order = np.argsort(stars.identifier)
@@ -224,7 +231,7 @@ class _Trial:
         light = illuminate(case.scene, stars)
         detector = case.instrument.detector
         rate, _ = electron_rate(light, detector, throughput(case.instrument))
-        pixel = camera.project(self._attitude.apply(stars.direction))
+        pixel = camera.project(self._attitude.apply(self._believed(case)[1]))
         nearest = np.rint(pixel)
         side = cell(case.instrument, case.tracker.detection)
         shape = images(case.instrument, pixel - nearest, side)
@@ -260,16 +267,15 @@ def _imaging(case: Case) -> Instrument:
 
 def _refined(case: Case, spots: Spots, matches: Matches) -> Camera:
     """The believed camera with the focal length that these places give, as identification does."""
-    camera = case.believed_camera
-    tolerance = case.tracker.identification.focal_tolerance
+    camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
     if not tolerance:
         return camera
     assert matches.icrs_to_camera is not None
     pairs = np.arange(len(matches))
     pixel = np.column_stack([spots.x, spots.y])[matches.spot]
-    rotation = matches.icrs_to_camera.as_matrix()
     variance = np.trace(spots.covariance[matches.spot], axis1=1, axis2=2) / 2
-    weight = camera.focal_length_px**2 / variance
+    weight = camera.focal_length_px**2 / np.maximum(variance, LEAST_SIGMA**2)
+    rotation = matches.icrs_to_camera.as_matrix()
     for _ in range(2):  # distortion is no similarity
         direction = camera.unproject(pixel)
         plane = direction[:, :2] / direction[:, 2:]

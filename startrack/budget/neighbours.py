@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from startrack.budget.chart import RING, cell, images, measure, phases, scale
 from startrack.budget.fields import WIDER, Fields
 from startrack.case import Case
-from startrack.catalog import Selection, open_sky
+from startrack.catalog import Sky
 from startrack.values import Floats, Ints
 
 CONTRAST = np.arange(-2.0, 6.0)  # magnitude, of the neighbour less that of the star
@@ -39,19 +39,19 @@ def displaced(case: Case, view: Fields, inside: Ints, magnitude: Floats, fainter
 
     A shift along the line to the neighbour, by its distance and contrast, measured on a chart of
     pairs; those of several neighbours are added. Of two stars in one window the brighter has the
-    spot, and the other is LOST.
+    spot, and the other is LOST. Stars that the tracker takes for one are one here: their spot is
+    where their light is.
 
     inside     (n,) which stars of the fields
     magnitude  (n,) G of the sunlike star that is as bright
-    fainter    (catalogue,) magnitude that the colour of a star adds to its G
+    fainter    (stars,) magnitude that the colour of a star adds to its G
     Errors     model: pairs at one angle to the columns stand for all, and the smear is that of
                the boresight.
     """
-    camera, stars = case.instrument.camera, open_sky(case.catalog).stars
+    camera, stars = case.instrument.camera, view.sky.stars
     reach = _reach(case) / camera.focal_length_px
-    pairs = _pairs(
-        case.catalog, math.exp(math.ceil(math.log(reach) / math.log(WIDER)) * math.log(WIDER))
-    )
+    step = math.log(WIDER)
+    pairs = _pairs(view.sky, math.exp(math.ceil(math.log(reach) / step) * step))
     star = view.star[inside]
     count = pairs.first[star + 1] - pairs.first[star]
     one = np.repeat(np.arange(len(inside)), count)
@@ -114,9 +114,9 @@ def _reach(case: Case) -> float:
 
 
 @lru_cache(maxsize=8)
-def _pairs(selection: Selection, radius: float) -> Pairs:
+def _pairs(sky: Sky, radius: float) -> Pairs:
     """All pairs of stars within an angle, radian."""
-    direction = open_sky(selection).stars.direction
+    direction = sky.stars.direction
     pair = cKDTree(direction).query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
     both = np.concatenate([pair, pair[:, ::-1]])
     both = both[np.argsort(both[:, 0], kind="stable")]

@@ -33,7 +33,7 @@ class Residuals(NamedTuple):
 def residuals(case: Case, seed: int, trials: int) -> Residuals:
     """Where the stars are measured, against where the true attitude and camera have them."""
     stars, believed = open_sky(case.catalog).stars, open_sky(case.believed_catalog).stars
-    order, faint = np.argsort(stars.identifier), dimming(case)
+    order, faint = np.argsort(stars.identifier), dimming(case, stars.colour)
     parts = []
     for number in range(trials):
         streams = Streams(seed, number)
@@ -41,7 +41,8 @@ def residuals(case: Case, seed: int, trials: int) -> Residuals:
         matches, spots = record.matches, record.spots
         seen = believed.identifier[matches.star]
         star = order[np.searchsorted(stars.identifier, seen, sorter=order)]
-        pixel = case.instrument.camera.project(record.icrs_to_camera.apply(stars.direction[star]))
+        # Where the tracker takes two stars for one, their light has one place.
+        pixel = case.instrument.camera.project(record.icrs_to_camera.apply(matches.direction))
         found = np.column_stack([spots.x, spots.y])[matches.spot]
         magnitude = stars.magnitude_g[star] + faint[star]
         parts.append(Residuals(np.full(len(star), number), pixel, magnitude, found - pixel))

@@ -20,7 +20,7 @@ COLOURS = np.linspace(-0.6, 4.0, 24)  # BP - RP
 def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple[Ints, Floats]:
     """Which stars of the fields lie where a window fits, and their magnitudes."""
     camera, detection = case.instrument.camera, case.tracker.detection
-    stars = open_sky(case.catalog).stars
+    stars = view.sky.stars
     reach = np.tan(min(1.1 * camera.half_diagonal, 1.5))
     near = (np.abs(view.x) < reach) & (np.abs(view.y) < reach)
     near &= stars.magnitude_g[view.star] < faintest + 1  # red stars are brighter than their G
@@ -29,20 +29,22 @@ def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple
     near = near[camera.holds(pixel, -(detection.window // 2 + detection.edge))]
     star = view.star[near]
     magnitude = stars.magnitude_g[star] + fainter[star]
-    believed = believed_place(case.catalog, case.believed_catalog)[star]
+    believed = believed_place(case.catalog, case.believed_catalog)[view.name[star]]
     seen = (magnitude < faintest) & (believed >= 0)
     return near[seen], magnitude[seen]
 
 
-def dimming(case: Case) -> Floats:
-    """Magnitude by which each star of the sky is fainter here than a sunlike one of its G."""
+def dimming(case: Case, known: Floats) -> Floats:
+    """Magnitude by which stars of these colours (n,) are fainter here than sunlike ones of their G.
+
+    known  BP - RP, NaN where it is not known
+    """
     count = len(COLOURS) + 1
     colour = np.append(COLOURS, np.nan)
     stars = Stars(np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count), colour)
     light = illuminate(case.scene, stars)
     rate, _ = electron_rate(light, case.instrument.detector, throughput(case.instrument))
     fainter = -2.5 * np.log10(rate[:-1] / rate[-1])
-    known = open_sky(case.catalog).stars.colour
     return np.where(np.isnan(known), 0.0, np.interp(known, COLOURS, fainter))
 
 
