@@ -42,18 +42,20 @@ def read_image(path: Path) -> Frame:
 def write_fits(
     path: Path,
     frame: Frame,
-    camera: Camera,
+    camera: Camera | None,
     icrs_to_camera: Rotation,
     stars: Stars | None = None,
     history: str = "",
 ) -> None:
     """Save a frame with the WCS of its true attitude, and its stars as the table TRUTH.
 
+    An image without a camera, such as that of lines that scan, gets neither.
+
     Pixel columns of the table count from (0, 0); the WCS, as FITS asks, from (1, 1).
     """
     from astropy.io import fits
 
-    header = camera_to_wcs(camera, icrs_to_camera).to_header(relax=True)
+    header = camera_to_wcs(camera, icrs_to_camera).to_header(relax=True) if camera else None
     primary = fits.PrimaryHDU(frame.image, header)
     cards = primary.header
     quaternion = icrs_to_camera.as_quat(canonical=True)
@@ -70,7 +72,7 @@ def write_fits(
             cards[name] = (number, comment)
     for line in history.splitlines():
         cards["HISTORY"] = line
-    tables = [] if stars is None else [_truth(camera, icrs_to_camera, stars)]
+    tables = [_truth(camera, icrs_to_camera, stars)] if camera and stars else []
     with whole(path) as draft:
         fits.HDUList([primary, *tables]).writeto(draft, checksum=True)
 

@@ -89,6 +89,28 @@ def turn_of(instrument: Instrument, streams: Streams) -> Turn | None:
     return turn(instrument.motion, detector.exposure, streams).at
 
 
+def noiseless(
+    case: Case, stars: Stars, path: Path, icrs_to_camera: Rotation, streams: Streams
+) -> NDArray[np.float64]:
+    """The expected electrons (rows, columns) of a trial's frame.
+
+    path  as `path_of` gives it
+    """
+    instrument = case.instrument
+    light = light_of(case, stars, icrs_to_camera, streams)
+    return expected(
+        light,
+        psf_of(instrument),
+        path,
+        icrs_to_camera,
+        instrument.camera,
+        instrument.detector,
+        throughput(instrument),
+        turn_of(instrument, streams),
+        frame_before(instrument, light, path, icrs_to_camera, streams),
+    )
+
+
 def frame_before(
     instrument: Instrument, light: Light, path: Path, icrs_to_camera: Rotation, streams: Streams
 ) -> NDArray[np.float64] | None:

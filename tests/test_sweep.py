@@ -12,6 +12,7 @@ from startrack.design import Design, load_design, save_design
 from startrack.detector import Detector, Line, Scan
 from startrack.motion import Motion
 from startrack.streams import Streams
+from startrack.study.requirements import limiting_magnitude
 from startrack.sweep import straighten
 from startrack.values import Spots
 
@@ -190,3 +191,23 @@ def test_lines_that_contradict_themselves_are_refused(changes, words):
     with pytest.raises(ValueError) as error:
         Scan(**changes)
     assert words in str(error.value)
+
+
+def test_a_fits_file_of_lines_claims_no_matrix(tmp_path):
+    """Its rows are times, which no gnomonic projection describes."""
+    from astropy.io import fits
+
+    from startrack.cli import main
+
+    path = str(shipped("designs/scanner.toml"))
+    assert main(["simulate", path, "--out", str(tmp_path), "--json"]) == 0
+    with fits.open(tmp_path / "frame.fits") as file:
+        assert len(file) == 1
+        assert "CTYPE1" not in file[0].header
+        assert file[0].data.shape == (512, 512)
+
+
+def test_stages_count_in_what_a_design_is_said_to_see():
+    """Sixteen stages gather 16 times the light: with little sky, up to 3 magnitudes more."""
+    one, many = (limiting_magnitude(with_scan(Scan("tdi", stages=n), 5e-3)) for n in (1, 16))
+    assert 2.0 < many - one < 3.02

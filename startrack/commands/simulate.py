@@ -15,7 +15,7 @@ from startrack.wcs import celestial, pointing
 
 
 def command(options: argparse.Namespace) -> int:
-    """Write frame.fits (WCS, table of true stars) and frame.png."""
+    """Write frame.fits and frame.png; of a matrix with its WCS and a table of its true stars."""
     case = read_design(options.design or example()).case
     streams = Streams(options.seed, options.trial)
     angles = (options.ra, options.dec, options.roll)
@@ -28,7 +28,8 @@ def command(options: argparse.Namespace) -> int:
     ra, dec, roll = celestial(attitude)
     fits, png = options.out / "frame.fits", options.out / "frame.png"
     history = f"startrack simulate, seed {options.seed}, trial {options.trial}"
-    write_fits(fits, record.frame, camera, attitude, record.stars, history)
+    matrix = None if case.instrument.detector.scan else camera
+    write_fits(fits, record.frame, matrix, attitude, record.stars, history)
     title = (
         f"RA {ra:.3f}, Dec {dec:+.3f}, roll {roll:.1f} deg; field {math.degrees(camera.fov_x):.2f} "
         f"deg; exposure {1e3 * record.frame.exposure:g} ms"

@@ -211,6 +211,13 @@ class Detector:
         return self.full_well / self.gain / (2**self.bits - 1) / self.multiplication
 
     @property
+    def integration(self) -> float:
+        """Second that a pixel of the image sees a star: of an exposure, or of the lines' sum."""
+        if not self.scan:
+            return self.exposure
+        return self.exposure * sum(line.gain for line in self.scan.all_lines) / self.scan.phases
+
+    @property
     def update_rate(self) -> float:
         """Frames per second, exposure and read-out one after the other; lines do both at once."""
         if self.scan:

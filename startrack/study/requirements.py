@@ -106,7 +106,7 @@ def limiting_magnitude(case: Case) -> float:
     )
     light = illuminate(case.scene, stars)
     star, sky = electron_rate(light, detector, throughput(case.instrument))
-    noise = (sky * pixel + detector.dark_rate) * detector.exposure
+    noise = (sky * pixel + detector.dark_rate) * detector.integration
     noise += detector.noise**2 + detector.electrons_per_dn**2 / 12
     # The sum of squares of the pixel shares, with the mean of the smear: a convolution of each
     # place with each other place along the path.
@@ -116,7 +116,7 @@ def limiting_magnitude(case: Case) -> float:
     # A straight line of this length has the same blur.
     length = np.sqrt(12) * float(np.hypot(smear[0], smear[1])) / np.sqrt(pixel)
     sharpness /= np.sqrt(1 + length**2 * sharpness)
-    signal = star * detector.exposure * np.sqrt(sharpness)
+    signal = star * detector.integration * np.sqrt(sharpness)
     ratio = signal / np.sqrt(noise)
     threshold = threshold_of(case.tracker.detection, detector.columns, detector.rows, psf)
     return float(np.interp(-np.log(threshold), -np.log(ratio), MAGNITUDES))

@@ -10,11 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from startrack.case import Case, Fidelity
 from startrack.chain import OUTCOMES, attempt, observe
-from startrack.detector import expected
-from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.variance.control import control
-from startrack.view import psf_of, throughput, turn_of
+from startrack.view import noiseless
 
 AXES = "xyz"
 CONTROLS = np.dtype(
@@ -47,21 +45,11 @@ def sample_controlled(
     """
     outcomes = np.empty(len(numbers), OUTCOMES)
     controls = np.zeros(len(numbers), CONTROLS)
-    instrument = case.instrument
     for k, (number, attitude) in enumerate(zip(numbers, attitudes, strict=True)):
         streams = Streams(seed, number)
         record = observe(case, attitude, streams)
         outcomes[k] = (number, *record.outcome)
-        electrons = expected(
-            illuminate(case.scene, record.stars),
-            psf_of(instrument),
-            record.path,
-            attitude,
-            instrument.camera,
-            instrument.detector,
-            throughput(instrument),
-            turn_of(instrument, streams),
-        )
+        electrons = noiseless(case, record.stars, record.path, attitude, streams)
         image = record.frame.image.astype(float)
         made = control(case, attitude, record.stars, electrons, image)
         if made is not None:
