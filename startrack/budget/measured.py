@@ -26,7 +26,6 @@ from startrack.budget.causes import (
 )
 from startrack.budget.chart import cell, images, measure, scale
 from startrack.budget.quiet import own_noise, quiet
-from startrack.camera import Camera
 from startrack.case import Case, Instrument
 from startrack.catalog import open_sky
 from startrack.chain import Record, asked_for, observe
@@ -37,11 +36,10 @@ from startrack.detection.pixels import pixels
 from startrack.detection.smear import star_image
 from startrack.detector import electron_rate, expected, frame_of
 from startrack.detector.digitise import shot
-from startrack.identification.fit import fit
-from startrack.identification.seen import LEAST_SIGMA
+from startrack.identification import refit
 from startrack.scene import illuminate
 from startrack.streams import Streams
-from startrack.values import Floats, Frame, Ints, Matches, Spots
+from startrack.values import Floats, Frame, Ints, Spots
 from startrack.view import path_of, psf_of, random_attitude, throughput, turn_of
 
 SAME = 0.7  # pixel, within which a spot is the same in two frames
@@ -159,7 +157,8 @@ class _Trial:
         spots = self._spots(case, look)
         matches, (star, direction) = self._record.matches, self._believed(case)
         chosen = replace(matches, direction=direction)
-        chosen = replace(chosen, camera=_refined(case, spots, chosen))
+        believes = case.tracker.identification
+        chosen = replace(chosen, camera=refit(spots, chosen, case.believed_camera, believes))
         kept = replace(
             chosen,
             spot=matches.spot[self._used],
@@ -263,27 +262,6 @@ class _Trial:
 def _imaging(case: Case) -> Instrument:
     """What a frame is made by; it does not know how the camera is mounted."""
     return replace(case.instrument, mounting=Mounting(), delay=0.0)
-
-
-def _refined(case: Case, spots: Spots, matches: Matches) -> Camera:
-    """The believed camera with the focal length that these places give, as identification does."""
-    camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
-    if not tolerance:
-        return camera
-    assert matches.icrs_to_camera is not None
-    pairs = np.arange(len(matches))
-    pixel = np.column_stack([spots.x, spots.y])[matches.spot]
-    variance = np.trace(spots.covariance[matches.spot], axis1=1, axis2=2) / 2
-    weight = camera.focal_length_px**2 / np.maximum(variance, LEAST_SIGMA**2)
-    rotation = matches.icrs_to_camera.as_matrix()
-    for _ in range(2):  # distortion is no similarity
-        direction = camera.unproject(pixel)
-        plane = direction[:, :2] / direction[:, 2:]
-        rotation, change = fit(
-            plane, weight, matches.direction, pairs, pairs, rotation, 1.0, tolerance, 3
-        )
-        camera = camera.scaled(change)
-    return camera
 
 
 def _used(case: Case, record: Record) -> Ints:

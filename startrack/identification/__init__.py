@@ -17,6 +17,7 @@ evidence    how improbable it is that chance alone makes a match
 verify      a hypothesis from three stars -> how many other spots it explains, and how well
 search      triangles of spots -> the first hypothesis beyond doubt
 gather      an attitude -> the matches of all spots
+refit       matches -> the focal length that they give
 identify    Spots, PatternIndex -> Matches, with nothing known of the attitude
 follow      a predicted attitude -> the matches of the fewest spots that are beyond doubt
 track       Spots, predicted attitude -> Matches
@@ -33,6 +34,7 @@ from startrack.identification.calibrate import Calibrated, Calibration, calibrat
 from startrack.identification.identify import identify
 from startrack.identification.index import PatternIndex, build_index
 from startrack.identification.parameters import Identification
+from startrack.identification.refit import refit
 from startrack.identification.track import track
 
 __all__ = [
@@ -46,5 +48,6 @@ __all__ = [
     "identify",
     "identify_all",
     "identify_blind",
+    "refit",
     "track",
 ]

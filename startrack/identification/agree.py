@@ -87,10 +87,28 @@ def agree(
         if turn > 1 and len(spot) == len(before) and (spot == before).all():
             break
     if len(spot) >= fewest:
-        rotation, scale = fit(
-            seen.plane, 1 / variance, direction, spot, star[taken], rotation, scale, seen.focal, 2
-        )
+        rotation, scale = settle(seen, direction, spot, star[taken], rotation, scale)
     return Agreed(spot, taken, distance, rotation, scale)
+
+
+@njit(cache=True, error_model="numpy")
+def settle(
+    seen: Seen, direction: Floats, spot: Places, star: Places, rotation: Floats, scale: float
+) -> tuple[Floats, float]:  # pragma: no cover
+    """Attitude and scale of given matches, each weighed by its noise and what all show beyond it.
+
+    direction   (m, 3) unit vectors of stars, ICRS axes
+    spot, star  (k,) which spot is which star
+    rotation    (3, 3) icrs_to_camera to start from, as scale
+    """
+    variance = seen.sigma**2
+    for _ in range(2):
+        rotation, scale = fit(
+            seen.plane, 1 / variance, direction, spot, star, rotation, scale, seen.focal, 3
+        )
+        place = project(direction, star, rotation, scale)
+        variance = seen.sigma**2 + _excess(seen, spot, np.arange(len(spot)), place)
+    return rotation, scale
 
 
 @njit(cache=True, error_model="numpy")

@@ -13,13 +13,13 @@ from startrack.camera import Camera
 from startrack.identification.gather import Gathered, gather
 from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification
+from startrack.identification.refit import ROUNDS
 from startrack.identification.search import breadth_first, search
 from startrack.identification.seen import Seen, first, see, usable
 from startrack.identification.sky import SkyGrid, Voters
 from startrack.identification.verify import Verdict
 from startrack.values import Floats, Ints, Matches, Spots, Stars, Status
 
-ROUNDS = 3  # of taking the distortion off with the focal length found
 PROBABLE = 1e-2  # chance of a hypothesis below which a sky is ambiguous rather than none
 
 
