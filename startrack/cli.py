@@ -230,6 +230,8 @@ def _parser() -> argparse.ArgumentParser:
     for name, default, text in (
         ("stars", 60, "trials whose stars are looked at one by one"),
         ("slews", 60, "trials at each of seven slew rates"),
+        ("budget", 60, "skies that the error budget is measured on"),
+        ("rungs", 60, "trials done at each fidelity"),
     ):
         report.add_argument(
             f"--{name}", type=_whole(1), default=default, help=f"{text} (default: {default})"

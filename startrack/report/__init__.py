@@ -3,6 +3,7 @@
 write      the page, section by section
 page       sections -> HTML: style, contents, tables; text is escaped here
 inline     a matplotlib figure -> SVG to put into a page
+causes     the error budget, by formula and by trials
 skymap     trials over the sky, in an equal-area projection
 spread     distributions of errors with the intervals of their quantiles
 look       some trials again, star by star: error against magnitude, field position, slew rate

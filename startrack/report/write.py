@@ -13,10 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from startrack.campaign.origin import origin
 from startrack.campaign.store import Store
-from startrack.case import Case
+from startrack.case import Case, Fidelity
 from startrack.chain import random_attitude
 from startrack.checks import whole
 from startrack.error import Interval, Summary, summarise
+from startrack.report.causes import budget
 from startrack.report.inline import inline
 from startrack.report.look import (
     SMEARS,
@@ -27,6 +28,7 @@ from startrack.report.look import (
     slews,
 )
 from startrack.report.page import Section, code, figure, page, paragraph, table
+from startrack.report.rungs import rungs
 from startrack.report.skymap import sky_map
 from startrack.report.spread import SHARES, quantiles, sizes, spread
 from startrack.report.worst import show, worst
@@ -43,21 +45,27 @@ class Depth:
 
     stars  trials whose stars are looked at one by one
     slews  trials at each slew rate
+    budget skies that the budget is measured on
+    rungs  trials that are done at each fidelity
     worst  trials shown with their frames
     """
 
     stars: int = 60
     slews: int = 60
+    budget: int = 60
+    rungs: int = 60
     worst: int = 3
 
     def __post_init__(self) -> None:
         whole(1, 10**6, stars=self.stars, slews=self.slews)
+        whole(2, 10**6, budget=self.budget, rungs=self.rungs)
         whole(0, 100, worst=self.worst)
 
     @property
     def trials(self) -> int:
         """All of them."""
-        return self.stars + self.slews * len(SMEARS) + self.worst
+        again = self.stars + self.slews * len(SMEARS) + self.worst
+        return again + self.budget + self.rungs * len(Fidelity)
 
 
 def write_report(
@@ -82,15 +90,17 @@ def write_report(
     case, seed = store.case, store.seed
     sections = [
         _summary(outcomes),
+        budget(case, seed, depth.budget, advance),
         _distributions(outcomes),
         _sky(outcomes, seed),
         *_closer(case, seed, outcomes, depth, advance),
         _worst(case, seed, outcomes, depth, advance),
+        _fidelities(case, seed, depth, advance),
         _inputs(store),
     ]
     lead = (
-        f"{len(outcomes)} trials of seed {seed}. Brackets hold the true value with 95 % "
-        f"confidence; a trial is a random attitude with its own noise."
+        f"{len(outcomes)} trials of seed {seed}, fidelity {store.fidelity.value}. Brackets hold "
+        "the true value with 95 % confidence; a trial is a random attitude with its own noise."
     )
     return page(title, lead, sections)
 
@@ -204,6 +214,27 @@ def _worst(
     return Section("Worst trials", "".join(shown) or paragraph("None was asked for."))
 
 
+def _fidelities(case: Case, seed: int, depth: Depth, advance: Callable[[int], None]) -> Section:
+    rows = []
+    for one in rungs(case, seed, range(depth.rungs), advance):
+        if one.refusal:
+            rows.append([one.fidelity.value, *["none"] * 6, one.refusal])
+            continue
+        rate = f"{1 / one.seconds:.0f}"
+        time = f"{1e3 * one.seconds:.3g}"
+        apart = "0" if one.fidelity is Fidelity.FRAME else _digits(one.apart / arcsec)
+        rows.append([one.fidelity.value, time, rate, *_cells(one.across, arcsec), apart, ""])
+    head = ["fidelity", "ms", "trials / s", "across (arcsec)", "from", "to", "off frame", ""]
+    return Section(
+        "Fidelities",
+        table("Speed against error, on the same trials, one core", head, rows)
+        + paragraph(
+            f"{depth.rungs} trials each, the first of this campaign's seed. Off frame: rms per "
+            "axis between the errors of the same trials, arcsec."
+        ),
+    )
+
+
 def _inputs(store: Store) -> Section:
     rows = [
         [began, made["startrack"], made["numpy"], made["system"], made["cores"]]
@@ -216,7 +247,10 @@ def _inputs(store: Store) -> Section:
     machine = json.dumps(dict(store.sessions()[-1][1]), indent=1)
     return Section(
         "Inputs",
-        paragraph(f"Seed {store.seed}; the design, as a file that startrack reads:")
+        paragraph(
+            f"Seed {store.seed}, fidelity {store.fidelity.value}; the design, as a file that "
+            "startrack reads:"
+        )
         + code("Design", tomli_w.dumps(to_table(store.case)))
         + table(
             "When the campaign was worked on (UTC), and by what",

@@ -167,8 +167,8 @@ def _places(
 def _gain(direction: Floats, covariance: Floats, case: Case, attitude: Rotation) -> Floats:
     """(3, n, 2) radian per pixel: how the attitude follows its centroids.
 
-    A tracker that refines its focal length does so with all stars alike, before it weighs them
-    for the attitude; what that does to the places then goes into the attitude.
+    A tracker that refines its focal length does so before it solves for the attitude; what that
+    does to the places then goes into the attitude.
     """
     x, y, z = attitude.apply(direction).T
     plane = np.column_stack([x / z, y / z])
@@ -176,8 +176,11 @@ def _gain(direction: Floats, covariance: Floats, case: Case, attitude: Rotation)
     weight = np.linalg.inv(covariance)
     left = np.einsum("nia,nij->anj", design, weight).reshape(3, -1)
     gain = np.linalg.solve(left @ design.reshape(-1, 3), left)
-    if case.tracker.identification.focal_tolerance:
-        with_scale = np.column_stack([design.reshape(-1, 3), plane.ravel()])
-        scale = np.linalg.pinv(with_scale)[3]
-        gain = gain - np.outer(gain @ plane.ravel(), scale)
-    return gain.reshape(3, -1, 2) / case.believed_camera.focal_length_px
+    focal = case.believed_camera.focal_length_px
+    if tolerance := case.tracker.identification.focal_tolerance:
+        unknowns = np.column_stack([design.reshape(-1, 3), plane.ravel()])
+        even = unknowns.T * np.repeat(2 * focal**2 / np.trace(covariance, axis1=1, axis2=2), 2)
+        normal = even @ unknowns
+        normal[3, 3] += tolerance**-2
+        gain = gain - np.outer(gain @ plane.ravel(), np.linalg.solve(normal, even)[3])
+    return gain.reshape(3, -1, 2) / focal

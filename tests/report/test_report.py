@@ -45,7 +45,7 @@ def written(campaign):
     path, _ = campaign
     out = path.with_name("page.html")
     arguments = ["report", str(path), "--out", str(out), "--title", TITLE, "--stars", "10"]
-    assert main([*arguments, "--slews", "5", "--worst", "2"]) == 0
+    assert main([*arguments, "--slews", "5", "--worst", "2", "--budget", "4", "--rungs", "6"]) == 0
     return out
 
 
@@ -74,6 +74,12 @@ def test_the_summary_is_that_of_the_trials(written, campaign):
     for interval in (told.across, told.about):
         for value in (interval.value, interval.low, interval.high):
             assert f">{value / arcsec:.4g}<" in text
+
+
+def test_budget_and_fidelities_are_told(written, campaign):
+    read = Reader(written.read_text())
+    for word in ("end to end", "root sum square", "frame", "window", "Error budget", "Fidelities"):
+        assert word in read.words, word
 
 
 def test_the_page_needs_nothing_else_and_runs_nothing(written):

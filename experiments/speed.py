@@ -1,0 +1,230 @@
+"""How many trials of the whole chain does one core do, by fidelity, beside other programs?
+
+python experiments/speed.py --json FILE --picture FILE.png
+
+The example design on 1024 x 1024 pixels: from a random attitude to an error of the attitude. The
+peers do the same work: GalSim draws the same stars as Gaussians of the same width on the same
+background and adds the noise, tetra3rs finds the spots and solves them. CPU time, best of three
+repeats that take turns, one thread each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import one_thread  # noqa: F401  # isort: skip
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
+
+from startrack.case import Case, Fidelity
+from startrack.catalog import open_sky, shipped
+from startrack.chain import index_of, trials
+from startrack.design import load_design
+from startrack.detector import arriving
+from startrack.error import summarise
+from startrack.scene import illuminate
+from startrack.streams import Streams
+from startrack.study.montecarlo import run, warm
+from startrack.study.workers import one_thread as one_opencv_thread
+from startrack.study.workers import pool
+from startrack.units import arcsec, deg
+from startrack.view import look, random_attitude, throughput
+
+SEED = 5
+REPEATS = 3
+BATCH = {Fidelity.FRAME: 40, Fidelity.WINDOW: 160, Fidelity.COVARIANCE: 4000}
+PEER = 12  # trials of the peers
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--picture", type=Path)
+    options = parser.parse_args()
+    one_opencv_thread()
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    figures = speeds(sized(case, 1024))
+    if options.picture:
+        figures["scaling"] = scaling(case)
+        draw(figures["scaling"], options.picture)
+    options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    print(json.dumps({k: v for k, v in figures.items() if k != "scaling"}, indent=1))
+
+
+def sized(case: Case, pixels: int) -> Case:
+    """The same field and lens on so many pixels a side."""
+    instrument = case.instrument
+    detector = instrument.detector
+    pitch = detector.pixel_pitch * detector.columns / pixels
+    detector = replace(detector, columns=pixels, rows=pixels, pixel_pitch=pitch)
+    return replace(case, instrument=replace(instrument, detector=detector))
+
+
+def speeds(case: Case) -> dict[str, Any]:
+    """Trials per second of CPU, and the rms error, of each way."""
+    ways: dict[str, tuple[int, Callable[[int], Any]]] = {}
+    for fidelity in fidelities(case):
+        n = BATCH[fidelity]
+        ways[fidelity.value] = (n, partial(some, case, fidelity, n))
+    if peers := peer(case):
+        ways["galsim_tetra3"] = (PEER, peers)
+    best: dict[str, float] = {}
+    errors: dict[str, list[Any]] = {name: [] for name in ways}
+    for _, call in ways.values():
+        call(10**6)  # compiles and fills the caches
+    for repeat in range(REPEATS):
+        for name, (n, call) in ways.items():
+            began = time.process_time()
+            errors[name].append(call(repeat * n))
+            best[name] = max(best.get(name, 0), n / (time.process_time() - began))
+    figures: dict[str, Any] = {f"{name}_trials_per_s": rate for name, rate in best.items()}
+    for name, found in errors.items():
+        if name == "galsim_tetra3":
+            angle = np.concatenate(found)
+            figures[f"{name}_solved"] = float(np.isfinite(angle).mean())
+            rms = math.sqrt(np.nanmean(np.where(angle < 0.5 * deg, angle, np.nan) ** 2) / 2)
+        else:
+            rms = summarise(np.concatenate(found)).across.value
+        figures[f"{name}_across_rms_arcsec"] = rms / arcsec
+    return figures
+
+
+def some(case: Case, fidelity: Fidelity, n: int, first: int) -> Any:
+    return trials(case, SEED, range(first, first + n), fidelity)
+
+
+def fidelities(case: Case) -> list[Fidelity]:
+    """Those that are made."""
+    made = []
+    for fidelity in Fidelity:
+        try:
+            trials(case, SEED, range(1), fidelity)
+        except ValueError as error:
+            print(f"{fidelity}: {error}")
+            continue
+        made.append(fidelity)
+    return made
+
+
+def peer(case: Case) -> Callable[[int], Any] | None:
+    """GalSim's image and tetra3rs's solution of the same skies; the angle across, radian."""
+    try:
+        import galsim
+        import tetra3rs
+    except ImportError as error:
+        print(f"no peers: {error}")
+        return None
+    instrument, camera = case.instrument, case.instrument.camera
+    detector, sky = instrument.detector, open_sky(case.catalog)
+    field = max(camera.fov_x, camera.fov_y) / deg
+    base = tetra3rs.SolverDatabase.generate_from_gaia(
+        max_fov_deg=field, star_max_magnitude=case.catalog.limit_g
+    )
+    # Blur and the core of the Airy disk, in pixels; stars move by a fraction of a pixel.
+    sigma = math.hypot(instrument.optics.blur, 0.42 * 0.6e-6 * instrument.optics.f_number)
+    profile = galsim.Gaussian(sigma=sigma / detector.pitch)
+
+    def one(number: int) -> float:
+        attitude = random_attitude(Streams(SEED, number))
+        stars = look(sky, attitude, camera)
+        flux, level = arriving(
+            illuminate(case.scene, stars), camera, detector, throughput(instrument)
+        )
+        pixel = camera.project(attitude.apply(stars.direction))
+        inside = camera.holds(pixel, 4.0)
+        image = galsim.ImageF(camera.columns, camera.rows, xmin=0, ymin=0)
+        image.fill(level + detector.dark_rate * detector.exposure)
+        for (x, y), electrons in zip(pixel[inside], flux[inside], strict=True):
+            stamp = (profile * electrons).drawImage(
+                nx=15, ny=15, scale=1.0, center=galsim.PositionD(x, y), dtype=np.float32
+            )
+            bounds = stamp.bounds & image.bounds
+            if bounds.isDefined():
+                image[bounds] += stamp[bounds]
+        noise = galsim.CCDNoise(galsim.BaseDeviate(number + 1), gain=1.0, read_noise=detector.noise)
+        image.addNoise(noise)
+        numbers = np.round(image.array / detector.electrons_per_dn + detector.offset)
+        found = tetra3rs.extract_centroids_fast(np.clip(numbers, 0, 4095).astype(np.float32))
+        answer = base.solve_from_centroids(
+            found.centroids, fov_estimate_deg=field, fov_max_error_deg=0.01 * field,
+            image_shape=(camera.rows, camera.columns),
+        )  # fmt: skip
+        if isinstance(answer, tetra3rs.SolveFailure):
+            return math.nan
+        seen = Rotation.from_matrix(np.array(answer.rotation_matrix_icrs_to_camera))
+        boresight = (seen.inv().apply([0, 0, 1.0]), attitude.inv().apply([0, 0, 1.0]))
+        return float(np.linalg.norm(boresight[0] - boresight[1]))
+
+    return lambda at: np.array([one(number) for number in range(at, at + PEER)])
+
+
+def scaling(case: Case) -> dict[str, Any]:
+    """Milliseconds a trial against stars, pixels and workers, for frame and window."""
+    made: dict[str, Any] = {"stars": [], "pixels": [], "workers": []}
+    both = (Fidelity.FRAME, Fidelity.WINDOW)
+    for limit in (5.5, 6.0, 6.5, 7.0, 7.5):
+        few = replace(case, catalog=replace(case.catalog, limit_g=limit))
+        row = {f.value: cpu_ms(few, f) for f in both}
+        stars = summarise(trials(few, SEED, range(40), Fidelity.WINDOW)).stars
+        made["stars"].append({"at": stars} | row)
+    for pixels in (256, 512, 1024, 2048):
+        one = sized(case, pixels)
+        made["pixels"].append({"at": pixels} | {f.value: cpu_ms(one, f) for f in both})
+    for workers in (1, 2):
+        row = {}
+        for fidelity in both:
+            warm(case, fidelity)
+            with pool(workers) as executor:
+                run(case, 8 * workers, SEED, executor, workers=workers, fidelity=fidelity)
+                n = 2 * BATCH[fidelity]
+                began = time.perf_counter()
+                run(case, n, SEED, executor, workers=workers, fidelity=fidelity)
+                row[fidelity.value] = 1e3 * (time.perf_counter() - began) / n
+        made["workers"].append({"at": workers} | row)
+    return made
+
+
+def cpu_ms(case: Case, fidelity: Fidelity) -> float:
+    """Milliseconds of CPU a trial, best of three."""
+    n = BATCH[fidelity] // 4
+    index_of(open_sky(case.believed_catalog).stars, case.believed_camera)
+    trials(case, SEED, range(3), fidelity)
+    best = math.inf
+    for _ in range(REPEATS):
+        began = time.process_time()
+        trials(case, SEED, range(n), fidelity)
+        best = min(best, time.process_time() - began)
+    return 1e3 * best / n
+
+
+def draw(made: dict[str, Any], path: Path) -> None:
+    """Three panels."""
+    figure = Figure(figsize=(10, 3.6), layout="constrained")
+    panels = figure.subplots(1, 3)
+    labels = ("matched stars in the field", "pixels a side", "worker processes (wall time)")
+    for axes, rows, label in zip(panels, made.values(), labels, strict=True):
+        for fidelity, colour in (("frame", "#3567a8"), ("window", "#2e7d5b")):
+            axes.plot([r["at"] for r in rows], [r[fidelity] for r in rows], "o-", color=colour,
+                      label=fidelity)  # fmt: skip
+        axes.set(xlabel=label, yscale="log")
+        axes.set_ylim(0.5, None)
+        axes.grid(lw=0.3, which="both")
+    panels[1].set_xscale("log", base=2)
+    panels[2].set_xticks([1, 2])
+    panels[0].set_ylabel("time of a trial (ms)")
+    panels[0].legend(fontsize=8)
+    figure.savefig(path, dpi=130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""A case -> what its error is made of, expected and measured, as a part of the page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from startrack.budget import Budget, analytic, measured
+from startrack.case import Case
+from startrack.report.page import Section, paragraph, table
+from startrack.study.workers import Serial
+from startrack.units import arcsec
+
+
+def budget(case: Case, seed: int, members: int, advance: Callable[[int], None]) -> Section:
+    """Each cause in the terms of ECSS-E-ST-60-20C, by formula and by trials."""
+    expected = analytic(case)
+    found = measured(case, members, seed, Serial(), progress=advance)
+    beside = {line.name: line for line in found.lines}
+    named = {line.name: line for line in expected.lines}
+    rows = []
+    for name in [*named, *(name for name in beside if name not in named)]:
+        pair = named.get(name), beside.get(name)
+        term = next(line.term.value for line in pair if line and line.term)
+        rows.append([name, term, *_cells(pair[0]), *_cells(pair[1])])
+    rows.append(["root sum square", "", *_sum(expected), *_sum(found)])
+    rows.append(["end to end", "", *_cells(expected.whole), *_cells(found.whole)])
+    head = ["cause", "term", "across", "about", "across, measured", "about, measured"]
+    return Section(
+        "Error budget",
+        table("Rms per axis, arcsec", head, rows)
+        + paragraph(
+            f"By formula the attitude is available in {100 * expected.availability:.2f} % of the "
+            f"sky with {expected.stars:.1f} stars; over {members} skies, measured by taking each "
+            f"cause away, {100 * found.availability:.2f} % with {found.stars:.1f}."
+        ),
+    )
+
+
+def _cells(line: Any) -> list[str]:
+    if line is None:
+        return ["none", "none"]
+    return [f"{line.across / arcsec:.3f}", f"{line.about / arcsec:.3f}"]
+
+
+def _sum(one: Budget[Any]) -> list[str]:
+    across, about = one.sum
+    return [f"{across / arcsec:.3f}", f"{about / arcsec:.3f}"]
