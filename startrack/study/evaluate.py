@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,9 @@ class Evaluation:
     place    in the unit cube
     values   of the variables, SI
     error    radian, the objective; NaN where no trial was solved
-    score    what is minimised: ln(error / arcsec) plus penalties
+    stated   radian, the objective by what the tracker states of the same trials; NaN likewise
+    score    what is minimised: ln(stated / arcsec), set right by what is known of the tracker's
+             honesty, plus penalties
     margins  of the requirements, availability with them; below 0, not met
     summary  of the trials, None where the design cannot be tried
     note     why not, or empty
@@ -38,6 +41,7 @@ class Evaluation:
     place: tuple[float, ...]
     values: dict[str, float]
     error: float
+    stated: float
     score: float
     margins: dict[str, float]
     summary: Summary | None
@@ -55,16 +59,23 @@ class Evaluation:
 
 
 def evaluate(
-    box: Box, campaign: Campaign, place: Floats, bench: Bench, trials: int | None = None
+    box: Box,
+    campaign: Campaign,
+    place: Floats,
+    bench: Bench,
+    trials: int | None = None,
+    honesty: Callable[[Floats], float] | None = None,
 ) -> Evaluation:
     """Score a design on the bench's trials: the same skies and streams for every design.
 
-        score = ln(error / arcsec) + PENALTY sum(max(0, -margin))
+        score = ln(stated / arcsec) + honesty(place) + PENALTY sum(max(0, -margin))
 
-    An L1 penalty has the same least place as the constrained problem where PENALTY exceeds the
+    The expectation of an error, given the stars that were seen, is less noisy than the error
+    (Rao-Blackwell); the tracker states it, and `honesty` says by what factor it is wrong. An L1 penalty has the same least place as the constrained problem where PENALTY exceeds the
     slope of ln(error) along the margin (Fletcher 1987, Practical Methods of Optimization, 14.3).
 
     trials   None for the campaign's first number
+    honesty  ln(error / stated) at a place, None where the tracker's word is taken
     Returns  an evaluation; a design that cannot be built or rendered has a note in it.
     """
     place = np.clip(place, 0, 1)
@@ -75,14 +86,16 @@ def evaluate(
         outcomes = bench.run(case, trials or campaign.trials, campaign.fidelity)
     except ValueError as reason:  # a design that cannot be built is a bad one, not the end
         refused = LOST + PENALTY
-        return Evaluation(tuple(place), values, math.nan, refused, {}, None, str(reason))
+        return Evaluation(tuple(place), values, math.nan, math.nan, refused, {}, None, str(reason))
     summary = summarise(outcomes)
     margins |= measured(campaign.requirements, summary)
     objective = Objective.read(campaign.objective)
     error = float(objective.of(objective.squares(outcomes)))
-    score = math.log(error / arcsec) if error > 0 else LOST
+    stated = objective.stated(objective.variances(outcomes))
+    score = math.log(stated / arcsec) if stated > 0 else LOST
+    score += honesty(place) if honesty else 0.0
     score += PENALTY * missed(margins)
-    return Evaluation(tuple(place), values, error, score, margins, summary, "")
+    return Evaluation(tuple(place), values, error, stated, score, margins, summary, "")
 
 
 def measured(requirements: Requirements, summary: Summary) -> dict[str, float]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize, special
 
 from startrack.checks import one_of
 from startrack.error import Interval
@@ -70,24 +72,52 @@ class Objective:
                 return np.sqrt(np.nanmean(squares, axis=-1))
             return np.sqrt(np.nanquantile(squares, self.share, axis=-1))
 
+    def variances(self, outcomes: NDArray[np.void]) -> Floats:
+        """What the tracker states of the squares of each trial, NaN as there."""
+        x, y, z = (outcomes[f"sigma_{axis}"] ** 2 for axis in "xyz")
+        variance = {"across": (x + y) / 2, "about": z, "both": (x + y + z) / 3}[self.axes]
+        return np.where(np.isfinite(self.squares(outcomes)), variance, np.nan)
+
+    def stated(self, variances: Floats) -> float:
+        """Radian, the statistic of errors that are normal with the tracker's own variances.
+
+            mean_i P(k / 2, k L^2 / (2 variance_i)) = share,   P the regularised incomplete gamma
+            function, k = 2, 1, 3 the axes that are taken together
+
+        Errors  NaN where no trial has a right attitude. model: equal variances of the axes.
+        """
+        right = variances[np.isfinite(variances)]
+        if not len(right):
+            return math.nan
+        if self.share is None:
+            return math.sqrt(float(right.mean()))
+        half = {"across": 1.0, "about": 0.5, "both": 1.5}[self.axes]
+
+        def excess(log_square: float) -> float:
+            reached = special.gammainc(half, half * math.exp(log_square) / right)
+            return float(reached.mean()) - self.share
+
+        lowest, highest = math.log(right.min()) - 40, math.log(right.max()) + 10
+        return math.exp(optimize.brentq(excess, lowest, highest) / 2)
+
     def ratio(
         self,
-        one: NDArray[np.void],
-        other: NDArray[np.void],
+        first: Floats,
+        second: Floats,
         seed: int,
         resamples: int = RESAMPLES,
         confidence: float = 0.95,
         paired: bool = True,
     ) -> Interval:
-        """Error of one set of trials over that of another, with its interval.
+        """Statistic of the squares of some trials over that of others, with its interval.
 
         Trials are resampled (bootstrap percentiles), in pairs where both are on the same skies;
         one that a design did not solve counts for the other design alone.
 
-        paired  whether the two are of the same trials, in the same order
+        first, second  radian^2, squares or variances
+        paired         whether the two are of the same trials, in the same order
         Errors  NaN where one solved none.
         """
-        first, second = self.squares(one), self.squares(other)
         if not (np.isfinite(first).any() and np.isfinite(second).any()):
             return Interval(np.nan, np.nan, np.nan)
         rng = np.random.default_rng(np.random.SeedSequence((seed, BOOTSTRAP)))

@@ -116,6 +116,7 @@ def optimize(
     summary = summarise(second)
     winner = box.design(np.array(best.place))
     tuning = bench.run(winner, best.trials, campaign.fidelity) if best.trials else second
+    before, after = objective.squares(first), objective.squares(second)
     return Optimum(
         box,
         label,
@@ -123,9 +124,9 @@ def optimize(
         winner,
         tuple(tried),
         (summarise(first), summary),
-        objective.ratio(first, second, bench.seed),
+        objective.ratio(before, after, bench.seed),
         best.error,
-        objective.ratio(second, tuning, bench.seed, paired=False),
+        objective.ratio(after, objective.squares(tuning), bench.seed, paired=False),
         best.margins | measured(campaign.requirements, summary),
         ending,
         {fidelity.value: count for fidelity, count in bench.tried.items()},

@@ -78,11 +78,11 @@ def _score(runner: _Runner) -> float:
 
 
 def _beaten(one: _Runner, leader: _Runner, campaign: Campaign, bench: Bench) -> bool:
-    if not (one.best and leader.best and one.best.error > 0 and leader.best.error > 0):
+    if not (one.best and leader.best and one.best.stated > 0 and leader.best.stated > 0):
         return False
-    objective = Objective.read(campaign.objective)
+    rms = Objective(Objective.read(campaign.objective).axes)
     mine, theirs = (
-        bench.run(each.box.design(each.place), campaign.trials, campaign.fidelity)
+        rms.variances(bench.run(each.box.design(each.place), campaign.trials, campaign.fidelity))
         for each in (one, leader)
     )
-    return objective.ratio(mine, theirs, bench.seed, confidence=SURE).low > 1
+    return rms.ratio(mine, theirs, bench.seed, confidence=SURE).low > 1

@@ -12,10 +12,12 @@ from startrack.study.bench import Bench
 from startrack.study.box import Box
 from startrack.study.campaign import Campaign
 from startrack.study.evaluate import Evaluation, evaluate
+from startrack.study.honesty import Honesty, fit_honesty
 from startrack.study.objective import Objective
 from startrack.study.search import Search, least
 
 FIRST_STEP = 0.15  # of each range; each pass starts with half the step of the one before
+NEAR = 4.0  # first steps around the start of a pass, within which the tracker's honesty is learnt
 PATIENCE = 4  # evaluations for each variable, and once more, without a gain beyond the noise
 SHARE = 0.6  # of the evaluations left that a pass may take, unless it is the last
 RESAMPLES = 200  # of the interval that a gain is judged by
@@ -35,12 +37,13 @@ def refine(
     Returns  the evaluations of the last pass, best first, and a sentence on how it ended
     """
     left, step, ending = campaign.evaluations, FIRST_STEP, ""
-    tried = list[Evaluation]()
+    tried, before = list[Evaluation](), list[Evaluation]()
     plan = list(growth(campaign.trials, campaign.most_trials))
     for trials in plan:
         last = trials == plan[-1]
         share = left if last else math.ceil(SHARE * left)
         tried = []
+        honesty = fit_honesty(before, start, NEAR * step)
         settled = _Settled(box, campaign, bench, trials)
 
         def score(
@@ -48,9 +51,11 @@ def refine(
             trials: int = trials,
             settled: _Settled = settled,
             tried: list[Evaluation] = tried,
+            honesty: Honesty = honesty,
         ) -> float:
-            done = evaluate(box, campaign, place, bench, trials)
+            done = evaluate(box, campaign, place, bench, trials, honesty)
             tried.append(done)
+            before.append(done)
             settled.see(done)
             watch(done)
             return done.score
@@ -77,7 +82,7 @@ class _Settled:
     def __init__(self, box: Box, campaign: Campaign, bench: Bench, trials: int) -> None:
         self._box, self._bench, self._trials = box, bench, trials
         self._fidelity = campaign.fidelity
-        self._objective = Objective.read(campaign.objective)
+        self._rms = Objective(Objective.read(campaign.objective).axes)
         self._anchor: Evaluation | None = None  # the best when it last gained
         self._quiet = 0
 
@@ -93,12 +98,16 @@ class _Settled:
     def _gains(self, done: Evaluation) -> bool:
         assert self._anchor is not None
         gain = self._anchor.score - done.score
-        if not (done.error > 0 and self._anchor.error > 0):
+        if not (done.stated > 0 and self._anchor.stated > 0):
             return True
         one, other = (
-            self._bench.run(self._box.design(np.array(each.place)), self._trials, self._fidelity)
+            self._rms.variances(
+                self._bench.run(
+                    self._box.design(np.array(each.place)), self._trials, self._fidelity
+                )
+            )
             for each in (self._anchor, done)
         )
         # The standard error is half the 68 % interval of the logarithm.
-        ratio = self._objective.ratio(one, other, self._bench.seed, RESAMPLES, confidence=0.68)
+        ratio = self._rms.ratio(one, other, self._bench.seed, RESAMPLES, confidence=0.68)
         return gain > math.log(ratio.high / ratio.low) / 2

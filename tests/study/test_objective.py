@@ -23,14 +23,13 @@ def test_the_interval_of_the_factor_covers():
     for _ in range(100):
         best = rng.chisquare(2, 300)
         start = 4 * (0.7 * best + 0.3 * rng.chisquare(2, 300))
-        interval = RMS.ratio(outcomes(start), outcomes(best), 1)
+        interval = RMS.ratio(start, best, 1)
         misses += not interval.low < 2 < interval.high
     assert misses <= 13
 
 
 def test_a_design_that_solves_nothing_has_no_factor():
-    nothing = outcomes(np.full(5, np.nan))
-    assert math.isnan(RMS.ratio(nothing, outcomes(np.ones(5)), 1).value)
+    assert math.isnan(RMS.ratio(np.full(5, np.nan), np.ones(5), 1).value)
 
 
 def test_statistics_of_known_errors():
@@ -62,3 +61,18 @@ def test_what_is_wrong_or_unsolved_does_not_count():
 def test_an_unknown_objective_is_refused(text):
     with pytest.raises(ValueError, match="objective must be"):
         Objective.read(text)
+
+
+@pytest.mark.parametrize("text", ["across", "about", "both", "across-99.73", "about-68"])
+def test_what_is_stated_is_the_statistic_of_such_errors(text):
+    """Errors drawn with the stated variances, which differ by sky: within 2 % of 100,000."""
+    rng = np.random.default_rng(3)
+    table = np.zeros(100_000, OUTCOMES)
+    sigma = np.exp(rng.normal(0, 0.5, len(table)))
+    for axis in "xyz":
+        table[f"sigma_{axis}"] = sigma
+        table[f"error_{axis}"] = rng.normal(0, sigma)
+    table["solved"] = True
+    objective = Objective.read(text)
+    stated = objective.stated(objective.variances(table))
+    assert stated == pytest.approx(objective.of(objective.squares(table)), rel=0.02)
