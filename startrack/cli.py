@@ -27,6 +27,8 @@ A first hour:
   startrack montecarlo startrack-optimize/best.toml --out trials
   startrack report trials/campaign.sqlite   what came out, as a page to read and to send
   startrack sample startrack-optimize/best.toml
+  startrack sensitivity                     what the error depends on
+  startrack pareto                          what accuracy costs in mass
   startrack sequence                        it follows a slew, loses the sky and finds it again
   startrack detect photo.jpg                the stars of a real image
   startrack solve photo.jpg --fov 12        the attitude of a real image
@@ -254,18 +256,39 @@ def _parser() -> argparse.ArgumentParser:
     _workers(sequence)
     _out(sequence, "startrack-sequence")
 
-    for name, text, folder in (
-        ("optimize", "find a better design", "startrack-optimize"),
-        ("sample", "how far each parameter may stray from a design", "startrack-sample"),
+    studies = {}
+    for name, text in (
+        ("requirements", "how far a design meets what its campaign asks, without a trial"),
+        ("optimize", "find a better design"),
+        ("sample", "how far each parameter may stray from a design"),
+        ("pareto", "what one goal costs in terms of another"),
+        ("sensitivity", "which parameters the error of a design depends on"),
     ):
-        study = _command(commands, name, text)
+        study = studies[name] = _command(commands, name, text)
         study.add_argument(
             "campaign", type=Path, nargs="?", metavar="CAMPAIGN.toml",
             help="design file with a table [campaign] (default: the example, a nanosatellite)",
         )  # fmt: skip
-        _seed(study)
-        _workers(study)
-        _out(study, folder)
+        if name != "requirements":
+            _seed(study)
+            _workers(study)
+            _out(study, f"startrack-{name}")
+    pareto = studies["pareto"]
+    for which, goal in (("first", "across"), ("second", "mass")):
+        pareto.add_argument(
+            f"--{which}", default=goal, metavar="GOAL",
+            help="across, about, both, about-99.73 and the like, mass, power, data rate, volume or "
+            f"cost (default: {goal})",
+        )  # fmt: skip
+    pareto.add_argument("--points", type=_whole(2), default=7, help="of the front (default: 7)")
+    pareto.add_argument(
+        "--method", choices=("epsilon", "weighted"), default="epsilon",
+        help="least first goal under a limit on the second (default), or a weighted sum",
+    )  # fmt: skip
+    studies["sensitivity"].add_argument(
+        "--designs", type=_whole(2), default=64,
+        help="base designs of the Sobol indices, a power of two (default: 64)",
+    )  # fmt: skip
     return parser
 
 

@@ -14,7 +14,9 @@ from startrack.saving import whole
 from startrack.study.ensemble import thinned
 from startrack.study.objective import Objective
 from startrack.study.optimize import Optimum
+from startrack.study.pareto import Goals, Point
 from startrack.study.sample import Tolerance
+from startrack.study.sensitivity import Sensitivity
 from startrack.units import arcsec
 
 Floats = NDArray[np.float64]
@@ -73,6 +75,50 @@ def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
         f"{tolerance.chains.effective.min():.0f} independent samples, response surface within "
         f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs",
     )
+
+
+def draw_tornado(path: Path, found: Sequence[Sensitivity], objective: str) -> None:
+    """How far the error goes with each variable alone, and the Sobol indices of each."""
+    order = sorted(found, key=lambda one: abs(np.log(one.high / one.low)))
+    names = [one.name.rpartition(".")[2] for one in order]
+    figure = Figure(figsize=(9, 1.5 + 0.5 * len(order)), layout="constrained")
+    swing, indices = figure.subplots(1, 2, sharey=True)
+    at = np.arange(len(order))
+    for y, one in zip(at, order, strict=True):
+        swing.plot([one.low, one.high], [y, y], lw=9, color="#3567a8", solid_capstyle="butt")
+        swing.annotate("low", (one.low, y), fontsize=7, ha="center", va="center", color="w")
+        swing.annotate("high", (one.high, y), fontsize=7, ha="center", va="center", color="w")
+    swing.set_xscale("log")
+    swing.set_yticks(at, names)
+    swing.set(
+        xlabel=f"{objective} (arcsec), one variable at its bounds", ylim=(-0.6, len(at) - 0.4)
+    )
+    for shift, kind, colour in ((0.17, "total", "#d08a2e"), (-0.17, "first", "#2e7d5b")):
+        value = np.array([getattr(one, kind).value for one in order])
+        low = np.array([getattr(one, kind).low for one in order])
+        high = np.array([getattr(one, kind).high for one in order])
+        indices.barh(at + shift, value, 0.3, color=colour, label=kind)
+        middle = [np.maximum(value - low, 0), np.maximum(high - value, 0)]
+        indices.errorbar(value, at + shift, xerr=middle, fmt="none", ecolor="0.2", lw=0.8)
+    indices.set(xlabel="Sobol index of ln(error) over the box (95 % bars)")
+    indices.legend(fontsize=8)
+    _save(path, figure)
+
+
+def draw_front(
+    path: Path, points: Sequence[Point], goals: Goals, units: Sequence[str], trials: int
+) -> None:
+    """The front as the budget has it, and the same designs on trials."""
+    figure = Figure(figsize=(6.5, 4.5), layout="constrained")
+    axes = figure.subplots()
+    expected = np.array([one.expected for one in points])
+    measured = np.array([one.measured for one in points])
+    axes.plot(*expected.T, "o-", ms=4, color="#3567a8", label="analytic budget")
+    axes.plot(*measured.T, "s", ms=5, mfc="none", color="#c0392b", label=f"{trials} trials each")
+    axes.set(xlabel=f"{goals.first} ({units[0]})", ylabel=f"{goals.second} ({units[1]})")
+    axes.set_title(f"{len(points)} designs that none beats in both", fontsize=9, loc="left")
+    axes.legend(fontsize=8)
+    _save(path, figure)
 
 
 def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) -> None:

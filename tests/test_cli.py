@@ -41,7 +41,7 @@ def short(tmp_path):
         ('pixel_pitch = "11 um"', 'pixel_pitch = "22 um"'),
         ('blur = "5 um"', 'blur = "10 um"'),
         ("\ntrials = 50\nmost_trials = 200", "\ntrials = 6\nmost_trials = 6\nsample_trials = 6"),
-        ("evaluations = 120", "evaluations = 5"),
+        ("evaluations = 120", "evaluations = 5\nprospects = 4"),
         ("fresh_trials = 1000", "fresh_trials = 20"),
     ):
         assert old in text, old

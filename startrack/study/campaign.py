@@ -26,6 +26,7 @@ class Campaign:
     trials         of each design at first
     most_trials    of each design at last; the number doubles between
     evaluations    designs that an optimiser may try
+    prospects      designs that the analytic budget is asked about before; 0 to begin at the design
     sample_trials  trials for each design that the tolerance region is computed from
     fresh_trials   frames on which start and best are compared at the end
     margin         share by which the error may grow in the tolerance region of `sample`
@@ -41,6 +42,7 @@ class Campaign:
     trials: int = 50
     most_trials: int = 200
     evaluations: int = 120
+    prospects: int = 200
     sample_trials: int = 160
     fresh_trials: int = 1000
     margin: float = 0.2
@@ -52,5 +54,6 @@ class Campaign:
         whole(self.trials, 10**6, most_trials=self.most_trials)
         whole(2, 10**6, sample_trials=self.sample_trials)
         whole(1, 10**6, evaluations=self.evaluations)
+        whole(0, 10**6, prospects=self.prospects)
         positive(margin=self.margin)
         within(0.001, 0.5, span=self.span)

@@ -9,10 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.budget import Budget, analytic
+from startrack.case import Case
 from startrack.error import Summary, summarise
 from startrack.study.bench import Bench
 from startrack.study.box import Box
 from startrack.study.campaign import Campaign
+from startrack.study.montecarlo import OUTCOMES
 from startrack.study.objective import Objective
 from startrack.study.requirements import Requirements
 from startrack.units import arcsec
@@ -27,21 +30,20 @@ Floats = NDArray[np.float64]
 class Evaluation:
     """One design that was tried.
 
-    place    in the unit cube
-    values   of the variables, SI
-    error    radian, the objective; NaN where no trial was solved
-    stated   radian, the objective by what the tracker states of the same trials; NaN likewise
-    score    what is minimised: ln(stated / arcsec), set right by what is known of the tracker's
-             honesty, plus penalties
-    margins  of the requirements, availability with them; below 0, not met
-    summary  of the trials, None where the design cannot be tried
-    note     why not, or empty
+    place     in the unit cube
+    values    of the variables, SI
+    error     radian, the objective; NaN where no trial was solved
+    expected  radian, the objective by the analytic budget; NaN where that sees no attitude
+    score     what is minimised, as `evaluate` says
+    margins   of the requirements, availability with them; below 0, not met
+    summary   of the trials, None where it was not tried
+    note      why not, or empty
     """
 
     place: tuple[float, ...]
     values: dict[str, float]
     error: float
-    stated: float
+    expected: float
     score: float
     margins: dict[str, float]
     summary: Summary | None
@@ -64,38 +66,83 @@ def evaluate(
     place: Floats,
     bench: Bench,
     trials: int | None = None,
-    honesty: Callable[[Floats], float] | None = None,
+    correction: Callable[[Floats], float] | None = None,
+    spare: bool = False,
 ) -> Evaluation:
-    """Score a design on the bench's trials: the same skies and streams for every design.
+    """Score a design by its analytic budget, set right by trials on the bench.
 
-        score = ln(stated / arcsec) + honesty(place) + PENALTY sum(max(0, -margin))
+        score = ln(expected / arcsec) + correction(place) + PENALTY sum(max(0, -margin))
 
-    The expectation of an error, given the stars that were seen, is less noisy than the error
-    (Rao-Blackwell); the tracker states it, and `honesty` says by what factor it is wrong. An L1 penalty has the same least place as the constrained problem where PENALTY exceeds the
-    slope of ln(error) along the margin (Fletcher 1987, Practical Methods of Optimization, 14.3).
+    The budget gives the differences between designs without noise; trials, on the same skies and
+    with the same streams for every design, give what it leaves out: the correction, and whether
+    there is an attitude at all. An L1 penalty has the same least place as the constrained problem
+    where PENALTY exceeds the slope of ln(error) along the margin (Fletcher 1987, Practical
+    Methods of Optimization, 14.3).
 
-    trials   None for the campaign's first number
-    honesty  ln(error / stated) at a place, None where the tracker's word is taken
-    Returns  an evaluation; a design that cannot be built or rendered has a note in it.
+    trials      None for the campaign's first number
+    correction  ln(error / expected) at a place, None for none
+    spare       whether a design that misses what needs no trials is spared them
+    Returns     an evaluation; a design that cannot be built or rendered has a note in it.
     """
     place = np.clip(place, 0, 1)
     values = box.values(place)
     try:
         case = box.design(place)
         margins = campaign.requirements.margins(case)
-        outcomes = bench.run(case, trials or campaign.trials, campaign.fidelity)
+        if spare and missed(margins):
+            outcomes = np.empty(0, OUTCOMES)
+        else:
+            outcomes = bench.run(case, trials or campaign.trials, campaign.fidelity)
     except ValueError as reason:  # a design that cannot be built is a bad one, not the end
         refused = LOST + PENALTY
         return Evaluation(tuple(place), values, math.nan, math.nan, refused, {}, None, str(reason))
-    summary = summarise(outcomes)
-    margins |= measured(campaign.requirements, summary)
+    summary = summarise(outcomes) if len(outcomes) else None
+    if summary:
+        margins |= measured(campaign.requirements, summary)
     objective = Objective.read(campaign.objective)
     error = float(objective.of(objective.squares(outcomes)))
-    stated = objective.stated(objective.variances(outcomes))
-    score = math.log(stated / arcsec) if stated > 0 else LOST
-    score += honesty(place) if honesty else 0.0
+    expected = forecast(case, objective)
+    score = _log_arcsec(expected if expected > 0 else error)
+    score += correction(place) if correction else 0.0
     score += PENALTY * missed(margins)
-    return Evaluation(tuple(place), values, error, stated, score, margins, summary, "")
+    return Evaluation(tuple(place), values, error, expected, score, margins, summary, "")
+
+
+def forecast(case: Case, objective: Objective) -> float:
+    """Radian, what the analytic budget expects; NaN where it expects no attitude anywhere."""
+    try:
+        return objective.expected(analytic(case))
+    except ValueError:
+        return math.nan
+
+
+def expect(case: Case, campaign: Campaign) -> tuple[Budget, dict[str, float]]:
+    """The analytic budget of a design, and all its margins without a trial.
+
+    Errors  ValueError where the budget expects no attitude anywhere.
+    """
+    budget = analytic(case)
+    margins = campaign.requirements.margins(case)
+    margins["availability"] = budget.availability - campaign.requirements.min_availability
+    return budget, margins
+
+
+def foresee(box: Box, campaign: Campaign, place: Floats) -> float:
+    """The score of a design without a trial; NaN where it cannot be built.
+
+    Errors  model: that of the budget, and all that it leaves out. Never the score to end with: an
+            optimiser finds the designs that a model is wrong about.
+    """
+    try:
+        budget, margins = expect(box.design(place), campaign)
+    except ValueError:
+        return math.nan
+    expected = Objective.read(campaign.objective).expected(budget)
+    return _log_arcsec(expected) + PENALTY * missed(margins)
+
+
+def _log_arcsec(angle: float) -> float:
+    return math.log(angle / arcsec) if angle > 0 else LOST
 
 
 def measured(requirements: Requirements, summary: Summary) -> dict[str, float]:
@@ -104,6 +151,11 @@ def measured(requirements: Requirements, summary: Summary) -> dict[str, float]:
         "availability": summary.availability.value - requirements.min_availability,
         "false attitudes": -summary.false.value,
     }
+
+
+def measured_score(one: Evaluation) -> float:
+    """The score of an evaluation by its trials alone."""
+    return _log_arcsec(one.error) + PENALTY * missed(one.margins) if one.summary else one.score
 
 
 def missed(margins: dict[str, float]) -> float:

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special
 
+from startrack.budget import Budget, Law
 from startrack.checks import one_of
 from startrack.error import Interval
 
 Floats = NDArray[np.float64]
-AXES = ("across", "about", "both")
+AXES = {"across": [0, 1], "about": [2], "both": [0, 1, 2]}
 RESAMPLES = 4000
 BOOTSTRAP = 1  # names the stream of the resampling
 
@@ -26,8 +27,8 @@ class Objective:
         across = sqrt((x^2 + y^2) / 2),   about = |z|,   both = sqrt((x^2 + y^2 + z^2) / 3)
 
     axes   "across", "about" or "both"
-    share  None for the root mean square, or the share of trials, as in 0.9973, whose error is
-           not larger
+    share  None for the root mean square per axis, as above; or the share of trials, as in 0.9973,
+           whose error is not longer than the result: sqrt(x^2 + y^2) for across
     """
 
     axes: str = "across"
@@ -70,34 +71,29 @@ class Objective:
             warnings.simplefilter("ignore", RuntimeWarning)  # that an axis is all NaN
             if self.share is None:
                 return np.sqrt(np.nanmean(squares, axis=-1))
-            return np.sqrt(np.nanquantile(squares, self.share, axis=-1))
+            return np.sqrt(len(AXES[self.axes]) * np.nanquantile(squares, self.share, axis=-1))
 
-    def variances(self, outcomes: NDArray[np.void]) -> Floats:
-        """What the tracker states of the squares of each trial, NaN as there."""
-        x, y, z = (outcomes[f"sigma_{axis}"] ** 2 for axis in "xyz")
-        variance = {"across": (x + y) / 2, "about": z, "both": (x + y + z) / 3}[self.axes]
-        return np.where(np.isfinite(self.squares(outcomes)), variance, np.nan)
+    def expected(self, budget: Budget) -> float:
+        """Radian, the same statistic of the errors that a budget expects.
 
-    def stated(self, variances: Floats) -> float:
-        """Radian, the statistic of errors that are normal with the tracker's own variances.
+            sum_i weight_i P(k / 2, L^2 / (2 square_i)) = share,   P the regularised incomplete
+            gamma function, k = 2, 1, 3 axes, square_i the mean square per axis in field i
 
-            mean_i P(k / 2, k L^2 / (2 variance_i)) = share,   P the regularised incomplete gamma
-            function, k = 2, 1, 3 the axes that are taken together
-
-        Errors  NaN where no trial has a right attitude. model: equal variances of the axes.
+        Errors  model: errors that are normal and alike about the axes, in each field.
         """
-        right = variances[np.isfinite(variances)]
-        if not len(right):
-            return math.nan
+        law = budget.whole.spread
+        assert isinstance(law, Law)
+        axes = AXES[self.axes]
+        squares = (law.mean**2 + law.sigma**2)[:, axes].mean(axis=1)
         if self.share is None:
-            return math.sqrt(float(right.mean()))
-        half = {"across": 1.0, "about": 0.5, "both": 1.5}[self.axes]
+            return math.sqrt(float(law.weight @ squares))
+        share, half = self.share, len(axes) / 2
 
         def excess(log_square: float) -> float:
-            reached = special.gammainc(half, half * math.exp(log_square) / right)
-            return float(reached.mean()) - self.share
+            reached = special.gammainc(half, math.exp(log_square) / (2 * squares))
+            return float(law.weight @ reached) - share
 
-        lowest, highest = math.log(right.min()) - 40, math.log(right.max()) + 10
+        lowest, highest = math.log(squares.min()) - 40, math.log(squares.max()) + 10
         return math.exp(optimize.brentq(excess, lowest, highest) / 2)
 
     def ratio(
@@ -114,7 +110,7 @@ class Objective:
         Trials are resampled (bootstrap percentiles), in pairs where both are on the same skies;
         one that a design did not solve counts for the other design alone.
 
-        first, second  radian^2, squares or variances
+        first, second  radian^2, of trials
         paired         whether the two are of the same trials, in the same order
         Errors  NaN where one solved none.
         """

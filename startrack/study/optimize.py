@@ -14,12 +14,15 @@ from startrack.study.bench import FRESH, Bench
 from startrack.study.box import Box
 from startrack.study.campaign import Campaign
 from startrack.study.choice import branches
-from startrack.study.evaluate import Evaluation, evaluate, measured
+from startrack.study.evaluate import Evaluation, evaluate, measured, measured_score
 from startrack.study.montecarlo import OUTCOMES
 from startrack.study.objective import Objective
+from startrack.study.prospect import prospect
 from startrack.study.race import race
 from startrack.study.reach import reach
 from startrack.study.refine import Watch, refine
+
+Floats = NDArray[np.float64]
 
 FINALISTS = 4  # designs that are judged on fresh frames, until one meets the requirements there
 
@@ -76,16 +79,16 @@ def optimize(
 ) -> Optimum:
     """Search the box with Sbplx (Rowan 1990, in nlopt), requirements as L1 penalties.
 
-    Every design sees the same skies and the same streams of noise, so that differences between
-    designs are larger than their noise. The trials of a design double from pass to pass; a pass
-    ends when what it gains is within the noise of the difference. Where there are choices, their
-    branches race first. The winner is judged on frames that nothing was tuned on.
+    The search begins where the analytic budget is best, by DIRECT on the whole box, or at the
+    case itself if trials find that better. The budget goes on to tell designs apart, set right by
+    trials; these double from pass to pass. Where there are choices, their branches race first.
+    The winner is judged on frames that nothing was tuned on.
 
     watch        called with each evaluation
     watch_fresh  called with the number of fresh trials just done
     adapt        as in Box
     Errors       ValueError where the campaign names no variables.
-                 model: a local search; nothing says that no better design lies elsewhere.
+                 model: what trials correct is searched locally; a better design may lie elsewhere.
     """
     boxes = {
         branch.label: Box(branch.case, campaign.variables, campaign.links, adapt)
@@ -102,6 +105,8 @@ def optimize(
     starts = {label: one.place for label, one in nearest.items() if one.short == 0}
     if starts:
         possible = {label: boxes[label] for label in starts}
+        for label, box in possible.items() if campaign.prospects else ():
+            starts[label] = _better(box, starts[label], campaign, bench, told)
         label, start = race(possible, starts, campaign, bench, told)
         left = replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
         finalists, ending = refine(boxes[label], start, left, bench, told)
@@ -131,6 +136,15 @@ def optimize(
         ending,
         {fidelity.value: count for fidelity, count in bench.tried.items()},
     )
+
+
+def _better(box: Box, start: Floats, campaign: Campaign, bench: Bench, watch: Watch) -> Floats:
+    """The start, or where the analytic budget is best: whichever trials find better."""
+    found = prospect(box, campaign, start)
+    tried = [evaluate(box, campaign, place, bench) for place in (start, found.place)]
+    for one in tried:
+        watch(one)
+    return np.array(min(tried, key=measured_score).place)
 
 
 def _verify(

@@ -62,7 +62,7 @@ def race(
 
 def _run(runner: _Runner, campaign: Campaign, bench: Bench, watch: Watch) -> None:
     def score(place: Floats) -> float:
-        done = evaluate(runner.box, campaign, place, bench)
+        done = evaluate(runner.box, campaign, place, bench, spare=True)
         watch(done)
         if runner.best is None or done.score < runner.best.score:
             runner.best = done
@@ -78,11 +78,11 @@ def _score(runner: _Runner) -> float:
 
 
 def _beaten(one: _Runner, leader: _Runner, campaign: Campaign, bench: Bench) -> bool:
-    if not (one.best and leader.best and one.best.stated > 0 and leader.best.stated > 0):
+    if not (one.best and leader.best and one.best.error > 0 and leader.best.error > 0):
         return False
     rms = Objective(Objective.read(campaign.objective).axes)
     mine, theirs = (
-        rms.variances(bench.run(each.box.design(each.place), campaign.trials, campaign.fidelity))
+        rms.squares(bench.run(each.box.design(each.place), campaign.trials, campaign.fidelity))
         for each in (one, leader)
     )
     return rms.ratio(mine, theirs, bench.seed, confidence=SURE).low > 1

@@ -11,16 +11,15 @@ from numpy.typing import NDArray
 from startrack.study.bench import Bench
 from startrack.study.box import Box
 from startrack.study.campaign import Campaign
+from startrack.study.correction import Correction, correct
 from startrack.study.evaluate import Evaluation, evaluate
-from startrack.study.honesty import Honesty, fit_honesty
-from startrack.study.objective import Objective
 from startrack.study.search import Search, least
 
 FIRST_STEP = 0.15  # of each range; each pass starts with half the step of the one before
-NEAR = 4.0  # first steps around the start of a pass, within which the tracker's honesty is learnt
-PATIENCE = 4  # evaluations for each variable, and once more, without a gain beyond the noise
+NEAR = 4.0  # first steps around the start of a pass, within which the budget is corrected
+PATIENCE = 5  # tried designs for each variable, and once more, without a gain beyond the noise
 SHARE = 0.6  # of the evaluations left that a pass may take, unless it is the last
-RESAMPLES = 200  # of the interval that a gain is judged by
+LEAST_GAIN = 2e-3  # of ln(error), less than which is no gain
 
 Floats = NDArray[np.float64]
 Watch = Callable[[Evaluation], None]
@@ -31,8 +30,9 @@ def refine(
 ) -> tuple[list[Evaluation], str]:
     """Search from a start with the campaign's trials, then with twice as many, to its most.
 
-    A pass ends when the best has not gained for a while by more than the standard error of the
-    difference, taken in pairs on the same trials: what is won beyond that is the noise's.
+    What a pass has tried corrects the budget for the next. A pass ends when the best has not
+    gained for a while by more than the standard error of that correction between two places: what
+    is won beyond that is the noise's.
 
     Returns  the evaluations of the last pass, best first, and a sentence on how it ended
     """
@@ -43,17 +43,17 @@ def refine(
         last = trials == plan[-1]
         share = left if last else math.ceil(SHARE * left)
         tried = []
-        honesty = fit_honesty(before, start, NEAR * step)
-        settled = _Settled(box, campaign, bench, trials)
+        correction = correct(before, start, NEAR * step)
+        settled = _Settled(correction)
 
         def score(
             place: Floats,
             trials: int = trials,
             settled: _Settled = settled,
             tried: list[Evaluation] = tried,
-            honesty: Honesty = honesty,
+            correction: Correction = correction,
         ) -> float:
-            done = evaluate(box, campaign, place, bench, trials, honesty)
+            done = evaluate(box, campaign, place, bench, trials, correction, spare=True)
             tried.append(done)
             before.append(done)
             settled.see(done)
@@ -79,35 +79,20 @@ def growth(first: int, most: int) -> Iterator[int]:
 class _Settled:
     """Whether a pass still gains more than its noise."""
 
-    def __init__(self, box: Box, campaign: Campaign, bench: Bench, trials: int) -> None:
-        self._box, self._bench, self._trials = box, bench, trials
-        self._fidelity = campaign.fidelity
-        self._rms = Objective(Objective.read(campaign.objective).axes)
+    def __init__(self, correction: Correction) -> None:
+        self._correction = correction
         self._anchor: Evaluation | None = None  # the best when it last gained
         self._quiet = 0
 
     def see(self, done: Evaluation) -> None:
-        self._quiet += 1
-        if self._anchor is None or (done.score < self._anchor.score and self._gains(done)):
+        self._quiet += done.trials > 0
+        if self._anchor is None or self._gain(done, self._anchor):
             self._anchor, self._quiet = done, 0
 
     def __call__(self) -> str:
-        patience = PATIENCE * (len(self._box) + 1)
+        patience = PATIENCE * len(self._correction.terms)
         return "the gain is within the noise" if self._quiet >= patience else ""
 
-    def _gains(self, done: Evaluation) -> bool:
-        assert self._anchor is not None
-        gain = self._anchor.score - done.score
-        if not (done.stated > 0 and self._anchor.stated > 0):
-            return True
-        one, other = (
-            self._rms.variances(
-                self._bench.run(
-                    self._box.design(np.array(each.place)), self._trials, self._fidelity
-                )
-            )
-            for each in (self._anchor, done)
-        )
-        # The standard error is half the 68 % interval of the logarithm.
-        ratio = self._rms.ratio(one, other, self._bench.seed, RESAMPLES, confidence=0.68)
-        return gain > math.log(ratio.high / ratio.low) / 2
+    def _gain(self, done: Evaluation, anchor: Evaluation) -> bool:
+        doubt = self._correction.doubt(np.array(done.place), np.array(anchor.place))
+        return anchor.score - done.score > max(doubt, LEAST_GAIN)

@@ -26,6 +26,7 @@ def small() -> Design:
         trials=12,
         most_trials=24,
         evaluations=20,
+        prospects=8,
         fresh_trials=60,
         sample_trials=12,
     )

@@ -41,7 +41,8 @@ def test_the_best_is_the_best_feasible_one_of_the_last_pass(optimum, small):
 
 
 def test_the_trials_grow(optimum, small):
-    assert sorted({one.trials for one in optimum.evaluations}) == [12, 24]
+    # None for designs that miss a requirement without any.
+    assert {one.trials for one in optimum.evaluations} - {0} == {12, 24}
 
 
 def test_the_optimism_compares_fresh_frames_with_the_promise(optimum):
@@ -102,17 +103,17 @@ def test_a_box_that_meets_nothing_is_said_to(small):
 
 
 def test_a_start_that_sees_no_star_still_finds_some(small):
-    """0.2 ms at f/4, with a threshold of 12 sigma: nothing is detected."""
+    """50 us at f/4, with a threshold of 12 sigma: nothing is detected."""
     case = small.case
     optics = dataclasses.replace(case.instrument.optics, f_number=4.0)
-    detector = dataclasses.replace(case.instrument.detector, exposure=2e-4)
+    detector = dataclasses.replace(case.instrument.detector, exposure=5e-5)
     tracker = dataclasses.replace(
         case.tracker, detection=dataclasses.replace(case.tracker.detection, threshold=12.0)
     )
     instrument = dataclasses.replace(case.instrument, optics=optics, detector=detector)
     dim = dataclasses.replace(case, instrument=instrument, tracker=tracker)
     wide = [
-        dataclasses.replace(one, low="0.2 ms") if one.name.endswith("exposure") else one
+        dataclasses.replace(one, low="0.05 ms") if one.name.endswith("exposure") else one
         for one in small.campaign.variables
     ]
     campaign = dataclasses.replace(small.campaign, variables=tuple(wide), evaluations=40)

@@ -1,4 +1,5 @@
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -89,3 +90,19 @@ def test_stars_above_the_limit_are_found_and_those_below_are_not():
     assert len(found[True]) > 50
     assert np.mean(found[True]) > 0.8
     assert np.mean(found[False]) < 0.1
+
+
+def test_limits_that_are_not_asked_for_are_not_there():
+    assert not {"volume", "data rate", "cost"} & set(Requirements().margins(CASE))
+
+
+def test_volume_data_rate_and_cost():
+    """A tube of 2 x 35 mm behind 35 / 2.4 mm; 512 x 512 pixels of 12 bit; 1.7 decades a decade."""
+    needs = Requirements(max_volume=200e-6, max_data_rate=30e6, max_cost=20e3, volume_fixed=1e-4)
+    margins = needs.margins(CASE)
+    tube = math.pi / 4 * (0.035 / 2.4) ** 2 * 0.07
+    assert margins["volume"] == pytest.approx(1 - (1e-4 + tube) / 200e-6)
+    rate = 512 * 512 * 12 / (0.08 + 512 * 512 / 10e6)
+    assert margins["data rate"] == pytest.approx(1 - rate / 30e6)
+    wide = changed(optics={"focal_length": 0.35})
+    assert needs.cost(wide) / needs.cost(CASE) == pytest.approx(10**1.7)

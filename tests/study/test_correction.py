@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
+from startrack.study.correction import correct
 from startrack.study.evaluate import Evaluation
-from startrack.study.honesty import fit_honesty
 
 TRIED = Evaluation((0.0,), {}, 1.0, 1.0, 0.0, {}, None, "")
 
@@ -29,15 +29,15 @@ def test_a_plane_is_found_better_than_one_design_tells():
     rng = np.random.default_rng(0)
     misses = []
     for _ in range(50):
-        honesty = fit_honesty(list(tried(truth, 100, rng)), np.full(2, 0.5), 0.5)
+        correction = correct(list(tried(truth, 100, rng)), np.full(2, 0.5), 0.5)
         at = rng.random((20, 2))
-        misses.append([honesty(place) - truth(place) for place in at])
+        misses.append([correction(place) - truth(place) for place in at])
     assert np.sqrt(np.mean(np.square(misses))) < 0.02
 
 
-def test_nothing_tried_leaves_the_word_of_the_tracker():
-    honesty = fit_honesty([], np.full(2, 0.5), 0.5)
-    assert honesty(np.array([0.2, 0.9])) == 0
+def test_nothing_tried_leaves_the_budget_as_it_is():
+    correction = correct([], np.full(2, 0.5), 0.5)
+    assert correction(np.array([0.2, 0.9])) == 0
 
 
 def test_far_and_unsolved_designs_do_not_count():
@@ -45,5 +45,18 @@ def test_far_and_unsolved_designs_do_not_count():
     near = list(tried(lambda _: 0.2, 30, rng))
     far = dataclasses.replace(TRIED, place=(5.0, 5.0), error=100.0)
     lost = dataclasses.replace(TRIED, place=(0.5, 0.5), error=math.nan)
-    honesty = fit_honesty([*near, far, lost], np.full(2, 0.5), 0.5)
-    assert honesty(np.full(2, 0.5)) == pytest.approx(0.2, abs=0.05)
+    correction = correct([*near, far, lost], np.full(2, 0.5), 0.5)
+    assert correction(np.full(2, 0.5)) == pytest.approx(0.2, abs=0.05)
+
+
+def test_the_doubt_of_a_difference_holds():
+    """The true difference lies within 3 standard errors in all but 2 of 100 repetitions."""
+    truth = lambda place: 0.1 + 0.3 * place[0] - 0.2 * place[1]  # noqa: E731
+    rng, misses = np.random.default_rng(1), 0
+    one, other = np.array([0.2, 0.3]), np.array([0.7, 0.9])
+    for _ in range(100):
+        correction = correct(list(tried(truth, 40, rng)), np.full(2, 0.5), 0.5)
+        found = correction(one) - correction(other)
+        misses += abs(found - truth(one) + truth(other)) > 3 * correction.doubt(one, other)
+    assert misses <= 2
+    assert correction.doubt(one, one) == 0

@@ -1,0 +1,45 @@
+"""`startrack requirements`: what a design must meet, and how far it does."""
+
+from __future__ import annotations
+
+import argparse
+
+from startrack.commands.terminal import example, read_campaign, tell
+from startrack.exits import Exit
+from startrack.study.evaluate import expect
+from startrack.study.objective import Objective
+from startrack.units import arcsec
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the margins of a design and what its analytic budget expects; no trial is done."""
+    path = options.campaign or example()
+    design, campaign = read_campaign(path)
+    budget, margins = expect(design.case, campaign)
+    objective = Objective.read(campaign.objective)
+    error = objective.expected(budget) / arcsec
+    met = all(margin >= 0 for margin in margins.values())
+    needs = campaign.requirements
+    costs = {
+        "mass_kg": needs.mass(design.case),
+        "volume_m3": needs.volume(design.case),
+        "power_w": needs.power(design.case),
+        "data_rate_bit_per_s": needs.data_rate(design.case),
+        "cost": needs.cost(design.case),
+    }
+    result = {"design": str(path), "met": met, "margins": margins, **costs}
+    result |= {"objective": str(objective), "expected_arcsec": error, "stars": budget.stars}
+    lines = [f"{'requirement':20} {'margin':>8}"]
+    lines += [
+        f"{name:20} {margin:+8.3f}{'' if margin >= 0 else '  NOT MET'}"
+        for name, margin in margins.items()
+    ]
+    lines += [
+        "",
+        *(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()),
+        "",
+        f"expected {objective}: {error:.3f} arcsec with {budget.stars:.1f} stars; availability by "
+        "the analytic budget. A margin is a share of its limit, that of the stars in magnitudes.",
+    ]
+    tell(options, result, "\n".join(lines))
+    return Exit.DONE if met else Exit.UNSOLVED
