@@ -67,7 +67,7 @@ def test_every_default_survives_a_table():
         ('"400 nm", "430 nm"', '"400 nm", "430 s"',
          "instrument.optics.transmission.wavelength[1] must have a unit that converts to m"),
         ('objective = "across"', 'objective = "along"',
-         "campaign.objective must be one of across, about, got 'along'"),
+         "campaign.objective must be across, about or both"),
         ("[catalog]", "[catalogue]", "catalogue is unknown"),
     ],
 )  # fmt: skip
