@@ -104,10 +104,10 @@ def test_a_failed_save_leaves_the_old_file(tmp_path):
 def test_a_fidelity_is_read_by_its_name(tmp_path):
     path = tmp_path / "design.toml"
     text = shipped("designs/nanosatellite.toml").read_text()
-    path.write_text(text.replace("trials = 64", 'trials = 64\nfidelity = "window"', 1))
+    path.write_text(text.replace("trials = 50", 'trials = 50\nfidelity = "frame"', 1))
     design = load_design(path)
     assert design.campaign is not None
-    assert design.campaign.fidelity is Fidelity.WINDOW
-    path.write_text(text.replace("trials = 64", 'trials = 64\nfidelity = "coarse"', 1))
+    assert design.campaign.fidelity is Fidelity.FRAME
+    path.write_text(text.replace("trials = 50", 'trials = 50\nfidelity = "coarse"', 1))
     with pytest.raises(ValueError, match=r"campaign\.fidelity must be one of frame, window, cov"):
         load_design(path)

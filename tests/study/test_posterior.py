@@ -56,6 +56,7 @@ def test_many_cameras_project_as_each():
         np.testing.assert_allclose(pixel, one.project(direction), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_it_agrees_with_least_squares_where_that_is_right():
     """Many stars: the posterior is normal, with the covariance of Gauss-Newton's fit."""
     rng = np.random.default_rng(2)
@@ -74,6 +75,7 @@ def test_it_agrees_with_least_squares_where_that_is_right():
     np.testing.assert_allclose(flat.std(axis=0), sigma, rtol=0.2)
 
 
+@pytest.mark.slow
 def test_one_narrow_frame_leaves_the_principal_point_open():
     rng = np.random.default_rng(3)
     narrow = Camera(512, 512, 8000.0)
