@@ -10,6 +10,7 @@ matched     image -> filtered image, by the kernel of a Gaussian or of the desig
 law         how far its noise reaches, by the gain model or by the skewness it shows
 connect     filtered image, level -> Peaks of its connected components
 between     how far a peak stands out, at the best place between the pixels
+split       Peaks -> more of them, where the filter has merged stars
 examine     Peaks -> which of them are no stars
 find        Pixels -> Candidates: peaks that look like stars
 rate        how many false spots noise makes, and the threshold for as many
@@ -19,7 +20,9 @@ s_curve     its error over the star's place in the pixel, from the PSF
 weighted    centre of gravity under a Gaussian weight that follows the star
 psf_table   share of a star's light in each pixel
 smear       the PSF of a star that moves
+gaussian_star  share of a Gaussian star's light in each pixel
 scoring     one step of a fit
+fit         the steps, for stars that touch together
 gaussian    fit of a Gaussian
 likelihood  fit of the design's PSF
 centroid    Candidates -> Spots, by one of these four

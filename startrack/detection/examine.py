@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from startrack.detection.background import between
 from startrack.detection.between import highest_between
-from startrack.detection.robust import around
+from startrack.detection.robust import around, around_among
 from startrack.values import Floats, Ints
 
 Image = NDArray[np.float32]
@@ -38,7 +38,8 @@ def alone(
     """Whether peaks stand out of their tile, and out of the ring around them where it is uneven.
 
     The edge of a tree, of the limb or of a bright star's halo passes the tile's level, but its
-    ring is as uneven as the edge is high.
+    ring is as uneven as the edge is high. The ring leaves other peaks out, which may be the
+    other stars of a pair.
 
     filters    of stars between the pixels, (k, rows, columns)
     sigmas     how far a peak must stand out, on the grid of the Sky
@@ -46,6 +47,7 @@ def alone(
     floor      digital number, least noise
     """
     good = np.empty(len(x), np.bool_)
+    far_off = 2 * reach + 4
     for i in range(len(x)):
         # Where trees begin, their own tile is the better witness.
         v, u = y[i] // mesh + 1, x[i] // mesh + 1
@@ -54,7 +56,11 @@ def alone(
         far = max(between(sigmas, mesh, x[i], y[i]), sigmas[v, u])
         good[i] = _stands_out(image, filtered, filters, x[i], y[i], level, far * noise)
         if good[i]:
-            ring, _, _, spread, _ = around(filtered, x[i], y[i], reach, floor)
+            others = (np.abs(x - x[i]) <= far_off) & (np.abs(y - y[i]) <= far_off)
+            others[i] = False
+            ring, _, _, spread, _ = around_among(
+                filtered, x[i], y[i], reach, floor, x[others], y[others]
+            )
             level = ring if ring > level + HIGHER * noise else level
             noise = spread if spread > UNEVEN * noise else noise
             good[i] = _stands_out(image, filtered, filters, x[i], y[i], level, far * noise)
@@ -91,6 +97,16 @@ def sharp(image: Image, x: Ints, y: Ints, reach: int, share: float) -> NDArray[n
         most = max(core.sum(axis=0).max(), core.sum(axis=1).max())
         verdict[i] = sides < 2 * (1 - share) / share * core[1, 1]
         verdict[i] |= most - share * core.sum() > SURE * chance * noise
+    return verdict
+
+
+@njit(cache=True, error_model="numpy")
+def spoilt(dead: NDArray[np.uint8], x: Ints, y: Ints, reach: int) -> NDArray[np.bool_]:
+    """Whether a peak has a dead pixel in a square of that half side about it."""
+    verdict = np.empty(len(x), np.bool_)
+    for i in range(len(x)):
+        left, top = max(x[i] - reach, 0), max(y[i] - reach, 0)
+        verdict[i] = dead[top : y[i] + reach + 1, left : x[i] + reach + 1].any()
     return verdict
 
 

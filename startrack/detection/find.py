@@ -12,17 +12,19 @@ from numpy.typing import NDArray
 from startrack.detection.background import Sky, believed, sky
 from startrack.detection.between import bank
 from startrack.detection.connect import lit, peaks
-from startrack.detection.examine import alone, largest_share, sharp
+from startrack.detection.examine import alone, largest_share, sharp, spoilt
 from startrack.detection.law import modelled, sigmas
 from startrack.detection.matched import Kernel, filtered, kernel_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.rate import threshold_over
+from startrack.detection.split import split
 from startrack.values import Ints, Psf
 
 Image = NDArray[np.float32]
 # A star between the pixels shows less of its peak, so pixels are looked at from here on.
 LOOK = np.float32(0.75)  # of the threshold
+FITS = ("gaussian", "likelihood")  # leave dead pixels out, and need the peak itself alone
 KERNEL_TAIL = 2  # pixel; the outer pixels of a filtered star are too faint to matter
 
 
@@ -86,8 +88,10 @@ def choose(
     """
     kernel = kernel_of(settings, psf)
     reach, ring = settings.window // 2, ring_half(settings, kernel)
-    x, y, area = peaks(
-        image, bright, settings.min_area, settings.max_area, reach, reach + settings.edge
+    found = peaks(image, bright, settings.min_area, settings.max_area, reach, reach + settings.edge)
+    shot = 1 / pixels.gain.electrons_per_dn
+    x, y, area = split(
+        pixels.value, found, ground.mean, ground.rms, ground.mesh, kernel.noise, shot
     )
     if regions is not None:
         inside = _inside(x, y, regions)
@@ -98,8 +102,8 @@ def choose(
     )  # fmt: skip
     if settings.sharpest_sigma > 0:
         good &= ~sharp(pixels.value, x, y, ring, largest_share(settings.sharpest_sigma))
-    if pixels.spoilt is not None:
-        good &= pixels.spoilt[y, x] == 0
+    if pixels.dead is not None:
+        good &= ~spoilt(pixels.dead, x, y, 0 if settings.centroid in FITS else 1)
     return Candidates(x[good], y[good], area[good])
 
 

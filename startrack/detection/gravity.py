@@ -42,7 +42,7 @@ def gravity(sample: Sample, uncut: bool) -> Floats:
 
 @njit(cache=True, error_model="numpy")
 def _gravity(  # type: ignore[no-untyped-def]
-    image, x, y, whole, floor, electrons_per_dn, offset, read_noise, saturation, uncut
+    image, dead, x, y, whole, floor, electrons_per_dn, offset, read_noise, saturation, uncut
 ):
     rows, columns = image.shape
     table = np.full((len(x), ROW), np.nan)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from startrack.values import Frame
 
 Image = NDArray[np.float32]
-NEIGHBOURS = np.ones((3, 3), np.uint8)
 LARGEST = 1e12  # digital number; what is beyond is no reading, and its square must fit float32
 EPSILON = float(np.finfo(np.float32).eps)
 
@@ -42,14 +41,14 @@ class Pixels(NamedTuple):
     value   (rows, columns) digital number less `pivot`; dead pixels hold their neighbours' mean
     pivot   digital number that was taken off, so that float32 holds the rest
     step    digital number between two neighbouring values of the image
-    spoilt  (rows, columns) not 0 on dead pixels and their neighbours; None where none is dead
+    dead    (rows, columns) not 0 on dead pixels; None where none is dead
     gain    of its pixels
     """
 
     value: Image
     pivot: float
     step: float
-    spoilt: NDArray[np.uint8] | None
+    dead: NDArray[np.uint8] | None
     gain: Gain = UNKNOWN
 
 
@@ -74,14 +73,12 @@ def pixels(frame: Frame) -> Pixels:
     dead = ~(np.abs(value) < LARGEST)  # NaN too
     if dead.all():
         raise ValueError(f"image must hold finite values below {LARGEST:g}, got none")
+    marks = None
     if dead.any():
-        value = _filled(value, dead)
-        spoilt = np.asarray(cv2.dilate(dead.astype(np.uint8), NEIGHBOURS), np.uint8)
-    else:
-        spoilt = None
+        value, marks = _filled(value, dead), dead.astype(np.uint8)
     rounding = EPSILON * float(np.mean(np.abs(value), dtype=np.float64))
     step = rounding if image.dtype.kind == "f" else max(rounding, 1.0)
-    return Pixels(value, pivot, step, spoilt, gain)
+    return Pixels(value, pivot, step, marks, gain)
 
 
 def gain_of(frame: Frame, pivot: float) -> Gain:

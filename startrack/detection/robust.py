@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.values import Ints
+
 Values = NDArray[np.float32]
 
 CLIP = 3.0  # sigma
@@ -20,6 +22,8 @@ SLOPES = 4  # how often a plane is made better
 # Share of the variance; a plane that explains less may be chance, as a ring of correlated noise
 # holds no more than some twenty independent values.
 LEAST_SHARE = 0.3
+NOBODY = np.empty(0, np.int64)
+MOST_LEFT_OUT = 0.85  # of a ring; where more spots crowd, it is their light that counts
 
 
 # Sums may be taken in any order, which lets the processor add several pixels at once.
@@ -149,18 +153,44 @@ def around(
 
     Returns  as `plane`, about (x, y), and how many pixels the ring has
     """
+    return around_among(image, x, y, half, floor, NOBODY, NOBODY)
+
+
+@njit(cache=True, error_model="numpy")
+def around_among(
+    image: Values, x: int, y: int, half: int, floor: float, others_x: Ints, others_y: Ints
+) -> tuple[float, float, float, float, int]:
+    """As `around`, without the squares about other spots, as long as most of the ring is left."""
     rows, columns = image.shape
     inner, outer = half + 2, half + 3
     most = (2 * outer + 1) ** 2 - (2 * inner - 1) ** 2
     values, dx, dy = np.empty((3, most), np.float32)
-    count = 0
+    # From the back come those that are left out, should they be needed.
+    count, left_out = 0, 0
     for row in range(max(0, y - outer), min(rows, y + outer + 1)):
         for column in range(max(0, x - outer), min(columns, x + outer + 1)):
             if abs(row - y) >= inner or abs(column - x) >= inner:
-                values[count] = image[row, column]
-                dx[count], dy[count] = column - x, row - y
-                count += 1
+                if _near_one(column, row, others_x, others_y, half + 1):
+                    left_out += 1
+                    place = most - left_out
+                else:
+                    place = count
+                    count += 1
+                values[place] = image[row, column]
+                dx[place], dy[place] = column - x, row - y
+    if left_out > MOST_LEFT_OUT * (count + left_out):
+        for k in range(most - left_out, most):
+            values[count], dx[count], dy[count] = values[k], dx[k], dy[k]
+            count += 1
     if count == 0:
         return float(image[y, x]), 0.0, 0.0, floor, 1
     mean, slope_x, slope_y, rms = plane(values[:count], dx[:count], dy[:count], floor)
     return mean, slope_x, slope_y, rms, count
+
+
+@njit(cache=True, error_model="numpy")
+def _near_one(x: int, y: int, others_x: Ints, others_y: Ints, far: int) -> bool:
+    for k in range(len(others_x)):
+        if abs(others_x[k] - x) <= far and abs(others_y[k] - y) <= far:
+            return True
+    return False

@@ -16,6 +16,7 @@ from startrack.values import Frame, Ints
 
 Image = NDArray[np.float32]
 ROW = 9  # x, y, flux, its sigma, xx, xy, yy, and the pixel that the window is centred on
+NONE_DEAD = np.empty((0, 0), np.uint8)
 UNEVEN = 1.6  # a ring's noise exceeds the gain model's by that much never by chance
 
 
@@ -23,6 +24,7 @@ class Sample(NamedTuple):
     """Numbers are digital ones, and `image` and what is compared with it lack the pivot.
 
     image             (rows, columns)
+    dead              as of Pixels; empty where none is
     x, y              (n,) pixel, peaks
     half              pixel, half side of the window
     floor             least noise of a pixel
@@ -33,6 +35,7 @@ class Sample(NamedTuple):
     """
 
     image: Image
+    dead: NDArray[np.uint8]
     x: Ints
     y: Ints
     half: int
@@ -48,6 +51,7 @@ def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detec
     saturation = math.inf if settings.saturation is None else settings.saturation
     return Sample(
         pixels.value,
+        NONE_DEAD if pixels.dead is None else pixels.dead,
         candidates.x,
         candidates.y,
         settings.window // 2,

@@ -1,30 +1,26 @@
-"""One step of a fit of a star and its background to a window, and what the fit cannot know."""
+"""One step of a fit of stars and their background to a window, and what the fit cannot know."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from startrack.detection.sample import Image
 from startrack.values import Floats
-
-LEAST_PIXELS = 8
 
 
 @njit(cache=True, error_model="numpy")
 def information(
     data: Floats,
     star: Floats,
-    flux: float,
-    background: float,
+    value: Floats,
     noise: float,
     shot: float,
     matrix: Floats,
     right: Floats,
 ) -> int:
-    """Fisher's information of the shape's parameters, the flux and the background.
+    """Fisher's information of the stars' shapes and fluxes, and of the background.
 
-        mu = flux p + background,   var = noise^2 + shot flux max(p, 0)
+        mu = sum(flux p) + background,   var = noise^2 + shot sum(flux max(p, 0))
         matrix = sum(dmu dmu^T / var),   right = sum(dmu (data - mu) / var)
 
     A step `matrix^-1 right` is one of Fisher's scoring. The variance follows from the model
@@ -32,28 +28,34 @@ def information(
 
     Source: Kay, Estimation Theory (1993), sections 3.6 and 7.7.
 
-    data         (rows, columns) less the known slopes; NaN in pixels that tell nothing
-    star         (1 + k, rows, columns) p and its slopes by the k parameters of its shape
-    matrix       (k + 2, k + 2), right (k + 2,): written here
-    Returns      how many pixels counted
+    data    (rows, columns) less the known slopes; NaN in pixels that tell nothing
+    star    (m, 1 + k, rows, columns) p of each star and its slopes by the k values of its shape
+    value   (m (k + 1) + 1,) of each star its shape and its flux; last the background
+    matrix  (n, n), right (n,) for n values: written here
+    Returns how many pixels counted
     """
-    shapes, rows, columns = star.shape
-    size = shapes + 1
+    stars, each, rows, columns = star.shape
+    size, shapes = len(value), each - 1
     matrix[:] = 0
     right[:] = 0
     slope = np.empty(size)
+    slope[size - 1] = 1.0
     count = 0
     for j in range(rows):
         for i in range(columns):
             if np.isnan(data[j, i]):
                 continue
             count += 1
-            share = star[0, j, i]
-            weight = 1 / (noise * noise + shot * flux * max(share, 0.0))
-            rest = weight * (data[j, i] - flux * share - background)
-            for k in range(shapes - 1):
-                slope[k] = flux * star[k + 1, j, i]
-            slope[size - 2], slope[size - 1] = share, 1.0
+            mean, variance = value[size - 1], noise * noise
+            for s in range(stars):
+                share, flux = star[s, 0, j, i], value[s * each + shapes]
+                mean += flux * share
+                variance += shot * flux * max(share, 0.0)
+                for k in range(shapes):
+                    slope[s * each + k] = flux * star[s, k + 1, j, i]
+                slope[s * each + shapes] = share
+            weight = 1 / variance
+            rest = weight * (data[j, i] - mean)
             for k in range(size):
                 right[k] += slope[k] * rest
                 for m in range(k + 1):
@@ -65,47 +67,25 @@ def information(
 
 
 @njit(cache=True, error_model="numpy")
-def brightness(data: Floats, share: Floats) -> tuple[float, float]:
-    """Flux and background of a star of known shape, by least squares with equal weights."""
-    n, p, pp, d, dp = 0, 0.0, 0.0, 0.0, 0.0
-    for j in range(data.shape[0]):
-        for i in range(data.shape[1]):
+def brightness(data: Floats, star: Floats, value: Floats) -> None:
+    """Write fluxes and background of stars of known shapes, by least squares, into the values."""
+    stars, each, rows, columns = star.shape
+    matrix, right = np.zeros((stars + 1, stars + 1)), np.zeros(stars + 1)
+    part = np.ones(stars + 1)
+    for j in range(rows):
+        for i in range(columns):
             if np.isnan(data[j, i]):
                 continue
-            n += 1
-            p += share[j, i]
-            pp += share[j, i] ** 2
-            d += data[j, i]
-            dp += data[j, i] * share[j, i]
-    flux = (n * dp - p * d) / (n * pp - p * p)
-    return flux, (d - flux * p) / n
-
-
-@njit(cache=True, error_model="numpy")
-def cut(
-    image: Image,
-    x: int,
-    y: int,
-    half_x: int,
-    half_y: int,
-    slope_x: float,
-    slope_y: float,
-    saturation: float,
-) -> tuple[Floats, int, int]:
-    """The window about a pixel as far as the image reaches, less the slopes of its background.
-
-    Returns  (rows, columns), NaN where saturated; its first column and row
-    """
-    rows, columns = image.shape
-    left, top = max(x - half_x, 0), max(y - half_y, 0)
-    right, bottom = min(x + half_x + 1, columns), min(y + half_y + 1, rows)
-    data = np.empty((bottom - top, right - left))
-    for v in range(top, bottom):
-        for u in range(left, right):
-            value = image[v, u]
-            plane = slope_x * (u - x) + slope_y * (v - y)
-            data[v - top, u - left] = np.nan if value >= saturation else value - plane
-    return data, left, top
+            part[:stars] = star[:, 0, j, i]
+            for k in range(stars + 1):
+                right[k] += part[k] * data[j, i]
+                for m in range(stars + 1):
+                    matrix[k, m] += part[k] * part[m]
+    if not solved(matrix, right):
+        right[:] = 0
+    for s in range(stars):
+        value[s * each + each - 1] = right[s]
+    value[len(value) - 1] = right[stars]
 
 
 @njit(cache=True, error_model="numpy")

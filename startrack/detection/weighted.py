@@ -35,7 +35,7 @@ def weighted(sample: Sample, sigma: float) -> Floats:
 
 @njit(cache=True, error_model="numpy")
 def _weighted(  # type: ignore[no-untyped-def]
-    image, x, y, half, floor, electrons_per_dn, offset, read_noise, saturation, table, sigma
+    image, dead, x, y, half, floor, electrons_per_dn, offset, read_noise, saturation, table, sigma
 ):
     for i in range(len(x)):
         if np.isnan(table[i, 2]):

@@ -61,11 +61,11 @@ def _near(image: Pixels, place: Floats, reach: float, settings: Detection, psf: 
     if not len(corner):
         nothing = np.empty(0, np.int64)
         return Candidates(nothing, nothing, nothing)
-    spoilt = None if image.spoilt is None else _stacked(image.spoilt, corner, side)
+    dead = None if image.dead is None else _stacked(image.dead, corner, side)
     values = _stacked(image.value, corner, side).reshape(len(corner), -1)
     # So that windows far apart in the frame fit together; some of the pixels tell it.
     values = values - np.median(values[:, ::MEDIAN_STRIDE], axis=1)[:, None]
-    stack = Pixels(values.reshape(-1, side), image.pivot, image.step, spoilt)
+    stack = Pixels(values.reshape(-1, side), image.pivot, image.step, dead)
     found = find(stack, settings, psf, mesh=side)
     window = found.y // side
     x, y = found.x + corner[window, 0], found.y - window * side + corner[window, 1]
