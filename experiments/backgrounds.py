@@ -1,0 +1,113 @@
+"""How near to the Sun may a tracker look, and what of the sky's own light does it notice?
+
+The nanosatellite's tracker looks at random places of rings about the Sun, through a baffle whose
+transmittance falls from 1e-3 at 10 degrees by a decade every 6 degrees to 1e-13. Each row is a
+ring: the brightness of the zodiacal light, the electrons of a pixel that sky and veil leave, the
+stars that are matched, the error across. The last row is a sky of nothing but stars.
+
+    python experiments/backgrounds.py [--trials N] [--json FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from startrack.case import Case
+from startrack.catalog import open_sky, shipped
+from startrack.chain import observe
+from startrack.design import load_design
+from startrack.detector.glow import glow_of
+from startrack.optics import Baffle
+from startrack.scene import Scene
+from startrack.scene.ephemeris import observer_of
+from startrack.scene.zodiacal import zodiacal
+from startrack.streams import Streams
+from startrack.units import deg
+from startrack.view import light_of, look, throughput
+
+DATE = "2026-03-20T12:00:00"
+ANGLES = (30, 35, 40, 45, 50, 60, 90, 135, 180)  # degree from the Sun
+FALL = np.arange(10, 71, 6)
+BAFFLE = Baffle(tuple(float(a) * deg for a in FALL), tuple(10.0 ** -(3.0 + np.arange(len(FALL)))))
+SCENE = Scene(lights=("zodiacal", "starlight", "sun"), date=DATE)
+
+
+def around(sun: np.ndarray, angle: float, streams: Streams) -> Rotation:
+    """A random attitude whose boresight is so far from the Sun."""
+    turn, roll = 2 * math.pi * streams("place").random(2)
+    first = np.cross(sun, [0.0, 0.0, 1.0])
+    first /= np.linalg.norm(first)
+    side = math.cos(turn) * first + math.sin(turn) * np.cross(sun, first)
+    boresight = math.cos(angle) * sun + math.sin(angle) * side
+    to_axis, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [boresight])
+    return Rotation.from_rotvec([0.0, 0.0, roll]) * to_axis
+
+
+def ring(case: Case, angle: float | None, trials: int) -> dict[str, float]:
+    """What the tracker meets at an angle from the Sun; None: anywhere, without its light."""
+    body = observer_of(SCENE, None).see("sun")
+    rows = []
+    for number in range(trials):
+        streams = Streams(7, number)
+        attitude = around(body.direction, 2.0 if angle is None else angle, streams)
+        record = observe(case, attitude, streams)
+        boresight = attitude.inv().apply([[0.0, 0.0, 1.0]])
+        instrument = case.instrument
+        stars = look(open_sky(case.catalog), attitude, instrument.camera)
+        light = light_of(case, stars, attitude, streams)
+        glow = glow_of(light, instrument.camera, instrument.detector, throughput(instrument))
+        level = 0.0 if glow is None else float(glow.mean())
+        s10 = float(zodiacal(boresight, body.direction)[0]) if angle is not None else 0.0
+        error = math.hypot(record.outcome.error_x, record.outcome.error_y) / math.sqrt(2)
+        rows.append((s10, level, record.outcome.stars, record.outcome.solved, error))
+    s10, level, matched, solved, error = np.array(rows, float).T
+    right = solved > 0
+    return {
+        "sun_deg": math.nan if angle is None else round(angle / deg),
+        "zodiacal_s10": float(s10.mean()),
+        "electrons": float(level.mean()),
+        "stars": float(matched[right].mean()) if right.any() else 0.0,
+        "solved": float(right.mean()),
+        "error_arcsec": 3600 / deg * math.sqrt((error[right] ** 2).mean())
+        if right.any()
+        else math.nan,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trials", type=int, default=20, help="in each ring (default: 20)")
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    options = parser.parse_args()
+    plain = load_design(shipped("designs/nanosatellite.toml")).case
+    case = dataclasses.replace(
+        plain, scene=SCENE, instrument=dataclasses.replace(plain.instrument, baffle=BAFFLE)
+    )
+    dark = dataclasses.replace(plain, scene=Scene())
+    print("Sun / deg  zodiacal / S10  sky and veil / e-  matched  solved  error / arcsec")
+    figures = []
+    for angle in (*ANGLES, None):
+        row = ring(
+            dark if angle is None else case,
+            None if angle is None else angle * deg,
+            options.trials,
+        )
+        figures.append(row)
+        print(
+            f"{row['sun_deg']:9.0f}  {row['zodiacal_s10']:14.0f}  {row['electrons']:17.2f}  "
+            f"{row['stars']:7.1f}  {row['solved']:6.2f}  {row['error_arcsec']:14.2f}",
+            flush=True,
+        )
+    if options.json:
+        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
