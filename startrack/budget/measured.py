@@ -34,13 +34,13 @@ from startrack.detection.centroid import centroid
 from startrack.detection.find import Candidates
 from startrack.detection.pixels import pixels
 from startrack.detection.smear import star_image
-from startrack.detector import electron_rate, expected, frame_of
+from startrack.detector import electron_rate, frame_of
 from startrack.detector.digitise import shot
 from startrack.identification import refit
 from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.values import Floats, Frame, Ints, Spots
-from startrack.view import path_of, psf_of, random_attitude, throughput, turn_of
+from startrack.view import noiseless, path_of, psf_of, random_attitude, throughput
 
 SAME = 0.7  # pixel, within which a spot is the same in two frames
 BLOCKS = 8  # of members, for each worker
@@ -209,17 +209,8 @@ class _Trial:
         return quiet(electrons, detector, size.pixel, size.noise)
 
     def _electrons(self, case: Case) -> Floats:
-        instrument = case.instrument
-        return expected(
-            illuminate(case.scene, self._record.stars),
-            psf_of(instrument),
-            path_of(instrument, self._streams),
-            self._attitude,
-            instrument.camera,
-            instrument.detector,
-            throughput(instrument),
-            turn_of(instrument, self._streams),
-        )
+        path = path_of(case.instrument, self._streams)
+        return noiseless(case, self._record.stars, path, self._attitude, self._streams)
 
     def _alone(self, case: Case) -> Spots:
         """Each matched star measured in a cell of its own; a case that believes what is true."""
