@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import typing
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,15 +15,16 @@ from startrack.attitude import solve
 from startrack.camera import Camera
 from startrack.case import Case, Fidelity, Tracker
 from startrack.catalog import open_sky
+from startrack.covariance import outcomes as drawn_outcomes
 from startrack.detection import detect
 from startrack.detector import expose
-from startrack.error import Outcome, judge
+from startrack.error import JUDGED, Outcome, judge
 from startrack.identification import PatternIndex, build_index, identify
-from startrack.motion import turn
 from startrack.streams import Streams
 from startrack.sweep import straighten, sweep
 from startrack.values import Estimate, Frame, Matches, Path, Psf, Spots, Stars
 from startrack.view import (
+    asked_for,
     detected,
     frame_before,
     light_of,
@@ -77,25 +77,29 @@ class Record:
     path: Path
 
 
-OUTCOMES = np.dtype([("trial", np.int64), *typing.get_type_hints(Outcome).items()])
+OUTCOMES = np.dtype([("trial", np.int64), *JUDGED.descr])
 
 
 def trials(
-    case: Case, seed: int, numbers: Iterable[int], fidelity: Fidelity = Fidelity.FRAME
+    case: Case, seed: int, numbers: Sequence[int], fidelity: Fidelity = Fidelity.FRAME
 ) -> NDArray[np.void]:
     """The outcomes of some trials of a seed, each the same whichever others are asked for.
 
     Returns  (n,) structured array: `trial` and the fields of Outcome
     Errors   as `trial`, with a note that names it.
     """
-    outcomes = []
-    for number in numbers:
+    outcomes = np.empty(len(numbers), OUTCOMES)
+    outcomes["trial"] = numbers
+    if fidelity is Fidelity.COVARIANCE:
+        outcomes[list(Outcome._fields)] = drawn_outcomes(case, seed, numbers)
+        return outcomes
+    for n, number in enumerate(numbers):
         try:
-            outcomes.append((number, *trial(case, seed, number, fidelity)))
+            outcomes[n] = (number, *trial(case, seed, number, fidelity))
         except Exception as error:
             error.add_note(f"in trial {number} of seed {seed}")
             raise
-    return np.array(outcomes, OUTCOMES)
+    return outcomes
 
 
 def trial(case: Case, seed: int, number: int, fidelity: Fidelity = Fidelity.FRAME) -> Outcome:
@@ -114,7 +118,9 @@ def attempt(
     if fidelity is Fidelity.FRAME:
         return observe(case, icrs_to_camera, streams).outcome
     if fidelity is Fidelity.COVARIANCE:
-        raise ValueError("fidelity must be frame or window; covariance is not made yet")
+        alone = Rotation.concatenate([icrs_to_camera])
+        drawn = drawn_outcomes(case, streams.seed, [streams.trial], alone)
+        return Outcome(*drawn[0].item())
     spots = spots_in_windows(case, icrs_to_camera, streams)
     camera, stars = case.believed_camera, open_sky(case.believed_catalog).stars
     _, estimate = recognise(spots, camera, stars, case.tracker)
@@ -179,23 +185,6 @@ def recognise(
     """What the flight software does with its spots; arguments as `track` takes them."""
     matches = identify(spots, camera, stars, index_of(stars, camera), tracker.identification)
     return matches, solve(spots, matches, tracker.attitude)
-
-
-def asked_for(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
-    """The attitude icrs_to_camera that a tracker must report for the spacecraft to have its own.
-
-    Its time stamp may be late, and the camera may not sit as the tracker believes: the truth is
-    the spacecraft's attitude at the time stated, taken back into the believed camera.
-    """
-    truth = icrs_to_camera
-    if case.lateness:
-        path = turn(case.instrument.motion, case.instrument.detector.exposure, streams)
-        truth = Rotation.from_rotvec(path.at(np.array([case.lateness]))[0]) * truth
-    mounting, believed = case.instrument.mounting, case.believed_mounting
-    if mounting == believed:
-        return truth
-    phase = 2 * math.pi * streams("thermo-elastic").random() if mounting.swings else 0.0
-    return believed.camera_to_body().inv() * mounting.camera_to_body(phase) * truth
 
 
 def index_of(stars: Stars, camera: Camera) -> PatternIndex:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -26,7 +27,16 @@ EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can
 
 def random_attitude(streams: Streams) -> Rotation:
     """An attitude icrs_to_camera, uniform over all rotations."""
-    return Rotation.from_quat(streams("attitude").standard_normal(4))
+    return Rotation.from_quat(_quaternion(streams))
+
+
+def random_attitudes(seed: int, numbers: Sequence[int]) -> Rotation:
+    """Those of some trials of a seed."""
+    return Rotation.from_quat([_quaternion(Streams(seed, number)) for number in numbers])
+
+
+def _quaternion(streams: Streams) -> NDArray[np.float64]:
+    return streams("attitude").standard_normal(4)
 
 
 def look(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
@@ -137,3 +147,20 @@ def frame_before(
 def throughput(instrument: Instrument) -> NDArray[np.float64]:
     """Area of the aperture times transmission, square metre in each spectral bin."""
     return instrument.optics.area * instrument.optics.transmission(WAVELENGTH)
+
+
+def asked_for(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
+    """The attitude icrs_to_camera that a tracker must report for the spacecraft to have its own.
+
+    Its time stamp may be late, and the camera may not sit as the tracker believes: the truth is
+    the spacecraft's attitude at the time stated, taken back into the believed camera.
+    """
+    truth = icrs_to_camera
+    if case.lateness:
+        path = turn(case.instrument.motion, case.instrument.detector.exposure, streams)
+        truth = Rotation.from_rotvec(path.at(np.array([case.lateness]))[0]) * truth
+    mounting, believed = case.instrument.mounting, case.believed_mounting
+    if mounting == believed:
+        return truth
+    phase = 2 * math.pi * streams("thermo-elastic").random() if mounting.swings else 0.0
+    return believed.camera_to_body().inv() * mounting.camera_to_body(phase) * truth

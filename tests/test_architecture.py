@@ -30,6 +30,7 @@ ORDER = (
         "view",
         "sweep",
         "window",
+        "covariance",
         "chain",
         "products",
         "sequence",

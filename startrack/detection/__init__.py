@@ -30,11 +30,13 @@ detect      Frame -> Spots
 response    how a centroid answers to each of its pixels
 windows     Frame, predicted places -> Spots
 within      Frame known in regions alone -> Spots
+expectation Frame without noise -> what to expect of its stars
 """
 
 from startrack.detection.background import Sky
 from startrack.detection.dark import subtract_dark
 from startrack.detection.detect import detect
+from startrack.detection.expectation import Expectation, expect
 from startrack.detection.flat import divide_flat, without_pixels
 from startrack.detection.parameters import Detection
 from startrack.detection.psf_table import gaussian_psf
@@ -55,11 +57,13 @@ from startrack.detection.within import (
 
 __all__ = [
     "Detection",
+    "Expectation",
     "Sky",
     "detect",
     "detect_near",
     "detect_within",
     "divide_flat",
+    "expect",
     "false_alarms",
     "gaussian_psf",
     "grown",

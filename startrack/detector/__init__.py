@@ -16,6 +16,7 @@ charge      defects    response of each pixel, DSNU, hot and dead pixels and col
             ground     expected electrons where no star is
             expose     Light, Psf, Path -> expected electrons -> Frame
             windows    the same in windows of a frame
+            grid       stars of all fluxes at all places in the pixel, without noise
             excess     where noise alone passes a filter's level, without the frame
 pixel       hits       tracks of cosmic rays and protons
             bloom      charge beyond the full well
@@ -33,6 +34,7 @@ from startrack.detector.collect import electron_rate
 from startrack.detector.defects import Defects
 from startrack.detector.excess import Numbers, Tilt, excesses, numbers_of, tilt_for
 from startrack.detector.expose import arriving, expected, expose, frame_of, seen
+from startrack.detector.grid import star_grid
 from startrack.detector.ground import ground, ground_tables
 from startrack.detector.hits import Hits
 from startrack.detector.lines import Line, Scan, staggered, tdi
@@ -83,6 +85,7 @@ __all__ = [
     "scanned",
     "seen",
     "staggered",
+    "star_grid",
     "tdi",
     "tilt_for",
 ]

@@ -57,7 +57,7 @@ def frame_of(
     return told(read_out(electrons, detector, streams, tables), detector)
 
 
-def told(image: Image, detector: Detector) -> Frame:
+def told(image: Image | Floats, detector: Detector) -> Frame:
     """An image with what its detector knows of its numbers."""
     return Frame(
         image,

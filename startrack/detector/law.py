@@ -86,6 +86,14 @@ def converted(level: Floats, law: Law) -> Floats:
     return np.asarray(_numbers(level, law.gain, law.offset, law.bow, law.largest))
 
 
+def mean_numbers(electrons: Floats, law: Law) -> Floats:
+    """The numbers of expected electrons if nothing were noisy or rounded, element by element."""
+    held = np.minimum(electrons, law.full_well)
+    x = held * (1 - law.bend * held / law.full_well) * law.gain + law.offset
+    y = np.clip(x / law.largest, 0, 1)
+    return np.clip(x + 4 * law.bow * y * (1 - y), 0, law.largest)
+
+
 def blank(shape: tuple[int, ...], law: Law) -> Image:
     """An image to fill."""
     return np.empty(shape, kind_of(law))

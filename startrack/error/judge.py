@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import typing
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.units import deg
@@ -39,6 +41,9 @@ class Outcome(NamedTuple):
     false: bool
 
 
+JUDGED = np.dtype(list(typing.get_type_hints(Outcome).items()))
+
+
 def judge(estimate: Estimate, truth: Rotation, spots: int) -> Outcome:
     """Compare with the true attitude at the middle of the exposure.
 
@@ -53,3 +58,30 @@ def judge(estimate: Estimate, truth: Rotation, spots: int) -> Outcome:
     nees = float(error @ np.linalg.solve(estimate.covariance, error))
     false = bool(np.linalg.norm(error) > FALSE_ANGLE)
     return Outcome(x, y, z, sigma_x, sigma_y, sigma_z, nees, estimate.stars, spots, True, false)
+
+
+def judge_all(
+    estimate: Rotation,
+    covariance: NDArray[np.float64],
+    truth: Rotation,
+    stars: NDArray[np.int64],
+    spots: NDArray[np.int64],
+    solved: NDArray[np.bool_],
+) -> NDArray[np.void]:
+    """`judge` of many trials.
+
+    estimate, truth  m rotations each
+    covariance       (m, 3, 3) radian^2; that of what is not solved does not matter
+    Returns          (m,) structured array with the fields of `Outcome`
+    """
+    judged = np.zeros(len(stars), JUDGED)
+    error = np.where(solved[:, None], (estimate * truth.inv()).as_rotvec(), np.nan)
+    known = np.where(solved[:, None, None], covariance, np.eye(3))
+    sigma = np.sqrt(np.diagonal(known, axis1=1, axis2=2))
+    for k, axis in enumerate("xyz"):
+        judged[f"error_{axis}"] = error[:, k]
+        judged[f"sigma_{axis}"] = np.where(solved, sigma[:, k], np.nan)
+    judged["nees"] = np.einsum("ni,ni->n", error, np.linalg.solve(known, error[..., None])[..., 0])
+    judged["stars"], judged["spots"], judged["solved"] = stars, spots, solved
+    judged["false"] = np.linalg.norm(error, axis=1) > FALSE_ANGLE
+    return judged

@@ -1,0 +1,115 @@
+"""An image of expected numbers and the stars in it -> how the detection will see these stars."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from startrack.detection.between import bank, highest_between
+from startrack.detection.centroid import measured
+from startrack.detection.examine import largest_share, sharp
+from startrack.detection.find import Candidates, ring_half
+from startrack.detection.law import modelled, sigmas
+from startrack.detection.matched import filtered, kernel_of
+from startrack.detection.parameters import Detection
+from startrack.detection.pixels import Pixels, gain_of
+from startrack.detection.rate import threshold_over
+from startrack.detection.sample import sample
+from startrack.detection.smear import star_image
+from startrack.values import Floats, Frame, Psf
+
+
+class Expectation(NamedTuple):
+    """What is to be expected of stars; NaN where no centroid comes of them.
+
+    x, y        (n,) pixel, centroid without noise
+    covariance  (n, 2, 2) pixel^2, as the centroid itself states it
+    above       (n,) sigma, by which the star passes the threshold; negative where it does not
+    spread      (n,) sigma of what is compared with the threshold, in the same unit
+    """
+
+    x: Floats
+    y: Floats
+    covariance: Floats
+    above: Floats
+    spread: Floats
+
+
+def expect(
+    frame: Frame,
+    place: Floats,
+    level: float,
+    area: int,
+    settings: Detection,
+    psf: Psf | None = None,
+) -> Expectation:
+    """Search and measure a frame without noise.
+
+    A star is found with the probability Phi(above / spread).
+
+    frame  whose image holds expected numbers, not rounded, and whose gain and noise are known
+    place  (n, 2) pixel, where the stars are; no two so near that one sees the other
+    level  digital number where no star is
+    area   pixel, of the frames that are searched, on which the threshold may depend
+    Errors model: the best of the filters between the pixels is that of the mean; that noise may
+           make another one better lets some percent more of the stars at the threshold through.
+           Stars whose light passes for that of a hot pixel are none.
+    """
+    star = star_image(settings, psf)
+    kernel, gain = kernel_of(settings, star), gain_of(frame, 0.0)
+    image = np.ascontiguousarray(frame.image, np.float32)
+    known = Pixels(image, 0.0, 1.0, None, gain)
+    x, y = _peaks(filtered(image, kernel), np.rint(place).astype(np.int64))
+    rms, skewness, kurtosis = modelled(np.array([level], np.float32), gain, 1.0, kernel)
+    far = sigmas(threshold_over(settings, area, star), skewness, kurtosis)
+    height = _heights(image, x, y, level, bank(star, kernel)) / rms
+    # The star's own photons add to the noise of what the filter makes of it.
+    light = _light(image, x, y, level, kernel.whole)
+    spread = np.sqrt(1 + light / gain.electrons_per_dn / rms**2)
+    if settings.sharpest_sigma > 0:
+        hot = sharp(
+            image, x, y, ring_half(settings, kernel), largest_share(settings.sharpest_sigma)
+        )
+        height[hot] = -np.inf
+    seen = sample(frame, known, Candidates(x, y, np.ones_like(x)), settings)
+    # The ring about a star shows no noise here. So all that a dark pixel has is given as the
+    # least noise there is, which the ring then has too.
+    dark = float(rms[0]) / kernel.noise
+    table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), settings, star)
+    covariance = table[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
+    return Expectation(table[:, 0], table[:, 1], covariance, height - far, spread)
+
+
+@njit(cache=True, error_model="numpy")
+def _peaks(image, near):  # type: ignore[no-untyped-def]
+    """The highest pixels of the filtered image within two pixels of some, (n,) x and y."""
+    x, y = np.empty((2, len(near)), np.int64)
+    for n in range(len(near)):
+        x[n], y[n] = near[n]
+        for v in range(near[n, 1] - 2, near[n, 1] + 3):
+            for u in range(near[n, 0] - 2, near[n, 0] + 3):
+                if image[v, u] > image[y[n], x[n]]:
+                    x[n], y[n] = u, v
+    return x, y
+
+
+@njit(cache=True, error_model="numpy")
+def _heights(image, x, y, level, filters):  # type: ignore[no-untyped-def]
+    height = np.empty(len(x))
+    for n in range(len(x)):
+        height[n] = highest_between(image, x[n], y[n], level, filters)
+    return height
+
+
+@njit(cache=True, error_model="numpy")
+def _light(image, x, y, level, weight):  # type: ignore[no-untyped-def]
+    """Digital numbers of light, weighted by the square of the filter."""
+    down, across = weight.shape[0] // 2, weight.shape[1] // 2
+    light = np.zeros(len(x))
+    for n in range(len(x)):
+        for j in range(weight.shape[0]):
+            for i in range(weight.shape[1]):
+                light[n] += weight[j, i] ** 2 * (image[y[n] + j - down, x[n] + i - across] - level)
+    return np.maximum(light, 0.0)

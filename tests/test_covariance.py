@@ -1,0 +1,127 @@
+"""Spots drawn from bias and covariance, against rendered ones and the camera's own projection."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from startrack.camera import Camera
+from startrack.case import Fidelity
+from startrack.catalog import shipped
+from startrack.chain import trial, trials
+from startrack.covariance import REACH, View, _project, _pulled, plan_of
+from startrack.curve import Curve
+from startrack.design import load_design
+from startrack.detector import Defects, Hits
+from startrack.motion import Motion, Tone
+from startrack.scene import Scene
+from startrack.streams import Streams
+from startrack.view import random_attitude
+
+CASE = load_design(shipped("designs/nanosatellite.toml")).case
+
+
+def changed(**parts):
+    instrument = dataclasses.replace(CASE.instrument, **parts)
+    return dataclasses.replace(CASE, instrument=instrument)
+
+
+def with_detector(**changes):
+    return changed(detector=dataclasses.replace(CASE.instrument.detector, **changes))
+
+
+def rms(outcomes, axis):
+    right = outcomes["solved"] & ~outcomes["false"]
+    return np.sqrt(np.mean(outcomes[f"error_{axis}"][right] ** 2))
+
+
+def test_a_trial_is_the_same_alone_and_in_company():
+    together = trials(CASE, 4, range(200), Fidelity.COVARIANCE)
+    for number in (0, 77, 199):
+        alone = trials(CASE, 4, [number], Fidelity.COVARIANCE)
+        assert alone.tobytes() == together[number : number + 1].tobytes()
+    assert trial(CASE, 4, 77, Fidelity.COVARIANCE) == together[77].item()[1:]
+
+
+def test_trials_look_where_those_of_frames_look():
+    """The number of found stars goes along with that of windows, trial by trial."""
+    drawn = trials(CASE, 4, range(30), Fidelity.COVARIANCE)
+    rendered = trials(CASE, 4, range(30), Fidelity.WINDOW)
+    assert np.corrcoef(drawn["stars"], rendered["stars"])[0, 1] > 0.98
+    assert drawn["stars"].mean() == pytest.approx(rendered["stars"].mean(), rel=0.04)
+
+
+@pytest.mark.slow
+def test_errors_are_those_of_rendered_trials():
+    """Within the 5 % that are claimed and 3 standard deviations of 3000 trials, on each axis."""
+    drawn = trials(CASE, 4, range(20_000), Fidelity.COVARIANCE)
+    rendered = trials(CASE, 4, range(3000), Fidelity.WINDOW)
+    for axis in "xyz":
+        doubt = 3 * np.sqrt(stats.kurtosis(rendered[f"error_{axis}"]) + 2) / 2 / np.sqrt(3000)
+        assert rms(drawn, axis) == pytest.approx(rms(rendered, axis), rel=0.05 + doubt)
+    assert drawn["nees"].mean() == pytest.approx(rendered["nees"].mean(), rel=0.15)
+
+
+def test_the_kernel_projects_as_the_camera_does():
+    camera = Camera(800, 600, 900.0, 3.0, -5.0, -0.1, 0.05, 1e-3, -2e-3, 0.01)
+    x, y = camera.centre
+    view = View(800, 600, 900.0, x, y, -0.1, 0.05, 1e-3, -2e-3, 0.01, 2, 0.0)
+    attitude = random_attitude(Streams(1, 0))
+    pixel = np.random.default_rng(1).uniform([0, 0], [799, 599], (50, 2))
+    direction = attitude.inv().apply(camera.unproject(pixel))
+    got = [_project(attitude.as_matrix(), each, view) for each in direction]
+    np.testing.assert_allclose(got, camera.project(attitude.apply(direction)), atol=1e-9)
+
+
+def test_a_companion_pulls_towards_itself_and_far_ones_do_not():
+    pull = plan_of(CASE).pull
+    assert _pulled(REACH + 0.1, 0.0, 1.0, pull) == (0.0, 0.0)
+    x, y = _pulled(2.0, 0.0, -2.0, pull)
+    assert 0.05 < x < 1.0
+    assert abs(y) < 0.2 * x
+    weaker, _ = _pulled(2.0, 0.0, -2.8, pull)
+    assert weaker == pytest.approx(x * np.exp(-0.8), rel=0.2)
+    assert np.isnan(_pulled(1.0, 0.0, 2.0, pull)[0])
+
+
+def test_a_misbelieved_camera_errs_by_its_own():
+    """A principal point off by a pixel turns every attitude by a pixel."""
+    wrong = dataclasses.replace(CASE.instrument.camera, principal_x=1.0)
+    case = dataclasses.replace(CASE, tracker=dataclasses.replace(CASE.tracker, camera=wrong))
+    right, misled = (trials(one, 1, range(40), Fidelity.COVARIANCE) for one in (CASE, case))
+    shift = np.abs(misled["error_y"] - right["error_y"]).mean()
+    assert shift == pytest.approx(1 / CASE.instrument.camera.focal_length_px, rel=0.02)
+
+
+def test_a_tracker_matches_the_stars_of_its_own_catalogue_alone():
+    shallow = dataclasses.replace(CASE.catalog, limit_g=5.5)
+    tracker = dataclasses.replace(CASE.tracker, catalog=shallow)
+    case = dataclasses.replace(CASE, tracker=tracker)
+    all_stars, few = (trials(one, 1, range(40), Fidelity.COVARIANCE) for one in (CASE, case))
+    assert few["stars"].mean() < 0.35 * all_stars["stars"].mean()
+    np.testing.assert_allclose(few["spots"], all_stars["spots"], atol=3)
+
+
+def test_a_sky_without_stars_is_unsolved():
+    blind = with_detector(quantum_efficiency=Curve((300e-9, 1200e-9), (1e-9, 1e-9)))
+    outcomes = trials(blind, 1, range(5), Fidelity.COVARIANCE)
+    assert not outcomes["solved"].any()
+    assert np.isnan(outcomes["error_x"]).all()
+
+
+@pytest.mark.parametrize(
+    ("case", "named"),
+    [
+        (with_detector(hits=Hits(1e4)), "hits"),
+        (with_detector(defects=Defects(hot=1e-3, hot_current=100.0)), "defects"),
+        (with_detector(row_delay=1e-5), "row_delay"),
+        (with_detector(blooming=True), "blooming"),
+        (changed(motion=Motion(tones=(Tone(30.0, 1e-5),))), "jitter that each trial draws"),
+        (changed(motion=Motion(rate_z=0.1)), "a rate_z that smears"),
+        (dataclasses.replace(CASE, scene=Scene(lights=("starlight",))), "lights of the scene"),
+    ],
+)
+def test_what_needs_an_image_is_refused_by_name(case, named):
+    with pytest.raises(ValueError, match=f"without {named}"):
+        trial(case, 1, 0, Fidelity.COVARIANCE)
