@@ -387,7 +387,9 @@ def _solved(
     if tolerance:
         towards = _turned(matrix, reference)
         predicted = camera.project(towards.reshape(-1, 3)).reshape(seen.shape)
-        scale = 1 + np.clip(_scales(seen, predicted, there), -tolerance, tolerance)
+        scale = 1 + np.clip(
+            _scales(seen, predicted, noise, there, tolerance), -tolerance, tolerance
+        )
         seen = camera.centre + (seen - camera.centre) / scale[:, None, None]
     observed = camera.unproject(seen.reshape(-1, 2)).reshape(reference.shape)
     weight = np.where(there, camera.focal_length_px**2 / noise, 0.0)
@@ -415,27 +417,29 @@ def _turned(matrix, direction):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _scales(seen, predicted, there):  # type: ignore[no-untyped-def]
+def _scales(seen, predicted, noise, there, tolerance):  # type: ignore[no-untyped-def]
     """By how much the identification takes the focal length for longer, (m,) 1.
 
-    It fits the scale of the image to all stars alike, which moves the image where the stars do
-    not lie evenly about the centre.
+    It fits the scale together with the attitude, to stars weighted by their noise and with the
+    tolerance as its standard deviation beforehand.
     """
     scale = np.zeros(len(seen))
     for n in range(len(seen)):
-        x = y = count = 0.0
+        x = y = total = 0.0
         for k in range(seen.shape[1]):
             if there[n, k]:
-                x, y, count = x + predicted[n, k, 0], y + predicted[n, k, 1], count + 1
-        x, y = x / max(count, 1.0), y / max(count, 1.0)
-        along = size = 0.0
+                w = 1 / noise[n, k]
+                x, y, total = x + w * predicted[n, k, 0], y + w * predicted[n, k, 1], total + w
+        x, y = x / max(total, 1e-300), y / max(total, 1e-300)
+        along, size = 0.0, tolerance**-2
         for k in range(seen.shape[1]):
             if there[n, k]:
+                w = 1 / noise[n, k]
                 arm_x, arm_y = predicted[n, k, 0] - x, predicted[n, k, 1] - y
-                along += arm_x * (seen[n, k, 0] - predicted[n, k, 0])
-                along += arm_y * (seen[n, k, 1] - predicted[n, k, 1])
-                size += arm_x * arm_x + arm_y * arm_y
-        scale[n] = along / max(size, 1.0)
+                along += w * arm_x * (seen[n, k, 0] - predicted[n, k, 0])
+                along += w * arm_y * (seen[n, k, 1] - predicted[n, k, 1])
+                size += w * (arm_x * arm_x + arm_y * arm_y)
+        scale[n] = along / size
     return scale
 
 
