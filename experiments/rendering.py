@@ -3,6 +3,7 @@
 Noise: 24 Mpx of expected electrons to 12-bit numbers, a histogram against the exact law, and the
 pixels beyond 4.5 sigma, for startrack and for what else one would use. Frame: 1024 x 1024 pixels
 with 100 stars, sky, PRNU, dark current and noise. Camera: what EMVA 1288 measures of the frames.
+Fidelities: what `fidelities.py` measures.
 Times are the least of several, one thread, all taking turns in one run.
 
     python experiments/rendering.py [--json FILE]
@@ -23,6 +24,7 @@ from pathlib import Path as File
 from typing import Any
 
 import cv2
+import fidelities
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
@@ -258,7 +260,7 @@ def main() -> None:
     parser.add_argument("--json", type=File, help="write the figures here")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    figures = noise() | frame() | camera_test()
+    figures = noise() | frame() | camera_test() | fidelities.measure()
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n")
 
