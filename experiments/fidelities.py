@@ -217,9 +217,9 @@ def picture(
                  xlabel="error about one axis across the boresight / arcsec",
                  title=f"{name} design")  # fmt: skip
         axis.legend(frameon=False, fontsize=8)
-    for marker, size in (("o", "example"), ("s", "megapixel")):
-        rates = np.array([figures[f"{size}_{each}_trials_per_s"] for each in Fidelity])
-        axes[2].semilogx(1e3 / rates, range(3), marker + "-", label=size)
+    for marker, name in (("o", "example"), ("s", "megapixel")):
+        rates = np.array([figures[f"{name}_{each}_trials_per_s"] for each in Fidelity])
+        axes[2].semilogx(1e3 / rates, range(3), marker + "-", label=name)
     axes[2].set(yticks=range(3), yticklabels=list(Fidelity),
                 xlabel="processor time of a trial / ms", title="cost")  # fmt: skip
     axes[2].legend(frameon=False, fontsize=8)
