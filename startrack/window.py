@@ -97,13 +97,16 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
         blank.numbers, blank.tilt, looks, chosen.mesh, peak_border(settings), regions, streams
     )
     lone = around_pixels(pixel, 0, detector)
-    windows = grown(
-        np.concatenate([regions, lone]), margin(settings, psf), detector.columns, detector.rows
-    )
+    size = detector.columns, detector.rows
+    far = margin(settings, psf)
+    windows = grown(np.concatenate([regions, lone]), far, *size)
     frame = expose_within(windows, places, star, psf, detector, sky, streams)
+    # Numbers of noise must not be written over those about a star, which are searched first then.
+    apart = separate(grown(lone, kernel_half(settings, psf), *size), grown(regions, far, *size))
+    if apart:
+        put(frame, pixel, numbers)
+        return detect_within(frame, np.concatenate([regions, lone]), chosen, settings, psf)
     spots = detect_within(frame, regions, chosen, settings, psf)
-    if not len(pixel):
-        return spots
     put(frame, pixel, numbers)
     return merged(spots, detect_within(frame, lone, chosen, settings, psf), settings.max_spots)
 
@@ -133,6 +136,13 @@ def blank_of(detector: Detector, sky: float, settings: Detection, psf: Psf) -> B
     look = float(np.median([lowest_looks(one, settings, area, psf) for one in skies]))
     tilt = tilt_for(numbers, star_filter(settings, psf), look, skies[0].mesh, peak_border(settings))
     return Blank(skies, numbers, tilt)
+
+
+def separate(some: Ints, others: Ints) -> bool:
+    """Whether no region (m, 4) overlaps one of the others (n, 4)."""
+    low = np.maximum(some[:, None, :2], others[:, :2])
+    high = np.minimum(some[:, None, 2:], others[:, 2:])
+    return not (low < high).all(axis=-1).any()
 
 
 def merged(spots: Spots, more: Spots, most: int) -> Spots:

@@ -69,9 +69,8 @@ def test_streaks_are_those_of_the_frame():
 def test_nothing_outside_the_windows_is_read():
     before = trial(CASE, 5, 1, Fidelity.WINDOW)
     shape = CASE.instrument.detector.rows, CASE.instrument.detector.columns
-    scratch("detection value", shape, np.float32)[...] = 1e9
     scratch("detection filtered", shape, np.float32)[...] = 1e9
-    scratch("digital numbers", shape, np.uint16)[...] = 4095
+    scratch("digital numbers", shape, np.float32)[...] = 4095
     scratch("expected electrons", shape, np.float64)[...] = 1e9
     assert trial(CASE, 5, 1, Fidelity.WINDOW) == before
 

@@ -107,7 +107,7 @@ def _align(b, r, weight, matrix, covariance, condition, loss, status):  # type: 
             least = math.sqrt((triangle**2).sum() * (inverse**2).sum())  # of the condition's root
             if not least < 1 / (100 * EPS):
                 break
-            _turn(step, a)
+            turn_by(step, a)
             if math.sqrt((step**2).sum()) < EPS * least:
                 break
         covariance[k] = inverse @ inverse.T
@@ -154,7 +154,7 @@ def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
             + axis[1] * (pz * bx - px * bz)
             + axis[2] * (px * by - py * bx)
         )
-    _turn(math.atan2(sine, cosine) * axis, a)
+    turn_by(math.atan2(sine, cosine) * axis, a)
 
 
 @njit(cache=True, error_model="numpy")
@@ -173,7 +173,7 @@ def _linearise(b, r, w, a, columns):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _turn(turn, a):  # type: ignore[no-untyped-def]
+def turn_by(turn, a):  # type: ignore[no-untyped-def]
     """Turn a by a rotation vector (Rodrigues' formula, with half angles for small ones)."""
     angle = math.sqrt((turn**2).sum())
     sine = math.sin(angle) / angle if angle > 0 else 1.0

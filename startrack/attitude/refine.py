@@ -5,15 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from startrack.attitude.align import turn_by
+from startrack.attitude.least_squares import invert, least_squares
 from startrack.camera import Camera
 
 Floats = NDArray[np.float64]
 
 MOST_STEPS = 10
 SMALLEST_STEP = 1e-15  # radian
+LEAST_RANK = 1e-12  # of the largest column: a smaller one is no direction of its own
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,40 +55,60 @@ def refine(
     """
     seen = camera.unproject(pixel)
     seen_plane = seen[:, :2] / seen[:, 2:]
-    whitener = np.linalg.inv(np.linalg.cholesky(covariance)) * camera.focal_length_px
-    attitude = start
-    for _ in range(MOST_STEPS):
-        residual, design = _linearise(attitude.apply(direction), seen_plane)
-        white = np.einsum("nij,njk->nik", whitener, design).reshape(-1, 3)
-        target = np.einsum("nij,nj->ni", whitener, residual).reshape(-1)
-        step, _, rank, _ = np.linalg.lstsq(white, target, rcond=1e-12)
-        if rank < 3:
-            raise ValueError("the stars must lie in at least two directions to fix an attitude")
-        attitude = Rotation.from_rotvec(step) * attitude
-        if np.abs(step).max() < SMALLEST_STEP:
-            break
-    residual, design = _linearise(attitude.apply(direction), seen_plane)
-    target = np.einsum("nij,nj->ni", whitener, residual)
-    white = np.einsum("nij,njk->nik", whitener, design).reshape(-1, 3)
-    triangle = np.linalg.inv(np.linalg.qr(white, mode="r"))
+    # (n, 3) the lower triangle of a matrix that makes the noise of a place one.
+    root = np.linalg.inv(np.linalg.cholesky(covariance)) * camera.focal_length_px
+    whitener = np.ascontiguousarray(root[:, [0, 1, 1], [0, 0, 1]])
+    matrix = start.as_matrix()
+    inverse, chi_square = np.empty((3, 3)), np.empty(len(pixel))
+    residual = np.empty_like(seen_plane)
+    if not _refine(seen_plane, whitener, direction, matrix, inverse, residual, chi_square):
+        raise ValueError("the stars must lie in at least two directions to fix an attitude")
     return Refinement(
-        attitude,
-        triangle @ triangle.T,
+        Rotation.from_matrix(matrix),
+        inverse @ inverse.T,
         residual * camera.focal_length_px,
-        np.asarray((target**2).sum(axis=1)),
+        chi_square,
     )
 
 
-def _linearise(predicted: Floats, seen_plane: Floats) -> tuple[Floats, Floats]:
-    """Residuals (n, 2) in the plane, and their derivatives (n, 2, 3) by the rotation."""
-    plane = predicted[:, :2] / predicted[:, 2:]
-    return seen_plane - plane, tangent(plane)
+@njit(cache=True, error_model="numpy")
+def _refine(seen, whitener, direction, matrix, inverse, residual, chi_square):  # type: ignore[no-untyped-def]
+    """Turn the matrix to the minimum, and write the rest; False where the attitude is open."""
+    columns = np.empty((4, 2 * len(seen)))
+    triangle, step = np.zeros((3, 3)), np.empty(3)
+    for _ in range(MOST_STEPS):
+        _linearise(seen, whitener, direction, matrix, columns, residual)
+        least_squares(columns, triangle, step)
+        size = np.abs(np.diag(triangle))
+        if not size.min() > LEAST_RANK * size.max():
+            return False
+        turn_by(step, matrix)
+        if np.abs(step).max() < SMALLEST_STEP:
+            break
+    _linearise(seen, whitener, direction, matrix, columns, residual)
+    for n in range(len(seen)):
+        chi_square[n] = columns[3, 2 * n] ** 2 + columns[3, 2 * n + 1] ** 2
+    least_squares(columns, triangle, step)
+    invert(triangle, inverse)
+    return True
 
 
-def tangent(plane: Floats) -> Floats:
-    """How places (n, 2) in the image plane move with a small rotation, (n, 2, 3)."""
-    x, y = plane.T
-    design = np.empty((len(x), 2, 3))
-    design[:, 0] = np.column_stack([-x * y, 1 + x * x, -y])
-    design[:, 1] = np.column_stack([-(1 + y * y), x * y, x])
-    return design
+@njit(cache=True, error_model="numpy")
+def _linearise(seen, whitener, direction, matrix, columns, residual):  # type: ignore[no-untyped-def]
+    """Residuals (n, 2) in the plane; whitened, their derivatives and themselves, as columns."""
+    slope = np.empty((2, 3))
+    for n in range(len(seen)):
+        u, v, w = direction[n]
+        px = matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2] * w
+        py = matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2] * w
+        pz = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2] * w
+        x, y = px / pz, py / pz
+        slope[0, 0], slope[0, 1], slope[0, 2] = -x * y, 1 + x * x, -y
+        slope[1, 0], slope[1, 1], slope[1, 2] = -1 - y * y, x * y, x
+        residual[n, 0], residual[n, 1] = seen[n, 0] - x, seen[n, 1] - y
+        a, b, c = whitener[n]
+        for k in range(3):
+            columns[k, 2 * n] = a * slope[0, k]
+            columns[k, 2 * n + 1] = b * slope[0, k] + c * slope[1, k]
+        columns[3, 2 * n] = a * residual[n, 0]
+        columns[3, 2 * n + 1] = b * residual[n, 0] + c * residual[n, 1]

@@ -42,7 +42,7 @@ def detect_within(
 ) -> Spots:
     """Find the stars whose peaks lie in some regions, as `detect` finds them in a whole frame.
 
-    frame     whose image of whole numbers is right in the regions and `margin` pixel around each
+    frame     whose image, best float32, is right in the regions and `margin` pixel around each
     regions   (w, 4) left, top, right, bottom, the last two not in it; they may overlap
     ground    background and noise, as from `measure_sky`
     settings, psf  as `detect` takes them
@@ -54,10 +54,9 @@ def detect_within(
     kernel = kernel_of(settings, star)
     rows, columns = frame.image.shape
     far, step = margin(settings, psf), max(kernel.whole.shape) // 2
-    windows, seen = (grown(regions, by, columns, rows) for by in (far, far - step))
-    value = scratch("detection value", (rows, columns), np.float32)
+    seen = grown(regions, far - step, columns, rows)
     image = scratch("detection filtered", (rows, columns), np.float32)
-    _copy(frame.image, windows, value)
+    value = np.asarray(frame.image, np.float32)
     _filter(value, seen, kernel.whole, image)
     known = Pixels(value, 0.0, 1.0, None, gain_of(frame, 0.0))
     sigmas = reach_of_noise(ground, settings, image.size, star)
@@ -121,15 +120,6 @@ def star_profile(psf: Psf, settings: Detection) -> Floats:
 def grown(regions: Ints, by: int, columns: int, rows: int) -> Ints:
     """Regions (w, 4) with so many pixel more on each side, as far as the frame reaches."""
     return np.clip(regions + np.array([-by, -by, by, by]), 0, [columns, rows, columns, rows])
-
-
-@njit(cache=True, error_model="numpy")
-def _copy(numbers, windows, value):  # type: ignore[no-untyped-def]
-    for k in range(len(windows)):
-        left, top, right, bottom = windows[k]
-        for y in range(top, bottom):
-            for x in range(left, right):
-                value[y, x] = numbers[y, x]
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})

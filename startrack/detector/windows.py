@@ -13,7 +13,7 @@ from startrack.detector.digitise import digitise_hit, digitise_within
 from startrack.detector.expose import Places, draw, told
 from startrack.detector.ground import ground, ground_tables
 from startrack.detector.hits import tracks
-from startrack.detector.law import kind_of, law_of
+from startrack.detector.law import law_of
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import in_steps
 from startrack.scratch import scratch
@@ -64,11 +64,11 @@ def expose_within(
     places   weight, x and y of each point of the stars' paths
     star     (n,) electron in the exposure
     sky      electron in a pixel of mean response
-    Returns  Frame, which the next call overwrites
+    Returns  Frame of float32, which holds all numbers of 24 bits; the next call overwrites it
     """
     shape, law = (detector.rows, detector.columns), law_of(detector)
     electrons = scratch("expected electrons", shape, np.float64)
-    image = scratch("digital numbers", shape, kind_of(law))
+    image = scratch("digital numbers", shape, np.float32)  # as the detection wants it
     _lay(electrons, ground(detector, sky), windows)
     draw(electrons, psf, places, star, detector)
     digitise_within(image, electrons, windows, law, streams, ground_tables(detector, sky))
