@@ -103,8 +103,7 @@ def _linearise(seen, whitener, direction, matrix, columns, residual):  # type: i
         py = matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2] * w
         pz = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2] * w
         x, y = px / pz, py / pz
-        slope[0, 0], slope[0, 1], slope[0, 2] = -x * y, 1 + x * x, -y
-        slope[1, 0], slope[1, 1], slope[1, 2] = -1 - y * y, x * y, x
+        _slopes(x, y, slope)
         residual[n, 0], residual[n, 1] = seen[n, 0] - x, seen[n, 1] - y
         a, b, c = whitener[n]
         for k in range(3):
@@ -112,3 +111,18 @@ def _linearise(seen, whitener, direction, matrix, columns, residual):  # type: i
             columns[k, 2 * n + 1] = b * slope[0, k] + c * slope[1, k]
         columns[3, 2 * n] = a * residual[n, 0]
         columns[3, 2 * n + 1] = b * residual[n, 0] + c * residual[n, 1]
+
+
+@njit(cache=True, error_model="numpy")
+def tangent(plane: Floats) -> Floats:
+    """How places (n, 2) in the image plane move with a small rotation, (n, 2, 3)."""
+    design = np.empty((len(plane), 2, 3))
+    for n in range(len(plane)):
+        _slopes(plane[n, 0], plane[n, 1], design[n])
+    return design
+
+
+@njit(cache=True, error_model="numpy")
+def _slopes(x, y, slope):  # type: ignore[no-untyped-def]
+    slope[0, 0], slope[0, 1], slope[0, 2] = -x * y, 1 + x * x, -y
+    slope[1, 0], slope[1, 1], slope[1, 2] = -1 - y * y, x * y, x
