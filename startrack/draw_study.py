@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
 from startrack.saving import whole
@@ -79,20 +80,25 @@ def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
 
 def draw_tornado(path: Path, found: Sequence[Sensitivity], objective: str) -> None:
     """How far the error goes with each variable alone, and the Sobol indices of each."""
-    order = sorted(found, key=lambda one: abs(np.log(one.high / one.low)))
+    order = sorted(found, key=_swing)
     names = [one.name.rpartition(".")[2] for one in order]
     figure = Figure(figsize=(9, 1.5 + 0.5 * len(order)), layout="constrained")
     swing, indices = figure.subplots(1, 2, sharey=True)
     at = np.arange(len(order))
     for y, one in zip(at, order, strict=True):
-        swing.plot([one.low, one.high], [y, y], lw=9, color="#3567a8", solid_capstyle="butt")
-        swing.annotate("low", (one.low, y), fontsize=7, ha="center", va="center", color="w")
-        swing.annotate("high", (one.high, y), fontsize=7, ha="center", va="center", color="w")
+        ends = min(one.low, one.high, one.error), max(one.low, one.high, one.error)
+        swing.plot(ends, [y, y], lw=9, color="#3567a8", solid_capstyle="butt")
+        for place, bound in ((one.low, "low"), (one.high, "high")):
+            if abs(place / one.error - 1) > 0.02:  # else it would stand on the line
+                swing.annotate(bound, (place, y + 0.28), fontsize=7, ha="center", va="center")
+    swing.axvline(order[0].error, color="0.3", lw=0.8, label="design")
+    swing.legend(fontsize=8, loc="lower right")
     swing.set_xscale("log")
+    swing.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    swing.xaxis.set_major_formatter(ScalarFormatter())
+    swing.xaxis.set_minor_formatter(NullFormatter())
     swing.set_yticks(at, names)
-    swing.set(
-        xlabel=f"{objective} (arcsec), one variable at its bounds", ylim=(-0.6, len(at) - 0.4)
-    )
+    swing.set(xlabel=f"{objective} (arcsec)", ylim=(-0.6, len(at) - 0.4))
     for shift, kind, colour in ((0.17, "total", "#d08a2e"), (-0.17, "first", "#2e7d5b")):
         value = np.array([getattr(one, kind).value for one in order])
         low = np.array([getattr(one, kind).low for one in order])
@@ -101,8 +107,13 @@ def draw_tornado(path: Path, found: Sequence[Sensitivity], objective: str) -> No
         middle = [np.maximum(value - low, 0), np.maximum(high - value, 0)]
         indices.errorbar(value, at + shift, xerr=middle, fmt="none", ecolor="0.2", lw=0.8)
     indices.set(xlabel="Sobol index of ln(error) over the box (95 % bars)")
-    indices.legend(fontsize=8)
+    indices.legend(fontsize=8, loc="lower right")
     _save(path, figure)
+
+
+def _swing(one: Sensitivity) -> float:
+    values = (one.low, one.high, one.error)
+    return max(values) / min(values)
 
 
 def draw_front(
@@ -115,6 +126,7 @@ def draw_front(
     measured = np.array([one.measured for one in points])
     axes.plot(*expected.T, "o-", ms=4, color="#3567a8", label="analytic budget")
     axes.plot(*measured.T, "s", ms=5, mfc="none", color="#c0392b", label=f"{trials} trials each")
+    axes.set(xscale="log", yscale="log")
     axes.set(xlabel=f"{goals.first} ({units[0]})", ylabel=f"{goals.second} ({units[1]})")
     axes.set_title(f"{len(points)} designs that none beats in both", fontsize=9, loc="left")
     axes.legend(fontsize=8)

@@ -13,7 +13,8 @@ from startrack.study.evaluate import Evaluation
 
 Floats = NDArray[np.float64]
 
-PRIOR = 0.3  # standard deviation of ln(measured / expected), and of its slope over the cube
+PRIOR = 0.3  # standard deviation of ln(measured / expected)
+PRIOR_SLOPE = 1.0  # of its slope over the cube; 0.9 was found along the blur of the example
 SCATTER = 0.5  # variance of ln(measured) from one trial; 1/4 for two axes and 1/2 for one, at least
 
 
@@ -61,6 +62,8 @@ def correct(tried: Sequence[Evaluation], middle: Floats, reach: float) -> Correc
     terms = terms.reshape(-1, len(middle) + 1)
     told = np.array([math.log(one.error / one.expected) for one in near])
     weight = np.array([one.trials / SCATTER for one in near])
-    normal = (terms.T * weight) @ terms + np.eye(len(middle) + 1) / PRIOR**2
+    prior = np.full(len(middle) + 1, PRIOR_SLOPE)
+    prior[0] = PRIOR
+    normal = (terms.T * weight) @ terms + np.diag(prior**-2.0)
     covariance = np.asarray(np.linalg.inv(normal), np.float64)
     return Correction(middle, covariance @ (terms.T @ (weight * told)), covariance)

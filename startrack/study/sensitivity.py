@@ -27,7 +27,8 @@ class Sensitivity:
     """Of one variable.
 
     name       path in the case
-    low, high  arcsec, the error where the variable alone goes to its bound
+    error      arcsec, at the design
+    low, high  arcsec, where the variable alone goes to its bound
     slope      d ln(error) / d ln(variable) at the design
     first      first-order Sobol index with its 95 % interval: share of the variance of ln(error)
                over the box that goes with this variable alone
@@ -35,6 +36,7 @@ class Sensitivity:
     """
 
     name: str
+    error: float
     low: float
     high: float
     slope: float
@@ -89,6 +91,7 @@ def sensitivities(
         result.append(
             Sensitivity(
                 variable.name,
+                math.exp(here),
                 low,
                 high,
                 change / relative,
