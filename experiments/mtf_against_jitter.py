@@ -5,6 +5,7 @@ python experiments/mtf_against_jitter.py --json FILE [--picture FILE.png]
 Krutz et al. (2011), section 4, name the jitter of the bus and the optical MTF as what a star
 sensor's design trades. For each rms of a 40 Hz tone the blur of the optics is tuned; the error of
 the tuned design and of the sharpest and of the most blurred optics are then compared by trials.
+The truth is the attitude in the middle of the exposure, so that the jitter is itself an error.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from startrack.study.objective import Objective
 from startrack.study.search import Search, least
 from startrack.units import arcsec, um
 
-JITTER = (0.0, 5.0, 15.0, 40.0)  # arcsec rms about x and y
+JITTER = (0.0, 0.3, 1.0, 5.0)  # arcsec rms about x and y
 FREQUENCY = 40.0  # Hz
 BLUR = Variable("instrument.optics.blur", "1 um", "15 um")
 RMS = Objective()

@@ -1,7 +1,7 @@
-"""Does the optimiser find the best design, how fast beside others, and may its samples be believed?
+"""Does the optimiser find the best design of the example, and how does it stand beside others?
 
-python experiments/optimiser.py --json FILE [--part search|known|sampling] [--seeds 20] [--peers 20]
-                                [--picture FILE.png] [--ledger FILE.sqlite]
+python experiments/optimiser.py --json FILE [--seeds 20] [--peers 20] [--trials 10000]
+                                [--methods ours,nlopt_plain,tpe,cmaes] [--ledger DIR]
 """
 
 from __future__ import annotations
@@ -41,18 +41,13 @@ JUDGED = 400  # trials of each design there
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, required=True)
-    parser.add_argument("--part", choices=("search", "known", "sampling"))
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--peers", type=int, default=20, help="seeds of the other optimisers")
-    parser.add_argument("--picture", type=Path)
     parser.add_argument("--methods", default="ours,nlopt_plain,tpe,cmaes")
-    parser.add_argument("--trials", type=int, default=5000, help="that the others may use")
+    parser.add_argument("--trials", type=int, default=10_000, help="that the others may use")
     parser.add_argument("--ledger", type=Path, help="folder; goes on from what is in it")
     options = parser.parse_args()
-    figures: dict[str, Any] = {}
-    if options.json.is_file():
-        figures = json.loads(options.json.read_text())
-    figures |= search(options)
+    figures = search(options)
     options.json.write_text(json.dumps(figures, indent=1) + "\n")
     print(json.dumps(figures, indent=1))
 
@@ -206,7 +201,6 @@ def example() -> tuple[Case, Campaign]:
 def search(options: argparse.Namespace) -> dict[str, Any]:
     """The example campaign by four optimisers, the others with a fixed number of trials."""
     case, campaign = example()
-    campaign = dataclasses.replace(campaign, trials=25, most_trials=100)
     box = Box(case, campaign.variables)
     started = time.process_time()
     start = prospect(box, campaign, box.start).place
