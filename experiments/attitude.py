@@ -1,13 +1,15 @@
 """How right and how fast are the attitude solvers, and how near do the bounds come to trials?
 
-Five questions, each with one table: which of 98 solvable cases with 60-digit solutions each
+Seven questions, each with one table: which of 98 solvable cases with 60-digit solutions each
 solver misses (by more than 50 eps sqrt(condition)); what it costs for each star and attitude, and
 its error, in double and in single precision, beside scipy's `align_vectors`; what errors the
 scenarios of Markley and Mortari (2000) give; how near the analytic attitude error of random fields
 comes to trials; whether the covariance that a tracker states of rendered frames is that of its
-errors (normalised error squared, 3 where it is).
+errors (normalised error squared, 3 where it is), on several designs; how near the analytic error
+budget of five published trackers comes to trials, cause by cause; and what is predicted of trackers
+that flew, beside what was published.
 
-    python experiments/attitude.py [--trials N] [--json FILE]
+    python experiments/attitude.py [--trials N] [--members N] [--json FILE]
 """
 
 from __future__ import annotations
@@ -21,14 +23,19 @@ from typing import Any
 
 import one_thread  # noqa: F401  # isort: skip
 import numpy as np
+from markley_mortari import SCENARIOS, scenario, unit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from validation import show, validation
 
 from startrack.attitude import Observability, align, davenport, foam, quest, svd
+from startrack.budget import analytic, measured
+from startrack.case import Case, Fidelity
 from startrack.catalog import shipped
-from startrack.chain import trial
+from startrack.chain import trials as outcomes_of
 from startrack.design import load_design
 from startrack.error import attitude_bound
+from startrack.study.workers import Serial
 from startrack.units import arcsec, deg
 
 Floats = NDArray[np.float64]
@@ -40,6 +47,7 @@ STARS = 15
 BATCH = 4000
 REPEATS = 7
 NOISE = 6 * arcsec
+TRACKERS = ("rigel-l", "st5000", "apst", "rufino-2013", "altair-hb")
 
 
 def aligned(b: Floats, r: Floats, w: Floats) -> Rotation:
@@ -103,10 +111,6 @@ def fields(many: int, stars: int, half: float, noise: float, seed: int) -> tuple
     return truth, unit(seen + noise * rng.standard_normal(seen.shape)), reference
 
 
-def unit(vector: Floats) -> Floats:
-    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
-
-
 def speed() -> list[dict[str, Any]]:
     """Time for each star and attitude, and error without noise, of each solver and precision.
 
@@ -140,41 +144,6 @@ def speed() -> list[dict[str, Any]]:
     ]
 
 
-def unequal(side: float) -> Floats:
-    """Unit vectors of Markley and Mortari's second and third scenario."""
-    return unit(np.array([[1, 0, 0], [side, 0.07584, 0], [side, -0.07584, 0]]))
-
-
-CROSS = unit(
-    np.array([[1, 0, 0], *([0.99712, *yz] for yz in 0.07584 * np.array([*np.eye(2), *-np.eye(2)]))])
-)
-SCENARIOS = {
-    "1": (CROSS, np.full(5, 6 * arcsec), np.full(5, 6 * arcsec)),
-    "2": (unequal(-0.99712), np.array([arcsec, deg, deg]), np.array([arcsec, deg, deg])),
-    "3": (unequal(-0.99712), np.array([1, 0.1, 0.1]) * deg, np.full(3, 0.1 * deg)),
-}
-
-
-def scenario(name: str, trials: int = 5000) -> dict[str, Any]:
-    """Errors (arcsec, about the body's axes, the first is the boresight) and loss."""
-    body, noise, stated = SCENARIOS[name]
-    rng = np.random.default_rng(int(name))
-    truth = Rotation.from_quat(rng.standard_normal((trials, 4)))
-    reference = np.einsum("mji,nj->mni", truth.as_matrix(), body)
-    reference = unit(reference + noise[:, None] * rng.standard_normal(reference.shape))
-    weight = np.broadcast_to(stated**-2, reference.shape[:2])
-    got = align(np.broadcast_to(body, reference.shape), reference, weight)
-    error = (got.source_to_target * truth.inv()).as_rotvec()
-    nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(got.covariance), error)
-    return {
-        "rms_arcsec": (np.sqrt((error**2).mean(axis=0)) / arcsec).tolist(),
-        "stated_arcsec": (np.sqrt(np.diagonal(got.covariance.mean(axis=0))) / arcsec).tolist(),
-        "loss": float(got.loss.mean()),
-        "expected_loss": len(body) - 1.5,
-        "nees": float(nees.mean()),
-    }
-
-
 def bounds() -> list[dict[str, Any]]:
     """Analytic attitude error of random square fields beside trials, arcsec."""
     rows = []
@@ -195,23 +164,71 @@ def bounds() -> list[dict[str, Any]]:
     return rows
 
 
-def rendered(trials: int) -> dict[str, float]:
-    """Normalised error squared of rendered frames of the nanosatellite's tracker."""
-    case = load_design(shipped("designs/nanosatellite.toml")).case
-    outcomes = [trial(case, 5, number) for number in range(trials)]
-    nees = np.array([each.nees for each in outcomes if each.solved and not each.false])
+def rendered(case: Case, trials: int, fidelity: Fidelity) -> dict[str, float]:
+    """Normalised error squared of frames of a design, and the interval's half (one sigma)."""
+    outcomes = outcomes_of(case, 5, range(trials), fidelity)
+    good = outcomes["solved"] & ~outcomes["false"]
+    nees = outcomes["nees"][good]
     return {
         "trials": trials,
-        "solved": len(nees),
+        "solved": int(good.sum()),
         "nees": float(nees.mean()),
         "nees_sigma": float(nees.std(ddof=1) / np.sqrt(len(nees))),
+        "nees_median": float(np.median(nees)),
     }
+
+
+def designs() -> dict[str, Case]:
+    """The example, and five published trackers."""
+    files = {"nanosatellite": "designs/nanosatellite.toml"}
+    files |= {name: f"trackers/{name}.toml" for name in TRACKERS}
+    return {name: load_design(shipped(file)).case for name, file in files.items()}
+
+
+def budgets(members: int) -> list[dict[str, Any]]:
+    """The analytic budget of each design beside trials: each cause, and end to end, arcsec.
+
+    A difference counts where the cause makes a tenth of the whole or more.
+    """
+    rows = []
+    for name, case in designs().items():
+        start = time.process_time()
+        expected = analytic(case)
+        spent = time.process_time() - start
+        found = measured(case, members, 1, Serial())
+        beside = {one.name: one for one in expected.lines} | {"end to end": expected.whole}
+        for one in (*found.lines, found.whole):
+            mine = beside[one.name]
+            pairs = [(mine.across, one.across, found.across), (mine.about, one.about, found.about)]
+            counts = [abs(a / b - 1) for a, b, all_ in pairs if max(a, b) > 0.1 * all_]
+            rows.append(
+                {
+                    "design": name,
+                    "cause": one.name,
+                    "analytic_arcsec": [mine.across / arcsec, mine.about / arcsec],
+                    "measured_arcsec": [one.across / arcsec, one.about / arcsec],
+                    "difference": max(counts, default=0.0),
+                    "sum_over_whole": found.sum[0] / found.across,
+                    "analytic_s": spent,
+                }
+            )
+    return rows
+
+
+def largest(rows: list[dict[str, Any]], cause: str | None) -> float:
+    """The largest difference of the published trackers, of one cause or of all."""
+    return max(
+        row["difference"]
+        for row in rows
+        if row["design"] in TRACKERS and (cause is None or row["cause"] == cause)
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--json", type=Path, help="write the numbers to this file")
     parser.add_argument("--trials", type=int, default=1000, help="rendered frames (1000)")
+    parser.add_argument("--members", type=int, default=250, help="trials of a budget (250)")
     arguments = parser.parse_args()
     _, b, r = fields(2, 3, 0.1, 0.0, 0)
     aligned(b, r, np.ones((2, 3)))  # compile
@@ -248,11 +265,34 @@ def main() -> None:
             "  ".join(f"{value:.4g}" for value in row["analytic_arcsec"]),
             f"| {row['difference']:.2%}",
         )
-    frames = rendered(arguments.trials)
-    print(
-        f"\nrendered frames: {frames['solved']} of {frames['trials']} solved, normalised error "
-        f"squared {frames['nees']:.3f} +- {frames['nees_sigma']:.3f}"
-    )
+    print("\nrendered frames     solved   normalised error squared (3)   median (2.37)")
+    frames = {
+        name: rendered(
+            case,
+            arguments.trials if name == "nanosatellite" else arguments.trials // 4,
+            Fidelity.FRAME if name == "nanosatellite" else Fidelity.WINDOW,
+        )
+        for name, case in designs().items()
+    }
+    for name, frame in frames.items():
+        print(
+            f"{name:18}{frame['solved']:5} of {frame['trials']:<5}{frame['nees']:8.3f} +- "
+            f"{frame['nees_sigma']:.3f}{frame['nees_median']:20.3f}"
+        )
+    print("\nbudget, arcsec        cause             analytic across, about   measured")
+    table = budgets(arguments.members)
+    for row in table:
+        told = f"   {100 * row['difference']:.0f} %" if row["difference"] > 0.1 else ""
+        print(
+            f"{row['design']:20}{row['cause']:20}"
+            + "".join(
+                f"{value:10.3f}" for value in (*row["analytic_arcsec"], *row["measured_arcsec"])
+            )
+            + told
+        )
+    print(f"largest difference of five trackers end to end {largest(table, 'end to end'):.1%}\n")
+    known = validation()
+    show(known)
     if arguments.json:
         figures = {
             "wahba_cases_missed": hard["missed"]["align"],
@@ -260,8 +300,14 @@ def main() -> None:
             "wahba_unobservable_flagged": hard["flagged"],
             "mm1_sigma_arcsec": runs["1"]["rms_arcsec"],
             "mm1_loss": runs["1"]["loss"],
-            "nees": frames["nees"],
-            "nees_sigma": frames["nees_sigma"],
+            "nees": frames["nanosatellite"]["nees"],
+            "nees_sigma": frames["nanosatellite"]["nees_sigma"],
+            "nees_by_design": frames,
+            "budget_max_relative_difference": largest(table, "end to end"),
+            "budget_max_relative_difference_of_a_cause": largest(table, None),
+            "budgets": table,
+            "sky_20deg_v6_mean": next(row["predicted"] for row in known if row["name"] == "sky"),
+            "validation": known,
             "nees_of_vectors": runs["1"]["nees"],
             "markley_mortari": runs,
             "batch_us_per_star": rows[0]["us_per_star"],
