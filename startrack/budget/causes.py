@@ -83,6 +83,12 @@ def _present(case: Case) -> Iterator[Cause]:
         yield Cause("time stamp", Term.DATE, _punctual)
 
 
+def refuse_scans(case: Case) -> None:
+    """Refuse a detector that scans: its frame has no one time that causes could be switched at."""
+    if case.instrument.detector.scan:
+        raise ValueError("detector.scan must be absent for an error budget, got one")
+
+
 def bare(case: Case) -> Case:
     """The case without any of its causes."""
     for cause in causes(case):

@@ -23,6 +23,7 @@ from startrack.budget.causes import (
     Term,
     bare,
     causes,
+    refuse_scans,
 )
 from startrack.budget.chart import cell, images, measure, scale
 from startrack.budget.quiet import own_noise, quiet
@@ -73,6 +74,7 @@ def measured(
               across the boresight for 300 members of 1 frame.
     """
     whole(1, 10**7, members=members, times=times)
+    refuse_scans(case)
     size = -(-members // (workers * BLOCKS))
     plan = [range(at, min(at + size, members)) for at in range(0, members, size)]
     futures = [executor.submit(_members, case, seed, block, times) for block in plan]

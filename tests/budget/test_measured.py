@@ -14,6 +14,7 @@ from startrack.chain import observe, random_attitude
 from startrack.design import load_design
 from startrack.detection import Detection, detect
 from startrack.detector import Defects
+from startrack.detector.lines import Scan
 from startrack.error import Interpretation
 from startrack.streams import Streams
 from startrack.study.workers import Serial
@@ -127,6 +128,13 @@ def test_no_solved_trial_is_told(case):
     dark = replace(case, instrument=replace(case.instrument, detector=detector))
     with pytest.raises(ValueError, match="a budget needs solved trials, got none of 2"):
         measured(dark, 2, 1, Serial())
+
+
+def test_a_scanning_detector_is_refused(case):
+    lines = replace(case.instrument, detector=replace(case.instrument.detector, scan=Scan()))
+    for budget in (analytic, lambda one: measured(one, 1, 1, Serial())):
+        with pytest.raises(ValueError, match="scan must be absent for an error budget"):
+            budget(replace(case, instrument=lines))
 
 
 @pytest.mark.slow
