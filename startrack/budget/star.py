@@ -13,6 +13,7 @@ from startrack.budget.fields import Response
 from startrack.case import Case
 from startrack.values import Floats
 
+TYPICAL = 4.5  # G of a star that counts much in most trackers
 FINE = 0.05  # magnitude between two entries of a response
 
 
@@ -72,6 +73,17 @@ def _mean(values: Floats) -> Floats:
 def _moment(offset: Floats) -> Floats:
     """Second moments (m, 2, 2) of offsets (m, p, 2)."""
     return _mean(offset[..., :, None] * offset[..., None, :])
+
+
+def lasting(star: Errors, magnitude: float = TYPICAL) -> float:
+    """Pixel per axis that a star of a magnitude errs by without noise: what stays in its pixels.
+
+    What a tracker should at least believe of its centroids beside their noise
+    (`Attitude.centroid_floor`); neighbours and the rest of the distortion come on top.
+    """
+    still = sum(one for name, one in star.random.items() if name not in (SHOT, READ))
+    variance = np.trace(still, axis1=1, axis2=2) / 2
+    return float(np.sqrt(np.interp(magnitude, star.magnitude, variance)))
 
 
 def response(case: Case, star: Errors) -> Response:

@@ -20,6 +20,7 @@ from startrack.budget import (
     measured,
     survey,
 )
+from startrack.budget.star import errors, lasting
 from startrack.case import Case
 from startrack.commands.terminal import example, finite, progress, read_design, tell
 from startrack.draw_budget import draw_budget, draw_curves, draw_sky
@@ -40,7 +41,12 @@ def command(options: argparse.Namespace) -> int:
     expected = analytic(case)
     found = _measured(case, options) if options.montecarlo else None
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
-    text = [_table(expected, found)]
+    floor, believed = lasting(errors(case)), case.tracker.attitude.centroid_floor
+    result |= {"star_without_noise_px": floor, "centroid_floor_px": believed}
+    text = [
+        f"{_table(expected, found)}\n"
+        f"a star without noise errs by {floor:.4f} pixel; the tracker reckons with {believed:g}"
+    ]
     if found:
         result |= {"seed": options.seed, "measured": _values(found)}
         result |= {"members": options.montecarlo, "times": options.times}
