@@ -146,5 +146,8 @@ def test_the_analytic_budget_is_that_of_trials(name):
     budget = measured(design, 400, 1, Serial())
     for line in budget.lines:
         if line.across > 0.2 * budget.across:
-            assert beside[line.name].across == pytest.approx(line.across, rel=0.25)
-            assert beside[line.name].about == pytest.approx(line.about, rel=0.25)
+            # Few pairs of stars make most of what neighbours do.
+            share = 0.6 if line.name == "neighbours" else 0.25
+            assert beside[line.name].across == pytest.approx(line.across, rel=share)
+            assert beside[line.name].about == pytest.approx(line.about, rel=share)
+    assert budget.across == pytest.approx(analytic(design).across, rel=0.15)
