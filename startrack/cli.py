@@ -289,7 +289,40 @@ def _parser() -> argparse.ArgumentParser:
         "--designs", type=_whole(2), default=64,
         help="base designs of the Sobol indices, a power of two (default: 64)",
     )  # fmt: skip
+    _earth(commands)
     return parser
+
+
+EARTH = """\
+A scene file names an orbit (or tle), a sensor, a pointing and the terrain; without one, the
+example is taken, a pushbroom camera over mountains from a seed. Terrain of your own: GeoTIFF files
+of any resolution, such as tiles of the Copernicus DEM or of SRTM, side by side in a folder:
+
+  startrack earth terrain 'dem/*.tif'         what they cover, and the table [terrain] to copy
+  startrack earth geometry SCENE.toml         the image: what each pixel sees
+
+Both are above a geoid; name its grid as `geoid`. The finest file counts where several overlap.
+"""
+
+
+def _earth(commands) -> None:  # type: ignore[no-untyped-def]
+    earth = commands.add_parser(
+        "earth", help="a camera in flight over terrain", description=EARTH,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    parts = earth.add_subparsers(dest="part", required=True, metavar="PART")
+    geometry = _command(
+        parts, "geometry", "height, shadow, incidence and level of each pixel: picture and NetCDF"
+    )
+    geometry.add_argument(
+        "scene", type=Path, nargs="?", metavar="SCENE.toml",
+        help="scene file (default: the example, mountains)",
+    )  # fmt: skip
+    _out(geometry, "startrack-earth")
+    terrain = _command(parts, "terrain", "what files of heights cover, and how a scene names them")
+    terrain.add_argument(
+        "files", nargs="+", metavar="FILE", help="or a quoted pattern: 'dem/*.tif'"
+    )
 
 
 def _command(commands, name: str, text: str) -> argparse.ArgumentParser:  # type: ignore[no-untyped-def]

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 @contextmanager
@@ -36,3 +39,27 @@ def save_text(path: Path, text: str) -> None:
 def save_json(path: Path, value: Any) -> None:
     """Write a JSON file whole."""
     save_text(path, json.dumps(value, indent=1) + "\n")
+
+
+def save_netcdf(
+    path: Path,
+    maps: Mapping[str, NDArray[np.float64]],
+    about: Mapping[str, tuple[str, str]],
+    axes: tuple[str, ...],
+) -> None:
+    """Write arrays of one shape as a NetCDF file (classic format) whole.
+
+    maps   the arrays by their names
+    about  unit and meaning of a name, where it has them
+    axes   names of the arrays' axes
+    """
+    from scipy.io import netcdf_file
+
+    with whole(path) as draft, netcdf_file(draft, "w") as file:
+        for name, length in zip(axes, next(iter(maps.values())).shape, strict=True):
+            file.createDimension(name, length)
+        for name, values in maps.items():
+            variable = file.createVariable(name, "f8", axes)
+            variable[:] = values
+            if name in about:
+                variable.units, variable.long_name = about[name]

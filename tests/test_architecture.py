@@ -41,6 +41,7 @@ ORDER = (
         "design",
         "draw",
         "draw_psf",
+        "draw_earth",
         "draw_sequence",
         "draw_budget",
         "report",

@@ -20,6 +20,8 @@ chart        albedo, temperature or land cover on the ground
 orbit        Orbit, TwoLines: where a satellite is, and where the Sun
 sensor       matrix, line, staggered and TDI elements; the dating of lines
 sight        a camera in flight -> Rays
+parameters   EarthScene: a scene file
+image        EarthScene -> the ground of each line
 fractal      terrain from a seed
 """
 
@@ -27,9 +29,11 @@ from startrack.scene.earth.chart import Chart, read_charts
 from startrack.scene.earth.ellipsoid import cartesian, geodetic, up
 from startrack.scene.earth.fractal import fractal
 from startrack.scene.earth.ground import Ground, Rays
+from startrack.scene.earth.image import Strip, observe_earth
 from startrack.scene.earth.intersector import Intersector, Level, Relief, Scan
 from startrack.scene.earth.mosaic import Mosaic
 from startrack.scene.earth.orbit import Flight, Orbit, TwoLines, fly, sun_direction
+from startrack.scene.earth.parameters import EarthScene
 from startrack.scene.earth.pyramid import Pyramid
 from startrack.scene.earth.raster import Raster
 from startrack.scene.earth.sensor import (
@@ -49,6 +53,7 @@ __all__ = [
     "Array",
     "Chart",
     "Dating",
+    "EarthScene",
     "Elements",
     "Fixed",
     "Flight",
@@ -64,6 +69,7 @@ __all__ = [
     "Rays",
     "Relief",
     "Scan",
+    "Strip",
     "TwoLines",
     "cartesian",
     "fly",
@@ -73,6 +79,7 @@ __all__ = [
     "index",
     "line_elements",
     "matrix_elements",
+    "observe_earth",
     "read_charts",
     "scan_lines",
     "sight",

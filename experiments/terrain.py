@@ -1,0 +1,371 @@
+"""How fast and how exact do rays meet terrain, beside embree, and what does the pyramid save?
+
+One thread; times are CPU times, the best of three. Mountains from a seed with cells of 1 arcsec,
+1500 m high, seen from 600 km. The reference is the search of every cell on exact geodetic
+coordinates; embree gets the same vertices as triangles, in its float32.
+
+    python experiments/terrain.py --json terrain.json --figure aliasing.png
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import resource
+import time
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import one_thread  # noqa: F401  before numpy
+from numpy.typing import NDArray
+
+from startrack.scene.earth import (
+    Array,
+    Grid,
+    Mosaic,
+    Pyramid,
+    Rays,
+    Relief,
+    Scan,
+    cartesian,
+    fractal,
+    index,
+    survey,
+    up,
+)
+from startrack.scene.earth.surface import Surface
+from startrack.scene.earth.survey import LIFT
+from startrack.scene.earth.trace import blocked, trace
+from startrack.streams import Streams
+
+Floats = NDArray[np.float64]
+STEP = np.radians(1 / 3600)
+HEIGHT, RELIEF = 600e3, 1500.0
+ELEVATIONS = (85, 60, 30, 10)
+RANDOM = np.random.default_rng(20260621)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--figure", type=Path, metavar="FILE")
+    parser.add_argument("--grazing", type=int, default=1_000_000, help="rays (default: 1e6)")
+    parser.add_argument("--without-embree", action="store_true")
+    options = parser.parse_args()
+    result: dict[str, Any] = {}
+    for name, study in (
+        ("hits", hits),
+        ("grazing", lambda: grazing(options.grazing)),
+        ("shadow", shadow),
+        ("cache", cache),
+        ("aliasing", lambda: aliasing(options.figure)),
+        ("speed at 1k", lambda: speed(1024, "1k", not options.without_embree)),
+        ("speed at 4k", lambda: speed(4096, "4k", not options.without_embree)),
+    ):
+        found = study()
+        print(name, json.dumps(found), flush=True)
+        result |= found
+        gc.collect()
+    if options.json:
+        options.json.write_text(json.dumps(result, indent=1) + "\n")
+
+
+def mountains(cells: int, relief: float = RELIEF) -> tuple[Grid, NDArray[np.float32]]:
+    grid = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, cells + 1, cells + 1)
+    return grid, fractal(cells + 1, cells + 1, Streams(1, 0), relief)
+
+
+def axes(grid: Grid) -> tuple[Floats, Floats, Floats]:
+    lon = np.array(grid.west + grid.step_x * grid.columns / 2)
+    lat = np.array(grid.north - grid.step_y * grid.rows / 2)
+    rise = up(lon, lat)
+    east = np.array([-np.sin(lon), np.cos(lon), 0.0])
+    return east, np.cross(rise, east), rise
+
+
+def towards(grid: Grid, elevation: float, azimuth: NDArray[Any]) -> Floats:
+    """Unit vectors (n, 3) away from the middle of a grid."""
+    east, north, rise = axes(grid)
+    e, a = np.radians(elevation), np.atleast_1d(azimuth)[:, None]
+    view: Floats = np.sin(e) * rise + np.cos(e) * (np.sin(a) * east + np.cos(a) * north)
+    return view
+
+
+def random_rays(grid: Grid, count: int, elevation: float, share: float = 0.5) -> Rays:
+    """From all sides, at random points of the middle of a grid."""
+    u, v, height, azimuth = RANDOM.random((4, count))
+    low = (1 - share) / 2
+    target = cartesian(
+        grid.west + (low + share * u) * (grid.columns - 1) * grid.step_x,
+        grid.north - (low + share * v) * (grid.rows - 1) * grid.step_y,
+        RELIEF * height,
+    )
+    view = towards(grid, elevation, 2 * np.pi * azimuth)
+    return Rays(target + HEIGHT * view, -view, np.zeros(count))
+
+
+def image_rays(grid: Grid, side: int, elevation: float) -> Rays:
+    """Parallel rays in rows and columns over four fifths of a grid, as of a far camera."""
+    at = np.linspace(0.1, 0.9, side)
+    u, v = np.meshgrid(at, at)
+    target = cartesian(
+        grid.west + u.ravel() * (grid.columns - 1) * grid.step_x,
+        grid.north - v.ravel() * (grid.rows - 1) * grid.step_y,
+        np.full(side**2, RELIEF / 2),
+    )
+    view = np.broadcast_to(towards(grid, elevation, np.zeros(1)), target.shape)
+    return Rays(target + HEIGHT * view, -view.copy(), np.zeros(side**2))
+
+
+def hits() -> dict[str, Any]:
+    """Distance from the reference at four elevations."""
+    grid, heights = mountains(512)
+    surface, errors = index(grid, heights), {}
+    for elevation in ELEVATIONS:
+        rays = random_rays(grid, 5000, elevation)
+        expected, _ = Scan(grid, heights, HEIGHT - 3e4, HEIGHT + 3e4).meet(rays)
+        found = trace(surface, rays)
+        both = found.hit & expected.hit
+        errors[elevation] = np.abs(found.distance[both] - expected.distance[both])
+    everything = np.concatenate(list(errors.values()))
+    return {
+        "hit_median_m": float(np.median(everything)),
+        "hit_p99_m": float(np.percentile(everything, 99)),
+        "hit_p99_m_of_elevation": {e: float(np.percentile(x, 99)) for e, x in errors.items()},
+    }
+
+
+def grazing(count: int) -> dict[str, Any]:
+    """Rays that come in at 2 to 10 degrees: another ridge, or none, where the reference has one."""
+    grid, heights = mountains(160)
+    surface, wrong, asked = index(grid, heights), 0, 0
+    while asked < count:
+        rays = random_rays(grid, min(50_000, count - asked), RANDOM.uniform(2, 10))
+        expected, _ = Scan(grid, heights, HEIGHT - 5e4, HEIGHT + 5e4).meet(rays)
+        found = trace(surface, rays)
+        both = found.hit & expected.hit
+        wrong += int((found.hit != expected.hit).sum())
+        wrong += int((np.abs(found.distance[both] - expected.distance[both]) > 1.0).sum())
+        asked += len(rays)
+        print(f"  {asked} grazing rays, {wrong} wrong", flush=True)
+    return {"wrong_ridge": wrong, "grazing_rays": asked}
+
+
+def shadow() -> dict[str, Any]:
+    """Share of points whose shadow is not the reference's, at four heights of the sun."""
+    grid, heights = mountains(300)
+    rays = random_rays(grid, 30_000, 80, 0.9)
+    ground, reference = (
+        Relief(index(grid, heights)),
+        Scan(grid, heights, HEIGHT - 2e4, HEIGHT + 2e4),
+    )
+    wrong, shaded = [], []
+    for elevation in (60, 30, 10, 2):
+        sun = towards(grid, elevation, np.array([1.0]))[0]
+        found, expected = (survey(one, rays, sun) for one in (ground, reference))
+        wrong.append(float((found.shadow != expected.shadow).mean()))
+        shaded.append(float(expected.shadow.mean()))
+    return {"shadow_mismatch": float(np.mean(wrong)), "shaded": shaded}
+
+
+def cache() -> dict[str, Any]:
+    """A pushbroom over 8192 x 8192 heights with room for 32 of its tiles."""
+    cells = 8192
+    grid = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, cells + 1, cells + 1)
+    heights = np.tile(fractal(2048, 2048, Streams(1, 0), RELIEF), (5, 5))[: cells + 1, : cells + 1]
+    ground = Pyramid(Mosaic((Array(grid, heights),)), lowest=0, highest=RELIEF, tiles=32)
+    across = np.linspace(0.002, 0.998, 2048) * cells
+    view = towards(grid, 85, np.zeros(1))
+    begin = time.process_time()
+    for down in np.linspace(0.002, 0.998, 512) * cells:
+        target = cartesian(
+            grid.west + across * STEP, np.full(2048, grid.north - down * STEP), np.full(2048, 700.0)
+        )
+        ground.meet(Rays(target + HEIGHT * view, np.repeat(-view, 2048, axis=0), np.zeros(2048)))
+    return {
+        "cache_miss_ratio": ground.cache.misses / len(ground.cache.touched),
+        "cache_tiles_touched": len(ground.cache.touched),
+        "cache_memory_mb": ground.cache.memory / 1e6,
+        "cache_seconds": time.process_time() - begin,
+    }
+
+
+def speed(cells: int, name: str, with_embree: bool) -> dict[str, Any]:
+    """Rays per second down and to the sun, beside embree on the same vertices."""
+    grid, heights = mountains(cells)
+    index(*mountains(16))  # compiles
+    built = best(lambda: index(grid, heights))
+    surface = index(grid, heights)
+    rays = image_rays(grid, 1000, 85)
+    found = trace(surface, rays)
+    nadir = best(lambda: trace(surface, rays))
+    point = rays.origin + found.distance[:, None] * rays.direction
+    suns = {e: towards(grid, e, np.array([0.7]))[0] for e in (60, 30, 10)}
+    shadows = {e: to_sun(point, sun) for e, sun in suns.items()}
+    mine = {e: best(lambda r=r: blocked(surface, r, LIFT)) for e, r in shadows.items()}  # type: ignore[misc]
+    result: dict[str, Any] = {
+        f"nadir_mray_per_s_{name}": len(rays) / nadir / 1e6,
+        f"shadow_mray_per_s_{name}": {e: len(rays) / x / 1e6 for e, x in mine.items()},
+        f"index_{name}_s": built,
+    }
+    if name == "4k":
+        result |= {
+            "nadir_mray_per_s": len(rays) / nadir / 1e6,
+            "memory_over_heights": memory(surface) / heights.nbytes,
+        }
+    if with_embree:
+        result |= against_embree(grid, heights, rays, shadows, found.distance, nadir, mine, name)
+    return result
+
+
+def to_sun(point: Floats, sun: Floats) -> Rays:
+    return Rays(point, np.broadcast_to(sun, point.shape).copy(), np.zeros(len(point)))
+
+
+def memory(surface: Surface) -> int:
+    return sum(each.nbytes for each in surface if isinstance(each, np.ndarray))
+
+
+def against_embree(
+    grid: Grid, heights: NDArray[np.float32], rays: Rays, shadows: dict[int, Rays],
+    distance: Floats, nadir: float, mine: dict[int, float], name: str,
+) -> dict[str, Any]:  # fmt: skip
+    try:
+        scenes = import_module("embreex.rtcore_scene")
+        meshes = import_module("embreex.mesh_construction")
+    except ImportError:
+        return {"absent": ["embreex"]}
+    longitude = grid.west + np.arange(grid.columns) * grid.step_x
+    latitude = grid.north - np.arange(grid.rows) * grid.step_y
+    middle = cartesian(longitude[grid.columns // 2], latitude[grid.rows // 2], np.zeros(()))
+    corner = np.empty((*heights.shape, 3), np.float32)
+    for j, row in enumerate(heights):
+        at = cartesian(*np.broadcast_arrays(longitude, latitude[j], row.astype(float)))
+        corner[j] = at - middle
+    corner = corner.reshape(-1, 3)
+    number = np.arange(heights.size, dtype=np.int32).reshape(heights.shape)
+    a, b = number[:-1, :-1].ravel(), number[:-1, 1:].ravel()
+    c, d = number[1:, :-1].ravel(), number[1:, 1:].ravel()
+    triangles = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+    before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    scene = scenes.EmbreeScene()
+    meshes.TriangleMesh(scene, corner, triangles)
+    scene.run(corner[:1], np.ones((1, 3), np.float32))
+    built = time.process_time() - begin
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    origin, direction = (rays.origin - middle).astype(np.float32), rays.direction.astype(np.float32)
+    down = best(lambda: scene.run(origin, direction, query="DISTANCE"))
+    error = np.abs(scene.run(origin, direction, query="DISTANCE") - distance)
+    sunlit = {}
+    for elevation, one in shadows.items():
+        # A metre off the surface, as its float32 asks for.
+        start = (one.origin + 1.0 * one.direction - middle).astype(np.float32)
+        to = one.direction.astype(np.float32)
+        sunlit[elevation] = best(lambda s=start, t=to: scene.run(s, t, query="OCCLUDED"))  # type: ignore[misc]
+    ratios = {e: sunlit[e] / mine[e] for e in mine}
+    result = {
+        f"embree_nadir_mray_per_s_{name}": len(rays) / down / 1e6,
+        f"embree_error_median_m_{name}": float(np.median(error)),
+        f"embree_error_p99_m_{name}": float(np.percentile(error, 99)),
+        f"embree_index_{name}_s": built,
+        f"embree_memory_{name}_mb": grown / 1024,
+        f"nadir_over_embree_{name}": down / nadir,
+        f"shadow_over_embree_{name}": float(np.exp(np.mean(np.log(list(ratios.values()))))),
+        f"shadow_over_embree_{name}_of_elevation": ratios,
+    }
+    return result | ({"nadir_over_embree": down / nadir} if name == "4k" else {})
+
+
+def aliasing(figure: Path | None) -> dict[str, Any]:
+    """Brightness of slopes in pixels of eight cells: finest level against the pyramid.
+
+    The truth is the mean of 32 x 32 rays of each pixel on the finest level.
+    """
+    cells, side, pixel = 1024, 96, 8
+    grid = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, cells + 1, cells + 1)
+    heights = fractal(cells + 1, cells + 1, Streams(3, 0), 400.0, 1.2)
+    sun = towards(grid, 25, np.array([0.7]))[0]
+    mosaic = Mosaic((Array(grid, heights),))
+
+    def render(rays_per_side: int, sharpness: float) -> tuple[Floats, float]:
+        count = side * rays_per_side
+        at = 64 + (np.arange(count) + 0.5) / rays_per_side * pixel
+        u, v = np.meshgrid(at, at)
+        target = cartesian(
+            grid.west + u.ravel() * STEP, grid.north - v.ravel() * STEP, np.zeros(count**2)
+        )
+        view = np.broadcast_to(towards(grid, 89, np.zeros(1)), target.shape)
+        ground = Pyramid(mosaic, lowest=0, highest=500, sharpness=sharpness)
+        spread = pixel * STEP * 6378137 / rays_per_side / HEIGHT
+        rays = Rays(target + HEIGHT * view, -view.copy(), np.full(count**2, spread))
+        survey(ground, rays[: min(1000, len(rays))], sun)  # tiles into the cache
+        begin = time.process_time()
+        found = survey(ground, rays, sun)
+        seconds = time.process_time() - begin
+        bright = np.where(found.shadow, 0.0, np.cos(found.sun_incidence))
+        return bright.reshape(side, rays_per_side, side, rays_per_side).mean(axis=(1, 3)), seconds
+
+    truth, _ = render(32, 0.0)
+    curves: dict[str, list[dict[str, float]]] = {}
+    images = {"truth": truth}
+    for name, sharpness in (("finest level", 0.0), ("pyramid", 1.0)):
+        curves[name] = []
+        for rays_per_side in (1, 2, 4, 8):
+            image, seconds = render(rays_per_side, sharpness)
+            images.setdefault(name, image)
+            error = float(np.sqrt(np.mean((image - truth) ** 2)))
+            curves[name].append(
+                {"rays": rays_per_side**2, "rms": error, "us_per_pixel": seconds / side**2 * 1e6}
+            )
+    if figure:
+        draw(figure, images, curves)
+    one = {name: curve[0]["rms"] for name, curve in curves.items()}
+    return {
+        "aliasing_contrast": float(truth.std()),
+        "aliasing_fall": one["finest level"] / one["pyramid"],
+        "aliasing": curves,
+    }
+
+
+def draw(path: Path, images: dict[str, Floats], curves: dict[str, list[dict[str, float]]]) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 6.4), layout="constrained", dpi=120)
+    grid = figure.add_gridspec(2, 3, height_ratios=(1, 1))
+    titles = {"truth": "1024 rays a pixel", "finest level": "finest level, 1 ray a pixel",
+              "pyramid": "pyramid, 1 ray a pixel"}  # fmt: skip
+    low, high = np.percentile(images["truth"], [0.5, 99.5])
+    for column, name in enumerate(("truth", "finest level", "pyramid")):
+        axes = figure.add_subplot(grid[0, column])
+        shown = axes.imshow(images[name], cmap="gray", vmin=low, vmax=high)
+        axes.set(title=titles[name], xlabel="column (pixel)", ylabel="row (pixel)")
+    figure.colorbar(shown, ax=axes, label="cosine to the sun, 0 in shadow")
+    left, right = figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1:])
+    for name, curve in curves.items():
+        rms = [each["rms"] for each in curve]
+        left.loglog([each["rays"] for each in curve], rms, "o-", label=name)
+        right.loglog([each["us_per_pixel"] for each in curve], rms, "o-", label=name)
+    left.set(xlabel="rays per pixel", ylabel="rms error of the brightness")
+    right.set(xlabel="CPU time per pixel (us)", ylabel="rms error of the brightness")
+    for axes in (left, right):
+        axes.grid(alpha=0.3, which="both")
+        axes.legend()
+    figure.savefig(path)
+
+
+def best(call: Callable[[], Any], repeats: int = 3) -> float:
+    call()
+    times = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        call()
+        times.append(time.process_time() - begin)
+    return min(times)
+
+
+if __name__ == "__main__":
+    main()

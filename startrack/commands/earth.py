@@ -1,0 +1,157 @@
+"""`startrack earth`: a camera in flight over terrain."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.catalog import shipped
+from startrack.commands.terminal import progress, tell
+from startrack.draw_earth import draw_geometry
+from startrack.exits import Exit, WrongUse
+from startrack.saving import save_netcdf
+from startrack.scene.earth import EarthScene, Raster, observe_earth
+from startrack.scene.earth.ellipsoid import EQUATORIAL
+from startrack.scene.earth.image import Strip
+from startrack.scene.earth.parameters import find
+from startrack.tables import from_table
+
+Floats = NDArray[np.float64]
+
+# What is written of each pixel, with its unit and what it is.
+MAPS = {
+    "height": ("m", "height above the ellipsoid WGS84"),
+    "longitude": ("degree", "geodetic longitude of the ray nearest to the pixel's middle"),
+    "latitude": ("degree", "geodetic latitude"),
+    "incidence": ("degree", "between the slope's normal and the way to the camera"),
+    "sun_incidence": ("degree", "between the slope's normal and the sun"),
+    "shadow": ("1", "share of the pixel without direct sunlight"),
+    "sky_view": ("1", "share of a uniform sky's light that reaches the slope"),
+    "level": ("1", "level of the terrain's pyramid"),
+    "tangent_height": ("m", "least height of a ray that misses the Earth"),
+    "hit": ("1", "share of the pixel that sees the Earth"),
+}
+
+
+def command(options: argparse.Namespace) -> int:
+    """Run one of its parts."""
+    return {"geometry": geometry, "terrain": terrain}[options.part](options)
+
+
+def geometry(options: argparse.Namespace) -> int:
+    """Leave geometry.png and geometry.nc; print what they hold."""
+    path = options.scene or shipped("scenes/mountains.toml")
+    scene = read_scene(path)
+    lines, columns = scene.sensor.lines, scene.sensor.columns
+    maps: dict[str, Floats] = {}
+    with progress("lines", lines) as advance:
+        for strip in observe_earth(scene, path.parent):
+            for name, values in _values(strip).items():
+                whole = maps.setdefault(name, np.full((lines, columns), math.nan))
+                whole[strip.first : strip.first + strip.shape[0]] = values
+            advance(strip.shape[0])
+    result: dict[str, Any] = {
+        "scene": str(path),
+        "lines": lines,
+        "columns": columns,
+        "seen": float(maps["hit"].mean()),
+        "shadow": _mean(maps["shadow"]),
+        "height_m": [_least(maps["height"]), _most(maps["height"])],
+        "levels": sorted({int(level) for level in maps["level"][maps["hit"] > 0]}),
+        "png": str(options.out / "geometry.png"),
+        "netcdf": str(options.out / "geometry.nc"),
+    }
+    save_netcdf(options.out / "geometry.nc", maps, MAPS, ("line", "column"))
+    draw_geometry(options.out / "geometry.png", maps, path.stem)
+    tell(options, result, _text(result))
+    return Exit.DONE
+
+
+def terrain(options: argparse.Namespace) -> int:
+    """Tell what files of heights cover, and print the table of a scene file that reads them."""
+    grids = {path: Raster(path).grid for path in find(Path(), tuple(options.files))}
+    for path, grid in grids.items():
+        east = grid.west + (grid.columns - 1) * grid.step_x
+        result = {
+            "file": str(path),
+            "west_deg": math.degrees(grid.west), "east_deg": math.degrees(east),
+            "south_deg": math.degrees(grid.south), "north_deg": math.degrees(grid.north),
+            "cell_m": grid.step_y * EQUATORIAL, "columns": grid.columns, "rows": grid.rows,
+        }  # fmt: skip
+        tell(
+            options, result,
+            f"{path}: {result['columns']} x {result['rows']} cells of {result['cell_m']:.1f} m, "
+            f"longitude {result['west_deg']:.4f} to {result['east_deg']:.4f}, "
+            f"latitude {result['south_deg']:.4f} to {result['north_deg']:.4f}",
+        )  # fmt: skip
+    if not options.json:
+        names = ", ".join(f'"{path}"' for path in grids)
+        print(f"\n[terrain]\nfiles = [{names}]")
+        print('# geoid = "egm2008.tif"  # name its grid where the heights are above the geoid')
+    return Exit.DONE
+
+
+def read_scene(path: Path) -> EarthScene:
+    """The scene of a file, its errors as wrong use."""
+    try:
+        return from_table(EarthScene, tomllib.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        raise WrongUse(f"{path} must be a scene file, but there is none") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, IsADirectoryError) as error:
+        raise WrongUse(f"{path} must be a TOML file: {error}") from None
+    except ValueError as error:
+        raise WrongUse(f"{path}: {error}") from None
+
+
+def _values(strip: Strip) -> dict[str, Floats]:
+    """The maps of some lines; angles in degree."""
+    ground, middle = strip.ground, strip.shape[2] // 2
+    values = {
+        "height": strip.mean(ground.height),
+        "incidence": np.degrees(strip.mean(ground.incidence)),
+        "sun_incidence": np.degrees(strip.mean(ground.sun_incidence)),
+        "shadow": strip.mean(np.where(ground.hit, ground.shadow, math.nan)),
+        "sky_view": strip.mean(ground.sky_view),
+        "tangent_height": strip.mean(ground.tangent_height),
+        "hit": strip.mean(ground.hit.astype(float)),
+    }
+    # A mean of longitudes has no sense across the date line, nor one of levels.
+    for name, one in (
+        ("longitude", np.degrees(ground.longitude)),
+        ("latitude", np.degrees(ground.latitude)),
+        ("level", ground.level),
+    ):
+        values[name] = np.asarray(one, float).reshape(strip.shape)[..., middle]
+    return values | {name: strip.mean(each) for name, each in ground.maps.items()}
+
+
+def _mean(values: Floats) -> float:
+    return float(np.nanmean(values)) if np.isfinite(values).any() else math.nan
+
+
+def _least(values: Floats) -> float:
+    return float(np.nanmin(values)) if np.isfinite(values).any() else math.nan
+
+
+def _most(values: Floats) -> float:
+    return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan
+
+
+def _text(result: dict[str, Any]) -> str:
+    low, high = result["height_m"]
+    return "\n".join(
+        [
+            f"image     {result['columns']} x {result['lines']} pixel, "
+            f"{100 * result['seen']:.1f} % see the Earth",
+            f"height    {low:.1f} to {high:.1f} m above the ellipsoid",
+            f"shadow    {100 * result['shadow']:.1f} % of what is seen",
+            f"levels    {', '.join(map(str, result['levels'])) or 'none'}",
+            f"wrote {result['png']} and {result['netcdf']}",
+        ]
+    )

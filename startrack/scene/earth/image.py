@@ -1,0 +1,67 @@
+"""EarthScene -> Ground line by line: what each ray of an image sees of the Earth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.scene.earth.chart import read_charts
+from startrack.scene.earth.ground import Ground
+from startrack.scene.earth.orbit import sun_direction
+from startrack.scene.earth.parameters import EarthScene
+from startrack.scene.earth.sight import Turn, scan_lines
+from startrack.scene.earth.survey import survey
+
+Floats = NDArray[np.float64]
+
+BATCH = 2**17  # rays that are followed at a time
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """Some lines of an image and the ground that they see.
+
+    first   number of its first line
+    shape   lines, columns, rays of a pixel: how the rays of the ground are ordered
+    ground  of all rays
+    """
+
+    first: int
+    shape: tuple[int, int, int]
+    ground: Ground
+
+    def mean(self, values: Floats) -> Floats:
+        """(lines, columns) mean over the rays of each pixel that have a value; NaN of none."""
+        rays = np.asarray(values, float).reshape(self.shape)
+        known = np.isfinite(rays)
+        with np.errstate(invalid="ignore"):
+            return np.where(known, rays, 0).sum(axis=2) / known.sum(axis=2)
+
+
+def observe_earth(scene: EarthScene, folder: Path, turn: Turn | None = None) -> Iterator[Strip]:
+    """Look at the Earth with all pixels of a scene, some lines at a time.
+
+    folder   from which files are sought
+    turn     attitude jitter, as in `sight`
+    """
+    terrain, charts = scene.terrain.open(folder), scene.terrain.charts(folder)
+    cell = terrain.terrain.grid.step_y
+    sensor, orbit = scene.sensor, scene.flight
+    elements, dating = sensor.elements(), sensor.dating(orbit)
+    sun = sun_direction(orbit.epoch)
+    rays_of_line = elements[0].x.size * sensor.rays**2
+    step = 1 if len(elements) > 1 else max(1, BATCH // rays_of_line)
+    for first in range(0, sensor.lines, step):
+        lines = np.arange(first, min(first + step, sensor.lines), dtype=np.float64)
+        row = elements[first if len(elements) > 1 else 0]
+        rays = scan_lines(
+            sensor.camera, row, lines, dating, orbit, scene.pointing, turn, sensor.rays
+        )
+        ground = survey(terrain, rays, sun, scene.sky_rays)
+        ground = read_charts(ground, charts, cell)
+        shape = (len(lines), sensor.columns, len(rays) // (len(lines) * sensor.columns))
+        yield Strip(first, shape, ground)

@@ -1,0 +1,103 @@
+"""`startrack earth`: maps of what each pixel sees, and sentences where that cannot be."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import netcdf_file
+
+from startrack.catalog import shipped
+from startrack.cli import main
+
+pytest.importorskip("sgp4")
+
+EXAMPLE = shipped("scenes/mountains.toml").read_text()
+
+
+def scene(folder: Path, *changes: tuple[str, str]) -> Path:
+    text = EXAMPLE.replace("sky_rays = 16", "sky_rays = 0").replace("= 480", "= 40")
+    text = text.replace('"20 um"', '"240 um"').replace("cells = 768", "cells = 600")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+def test_the_maps_of_a_scene(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["earth", "geometry", str(scene(tmp_path)), "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["seen"] == 1
+    assert 0.01 < told["shadow"] < 0.5
+    assert max(told["levels"]) >= 2
+    with netcdf_file(out / "geometry.nc", mmap=False) as file:
+        height, longitude = file.variables["height"][:], file.variables["longitude"][:]
+        assert file.variables["height"].units == b"m"
+        assert file.variables["latitude"].units == b"degree"
+    assert height.shape == (40, 40)
+    assert told["height_m"] == pytest.approx([height.min(), height.max()])
+    assert abs(longitude.mean() - 10) < 0.05
+    assert (out / "geometry.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("detector", ["matrix", "staggered", "tdi"])
+def test_other_detectors_see_the_same_mountains(tmp_path, capsys, detector):
+    path = scene(tmp_path, ('"line"', f'"{detector}"'))
+    assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["seen"] == 1
+    assert 1000 < told["height_m"][1] <= 3000
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (('"5 deg"', '"5 m"'), "pointing.roll must have a unit that converts to rad"),
+        (("cells = 600", "cellls = 600"), "terrain.fractal.cellls is unknown"),
+        (('"line"', '"lines"'), "sensor.detector must be one of matrix, line, staggered, tdi"),
+        (('[orbit]', 'tle = ["1", "2"]\n[orbit]'), "orbit or tle must be given, and not both"),
+        (('"600 km"', '"60 km"'), "perigee above 80 km"),
+    ],
+)  # fmt: skip
+def test_a_wrong_scene_is_wrong_use(tmp_path, capsys, change, sentence):
+    assert main(["earth", "geometry", str(scene(tmp_path, change)), "--out", str(tmp_path)]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_files_that_are_not_there(tmp_path, capsys):
+    text = EXAMPLE[: EXAMPLE.index("[terrain.fractal]")] + 'files = ["dem/*.tif"]\n'
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    assert main(["earth", "geometry", str(path), "--out", str(tmp_path / "out")]) == 1
+    assert "must name files, but there are none" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert main(["earth", "geometry", str(tmp_path / "none.toml")]) == 2
+    assert "must be a scene file, but there is none" in capsys.readouterr().err
+
+
+def test_terrain_files_are_listed_and_can_be_flown_over(tmp_path, capsys):
+    """What `terrain` prints goes into a scene file as it stands."""
+    pytest.importorskip("rasterio")
+    from startrack.scene.earth import Grid, fractal
+    from startrack.streams import Streams
+
+    from .test_raster import write
+
+    step = np.radians(8 / 3600)
+    grid = Grid(np.radians(9.7), np.radians(47.3), step, step, 301, 301)
+    write(tmp_path / "dem.tif", fractal(301, 301, Streams(1, 0), 1000.0), grid)
+    assert main(["earth", "terrain", str(tmp_path / "*.tif")]) == 0
+    listed = capsys.readouterr().out
+    assert "301 x 301 cells" in listed
+    table = listed[listed.index("[terrain]") : listed.index("#")]
+    path = scene(tmp_path)
+    head = path.read_text()
+    path.write_text(head[: head.index("[terrain]")] + table)
+    assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["height_m"][1] <= 1000
+    assert main(["earth", "terrain", str(tmp_path / "scene.toml")]) == 1
+    assert "must be a raster file that GDAL reads" in capsys.readouterr().err
