@@ -18,7 +18,8 @@ from startrack.scene.earth.tile import CELLS, SIZE, block
 MISS, HIT, ABSENT = 0, 1, 2  # absent: the ray has come to a tile that is not in memory
 SHELL_MARGIN = 2.0  # metre, more than `shell` differs from a surface of constant height
 POLISHED = 1e-9  # metre, what Newton's next step would still change
-NEAR = 10.0  # metre, over which a path strays from its ray by less than 1e-10 m
+NEAR = 1.0  # metre, over which a path is its ray to 1e-12 m, and the vertical to 2e-7 radian
+NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0)
 STEPS = 60  # of bisection at worst, which take a path of 100 km to 1e-13 m
 
 
@@ -28,7 +29,8 @@ def march(surface, ox, oy, oz, dx, dy, dz, start, exact):  # type: ignore[no-unt
 
     exact    whether to find the point; a shadow only asks if there is one
     Returns  MISS, HIT or ABSENT; its distance, or the one from which to go on; row and column of
-             the tile that was hit or is absent
+             the tile that was hit or is absent; of a hit columns, rows, height, and sine and
+             cosine of the latitude
     """
     enter, end = shell(ox, oy, oz, dx, dy, dz, surface.highest + SHELL_MARGIN)
     begin = max(start, enter)
@@ -43,13 +45,15 @@ def march(surface, ox, oy, oz, dx, dy, dz, start, exact):  # type: ignore[no-unt
         middle = begin + back
         x, y, z = ox + middle * dx, oy + middle * dy, oz + middle * dz
         path = path_at(surface, x, y, z, dx, dy, dz, margin)
-        status, distance, j, i = _along(surface, path, -back, half, x, y, z, dx, dy, dz, exact)
+        status, distance, j, i, where = _along(
+            surface, path, -back, half, x, y, z, dx, dy, dz, exact
+        )
         if status != MISS:
-            return status, middle + distance, j, i
+            return status, middle + distance, j, i, where
         if middle + half <= begin:
             break
         begin = middle + half
-    return MISS, math.inf, 0, 0
+    return MISS, math.inf, 0, 0, NOWHERE
 
 
 @njit(cache=True, error_model="numpy")
@@ -70,13 +74,13 @@ def _along(surface, path, begin, half, x, y, z, dx, dy, dz, exact):  # type: ign
             if from_ < to:
                 from_, to = _within(path.v0, path.v1, path.v2, south, surface.rows, from_, to)
             if from_ < to:
-                status, distance, j, i = _through(
+                status, distance, j, i, where = _through(
                     surface, path, u0, half, from_, to, east, south, x, y, z, dx, dy, dz, exact
                 )
                 if status != MISS:
-                    return status, distance, j, i
+                    return status, distance, j, i, where
         begin = end
-    return MISS, math.inf, 0, 0
+    return MISS, math.inf, 0, 0, NOWHERE
 
 
 @njit(cache=True, error_model="numpy")
@@ -115,6 +119,8 @@ def _through(  # type: ignore[no-untyped-def]
     u1, u2 = path.u1, path.u2
     v0, v1, v2 = path.v0, path.v1, path.v2
     h0, h1, h2 = path.h0, path.h1, path.h2
+    # Taken out of the tuple once: numba counts references each time.
+    heights, maxima, top, used = surface.heights, surface.maxima, surface.top, surface.used
     last_i, last_j = surface.columns - 1, surface.rows - 1
     i, j = _cell(u0 + s * (u1 + s * u2), 0, last_i), _cell(v0 + s * (v1 + s * v2), 0, last_j)
     slot = surface.slot[j >> SIZE, i >> SIZE]
@@ -136,9 +142,9 @@ def _through(  # type: ignore[no-untyped-def]
             lowest = h0 - 0.25 * h1 * h1 / h2
         bound = math.inf
         if level == SIZE:
-            bound = surface.top[j >> SIZE, i >> SIZE]
+            bound = top[j >> SIZE, i >> SIZE]
         elif level > 0:
-            bound = surface.maxima[
+            bound = maxima[
                 slot, block(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
             ]
         if lowest <= bound + path.margin:
@@ -146,7 +152,7 @@ def _through(  # type: ignore[no-untyped-def]
                 if level == SIZE:
                     slot = surface.slot[j >> SIZE, i >> SIZE]
                     if slot < 0:
-                        return ABSENT, s, j >> SIZE, i >> SIZE
+                        return ABSENT, s, j >> SIZE, i >> SIZE, NOWHERE
                 # The height is convex, so its tangent reaches the bound before the path does.
                 spare = h0 + s * (h1 + s * h2) - bound - path.margin
                 if spare > 0 and slope < 0:
@@ -155,14 +161,14 @@ def _through(  # type: ignore[no-untyped-def]
                     j = _cell(v0 + s * (v1 + s * v2), north, min(past_j - 1, last_j))
                 level -= 1
                 continue
-            surface.used[slot] = 1
-            status, distance = _leaf(
-                surface, path, u0, half, s, leave, slot, j, i, x, y, z, dx, dy, dz, exact
+            used[slot] = 1
+            found = _leaf(
+                surface, heights, path, u0, half, s, leave, slot, j, i, x, y, z, dx, dy, dz, exact
             )
-            if status == HIT:
-                return HIT, distance, j >> SIZE, i >> SIZE
+            if found[0] == HIT:
+                return HIT, found[1], j >> SIZE, i >> SIZE, found[2]
         if leave >= end:
-            return MISS, math.inf, 0, 0
+            return MISS, math.inf, 0, 0, NOWHERE
         s = leave
         old_j, old_i = j, i
         if exit_u <= exit_v:
@@ -174,7 +180,7 @@ def _through(  # type: ignore[no-untyped-def]
             i = _cell(u0 + s * (u1 + s * u2), west, min(past_i - 1, last_i))
             outer = (old_j ^ j) >> (level + 1)
         if i < 0 or j < 0 or i > last_i or j > last_j:
-            return MISS, math.inf, 0, 0
+            return MISS, math.inf, 0, 0, NOWHERE
         if outer and level < SIZE:  # out of the block around this one too
             level += 1
             if (old_i ^ i) >> SIZE or (old_j ^ j) >> SIZE:
@@ -184,14 +190,14 @@ def _through(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _leaf(  # type: ignore[no-untyped-def]
-    surface, path, u0, reached, s, leave, slot, j, i, x, y, z, dx, dy, dz, exact
+    surface, heights, path, u0, reached, s, leave, slot, j, i, x, y, z, dx, dy, dz, exact
 ):
     """Whether and where the ray meets the surface of one cell, between two distances.
 
     A parabola through three heights above the surface tells: clear of it, clearly through it, or
     to be decided on exact heights.
     """
-    a, b, c, d = corners(surface, slot, j & (CELLS - 1), i & (CELLS - 1))
+    a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
     half = 0.5 * (leave - s)
     first = second = third = 0.0
     for turn in range(3):
@@ -204,21 +210,22 @@ def _leaf(  # type: ignore[no-untyped-def]
     share = max(abs(s), abs(leave)) / reached
     margin = path.margin * share * share * share
     if not _dip(first, second, third)[0] <= margin:  # true of a hole too
-        return MISS, math.inf
+        return MISS, math.inf, NOWHERE
     if first > margin and third < -margin:
         if not exact:
-            return HIT, s
+            return HIT, s, NOWHERE
         bend, slope = 0.5 * (first + third) - second, 0.5 * (third - first)
         place = 2 * second / (math.sqrt(max(0.0, slope * slope - 4 * bend * second)) - slope)
         guess = s + half * (1 + min(max(place, -1.0), 1.0))
-        return _settle(surface, slot, j, i, x, y, z, dx, dy, dz, s, leave, guess)
+        return _settle(surface, heights, slot, j, i, x, y, z, dx, dy, dz, s, leave, guess)
     low, high, guess = s, leave, s + half
     for turn in range(4):
         here = guess if turn == 3 else s + turn * half
         exact_path = path_at(surface, x + here * dx, y + here * dy, z + here * dz, dx, dy, dz, 0.0)
-        value = _above(surface, slot, j, i, exact_path, 0.0)[0]
+        value = _above(surface, heights, slot, j, i, exact_path, 0.0)[0]
         if turn == 0 and value <= 0:
-            return HIT, s  # from the side: out of a hole, over an edge, from below
+            # From the side: out of a hole, over an edge, from below.
+            return HIT, s, _where(exact_path, 0.0)
         if value <= 0:
             high = here
             break
@@ -226,13 +233,13 @@ def _leaf(  # type: ignore[no-untyped-def]
         if turn == 2:
             place = _dip(first, second, third)[1]
             if not -1 < place < 1:
-                return MISS, math.inf
+                return MISS, math.inf, NOWHERE
             guess = s + half * (1 + place)
     if not value <= 0:
-        return MISS, math.inf
+        return MISS, math.inf, NOWHERE
     if not exact:
-        return HIT, low
-    return _settle(surface, slot, j, i, x, y, z, dx, dy, dz, low, high, 0.5 * (low + high))
+        return HIT, low, NOWHERE
+    return _settle(surface, heights, slot, j, i, x, y, z, dx, dy, dz, low, high, 0.5 * (low + high))
 
 
 @njit(cache=True, error_model="numpy")
@@ -247,7 +254,7 @@ def _dip(first, second, third):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _above(surface, slot, j, i, path, s):  # type: ignore[no-untyped-def]
+def _above(surface, heights, slot, j, i, path, s):  # type: ignore[no-untyped-def]
     """Height of an exact path above the surface, its change with the distance, and its twist.
 
     The cell is the one near [j, i] that the place falls into: the value is continuous.
@@ -258,7 +265,7 @@ def _above(surface, slot, j, i, path, s):  # type: ignore[no-untyped-def]
     v = path.v0 + s * (path.v1 + s * path.v2) - ((j >> SIZE) << SIZE)
     i = _cell(u, 0, min(CELLS, surface.columns - ((i >> SIZE) << SIZE)) - 1)
     j = _cell(v, 0, min(CELLS, surface.rows - ((j >> SIZE) << SIZE)) - 1)
-    a, b, c, d = corners(surface, slot, j, i)
+    a, b, c, d = corners(heights, slot, j, i)
     u, v = u - i, v - j
     to_column, to_row = path.u1 + 2 * s * path.u2, path.v1 + 2 * s * path.v2
     height = path.h0 + s * (path.h1 + s * path.h2)
@@ -267,7 +274,7 @@ def _above(surface, slot, j, i, path, s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _settle(surface, slot, j, i, x, y, z, dx, dy, dz, low, high, s):  # type: ignore[no-untyped-def]
+def _settle(surface, heights, slot, j, i, x, y, z, dx, dy, dz, low, high, s):  # type: ignore[no-untyped-def]
     """The root between two distances, where the ray goes from above the surface to below.
 
     Newton's method, kept between its bounds, on paths that are laid anew where it strays.
@@ -275,7 +282,7 @@ def _settle(surface, slot, j, i, x, y, z, dx, dy, dz, low, high, s):  # type: ig
     base = s
     path = path_at(surface, x + s * dx, y + s * dy, z + s * dz, dx, dy, dz, 0.0)
     for _ in range(STEPS):
-        value, change, twist = _above(surface, slot, j, i, path, s - base)
+        value, change, twist = _above(surface, heights, slot, j, i, path, s - base)
         if value > 0:
             low = s
         else:
@@ -292,4 +299,13 @@ def _settle(surface, slot, j, i, x, y, z, dx, dy, dz, low, high, s):  # type: ig
         if abs(s - base) > NEAR:
             base = s
             path = path_at(surface, x + s * dx, y + s * dy, z + s * dz, dx, dy, dz, 0.0)
-    return HIT, s
+    return HIT, s, _where(path, s - base)
+
+
+@njit(cache=True, error_model="numpy")
+def _where(path, s):  # type: ignore[no-untyped-def]
+    """Columns, rows, height, sine and cosine of the latitude at a distance of metres at most."""
+    return (
+        path.u0 + s * (path.u1 + s * path.u2), path.v0 + s * (path.v1 + s * path.v2),
+        path.h0 + s * (path.h1 + s * path.h2), path.sine, path.cosine,
+    )  # fmt: skip

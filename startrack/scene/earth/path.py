@@ -23,6 +23,8 @@ class Path(NamedTuple):
     u, v    columns and rows from the vertex [0, 0]
     h       metre above the ellipsoid
     margin  metre, by which h minus the height of the terrain may be wrong
+    sine    of the latitude at the middle
+    cosine  of the latitude at the middle
     """
 
     u0: float
@@ -35,6 +37,8 @@ class Path(NamedTuple):
     h1: float
     h2: float
     margin: float
+    sine: float
+    cosine: float
 
 
 @njit(cache=True, error_model="numpy")
@@ -85,7 +89,7 @@ def path_at(surface, x, y, z, dx, dy, dz, margin):  # type: ignore[no-untyped-de
     return Path(
         u, turn * per_column, 0.5 * turn_2 * per_column,
         v, -climb * per_row, -0.5 * climb_2 * per_row,
-        height, rise, 0.5 * rise_2, margin,
+        height, rise, 0.5 * rise_2, margin, sine, cosine,
     )  # fmt: skip
 
 

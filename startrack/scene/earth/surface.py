@@ -178,9 +178,8 @@ def locate(surface, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def corners(surface, slot, j, i):  # type: ignore[no-untyped-def]
+def corners(heights, slot, j, i):  # type: ignore[no-untyped-def]
     """Height = a + b x + c y + d x y within the cell [j, i] of a slot; NaN in a hole."""
-    heights = surface.heights
     a = float(heights[slot, j, i])
     b = float(heights[slot, j, i + 1]) - a
     c = float(heights[slot, j + 1, i]) - a

@@ -93,42 +93,42 @@ def go_on(surface, origin, direction, status, distance, place, normal, tile):  #
             continue
         ox, oy, oz = origin[n]
         dx, dy, dz = direction[n]
-        found, s, j, i = march(surface, ox, oy, oz, dx, dy, dz, distance[n], True)
+        found, s, j, i, where = march(surface, ox, oy, oz, dx, dy, dz, distance[n], True)
         status[n], distance[n] = found, s
         if found == ABSENT:
             tile[n, 0], tile[n, 1] = j, i
         elif found == HIT:
-            x, y, z = ox + s * dx, oy + s * dy, oz + s * dz
-            describe(surface, j, i, x, y, z, place[n], normal[n])
+            describe(surface, j, i, ox + s * dx, oy + s * dy, where, place, normal, n)
 
 
 @njit(cache=True, error_model="numpy")
-def describe(surface, tile_j, tile_i, x, y, z, place, normal):  # type: ignore[no-untyped-def]
+def describe(surface, tile_j, tile_i, x, y, where, place, normal, n):  # type: ignore[no-untyped-def]
     """Geodetic place of a point of the surface, and the surface's normal there.
 
     normal ~ up - h_lon / ((N + h) cos(lat)) east - h_lat / (M + h) north
     """
-    u, v, height, sine, cosine, across = locate(surface, x, y, z)
-    across = max(across, 1e-3)
+    u, v, height, sine, cosine = where
+    across = max(math.sqrt(x * x + y * y), 1e-3)
     west, north = tile_i << SIZE, tile_j << SIZE
-    middle = west + 0.5 * CELLS
-    u -= FULL_TURN / surface.step_x * math.floor((u - middle) * surface.step_x / FULL_TURN + 0.5)
+    longitude = surface.west + u * surface.step_x
+    place[n, 0] = longitude - FULL_TURN * math.floor(longitude / FULL_TURN + 0.5)
+    place[n, 1], place[n, 2] = surface.north - v * surface.step_y, height
+    turn = FULL_TURN / surface.step_x
+    u -= turn * math.floor((u - west - 0.5 * CELLS) / turn + 0.5)
     u, v = u - west, v - north
     i = min(max(math.floor(u), 0), min(CELLS, surface.columns - west) - 1)
     j = min(max(math.floor(v), 0), min(CELLS, surface.rows - north) - 1)
-    _a, b, c, d = corners(surface, surface.slot[tile_j, tile_i], j, i)
+    _, b, c, d = corners(surface.heights, surface.slot[tile_j, tile_i], j, i)
     bend = 1 - ECCENTRICITY_2 * sine * sine
     meridian = EQUATORIAL * (1 - ECCENTRICITY_2) / (bend * math.sqrt(bend))
     lean = -(b + d * (v - j)) / (surface.step_x * across)
     tilt = (c + d * (u - i)) / (surface.step_y * (meridian + height))
     scale = 1 / math.sqrt(1 + lean * lean + tilt * tilt)
     cosine_x, sine_y = x / across, y / across
-    place[0], place[1] = math.atan2(y, x), math.atan2(sine, cosine)
-    place[2] = height
     radial = cosine - tilt * sine
-    normal[0] = scale * (radial * cosine_x - lean * sine_y)
-    normal[1] = scale * (radial * sine_y + lean * cosine_x)
-    normal[2] = scale * (sine + tilt * cosine)
+    normal[n, 0] = scale * (radial * cosine_x - lean * sine_y)
+    normal[n, 1] = scale * (radial * sine_y + lean * cosine_x)
+    normal[n, 2] = scale * (sine + tilt * cosine)
 
 
 def blocked(surface: Surface, rays: Rays, start: float) -> NDArray[np.bool_]:
@@ -146,7 +146,7 @@ def ask_on(surface, origin, direction, status, distance, tile):  # type: ignore[
         if status[n] == ABSENT:
             ox, oy, oz = origin[n]
             dx, dy, dz = direction[n]
-            status[n], distance[n], tile[n, 0], tile[n, 1] = march(
+            status[n], distance[n], tile[n, 0], tile[n, 1], _ = march(
                 surface, ox, oy, oz, dx, dy, dz, distance[n], False
             )
 
@@ -158,7 +158,8 @@ def describe_all(surface, point, choice, place, normal):  # type: ignore[no-unty
         if not choice[n]:
             continue
         x, y, z = point[n]
-        u, v, _, _, _, _ = locate(surface, x, y, z)
+        u, v, height, sine, cosine, _ = locate(surface, x, y, z)
         i = min(max(math.floor(u), 0), surface.columns - 1)
         j = min(max(math.floor(v), 0), surface.rows - 1)
-        describe(surface, j >> SIZE, i >> SIZE, x, y, z, place[n], normal[n])
+        where = (u, v, height, sine, cosine)
+        describe(surface, j >> SIZE, i >> SIZE, x, y, where, place, normal, n)
