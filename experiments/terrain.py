@@ -13,6 +13,8 @@ import argparse
 import gc
 import json
 import resource
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable
 from importlib import import_module
@@ -55,16 +57,18 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, metavar="FILE")
     parser.add_argument("--grazing", type=int, default=1_000_000, help="rays (default: 1e6)")
     parser.add_argument("--without-embree", action="store_true")
+    parser.add_argument("--rugged", metavar="PYTHON", help="an interpreter with orekit-jpype")
     options = parser.parse_args()
     result: dict[str, Any] = {}
     for name, study in (
         ("hits", hits),
-        ("grazing", lambda: grazing(options.grazing)),
         ("shadow", shadow),
         ("cache", cache),
         ("aliasing", lambda: aliasing(options.figure)),
         ("speed at 1k", lambda: speed(1024, "1k", not options.without_embree)),
         ("speed at 4k", lambda: speed(4096, "4k", not options.without_embree)),
+        ("rugged", lambda: rugged(options.rugged)),
+        ("grazing", lambda: grazing(options.grazing)),
     ):
         found = study()
         print(name, json.dumps(found), flush=True)
@@ -278,6 +282,35 @@ def against_embree(
         f"shadow_over_embree_{name}_of_elevation": ratios,
     }
     return result | ({"nadir_over_embree": down / nadir} if name == "4k" else {})
+
+
+def rugged(python: str | None) -> dict[str, Any]:
+    """Orekit's Rugged on the same rays; a Java call for each of its rays is in its time."""
+    if not python:
+        return {"absent_rugged": True}
+    grid, heights = mountains(512)
+    rays = random_rays(grid, 3000, 80, 0.2)
+    with tempfile.NamedTemporaryFile(suffix=".npz") as file:
+        np.savez(
+            file.name, heights=heights, grid=np.array([grid.west, grid.south, grid.step_x]),
+            origin=rays.origin, direction=rays.direction,
+        )  # fmt: skip
+        script = str(Path(__file__).with_name("terrain_rugged.py"))
+        told = subprocess.run(
+            [python, script, file.name], capture_output=True, text=True, check=True
+        ).stdout
+    answer = json.loads(told.splitlines()[-1])
+    surface = index(grid, heights)
+    found = trace(surface, rays)
+    error = np.linalg.norm(
+        cartesian(*np.array(answer["place"]).T) - cartesian(*found.place.T), axis=1
+    )
+    mine = best(lambda: trace(surface, rays))
+    return {
+        "rugged_difference_median_m": float(np.median(error)),
+        "rugged_difference_p99_m": float(np.percentile(error, 99)),
+        "over_rugged_with_its_calls": answer["seconds"] / mine,
+    }
 
 
 def aliasing(figure: Path | None) -> dict[str, Any]:

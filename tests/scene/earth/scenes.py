@@ -49,3 +49,12 @@ def random_rays(
         elevation,
         2 * np.pi * azimuth,
     )
+
+
+def hills() -> tuple[Grid, NDArray[np.float32]]:
+    """Hills by a formula, 0 to 1000 m, that another program can be given, too."""
+    step = np.radians(1 / 3600)
+    grid = Grid(np.radians(10.0), np.radians(47.0), step, step, 257, 257)
+    at = np.arange(257)
+    wave = np.sin(at / 9.0) + np.sin(at[:, None] / 7.0) + np.sin((at + 2 * at[:, None]) / 23.0)
+    return grid, (500 + 500 / 3 * wave).astype(np.float32)

@@ -1,12 +1,17 @@
 """The march against the search of every cell, and against surfaces that have a closed form."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from startrack.scene.earth import Grid, Level, Rays, Relief, Scan, cartesian, geodetic, index
 from startrack.scene.earth.trace import trace
 
-from .scenes import STEP, axes, flat, mountains, random_rays, ray
+from .scenes import STEP, axes, flat, hills, mountains, random_rays, ray
+
+RUGGED = Path(__file__).parents[2] / "oracle" / "rugged.json"
 
 GRID, HEIGHTS = mountains()
 SURFACE = index(GRID, HEIGHTS)
@@ -194,3 +199,13 @@ def test_a_wrong_shape_or_value_is_refused():
         Grid(0.0, 1.6, STEP, STEP, 10, 10)
     with pytest.raises(ValueError, match="full turn"):
         Grid(0.0, 1.0, 0.1, 0.1, 64, 10)
+
+
+@pytest.mark.parametrize("case", json.loads(RUGGED.read_text()), ids=lambda c: c["elevation_deg"])
+def test_hits_are_those_of_rugged(case):
+    """Orekit's Rugged 4.0.1, which takes the same bilinear surface on the same ellipsoid."""
+    grid, heights = hills()
+    rays = Rays(np.array(case["origin"]), np.array(case["direction"]), np.zeros(40))
+    found, expected = trace(index(grid, heights), rays).place, np.array(case["place"])
+    metres = np.linalg.norm(cartesian(*found.T) - cartesian(*expected.T), axis=1)
+    assert metres.max() < 1e-6
