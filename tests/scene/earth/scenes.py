@@ -58,3 +58,13 @@ def hills() -> tuple[Grid, NDArray[np.float32]]:
     at = np.arange(257)
     wave = np.sin(at / 9.0) + np.sin(at[:, None] / 7.0) + np.sin((at + 2 * at[:, None]) / 23.0)
     return grid, (500 + 500 / 3 * wave).astype(np.float32)
+
+
+def globe(per_degree: float = 1.0) -> tuple[Grid, NDArray[np.float32]]:
+    """A whole Earth of pixel centres whose heights change with longitude and latitude."""
+    rows, columns = round(180 * per_degree), round(360 * per_degree)
+    step = np.radians(1 / per_degree)
+    grid = Grid(-np.pi + step / 2, np.pi / 2 - step / 2, step, step, columns, rows)
+    lon = grid.west + step * np.arange(columns)
+    lat = grid.north - step * np.arange(rows)[:, None]
+    return grid, (3000 + 2000 * np.sin(3 * lon) * np.cos(lat)).astype(np.float32)

@@ -9,7 +9,7 @@ import pytest
 from startrack.scene.earth import Grid, Level, Rays, Relief, Scan, cartesian, geodetic, index
 from startrack.scene.earth.trace import trace
 
-from .scenes import STEP, axes, flat, hills, mountains, random_rays, ray
+from .scenes import STEP, axes, flat, globe, hills, mountains, random_rays, ray
 
 RUGGED = Path(__file__).parents[2] / "oracle" / "rugged.json"
 
@@ -147,16 +147,6 @@ def test_tiles_join_without_a_seam(cells):
     u = np.linspace(0.01, cells - 0.01, 500)
     rays = ray(grid.west + u * STEP, grid.north - STEP, 100.0, 90)
     np.testing.assert_allclose(trace(index(grid, heights), rays).place[:, 2], 100.0, atol=1e-7)
-
-
-def globe(per_degree=1.0):
-    """A whole Earth of pixel centres whose heights change with longitude and latitude."""
-    rows, columns = round(180 * per_degree), round(360 * per_degree)
-    step = np.radians(1 / per_degree)
-    grid = Grid(-np.pi + step / 2, np.pi / 2 - step / 2, step, step, columns, rows)
-    lon = grid.west + step * np.arange(columns)
-    lat = grid.north - step * np.arange(rows)[:, None]
-    return grid, (3000 + 2000 * np.sin(3 * lon) * np.cos(lat)).astype(np.float32)
 
 
 def test_the_date_line_is_a_place_like_others():

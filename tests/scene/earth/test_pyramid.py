@@ -19,7 +19,7 @@ from startrack.scene.earth import (
 )
 from startrack.streams import Streams
 
-from .scenes import STEP, flat, random_rays, ray
+from .scenes import STEP, flat, globe, random_rays, ray
 
 CELLS = 1300
 GRID = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, CELLS + 1, CELLS + 1)
@@ -143,3 +143,15 @@ def test_maps_lie_on_the_same_footing():
     maps = read_charts(ground, charts, STEP).maps
     np.testing.assert_allclose(maps["albedo"], [*(u[:3] / 40), 0.06], atol=1e-6)
     np.testing.assert_array_equal(maps["cover"], [0, 0, 1, np.nan])
+
+
+def test_a_whole_earth_by_tiles_closes_at_the_date_line():
+    grid, heights = globe(4.0)
+    ground, whole = Pyramid(Mosaic((Array(grid, heights),)), tiles=8), index(grid, heights)
+    assert ground.terrain.levels == 6  # 1440 columns can be halved five times
+    for azimuth in (85, -85, 5):
+        rays = ray(np.pi + np.linspace(-0.3, 0.3, 200), 0.05, 3000.0, 12, np.radians(azimuth), 4e5)
+        found, expected = ground.meet(rays)[0], Relief(whole, 0.0).meet(rays)[0]
+        np.testing.assert_array_equal(found.hit, expected.hit)
+        hit = found.hit
+        np.testing.assert_allclose(found.distance[hit], expected.distance[hit], atol=1e-5)
