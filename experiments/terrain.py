@@ -377,6 +377,7 @@ def draw(path: Path, images: dict[str, Floats], curves: dict[str, list[dict[str,
         shown = axes.imshow(images[name], cmap="gray", vmin=low, vmax=high)
         axes.set(title=titles[name], xlabel="column (pixel)", ylabel="row (pixel)")
     figure.colorbar(shown, ax=axes, label="cosine to the sun, 0 in shadow")
+    figure.suptitle("Rough terrain in pixels of 8 x 8 cells, the sun at 25 degrees")
     left, right = figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1:])
     for name, curve in curves.items():
         rms = [each["rms"] for each in curve]
