@@ -33,7 +33,7 @@ class Identification:
     pattern_spots: int = 24
     verify_spots: int = 40
     code_tolerance: float = 0.003
-    max_hypotheses: int = 5000
+    max_hypotheses: int = 4000
 
     def __post_init__(self) -> None:
         within(0, 0.3, focal_tolerance=self.focal_tolerance)

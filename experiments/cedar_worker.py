@@ -1,0 +1,27 @@
+"""Run by the interpreter that has cedar-solve: centroids in, right ascension and declination out.
+
+One JSON object a line each way; cedar-solve needs a numpy older than startrack's.
+"""
+
+import contextlib
+import json
+import sys
+import time
+
+with contextlib.redirect_stdout(sys.stderr):
+    from tetra3 import Tetra3
+
+    solver = Tetra3()
+for line in sys.stdin:
+    asked = json.loads(line)
+    began = time.process_time()
+    with contextlib.redirect_stdout(sys.stderr):
+        answer = solver.solve_from_centroids(
+            asked["row_column"],
+            asked["size"],
+            fov_estimate=asked["field_deg"],
+            fov_max_error=asked["field_error_deg"],
+            solve_timeout=1000,
+        )
+    seconds = time.process_time() - began
+    print(json.dumps([answer["RA"], answer["Dec"], seconds]), flush=True)
