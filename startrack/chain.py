@@ -19,7 +19,7 @@ from startrack.covariance import outcomes as drawn_outcomes
 from startrack.detection import detect
 from startrack.detector import expose
 from startrack.error import JUDGED, Outcome, judge
-from startrack.identification import PatternIndex, build_index, identify
+from startrack.identification import PatternIndex, cache_folder, cached_index, identify
 from startrack.streams import Streams
 from startrack.sweep import straighten, sweep
 from startrack.values import Estimate, Frame, Matches, Path, Psf, Spots, Stars
@@ -196,4 +196,4 @@ def index_of(stars: Stars, camera: Camera) -> PatternIndex:
 
 @lru_cache(maxsize=16)
 def _index(stars: Stars, field_of_view: float) -> PatternIndex:
-    return build_index(stars, field_of_view)
+    return cached_index(stars, field_of_view, cache_folder())

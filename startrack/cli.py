@@ -114,8 +114,9 @@ def _parser() -> argparse.ArgumentParser:
         "images", type=Path, nargs="+", metavar="IMAGE", help="FITS, TIFF, PNG or JPEG"
     )
     solve.add_argument(
-        "--fov", type=float, required=True, metavar="DEG", help="that the columns span"
-    )
+        "--fov", type=float, metavar="DEG",
+        help="that the columns span; without it all from 3 to 40 deg are tried",
+    )  # fmt: skip
     solve.add_argument(
         "--fov-tolerance", type=float, default=0.1, metavar="SHARE",
         help="by which the field may differ (default: 0.1)",

@@ -9,6 +9,14 @@ import pytest
 ORACLE = Path(__file__).parent / "oracle"
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _no_cache_but_ours(tmp_path_factory):
+    """Indexes that the tests build stay out of the user's folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STARTRACK_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @pytest.fixture(scope="session")
 def outside() -> Path:
     """The folder of data from outside, which is not part of the project."""

@@ -8,20 +8,21 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+from startrack.attitude import solve
 from startrack.camera import Camera
 from startrack.case import Tracker
 from startrack.catalog import Selection, open_sky
-from startrack.chain import track
+from startrack.chain import index_of, track
 from startrack.checks import positive, within
 from startrack.commands.terminal import (
     quaternion,
     say,
     tell,
 )
-from startrack.detection import Detection, subtract_dark
+from startrack.detection import Detection, detect, subtract_dark
 from startrack.draw import draw_solution
 from startrack.exits import Exit, WrongUse
-from startrack.identification import Identification
+from startrack.identification import Identification, identify_blind
 from startrack.images import read_image
 from startrack.values import Estimate, Frame, Matches, Spots, Stars
 from startrack.wcs import celestial
@@ -34,13 +35,16 @@ THRESHOLDS = (5.0, 4.0)
 def command(options: argparse.Namespace) -> int:
     """Solve image after image; one that cannot be read does not keep the others waiting."""
     try:
-        positive(fov=options.fov)
-        within(0, 179, fov=options.fov)
+        if options.fov is not None:
+            positive(fov=options.fov)
+            within(0, 179, fov=options.fov)
         identification = Identification(focal_tolerance=options.fov_tolerance)
         stars = open_sky(Selection.whole(options.catalog, options.epoch)).stars
         dark = read_image(options.dark) if options.dark else None
     except (ValueError, OSError, ImportError) as error:
         raise WrongUse(str(error)) from None
+    if options.fov is None:
+        say("startrack solve: no --fov, so all from 3 to 40 deg are tried; slow the first time")
     statuses = set()
     for path in options.images:
         try:
@@ -53,13 +57,7 @@ def command(options: argparse.Namespace) -> int:
                 tell(options, {"image": str(path), "status": "failed", "reason": str(error)}, "")
             statuses.add(Exit.FAILED)
             continue
-        rows, columns = frame.image.shape
-        camera = Camera.from_field_of_view(columns, rows, math.radians(options.fov))
-        for threshold in THRESHOLDS:
-            tracker = Tracker(Detection(threshold=threshold), identification)
-            spots, matches, estimate = track(frame, camera, stars, tracker)
-            if estimate.icrs_to_camera is not None:
-                break
+        spots, matches, estimate = _solve(frame, options.fov, stars, identification)
         result = {"image": str(path), **_result(spots, matches, estimate)}
         text = f"{path}: {_text(spots, matches, estimate)}"
         if options.overlay:
@@ -69,6 +67,25 @@ def command(options: argparse.Namespace) -> int:
         tell(options, result, text)
         statuses.add(Exit.DONE if estimate.icrs_to_camera is not None else Exit.UNSOLVED)
     return Exit.FAILED if Exit.FAILED in statuses else max(statuses)
+
+
+def _solve(
+    frame: Frame, fov_deg: float | None, stars: Stars, identification: Identification
+) -> tuple[Spots, Matches, Estimate]:
+    """The first look that solves it, or the last; with no field of view known if it is None."""
+    rows, columns = frame.image.shape
+    for threshold in THRESHOLDS:
+        tracker = Tracker(Detection(threshold=threshold), identification)
+        if fov_deg is None:
+            spots = detect(frame, tracker.detection)
+            matches = identify_blind(spots, columns, rows, stars, index_of, identification)
+            estimate = solve(spots, matches, tracker.attitude)
+        else:
+            camera = Camera.from_field_of_view(columns, rows, math.radians(fov_deg))
+            spots, matches, estimate = track(frame, camera, stars, tracker)
+        if estimate.icrs_to_camera is not None:
+            break
+    return spots, matches, estimate
 
 
 def _result(spots: Spots, matches: Matches, estimate: Estimate) -> dict[str, Any]:

@@ -29,7 +29,7 @@ cache       an index that stays on disk from one run to the next
 
 from startrack.identification.batch import identify_all
 from startrack.identification.blind import identify_blind
-from startrack.identification.cache import cached_index
+from startrack.identification.cache import cache_folder, cached_index
 from startrack.identification.calibrate import Calibrated, Calibration, calibrate
 from startrack.identification.identify import identify
 from startrack.identification.index import PatternIndex, build_index
@@ -43,6 +43,7 @@ __all__ = [
     "Identification",
     "PatternIndex",
     "build_index",
+    "cache_folder",
     "cached_index",
     "calibrate",
     "identify",

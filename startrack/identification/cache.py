@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import zipfile
@@ -21,7 +22,8 @@ from startrack.identification.index import (
 from startrack.identification.sky import SkyGrid, Voters
 from startrack.values import Stars
 
-FORMAT = 5  # grows with every change of what an index holds or how it is built
+FORMAT = 6  # grows with every change of what an index holds or how it is built
+KEPT = 24  # indexes of some 10 MB: those for a camera of which nothing is known are fourteen
 
 
 class _Parts(NamedTuple):
@@ -30,11 +32,20 @@ class _Parts(NamedTuple):
     faint: SkyGrid
 
 
+def cache_folder() -> Path:
+    """Where indexes stay: STARTRACK_CACHE, else startrack in the user's folder of caches."""
+    chosen = os.environ.get("STARTRACK_CACHE")
+    if chosen:
+        return Path(chosen)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "startrack"
+
+
 def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternIndex:
     """The index of `build_index`, kept in a folder from one run to the next.
 
     A file is named by a key of all that the index depends on. It appears whole or not at all,
-    and is built again where it cannot be read or does not hold what its key promises.
+    and is built again where it cannot be read or does not hold what its key promises. Of many
+    files those used longest ago go; where the folder cannot be written, nothing is kept.
 
     stars          the tracker's catalogue
     field_of_view  radian, of the smaller side of the image
@@ -45,8 +56,18 @@ def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternInd
     index = _read(path, key)
     if index is None:
         index = build_index(stars, field_of_view)
-        _write(path, key, index)
+        # A cache is a convenience: a full disk or a folder of somebody else is no failure.
+        with contextlib.suppress(OSError):
+            _write(path, key, index)
+            _prune(folder)
     return index
+
+
+def _prune(folder: Path) -> None:
+    """Keep the KEPT indexes that were used last."""
+    used = {path: path.stat().st_mtime for path in folder.glob("index-*.npz")}
+    for path in sorted(used, key=lambda path: used[path])[:-KEPT]:
+        path.unlink(missing_ok=True)
 
 
 def _key(stars: Stars, field_of_view: float) -> str:
@@ -104,7 +125,11 @@ def _read(path: Path, key: str) -> PatternIndex | None:
                 return None
             count, field_of_view = file["scalars"].tolist()
             index = PatternIndex(int(count), field_of_view, *_build("", _Parts, file))
-            return index if str(file["checksum"]) == _checksum(index) else None
+            if str(file["checksum"]) != _checksum(index):
+                return None
+        with contextlib.suppress(OSError):
+            os.utime(path)  # it was used
+        return index
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
 

@@ -54,7 +54,7 @@ def identify(
     log_accepted = math.log(settings.max_false_probability)
     best, tried, found = _identify(
         see(spots, finite, camera, settings),
-        breadth_first(min(len(finite), settings.verify_spots, settings.pattern_spots)),
+        breadth_first(min(len(finite), settings.verify_spots), settings.pattern_spots),
         settings.verify_spots,
         settings.code_tolerance,
         index.table,

@@ -18,7 +18,7 @@ class Identification:
     max_false_track        the same where the attitude is predicted: a prediction that was right
                            so far deserves trust, and two stars can hardly outweigh chance
     min_matches            a match of fewer stars is refused, however improbable
-    pattern_spots          the brightest so many spots may form patterns
+    pattern_spots          the brightest so many spots form triangles, and only then those that vote
     verify_spots           the brightest so many spots vote on a hypothesis
     code_tolerance         1, error of a pattern's code beyond the noise of the centroids: what
                            distortion the camera model does not know does to it

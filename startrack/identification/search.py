@@ -28,15 +28,23 @@ from startrack.values import Floats
 SIGMAS = 3.5  # how far noise may move a code
 
 
-@lru_cache(maxsize=64)
-def breadth_first(spots: int) -> NDArray[np.int64]:
-    """All (k, 3) choices of three spots, those of small sums of ranks first.
+@lru_cache(maxsize=128)
+def breadth_first(spots: int, bright: int) -> NDArray[np.int64]:
+    """Choices (k, 3) of three of the brightest spots, those of small sums of ranks first.
 
-    So no bright spot that is no star can hold up the search for long.
+    So no bright spot that is no star can hold up the search for long. Then choices of those that
+    follow: the limb of the Moon may be brighter than all stars.
+
+    spots   how many there are to choose from
+    bright  how many the first choices are made of
     """
-    choices = np.array(list(combinations(range(spots), 3)), np.int64).reshape(-1, 3)
-    order = np.lexsort((choices[:, 2], choices.sum(axis=1)))
-    return choices[order]
+    first = _choices(0, min(bright, spots))
+    return np.concatenate([first, _choices(bright, spots)]) if spots > bright + 2 else first
+
+
+def _choices(start: int, stop: int) -> NDArray[np.int64]:
+    choices = np.array(list(combinations(range(start, stop), 3)), np.int64).reshape(-1, 3)
+    return choices[np.lexsort((choices[:, 2], choices.sum(axis=1)))]
 
 
 @njit(cache=True, error_model="numpy")

@@ -13,11 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
 from startrack.catalog import Selection, open_sky
-from startrack.identification import PatternIndex, build_index
+from startrack.identification import Identification, PatternIndex, build_index, identify
 from startrack.units import deg
 from startrack.values import Matches, Spots, Stars
 
 Floats = NDArray[np.float64]
+SETTINGS = Identification()
 
 
 def make_spots(pixel: Floats, sigma: float) -> Spots:
@@ -55,6 +56,9 @@ class Design:
     stars: Stars
     index: PatternIndex
     limit_g: float
+
+    def solve(self, spots: Spots, settings: Identification = SETTINGS) -> Matches:
+        return identify(spots, self.camera, self.stars, self.index, settings)
 
     def look(
         self,
@@ -102,3 +106,17 @@ def design() -> Callable[..., Design]:
 @pytest.fixture(scope="session")
 def spots_at() -> Callable[..., Spots]:
     return make_spots
+
+
+def point(direction: Floats, roll: float = 0.3) -> Rotation:
+    """The attitude whose boresight points in this direction (3,)."""
+    z = np.array(direction, float) / np.linalg.norm(direction)
+    x = np.cross(z, [0.3, -0.5, 0.81])
+    x /= np.linalg.norm(x)
+    turn = Rotation.from_matrix(np.array([x, np.cross(z, x), z]))
+    return Rotation.from_rotvec([0, 0, roll]) * turn
+
+
+@pytest.fixture(scope="session")
+def towards() -> Callable[..., Rotation]:
+    return point

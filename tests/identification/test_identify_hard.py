@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from startrack.identification import Identification, build_index, identify
 from startrack.units import deg
@@ -13,27 +12,14 @@ from startrack.values import Stars, Status
 SETTINGS = Identification()
 
 
-def run(design, spots, settings=SETTINGS):
-    return identify(spots, design.camera, design.stars, design.index, settings)
-
-
-def towards(direction, roll=0.3):
-    """The attitude whose boresight points in this direction (3,)."""
-    z = np.array(direction, float) / np.linalg.norm(direction)
-    x = np.cross(z, [0.3, -0.5, 0.81])
-    x /= np.linalg.norm(x)
-    turn = Rotation.from_matrix(np.array([x, np.cross(z, x), z]))
-    return Rotation.from_rotvec([0, 0, roll]) * turn
-
-
 # Both poles, and the meridian at which right ascension jumps.
 @pytest.mark.parametrize("direction", [[0, 0, 1], [0, 0, -1], [1, 0, 0], [1, -1e-4, 0.7]])
 @pytest.mark.parametrize("roll", [0.0, 2.0, 4.0])
-def test_no_place_on_the_sky_is_special(design, direction, roll):
+def test_no_place_on_the_sky_is_special(design, towards, direction, roll):
     camera = design(12, 6.0)
     rng = np.random.default_rng(1)
     seen = camera.look(rng, noise=0.1, false=3, attitude=towards(direction, roll))
-    assert seen.error(run(camera, seen.spots)) < 3
+    assert seen.error(camera.solve(seen.spots)) < 3
 
 
 def test_a_mirrored_image_is_no_sky(design):
@@ -42,13 +28,13 @@ def test_a_mirrored_image_is_no_sky(design):
     for _ in range(25):
         spots = camera.look(rng, noise=0.1).spots
         mirrored = replace(spots, x=camera.camera.columns - 1 - spots.x)
-        assert run(camera, mirrored).status is Status.NO_MATCH
+        assert camera.solve(mirrored).status is Status.NO_MATCH
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3])
 def test_too_few_spots_are_data(design, spots_at, count):
     pixel = np.array([[100.0, 200.0], [700.0, 300.0], [500.0, 900.0]])[:count]
-    matches = run(design(12, 6.0), spots_at(pixel, 0.1))
+    matches = design(12, 6.0).solve(spots_at(pixel, 0.1))
     assert matches.status is (Status.TOO_FEW if count else Status.BLANK)
     assert str(count) in matches.reason
     assert matches.icrs_to_camera is None
@@ -61,11 +47,11 @@ def test_spots_at_no_finite_place_are_left_out(design):
     seen = camera.look(np.random.default_rng(3), noise=0.1)
     x, y = seen.spots.x.copy(), seen.spots.y.copy()
     x[0], y[2], x[5] = np.nan, np.inf, -np.inf
-    matches = run(camera, replace(seen.spots, x=x, y=y))
+    matches = camera.solve(replace(seen.spots, x=x, y=y))
     assert seen.error(matches) < 3
     assert not set(matches.spot) & {0, 2, 5}
     all_gone = replace(seen.spots, x=np.full_like(x, np.nan))
-    assert run(camera, all_gone).status is Status.BLANK
+    assert camera.solve(all_gone).status is Status.BLANK
 
 
 @pytest.mark.parametrize("sigma2", [np.nan, 0.0, -1.0, np.inf, 1e6])
@@ -73,7 +59,7 @@ def test_a_covariance_that_says_nothing_is_survived(design, sigma2):
     camera = design(12, 6.0)
     seen = camera.look(np.random.default_rng(4), noise=0.1, false=3)
     covariance = np.full_like(seen.spots.covariance, sigma2)
-    assert seen.error(run(camera, replace(seen.spots, covariance=covariance))) < 3
+    assert seen.error(camera.solve(replace(seen.spots, covariance=covariance))) < 3
 
 
 def test_spots_at_the_same_place(design, spots_at):
@@ -81,11 +67,11 @@ def test_spots_at_the_same_place(design, spots_at):
     seen = camera.look(np.random.default_rng(5), noise=0.1)
     pixel = np.column_stack([seen.spots.x, seen.spots.y])
     doubled = np.repeat(pixel, 2, axis=0)
-    matches = run(camera, spots_at(doubled, 0.1))
+    matches = camera.solve(spots_at(doubled, 0.1))
     assert seen.error(matches) < 3
     assert len(np.unique(matches.star)) == len(matches)
     one_place = spots_at(np.full((30, 2), 500.0), 0.1)
-    assert run(camera, one_place).status is Status.NO_MATCH
+    assert camera.solve(one_place).status is Status.NO_MATCH
 
 
 def test_ten_thousand_spots(design, spots_at):
@@ -94,8 +80,8 @@ def test_ten_thousand_spots(design, spots_at):
     seen = camera.look(rng, noise=0.1)
     faint = rng.random((10_000, 2)) * 1024 - 0.5
     pixel = np.concatenate([np.column_stack([seen.spots.x, seen.spots.y]), faint])
-    assert seen.error(run(camera, spots_at(pixel, 0.1))) < 3
-    assert run(camera, spots_at(faint, 0.1)).status is Status.NO_MATCH
+    assert seen.error(camera.solve(spots_at(pixel, 0.1))) < 3
+    assert camera.solve(spots_at(faint, 0.1)).status is Status.NO_MATCH
 
 
 def test_all_magnitudes_wrong(design, spots_at):
@@ -105,7 +91,7 @@ def test_all_magnitudes_wrong(design, spots_at):
     for _ in range(30):
         seen = camera.look(rng, noise=0.1, false=3)
         pixel = np.column_stack([seen.spots.x, seen.spots.y])
-        matches = run(camera, spots_at(rng.permutation(pixel), 0.1))
+        matches = camera.solve(spots_at(rng.permutation(pixel), 0.1))
         if matches.status is Status.SOLVED:
             assert seen.error(matches) < 3
             solved += 1
@@ -116,10 +102,10 @@ def test_few_hypotheses_end_the_search(design, spots_at):
     """A cell of the index, looked at as a whole, may exceed the number by some."""
     camera = design(12, 6.0)
     pixel = np.random.default_rng(8).random((30, 2)) * 1024
-    answer = run(camera, spots_at(pixel, 0.1), Identification(max_hypotheses=100)).reason
+    answer = camera.solve(spots_at(pixel, 0.1), Identification(max_hypotheses=100)).reason
     tried = int(answer.split()[2])
     assert 100 <= tried < 200
-    assert int(run(camera, spots_at(pixel, 0.1)).reason.split()[2]) > 1000
+    assert int(camera.solve(spots_at(pixel, 0.1)).reason.split()[2]) > 1000
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 10])

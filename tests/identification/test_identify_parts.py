@@ -314,7 +314,11 @@ def test_pairs_are_one_to_one():
 
 
 def test_breadth_first_holds_all_choices_the_brightest_first():
-    choices = breadth_first(9)
+    choices = breadth_first(9, 24)
     assert choices[0].tolist() == [0, 1, 2]
     assert len(np.unique(choices, axis=0)) == 84
     assert (np.diff(choices.sum(axis=1)) >= 0).all()
+    more = breadth_first(14, 9)
+    np.testing.assert_array_equal(more[:84], choices)
+    assert more[84:].min() == 9
+    assert len(more) == 84 + 10
