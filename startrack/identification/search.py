@@ -26,6 +26,7 @@ from startrack.identification.verify import (
 from startrack.values import Floats
 
 SIGMAS = 3.5  # how far noise may move a code
+EXPECTED = 0.7  # share of matches with the stars to be seen first, below which they are doubted
 
 
 @lru_cache(maxsize=128)
@@ -69,7 +70,7 @@ def search(
     Returns          the best verdict, the last if it is beyond doubt; hypotheses tried
     """
     tried = 0
-    best = Verdict(np.eye(3), 1.0, 0, 0.0)
+    best = Verdict(np.eye(3), 1.0, 0, 0, 0.0)
     screen = sieve(seen.plane, seen.low, seen.high, FIRST_RADIUS * seen.radius)
     names, codes = np.empty((6, 3), np.int64), np.empty((6, 2))
     direction = table.sky.direction
@@ -104,7 +105,7 @@ def search(
                         if verdict.log_p < best.log_p:
                             best = verdict
                         if best.log_p < log_accepted:
-                            if 2 * best.matches < len(seen.plane):
+                            if best.expected < EXPECTED * best.matches:
                                 best = challenge(seen, voters, best, fewest)
                             return best, tried
                     if tried >= most_hypotheses:

@@ -29,12 +29,14 @@ class Verdict(NamedTuple):
     rotation  (3, 3) icrs_to_camera
     scale     1, true over believed focal length
     matches   how many of the voting spots it explains, 0 where it is no hypothesis at all
+    expected  how many of them are the stars that should be seen first, the brightest so many
     log_p     ln of the bound on chance
     """
 
     rotation: Floats
     scale: float
     matches: int
+    expected: int
     log_p: float
 
 
@@ -128,11 +130,14 @@ def _verdict(
 ) -> Verdict:  # pragma: no cover
     matches = len(found.spot)
     if matches < fewest or not abs(found.scale - 1) <= _farthest(seen):
-        return Verdict(found.rotation, found.scale, 0, 0.0)
+        return Verdict(found.rotation, found.scale, 0, 0, 0.0)
     evidence = weigh(
         seen, voters, star, found.spot, found.taken, found.distance, found.rotation, found.scale
     )
-    return Verdict(found.rotation, found.scale, matches, min(-evidence, 0.0))
+    magnitude = voters.magnitude[star]
+    limit = np.sort(magnitude)[matches - 1]
+    expected = np.sum(magnitude[found.taken] <= limit)
+    return Verdict(found.rotation, found.scale, matches, expected, min(-evidence, 0.0))
 
 
 @njit(cache=True, error_model="numpy")
