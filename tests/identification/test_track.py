@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 from startrack.identification import Identification, cached_index, identify, identify_all, track
+from startrack.identification.cache import KEPT
 from startrack.units import deg
 from startrack.values import Status
 
@@ -121,10 +122,10 @@ def test_an_index_comes_back_from_disk_and_damage_is_noticed(design, tmp_path):
     folder = tmp_path / "not" / "there"
     first = cached_index(camera.stars, 20 * deg, folder)
     (path,) = folder.iterdir()
-    written = path.stat().st_mtime_ns
+    written = path.stat().st_ino
     same(parts(first), parts(camera.index))
     same(parts(cached_index(camera.stars, 20 * deg, folder)), parts(first))
-    assert path.stat().st_mtime_ns == written
+    assert path.stat().st_ino == written  # the same file, not one put in its place
     whole = path.read_bytes()
     for damaged in (whole[: len(whole) // 2], b"", whole[:200_000] + b"?" + whole[200_001:]):
         path.write_bytes(damaged)
@@ -132,3 +133,18 @@ def test_an_index_comes_back_from_disk_and_damage_is_noticed(design, tmp_path):
         assert path.read_bytes() != damaged
     cached_index(camera.stars, 21 * deg, folder)
     assert len(list(folder.iterdir())) == 2
+
+
+def test_indexes_used_longest_ago_go_and_a_folder_that_cannot_be_written_is_no_failure(
+    design, tmp_path
+):
+    stars = design(20, 5.0).stars[:300]
+    for number in range(KEPT + 3):
+        cached_index(stars, (20 + number) * deg, tmp_path)
+        if number == 1:
+            first = min(tmp_path.iterdir(), key=lambda path: path.stat().st_mtime_ns)
+    assert len(list(tmp_path.iterdir())) == KEPT
+    assert not first.exists()
+    taken = tmp_path / "file"
+    taken.write_text("")
+    assert len(cached_index(stars, 20 * deg, taken / "folder")) > 0
