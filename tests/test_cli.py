@@ -118,7 +118,7 @@ def test_a_bad_image_does_not_keep_the_others_waiting(call, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["solve", "x.png"], "--fov"),
+        (["solve"], "IMAGE"),
         (["solve", "x.png", "--fov", "-3"], "fov must be positive"),
         (["solve", "x.png", "--fov", "12", "--fov-tolerance", "2"], "must lie in"),
         (["solve", "x.png", "--fov", "12", "--catalog", "nothing.csv"], "nothing.csv"),

@@ -56,6 +56,7 @@ def detect_within(
     far, step = margin(settings, psf), max(kernel.whole.shape) // 2
     seen = grown(regions, far - step, columns, rows)
     image = scratch("detection filtered", (rows, columns), np.float32)
+    image.fill(np.median(ground.mean))
     value = np.asarray(frame.image, np.float32)
     _filter(value, seen, kernel.whole, image)
     known = Pixels(value, 0.0, 1.0, None, gain_of(frame, 0.0))
@@ -122,9 +123,13 @@ def grown(regions: Ints, by: int, columns: int, rows: int) -> Ints:
     return np.clip(regions + np.array([-by, -by, by, by]), 0, [columns, rows, columns, rows])
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@njit(cache=True, error_model="numpy")
 def _filter(value, windows, kernel, image):  # type: ignore[no-untyped-def]
-    """`matched.filtered` in windows; the image is mirrored at its border."""
+    """`matched.filtered` in windows; the image is mirrored at its border.
+
+    Trap: with liberties in its sums, the last bit would hang on where memory happens to lie, and
+    it decides between the pixels of a saturated star.
+    """
     rows, columns = value.shape
     down, across = kernel.shape[0] // 2, kernel.shape[1] // 2
     for k in range(len(windows)):

@@ -58,7 +58,7 @@ def expose_within(
     sky: float,
     streams: Streams,
 ) -> Frame:
-    """The numbers that `expose` gives, in windows; elsewhere whatever was left there.
+    """The numbers that `expose` gives, in windows; elsewhere the mean of an even sky.
 
     windows  (w, 4) left, top, right, bottom, the last two not in it; they may overlap
     places   weight, x and y of each point of the stars' paths
@@ -69,6 +69,9 @@ def expose_within(
     shape, law = (detector.rows, detector.columns), law_of(detector)
     electrons = scratch("expected electrons", shape, np.float64)
     image = scratch("digital numbers", shape, np.float32)  # as the detection wants it
+    # Between the windows an even sky: what another trial left there must not be seen.
+    level = sky + detector.dark_rate * detector.exposure
+    image.fill(detector.offset + level / detector.electrons_per_dn)
     _lay(electrons, ground(detector, sky), windows)
     draw(electrons, psf, places, star, detector)
     digitise_within(image, electrons, windows, law, streams, ground_tables(detector, sky))
