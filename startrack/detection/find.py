@@ -88,11 +88,12 @@ def choose(
     """
     kernel = kernel_of(settings, psf)
     reach, ring = settings.window // 2, ring_half(settings, kernel)
-    found = peaks(image, bright, settings.min_area, settings.max_area, reach, reach + settings.edge)
-    shot = 1 / pixels.gain.electrons_per_dn
+    border = reach + settings.edge
+    found = peaks(image, bright, settings.min_area, settings.max_area, reach, border)
     x, y, area = split(
-        pixels.value, found, ground.mean, ground.rms, ground.mesh, kernel.noise, shot
-    )
+        pixels.value, found, ground.mean, ground.rms, ground.mesh, kernel.noise,
+        1 / pixels.gain.electrons_per_dn, border,
+    )  # fmt: skip
     if regions is not None:
         inside = _inside(x, y, regions)
         x, y, area = x[inside], y[inside], area[inside]

@@ -20,7 +20,14 @@ MOST = 4  # stars for one peak
 
 @njit(cache=True, error_model="numpy")
 def split(
-    image: Image, found: Peaks, mean: Image, rms: Image, mesh: int, noise: float, shot: float
+    image: Image,
+    found: Peaks,
+    mean: Image,
+    rms: Image,
+    mesh: int,
+    noise: float,
+    shot: float,
+    border: int,
 ) -> Peaks:
     """Take the peaks apart that the filter has merged.
 
@@ -30,6 +37,7 @@ def split(
     mean, rms  of the Sky, and its mesh
     noise      share of a pixel's noise that the filter leaves
     shot       digital number, variance for each digital number of light; NaN where unknown
+    border     pixel, distance that a peak must keep from the border, at least 1
     """
     size = len(found.x)
     x, y, area = np.empty((3, MOST * size), np.int64)
@@ -39,7 +47,7 @@ def split(
         u, v = found.x[i], found.y[i]
         level, sigma = between(mean, mesh, u, v), between(rms, mesh, u, v) / noise
         light = sigma**2 / max(level, sigma) if math.isnan(shot) else shot
-        stars = _maxima(image, u, v, level, sigma, light, near_x, near_y)
+        stars = _maxima(image, u, v, level, sigma, light, border, near_x, near_y)
         if stars < 2:
             near_x[0], near_y[0], stars = u, v, 1
         for k in range(stars):
@@ -51,7 +59,7 @@ def split(
 
 @njit(cache=True, error_model="numpy")
 def _maxima(  # type: ignore[no-untyped-def]
-    image, x, y, level, sigma, shot, near_x, near_y
+    image, x, y, level, sigma, shot, border, near_x, near_y
 ):
     """Write the brightest maxima about a pixel between which the image dips; how many."""
     rows, columns = image.shape
@@ -60,8 +68,8 @@ def _maxima(  # type: ignore[no-untyped-def]
         return 0
     while count < MOST:
         best, at_x, at_y = BRIGHT * sigma, -1, -1
-        for v in range(max(y - REACH, 1), min(y + REACH + 1, rows - 1)):
-            for u in range(max(x - REACH, 1), min(x + REACH + 1, columns - 1)):
+        for v in range(max(y - REACH, border), min(y + REACH + 1, rows - border)):
+            for u in range(max(x - REACH, border), min(x + REACH + 1, columns - border)):
                 high = image[v, u] - level
                 if high > best and highest(image, u, v, 1):
                     error = math.sqrt(2 * (sigma**2 + shot * high))

@@ -5,6 +5,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from startrack.detection import Detection, detect
+from startrack.detection.find import find
+from startrack.detection.pixels import pixels
+from startrack.detection.smear import star_image
 from startrack.streams import Streams
 from startrack.values import Frame
 
@@ -101,3 +104,16 @@ def test_a_dead_pixel_beside_the_peak_is_left_out(sky, centroid):
     assert chi_square.mean() == pytest.approx(1, abs=0.13)
     least = np.diag(bound(sky, 0.9, ((0.2, -0.3),), (6000.0,)))
     assert covariance[..., 0, 0].mean() > 1.05 * least[0]
+
+
+def test_no_window_of_a_pair_at_the_border_leaves_the_frame(sky):
+    # The filter shows one peak three rows from the border; the image, one a single row from it.
+    x, y = np.array([[60.0, 3.0], [60.4, 1.0], [20.0, 252.0], [19.5, 254.0]]).T
+    light = sky((256, 256), x, y, np.array([20e3, 15e3, 20e3, 15e3]), 0.6) + BACKGROUND
+    frame = Frame(light.astype(np.float32), np.nan, 1.0, 0.0, READ_NOISE)
+    settings = Detection(kernel_sigma=0.8)
+    found = find(pixels(frame), settings, star_image(settings, None))
+    assert len(found.x) >= 2
+    border = settings.window // 2
+    assert min(found.y) >= border
+    assert max(found.y) < 256 - border
