@@ -25,7 +25,7 @@ import numpy as np
 from startrack.campaign.precision import Precision
 from startrack.campaign.resume import resume
 from startrack.campaign.store import Store
-from startrack.case import Case
+from startrack.case import Case, Fidelity
 from startrack.catalog import shipped
 from startrack.design import Design, load_design, save_design
 from startrack.error import summarise
@@ -164,7 +164,7 @@ def kill_and_resume(
     """
     case = small()
     save_design(folder / "small.toml", Design(case))
-    whole = run(case, trials, seed, Serial())
+    whole = run(case, trials, seed, Serial(), fidelity=Fidelity.WINDOW)
     rng = np.random.default_rng(seed)
     figures = dict.fromkeys(
         ("kills", "kills_of_workers", "campaigns", "lost", "doubled", "different", "orphans"), 0
@@ -219,9 +219,10 @@ def small() -> Case:
 def _drive(design: Path, path: Path, trials: int, seed: int) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "startrack.cli", "montecarlo", str(design)]
     command += ["--store", str(path), "--trials", str(trials), "--seed", str(seed)]
+    command += ["--fidelity", "window", "--workers", "2"]
     # A session of its own, by which whatever it leaves behind is found.
     return subprocess.Popen(
-        [*command, "--workers", "2"],
+        command,
         start_new_session=True,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

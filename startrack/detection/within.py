@@ -125,11 +125,7 @@ def grown(regions: Ints, by: int, columns: int, rows: int) -> Ints:
 
 @njit(cache=True, error_model="numpy")
 def _filter(value, windows, kernel, image):  # type: ignore[no-untyped-def]
-    """`matched.filtered` in windows; the image is mirrored at its border.
-
-    Trap: with liberties in its sums, the last bit would hang on where memory happens to lie, and
-    it decides between the pixels of a saturated star.
-    """
+    """`matched.filtered` in windows; the image is mirrored at its border."""
     rows, columns = value.shape
     down, across = kernel.shape[0] // 2, kernel.shape[1] // 2
     for k in range(len(windows)):
