@@ -3,7 +3,7 @@
 It follows the light. From the ground up:
 
 units, checks, shipped, streams, scratch, curve, camera, values   the words that all rooms share
-exits, saving, tables                           how programs end and files are written and read
+exits, saving, sqlite, tables                        how programs end and files are written and read
 
 catalog          which stars are there            -> Stars
 scene            what light arrives               -> Light

@@ -21,7 +21,7 @@ BASE = {"units", "checks", "shipped", "streams", "scratch", "curve", "camera", "
 # From top to bottom: a module may import those before it.
 ORDER = (
     *("units", "checks", "shipped", "streams", "scratch", "curve", "camera", "values"),
-    *("exits", "saving", "tables"),
+    *("exits", "saving", "sqlite", "tables"),
     *ROOMS,
     *(
         "wcs",

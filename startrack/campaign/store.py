@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import sqlite3
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -13,12 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack import sqlite
 from startrack.campaign.origin import origin
 from startrack.case import Case, Fidelity
 from startrack.checks import whole
 from startrack.study.montecarlo import OUTCOMES
 from startrack.tables import from_table, to_table
 
+WHAT = "campaign store"
 APPLICATION = 0x53545254  # "STRT" in the file's header
 FORMAT = 2
 TABLES = """
@@ -60,12 +60,12 @@ class Store:
                 case or seed; OSError where it cannot be opened or another process has it.
         """
         self.path = path
-        with self._told():
+        with sqlite.told(self.path, WHAT):
             if path and case is not None:
                 path.parent.mkdir(parents=True, exist_ok=True)
             if path and case is None and not path.is_file():
                 raise ValueError(f"{path} must be a campaign store, but there is none")
-            self._base = sqlite3.connect(path or ":memory:", timeout=0, isolation_level=None)
+            self._base = sqlite.connect(path)
             try:
                 self._open(case, seed, fidelity)
             except BaseException:
@@ -74,15 +74,12 @@ class Store:
 
     def _open(self, case: Case | None, seed: int | None, fidelity: Fidelity) -> None:
         ask = self._base.execute
-        # The lock is the system's, so that it ends with the process however that ends.
-        ask("PRAGMA locking_mode = EXCLUSIVE")
-        begun = ask("SELECT 1 FROM sqlite_master LIMIT 1").fetchone() is not None
+        begun = sqlite.has_tables(self._base, self.path, WHAT, APPLICATION)
         if begun:
-            self._must_be_ours()
+            self._must_be_of_this_format()
         elif case is None or seed is None:
             raise ValueError(f"{self.path} must be a campaign store, but is empty")
-        ask("PRAGMA journal_mode = WAL")
-        ask("PRAGMA synchronous = NORMAL")
+        sqlite.log_ahead(self._base)
         ask("BEGIN EXCLUSIVE")
         if not begun and case is not None and seed is not None:
             whole(0, 2**63 - 1, seed=seed)
@@ -113,10 +110,7 @@ class Store:
         self._base.execute(f"PRAGMA application_id = {APPLICATION}")
         self._base.execute(f"PRAGMA user_version = {FORMAT}")
 
-    def _must_be_ours(self) -> None:
-        (application,) = self._base.execute("PRAGMA application_id").fetchone()
-        if application != APPLICATION:
-            raise ValueError(f"{self.path} must be a campaign store, but is another database")
+    def _must_be_of_this_format(self) -> None:
         (form,) = self._base.execute("PRAGMA user_version").fetchone()
         if form != FORMAT:
             raise ValueError(f"{self.path} must be a store of format {FORMAT}, got format {form}")
@@ -144,7 +138,7 @@ class Store:
 
     def keep(self, first: int, outcomes: NDArray[np.void]) -> None:
         """Commit a block of trials first, first + 1, ...; it may have failed before."""
-        with self._told():
+        with sqlite.told(self.path, WHAT):
             self._base.execute("BEGIN")
             try:
                 row = (first, len(outcomes), outcomes.tobytes())
@@ -158,7 +152,7 @@ class Store:
 
     def keep_failure(self, numbers: range, report: str) -> None:
         """Commit that a block failed, and how."""
-        with self._told():
+        with sqlite.told(self.path, WHAT):
             row = (numbers.start, len(numbers), self.seed, report)
             self._base.execute("INSERT OR REPLACE INTO failures VALUES (?, ?, ?, ?)", row)
 
@@ -195,23 +189,6 @@ class Store:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    @contextmanager
-    def _told(self) -> Iterator[None]:
-        """SQLite's errors in our words."""
-        try:
-            yield
-        except sqlite3.DatabaseError as error:
-            code = getattr(error, "sqlite_errorname", "")
-            if code.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
-                raise OSError(f"{self.path} is in use by another process") from None
-            if code.startswith("SQLITE_NOTADB"):
-                raise ValueError(f"{self.path} must be a campaign store, but is not one") from None
-            if code.startswith("SQLITE_CORRUPT"):
-                raise ValueError(f"{self.path} is damaged: {error}") from None
-            raise OSError(
-                f"{self.path} cannot be written: {error}; what it held is whole"
-            ) from None
 
 
 def _difference(held: Any, asked: Any, place: str = "") -> str:

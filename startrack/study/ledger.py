@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import sqlite3
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack import sqlite
 from startrack.study.montecarlo import OUTCOMES
 
+WHAT = "ledger of startrack"
 APPLICATION = 0x53544C47  # "STLG" in the file's header
 TABLES = """
 CREATE TABLE IF NOT EXISTS trials (
@@ -38,10 +37,10 @@ class Ledger:
                 another process has it.
         """
         self.path = path
-        with self._told():
+        with sqlite.told(self.path, WHAT):
             if path:
                 path.parent.mkdir(parents=True, exist_ok=True)
-            self._base = sqlite3.connect(path or ":memory:", timeout=0, isolation_level=None)
+            self._base = sqlite.connect(path)
             try:
                 self._open()
             except BaseException:
@@ -50,13 +49,8 @@ class Ledger:
 
     def _open(self) -> None:
         ask = self._base.execute
-        ask("PRAGMA locking_mode = EXCLUSIVE")
-        if ask("SELECT 1 FROM sqlite_master LIMIT 1").fetchone():
-            (application,) = ask("PRAGMA application_id").fetchone()
-            if application != APPLICATION:
-                raise ValueError(f"{self.path} must be a ledger of startrack, but is another file")
-        ask("PRAGMA journal_mode = WAL")
-        ask("PRAGMA synchronous = NORMAL")
+        sqlite.has_tables(self._base, self.path, WHAT, APPLICATION)
+        sqlite.log_ahead(self._base)
         ask("BEGIN EXCLUSIVE")
         for statement in TABLES.split(";"):
             ask(statement)
@@ -72,7 +66,7 @@ class Ledger:
 
     def keep(self, key: bytes, first: int, outcomes: NDArray[np.void]) -> None:
         """Keep outcomes after the `first` ones that the key already has."""
-        with self._told():
+        with sqlite.told(self.path, WHAT):
             row = (key, first, outcomes.tobytes())
             self._base.execute("INSERT INTO trials VALUES (?, ?, ?)", row)
 
@@ -83,7 +77,7 @@ class Ledger:
 
     def keep_refusal(self, key: bytes, reason: str) -> None:
         """Keep that what the key stands for cannot be tried."""
-        with self._told():
+        with sqlite.told(self.path, WHAT):
             self._base.execute("INSERT OR REPLACE INTO refused VALUES (?, ?)", (key, reason))
 
     def stretch(self, key: bytes, number: int) -> bytes | None:
@@ -95,7 +89,7 @@ class Ledger:
 
     def keep_stretch(self, key: bytes, number: int, steps: bytes) -> None:
         """Keep a stretch of a chain."""
-        with self._told():
+        with sqlite.told(self.path, WHAT):
             self._base.execute("INSERT INTO stretches VALUES (?, ?, ?)", (key, number, steps))
 
     def close(self) -> None:
@@ -107,16 +101,3 @@ class Ledger:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    @contextmanager
-    def _told(self) -> Iterator[None]:
-        """SQLite's errors in our words."""
-        try:
-            yield
-        except sqlite3.DatabaseError as error:
-            code = getattr(error, "sqlite_errorname", "")
-            if code.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
-                raise OSError(f"{self.path} is in use by another process") from None
-            if code.startswith(("SQLITE_NOTADB", "SQLITE_CORRUPT")):
-                raise ValueError(f"{self.path} must be a ledger of startrack: {error}") from None
-            raise OSError(f"{self.path} cannot be written: {error}") from None
