@@ -35,6 +35,17 @@ def random_attitudes(seed: int, numbers: Sequence[int]) -> Rotation:
     return Rotation.from_quat([_quaternion(Streams(seed, number)) for number in numbers])
 
 
+def rotations(cube: NDArray[np.float64]) -> Rotation:
+    """Rotations of points (n, 3) in the unit cube, which are as evenly spread as the points.
+
+    Source: Shoemake (1992), Uniform random rotations, Graphics Gems III, 124.
+    """
+    radius, p, q = np.sqrt(cube[:, 0]), 2 * np.pi * cube[:, 1], 2 * np.pi * cube[:, 2]
+    rest = np.sqrt(1 - cube[:, 0])
+    x, y, z, w = rest * np.sin(p), rest * np.cos(p), radius * np.sin(q), radius * np.cos(q)
+    return Rotation.from_quat(np.column_stack([x, y, z, w]))
+
+
 def _quaternion(streams: Streams) -> NDArray[np.float64]:
     return streams("attitude").standard_normal(4)
 

@@ -16,6 +16,7 @@ from startrack.camera import Camera
 from startrack.catalog import Selection, Sky, open_sky
 from startrack.identification.merge import merged
 from startrack.values import Floats, Ints
+from startrack.view import rotations
 
 FIELDS = 512
 POINTS = 512  # that the tracker's index resolves across a field
@@ -88,16 +89,8 @@ def _fields(
 
 
 def attitudes(count: int) -> Rotation:
-    """Attitudes spread evenly over all rotations, from a Sobol sequence.
-
-    Source: Shoemake (1992), Uniform random rotations, Graphics Gems III, 124.
-    """
-    u = qmc.Sobol(3, scramble=False).random(count)
-    a, b = np.sqrt(1 - u[:, 0]), np.sqrt(u[:, 0])
-    p, q = 2 * np.pi * u[:, 1], 2 * np.pi * u[:, 2]
-    return Rotation.from_quat(
-        np.column_stack([a * np.sin(p), a * np.cos(p), b * np.sin(q), b * np.cos(q)])
-    )
+    """Attitudes spread evenly over all rotations, from a Sobol sequence."""
+    return rotations(qmc.Sobol(3, scramble=False).random(count))
 
 
 def boresights(count: int) -> Rotation:

@@ -8,10 +8,8 @@ from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
+from startrack.budget.fields import attitudes
 from startrack.camera import Camera
 from startrack.case import Case
 from startrack.catalog import Selection, open_sky
@@ -189,21 +187,10 @@ def _needed(
     camera = Camera(columns, rows, FOCAL_STEP**step)
     sky = open_sky(catalog)
     faintest = np.empty(FIELDS)
-    for i, attitude in enumerate(_attitudes()):
+    for i, attitude in enumerate(attitudes(FIELDS)):
         seen = look(sky, attitude, camera)
         inside = camera.holds(camera.project(attitude.apply(seen.direction)))
         magnitude = seen.magnitude_g[inside]
         # A field with too few stars in the whole catalogue asks for more than the catalogue has.
         faintest[i] = magnitude[stars - 1] if len(magnitude) >= stars else catalog.limit_g + 1
     return float(np.quantile(faintest, share))
-
-
-@lru_cache(maxsize=1)
-def _attitudes() -> Rotation:
-    """Attitudes spread evenly over all rotations (Shoemake 1992, from a Sobol sequence)."""
-    u: NDArray[np.float64] = qmc.Sobol(3, scramble=False).random(FIELDS)
-    a, b = np.sqrt(1 - u[:, 0]), np.sqrt(u[:, 0])
-    p, q = 2 * np.pi * u[:, 1], 2 * np.pi * u[:, 2]
-    return Rotation.from_quat(
-        np.column_stack([a * np.sin(p), a * np.cos(p), b * np.sin(q), b * np.cos(q)])
-    )

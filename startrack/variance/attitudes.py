@@ -11,7 +11,7 @@ from scipy.stats import qmc
 
 from startrack.streams import Streams
 from startrack.variance.regions import Regions
-from startrack.view import random_attitude
+from startrack.view import random_attitude, rotations
 
 Floats = NDArray[np.float64]
 
@@ -28,15 +28,14 @@ def by_sobol(seed: int, numbers: Sequence[int]) -> Rotation:
 
     Trial n takes point n // 16 of scramble n % 16, so that each of the 16 is a sample of its own.
 
-    Source: Owen (1998), J. Complexity 14, 466, for the scrambling; Shoemake (1992), Graphics Gems
-    III, 124, for the way from the unit cube to the rotations, which keeps the measure.
+    Source: Owen (1998), J. Complexity 14, 466.
     """
     number = np.asarray(numbers, np.int64)
     share = np.empty((len(number), 3))
     for replicate in np.unique(number % REPLICATES):
         mine = number % REPLICATES == replicate
         share[mine] = _points(seed, int(replicate), number[mine] // REPLICATES)
-    return _rotations(share)
+    return rotations(share)
 
 
 def by_regions(seed: int, numbers: Sequence[int], regions: Regions) -> Rotation:
@@ -66,19 +65,3 @@ def _points(seed: int, replicate: int, index: NDArray[np.int64]) -> Floats:
     # A power of two, or scipy would warn of a balance that lies with the caller.
     count = 1 << (int(index.max()) - first).bit_length()
     return np.asarray(engine.random(count)[index - first])
-
-
-def _rotations(share: Floats) -> Rotation:
-    """Rotations of points (n, 3) in the unit cube."""
-    radius = np.sqrt(share[:, 0])
-    angle = 2 * np.pi * share[:, 1:]
-    return Rotation.from_quat(
-        np.column_stack(
-            [
-                np.sqrt(1 - share[:, 0]) * np.sin(angle[:, 0]),
-                np.sqrt(1 - share[:, 0]) * np.cos(angle[:, 0]),
-                radius * np.sin(angle[:, 1]),
-                radius * np.cos(angle[:, 1]),
-            ]
-        )
-    )
