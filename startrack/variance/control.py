@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -13,6 +14,9 @@ from startrack.attitude import refine
 from startrack.attitude.refine import tangent
 from startrack.camera import Camera
 from startrack.case import Case
+from startrack.catalog import open_sky
+from startrack.chain import index_of
+from startrack.detection import peak_border
 from startrack.detection.response import Response, half_of, joined, response
 from startrack.detection.smear import star_image
 from startrack.detector import Detector, only_lone_pixels
@@ -24,6 +28,7 @@ Floats = NDArray[np.float64]
 
 FEWEST = 3  # stars
 SAME = 2.0  # pixel, between two stars that make one spot
+NEAR = 2.0  # pixel, beyond the border, where a spot's star may lie
 FULL = 0.8  # of the full well, from which on a pixel's number is no linear function of its light
 
 
@@ -64,10 +69,10 @@ def control(
     sigma = np.sqrt(variance)
     settings, psf = case.tracker.detection, psf_of(case.instrument)
     side = half_of(settings, star_image(settings, psf))
-    pixel, direction = _places(stars, icrs_to_camera, camera, side)
+    pixel = _inside(stars.direction, icrs_to_camera, camera, max(side, peak_border(settings)))[0]
     x, y = np.rint(pixel).astype(np.int64).T
     frame = Frame(
-        mean,
+        mean.astype(np.float32),
         detector.exposure,
         detector.electrons_per_dn,
         float(detector.offset),
@@ -78,10 +83,7 @@ def control(
     )
     good = (answer.snr > settings.threshold) & ~_merged(answer.place)
     good &= np.isfinite(answer.slope).all(axis=(1, 2, 3))
-    answer = answer.of(good)
-    # The tracker takes a spot for the nearest star, also where two make one spot.
-    nearest = np.argmin(((answer.place[:, None] - pixel) ** 2).sum(axis=2), axis=1)
-    direction = direction[nearest]
+    answer, direction = _known(answer.of(good), case, icrs_to_camera)
     weight = answer.covariance + np.eye(2) * case.tracker.attitude.centroid_floor**2
     kept = _agreeing(answer.place, weight, direction, icrs_to_camera, case)
     if len(kept) < FEWEST:
@@ -155,13 +157,33 @@ def _law(detector: Detector, electrons: Floats) -> tuple[Floats, Floats]:
     return mean, law.gain**2 * (electrons + law.noise**2) + 1 / 12
 
 
-def _places(
-    stars: Stars, icrs_to_camera: Rotation, camera: Camera, side: int
+def _known(answer: Response, case: Case, icrs_to_camera: Rotation) -> tuple[Response, Floats]:
+    """The spots that the tracker's catalogue explains, and the directions that it has for them.
+
+    The catalogue of the identification holds one star for those that make one spot. A spot is
+    taken for the nearest.
+    """
+    camera = case.believed_camera
+    index = index_of(open_sky(case.believed_catalog).stars, camera)
+    pixel, direction = _inside(index.faint.direction, icrs_to_camera, camera, -NEAR)
+    if not len(pixel):
+        return answer.of(np.zeros(len(answer.place), bool)), direction
+    square = ((answer.place[:, None] - pixel) ** 2).sum(axis=2)
+    nearest = np.argmin(square, axis=1)
+    near = square.min(axis=1) < case.tracker.identification.match_radius**2
+    return answer.of(near), direction[nearest[near]]
+
+
+def _inside(
+    direction: Floats, icrs_to_camera: Rotation, camera: Camera, border: float
 ) -> tuple[Floats, Floats]:
-    """Pixels and directions of the stars whose pixels are all on the frame."""
-    pixel = camera.project(icrs_to_camera.apply(stars.direction))
-    inside = camera.holds(pixel, -side - 0.5)
-    return pixel[inside], stars.direction[inside]
+    """Pixels and directions of the stars that lie so far inside the frame."""
+    boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
+    reach = camera.half_diagonal + NEAR / camera.focal_length_px
+    ahead = direction[direction @ boresight > math.cos(reach)]
+    pixel = camera.project(icrs_to_camera.apply(ahead))
+    inside = camera.holds(pixel, -border)
+    return pixel[inside], ahead[inside]
 
 
 def _gain(direction: Floats, covariance: Floats, case: Case, attitude: Rotation) -> Floats:
