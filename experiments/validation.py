@@ -22,11 +22,11 @@ import numpy as np
 from markley_mortari import SCENARIOS, scenario
 
 from startrack.budget import analytic, circles
-from startrack.budget.star import errors
 from startrack.case import Case
 from startrack.catalog import Selection, Sky, earth, open_sky, shipped, v_from_g
 from startrack.design import load_design
 from startrack.error import attitude_bound
+from startrack.single import errors
 from startrack.units import LIGHT_SPEED, arcsec, deg
 
 PLACES = 20_000  # circles over the sky

@@ -19,6 +19,7 @@ wcs, images      attitudes and frames as files
 case             Case: what is true and what the tracker believes
 view             what stands before the detector
 sweep            images of lines that scan, and their spots as a matrix's
+single           what the tracker makes of single stars, and how far it trusts them
 chain            one trial, one line a room
 products         detectors that a design may name
 sequence         trials in time: tracking, loss and reacquisition

@@ -20,9 +20,10 @@ from startrack.detection import detect
 from startrack.detector import expose
 from startrack.error import JUDGED, Outcome, judge
 from startrack.identification import PatternIndex, cache_folder, cached_index, identify
+from startrack.single import trust
 from startrack.streams import Streams
 from startrack.sweep import straighten, sweep
-from startrack.values import Estimate, Frame, Matches, Path, Psf, Spots, Stars
+from startrack.values import Estimate, Floats, Frame, Matches, Path, Psf, Spots, Stars
 from startrack.view import (
     asked_for,
     detected,
@@ -43,6 +44,7 @@ __all__ = [
     "asked_for",
     "attempt",
     "detected",
+    "estimated",
     "index_of",
     "light_of",
     "look",
@@ -123,7 +125,7 @@ def attempt(
         return Outcome(*drawn[0].item())
     spots = spots_in_windows(case, icrs_to_camera, streams)
     camera, stars = case.believed_camera, open_sky(case.believed_catalog).stars
-    _, estimate = recognise(spots, camera, stars, case.tracker)
+    _, estimate = recognise(spots, camera, stars, case.tracker, trust(case))
     return judge(estimate, asked_for(case, icrs_to_camera, streams), len(spots))
 
 
@@ -160,7 +162,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
         motion = case.believed_motion
         spots = straighten(spots, detector.scan, detector.exposure, motion, believed)
     catalog = open_sky(case.believed_catalog).stars
-    matches, estimate = recognise(spots, believed, catalog, case.tracker)
+    matches, estimate = recognise(spots, believed, catalog, case.tracker, trust(case))
     outcome = judge(estimate, asked_for(case, icrs_to_camera, streams), len(spots))
     return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
 
@@ -180,11 +182,23 @@ def track(
 
 
 def recognise(
-    spots: Spots, camera: Camera, stars: Stars, tracker: Tracker
+    spots: Spots, camera: Camera, stars: Stars, tracker: Tracker, own: Floats | None = None
 ) -> tuple[Matches, Estimate]:
-    """What the flight software does with its spots; arguments as `track` takes them."""
+    """What the flight software does with its spots; arguments as `track` takes them.
+
+    own  (n,) pixel^2, what each star of the catalogue errs by beside its noise, as `trust` gives it
+    """
     matches = identify(spots, camera, stars, index_of(stars, camera), tracker.identification)
-    return matches, solve(spots, matches, tracker.attitude)
+    return matches, estimated(spots, matches, tracker, own)
+
+
+def estimated(
+    spots: Spots, matches: Matches, tracker: Tracker, own: Floats | None = None
+) -> Estimate:
+    """The attitude that the tracker makes of its matches; arguments as `recognise` takes them."""
+    tolerance = tracker.identification.focal_tolerance
+    known = None if own is None else own[matches.star]
+    return solve(spots, matches, tracker.attitude, tolerance, known)
 
 
 def index_of(stars: Stars, camera: Camera) -> PatternIndex:

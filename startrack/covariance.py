@@ -15,7 +15,7 @@ from scipy import special
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import Alignment, Observability, align
+from startrack.attitude import Alignment, Observability, align, scale_unknown
 from startrack.case import Case
 from startrack.catalog import Selection, open_sky
 from startrack.detection import (
@@ -34,6 +34,7 @@ from startrack.detector.normal import inverse_normal
 from startrack.detector.poisson import drawn
 from startrack.error import JUDGED, judge_all
 from startrack.scene import Scene, illuminate
+from startrack.single import trust
 from startrack.streams import Streams
 from startrack.values import Floats, Ints, Light
 from startrack.view import asked_for, path_of, psf_of, random_attitudes, throughput
@@ -73,6 +74,7 @@ class Field(NamedTuple):
     known                (n,) whether they are in that
     flux                 (n,) logarithm of electrons
     number               (n,) index into the sky, which names a star in the draws
+    own                  (n,) pixel^2, that the tracker reckons with beside the noise
     """
 
     direction: Floats
@@ -80,6 +82,7 @@ class Field(NamedTuple):
     known: NDArray[np.bool_]
     flux: Floats
     number: NDArray[np.uint64]
+    own: Floats
 
 
 class Companions(NamedTuple):
@@ -201,7 +204,7 @@ def plan_of(case: Case) -> Plan:
     faintest = max(threshold - FAINTEST, LEAST) * noise / float(star_profile(psf, settings)[0])
     found = np.flatnonzero(flux >= min(faintest, flux.max()))  # one at least, to have arrays
     found = found[np.argsort(stars.direction[found, 2])]
-    believed, known = _believed(case, found)
+    there, known = _believed(case, found)
     x, y = camera.centre
     view = View(
         *(camera.columns, camera.rows, camera.focal_length_px, x, y),
@@ -215,8 +218,9 @@ def plan_of(case: Case) -> Plan:
         _response(grid, faintest, brightest),
         _pull(grid, TYPICAL * faintest),
         Field(
-            np.ascontiguousarray(stars.direction[found]), believed, known,
-            np.log(flux[found]), found.astype(np.uint64),
+            np.ascontiguousarray(stars.direction[found]),
+            np.ascontiguousarray(open_sky(case.believed_catalog).stars.direction[there]), known,
+            np.log(flux[found]), found.astype(np.uint64), trust(case)[there],
         ),
         _companions(stars.direction, flux, found, radius),
         view,
@@ -231,14 +235,14 @@ def _light(catalog: Selection, scene: Scene) -> Light:
     return illuminate(scene, open_sky(catalog).stars)
 
 
-def _believed(case: Case, found: Ints) -> tuple[Floats, NDArray[np.bool_]]:
-    """Where the tracker's catalogue has some stars of the sky, and whether it has them."""
+def _believed(case: Case, found: Ints) -> tuple[Ints, NDArray[np.bool_]]:
+    """Which of the tracker's catalogue some stars of the sky are, and whether it has them."""
     true, own = open_sky(case.catalog).stars, open_sky(case.believed_catalog).stars
     order = np.argsort(own.identifier)
     wanted = true.identifier[found]
     at = np.minimum(np.searchsorted(own.identifier[order], wanted), len(own) - 1)
     there = order[at]
-    return np.ascontiguousarray(own.direction[there]), own.identifier[there] == wanted
+    return there, own.identifier[there] == wanted
 
 
 @dataclass(frozen=True)
@@ -343,8 +347,7 @@ def _tried(
     place = np.empty((many, most, 2))
     star, variance = np.empty((many, most), np.int64), np.empty((many, most))
     matched, spots = np.empty((2, many), np.int64)
-    floor = case.tracker.attitude.centroid_floor
-    _draw(matrix, keys, *plan, floor, place, star, variance, matched, spots)
+    _draw(matrix, keys, *plan, place, star, variance, matched, spots)
     truth = attitude
     if case.lateness or case.instrument.mounting != case.believed_mounting:
         truth = Rotation.concatenate(
@@ -357,7 +360,7 @@ def _tried(
         there = np.arange(used) < matched[part, None]
         stars = np.where(there, star[part, :used], 0)
         reference = plan.field.believed[stars]
-        noise = np.where(there, variance[part, :used] + floor**2, 1.0)
+        noise = np.where(there, variance[part, :used] + plan.field.own[stars], 1.0)
         seen = np.where(there[..., None], place[part, :used], 0.0)
         found, covariance = _solved(case, matrix[part], seen, reference, noise, there)
         solved = (matched[part] >= case.tracker.identification.min_matches) & (
@@ -395,10 +398,13 @@ def _solved(
     weight = np.where(there, camera.focal_length_px**2 / noise, 0.0)
     found = align(observed, reference, weight)
     # As the tracker's solver does with residuals that the noise does not explain.
-    freedom = 2 * there.sum(axis=1) - 3
-    chance = special.chdtrc(np.maximum(freedom, 1), 2 * found.loss)
-    excess = np.where((freedom > 0) & (chance < SURPRISE), 2 * found.loss / freedom, 1.0)
-    return found, found.covariance * excess[:, None, None]
+    freedom = np.maximum(2 * there.sum(axis=1) - (4 if tolerance else 3), 1)
+    chance = special.chdtrc(freedom, 2 * found.loss)
+    excess = np.where(chance < SURPRISE, 2 * found.loss / freedom, 1.0)
+    covariance = found.covariance
+    if tolerance:
+        covariance = scale_unknown(covariance, observed, weight, tolerance)
+    return found, covariance * excess[:, None, None]
 
 
 @njit(cache=True, error_model="numpy")
@@ -453,7 +459,7 @@ def _keys(start, numbers):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _draw(  # type: ignore[no-untyped-def]
-    attitude, keys, response, pull, field, companions, view, gate, false, floor,
+    attitude, keys, response, pull, field, companions, view, gate, false,
     place, star, variance, matched, spots,
 ):  # fmt: skip
     """Write the found stars of each trial: place, index, variance; how many matches and spots."""
@@ -490,7 +496,8 @@ def _draw(  # type: ignore[no-untyped-def]
                 dx, dy = dx + more_x, dy + more_y
             if np.isnan(dx):
                 continue
-            if not field.known[i] or dx * dx + dy * dy > gate * gate * 2 * (spread + floor * floor):
+            reach = gate * gate * 2 * (spread + field.own[i])
+            if not field.known[i] or dx * dx + dy * dy > reach:
                 others += 1
                 continue
             x, y = x + dx, y + dy

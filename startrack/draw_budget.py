@@ -15,9 +15,9 @@ from scipy.spatial import cKDTree
 
 from startrack.budget import Budget, Line, Survey, Term, analytic
 from startrack.budget.residuals import residuals
-from startrack.budget.star import Errors, errors
 from startrack.case import Case
 from startrack.saving import whole
+from startrack.single import Errors, errors
 from startrack.units import arcsec, deg
 
 Floats = NDArray[np.float64]

@@ -28,6 +28,7 @@ ORDER = (
         "images",
         "case",
         "view",
+        "single",
         "sweep",
         "window",
         "covariance",

@@ -5,6 +5,7 @@ mounting       how the camera sits on the spacecraft
 solve          Spots, Matches -> Estimate
 refine         Gauss-Newton on pixel residuals, with a covariance for each centroid
 align          many sets of unit vectors -> attitudes to the last digit, covariance, observability
+scale          covariance where the camera's scale was fitted with the attitude
 consensus      which matches agree, however wrong the others are
 follow         gyroscope rates and attitudes in time -> filtered attitude and gyroscope bias
 
@@ -26,13 +27,15 @@ from startrack.attitude.davenport import davenport
 from startrack.attitude.foam import foam
 from startrack.attitude.follow import Gyroscope, State, correct, predict, start
 from startrack.attitude.mounting import Mounting
-from startrack.attitude.parameters import Attitude
+from startrack.attitude.parameters import UNKNOWN_FLOOR, Attitude
 from startrack.attitude.quest import quest
 from startrack.attitude.refine import Refinement, refine
+from startrack.attitude.scale import scale_unknown
 from startrack.attitude.solve import solve
 from startrack.attitude.svd import svd
 
 __all__ = [
+    "UNKNOWN_FLOOR",
     "Alignment",
     "Attitude",
     "Gyroscope",
@@ -48,6 +51,7 @@ __all__ = [
     "predict",
     "quest",
     "refine",
+    "scale_unknown",
     "solve",
     "start",
     "svd",

@@ -6,13 +6,17 @@ from dataclasses import dataclass
 
 from startrack.checks import non_negative, positive
 
+UNKNOWN_FLOOR = 0.015  # pixel, what calibrated cameras commonly come to
+
 
 @dataclass(frozen=True)
 class Attitude:
     """How matched stars are weighted, and when one is left out.
 
     centroid_floor  pixel, error per axis that every centroid has beside its noise: what the
-                    pixels average away, their unequal response, the rest of the distortion
+                    pixels average away, their unequal response, the light of other stars; None:
+                    star by star what the design leads to expect, and UNKNOWN_FLOOR where there is
+                    no design
     gate            sigma, normalised residual beyond which a star is left out as a mis-match, a
                     double star or a hot pixel; scaled with the residuals where these are larger
                     than the noise explains
@@ -20,10 +24,11 @@ class Attitude:
                     however many do not; for matches that were not verified together
     """
 
-    centroid_floor: float = 0.015
+    centroid_floor: float | None = None
     gate: float = 5.0
     sift: bool = False
 
     def __post_init__(self) -> None:
-        non_negative(centroid_floor=self.centroid_floor)
+        if self.centroid_floor is not None:
+            non_negative(centroid_floor=self.centroid_floor)
         positive(gate=self.gate)

@@ -28,26 +28,36 @@ class Refinement:
     covariance      (3, 3) radian^2, of the small rotation about the camera's axes
     residual        (n, 2) pixel, seen minus predicted
     chi_square      (n,) squared residuals over their covariance
+    scale           1, focal length over that of the camera
     """
 
     icrs_to_camera: Rotation
     covariance: Floats
     residual: Floats
     chi_square: Floats
+    scale: float
 
 
 def refine(
-    pixel: Floats, covariance: Floats, direction: Floats, camera: Camera, start: Rotation
+    pixel: Floats,
+    covariance: Floats,
+    direction: Floats,
+    camera: Camera,
+    start: Rotation,
+    tolerance: float = 0.0,
 ) -> Refinement:
-    """Minimise sum_i r_i^T C_i^-1 r_i over small rotations about the camera's axes.
+    """Minimise sum_i r_i^T C_i^-1 r_i + (s - 1)^2 / tolerance^2 over rotations and the scale s.
 
     The residuals are taken in the undistorted image plane, where x/z of a direction changes with
-    a rotation d by (-xy, 1 + x^2, -y) d and y/z by (-(1 + y^2), xy, x) d.
+    a small rotation d about the camera's axes by s (-xy, 1 + x^2, -y) d and y/z by
+    s (-(1 + y^2), xy, x) d, and both by their own with s. What the stars say of the scale they no
+    longer say of the attitude: the covariance is that of the attitude with the scale unknown.
 
     pixel       (n, 2) seen centroids
     covariance  (n, 2, 2) pixel^2
     direction   (n, 3) unit vectors, ICRS axes
     start       icrs_to_camera near the minimum
+    tolerance   1, standard deviation beforehand of the scale; 0 holds it
     Errors      ValueError where the stars leave the attitude open (fewer than two directions).
                 model: the covariance of a centroid is taken as the same before distortion.
                 numerical: the residuals are differences of like numbers, so that the result has
@@ -61,42 +71,57 @@ def refine(
     matrix = start.as_matrix()
     inverse, chi_square = np.empty((3, 3)), np.empty(len(pixel))
     residual = np.empty_like(seen_plane)
-    if not _refine(seen_plane, whitener, direction, matrix, inverse, residual, chi_square):
+    scale = _refine(
+        seen_plane, whitener, direction, tolerance, matrix, inverse, residual, chi_square
+    )
+    if np.isnan(scale):
         raise ValueError("the stars must lie in at least two directions to fix an attitude")
     return Refinement(
         Rotation.from_matrix(matrix),
         inverse @ inverse.T,
         residual * camera.focal_length_px,
         chi_square,
+        scale,
     )
 
 
 @njit(cache=True, error_model="numpy")
-def _refine(seen, whitener, direction, matrix, inverse, residual, chi_square):  # type: ignore[no-untyped-def]
-    """Turn the matrix to the minimum, and write the rest; False where the attitude is open."""
-    columns = np.empty((4, 2 * len(seen)))
-    triangle, step = np.zeros((3, 3)), np.empty(3)
+def _refine(seen, whitener, direction, tolerance, matrix, inverse, residual, chi_square):  # type: ignore[no-untyped-def]
+    """Turn the matrix to the minimum, and write the rest; the scale, NaN if all is open."""
+    columns, stretch = np.zeros((4, 2 * len(seen) + 1)), np.zeros(2 * len(seen) + 1)
+    triangle, step, along = np.zeros((3, 3)), np.empty(3), np.zeros(4)
+    scale = 1.0
     for _ in range(MOST_STEPS):
-        _linearise(seen, whitener, direction, matrix, columns, residual)
+        _linearise(seen, whitener, direction, matrix, scale, columns, stretch, residual)
+        if tolerance > 0:
+            _free(stretch, columns, scale, tolerance, along)
         least_squares(columns, triangle, step)
         size = np.abs(np.diag(triangle))
         if not size.min() > LEAST_RANK * size.max():
-            return False
+            return np.nan
         turn_by(step, matrix)
-        if np.abs(step).max() < SMALLEST_STEP:
+        stretched = along[3] - along[0] * step[0] - along[1] * step[1] - along[2] * step[2]
+        scale += stretched
+        if np.abs(step).max() < SMALLEST_STEP and abs(stretched) < SMALLEST_STEP:
             break
-    _linearise(seen, whitener, direction, matrix, columns, residual)
+    _linearise(seen, whitener, direction, matrix, scale, columns, stretch, residual)
     for n in range(len(seen)):
         chi_square[n] = columns[3, 2 * n] ** 2 + columns[3, 2 * n + 1] ** 2
+    if tolerance > 0:
+        _free(stretch, columns, scale, tolerance, along)
     least_squares(columns, triangle, step)
     invert(triangle, inverse)
-    return True
+    return scale
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(seen, whitener, direction, matrix, columns, residual):  # type: ignore[no-untyped-def]
-    """Residuals (n, 2) in the plane; whitened, their derivatives and themselves, as columns."""
+def _linearise(seen, whitener, direction, matrix, scale, columns, stretch, residual):  # type: ignore[no-untyped-def]
+    """Residuals (n, 2) in the plane; whitened, their derivatives and themselves, as columns.
+
+    The derivative by the scale is apart, and the last row is left for what is known of it.
+    """
     slope = np.empty((2, 3))
+    columns[:, -1] = stretch[-1] = 0.0
     for n in range(len(seen)):
         u, v, w = direction[n]
         px = matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2] * w
@@ -104,13 +129,24 @@ def _linearise(seen, whitener, direction, matrix, columns, residual):  # type: i
         pz = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2] * w
         x, y = px / pz, py / pz
         _slopes(x, y, slope)
-        residual[n, 0], residual[n, 1] = seen[n, 0] - x, seen[n, 1] - y
+        residual[n, 0], residual[n, 1] = seen[n, 0] - scale * x, seen[n, 1] - scale * y
         a, b, c = whitener[n]
         for k in range(3):
-            columns[k, 2 * n] = a * slope[0, k]
-            columns[k, 2 * n + 1] = b * slope[0, k] + c * slope[1, k]
+            columns[k, 2 * n] = scale * a * slope[0, k]
+            columns[k, 2 * n + 1] = scale * (b * slope[0, k] + c * slope[1, k])
         columns[3, 2 * n] = a * residual[n, 0]
         columns[3, 2 * n + 1] = b * residual[n, 0] + c * residual[n, 1]
+        stretch[2 * n], stretch[2 * n + 1] = a * x, b * x + c * y
+
+
+@njit(cache=True, error_model="numpy")
+def _free(stretch, columns, scale, tolerance, along):  # type: ignore[no-untyped-def]
+    """Take the scale out of the columns, and write how much of it each of them (4,) held."""
+    stretch[-1], columns[3, -1] = 1 / tolerance, (1 - scale) / tolerance
+    square = (stretch**2).sum()
+    for k in range(4):
+        along[k] = (stretch * columns[k]).sum() / square
+        columns[k] -= along[k] * stretch
 
 
 @njit(cache=True, error_model="numpy")

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from scipy import special
 
 from startrack.attitude.consensus import consensus
-from startrack.attitude.parameters import Attitude
+from startrack.attitude.parameters import UNKNOWN_FLOOR, Attitude
 from startrack.attitude.refine import Refinement, refine
 from startrack.attitude.svd import svd
-from startrack.values import Estimate, Matches, Spots, Status
+from startrack.values import Estimate, Floats, Matches, Spots, Status
 
 NO_COVARIANCE = np.full((3, 3), np.nan)
 MEDIAN_CHI_SQUARE = 2 * np.log(2)  # of two degrees of freedom
@@ -18,7 +18,13 @@ SURPRISE = 1e-3  # chance below which residuals are too large to be the noise al
 FEWEST = 4  # stars, below which none is left out
 
 
-def solve(spots: Spots, matches: Matches, settings: Attitude) -> Estimate:
+def solve(
+    spots: Spots,
+    matches: Matches,
+    settings: Attitude,
+    tolerance: float = 0.0,
+    own: Floats | None = None,
+) -> Estimate:
     """The attitude from matched stars, weighted by the covariance of their centroids.
 
     Stars beyond the gate are left out, the worst first, as long as most stay. Where the residuals
@@ -27,18 +33,25 @@ def solve(spots: Spots, matches: Matches, settings: Attitude) -> Estimate:
     not know its distortion or its catalogue better than it sees. Below that it is left alone, for
     to follow every upward chance would state too much on average.
 
-    Returns  Estimate; not solved where the matches are not, or leave the attitude open
+    tolerance  1, how well the focal length of the camera was known before the stars were seen; it
+               is fitted together with the attitude. 0: it is held
+    own        (m,) pixel^2 per axis, what the matched stars err by beside their noise; None: the
+               square of `settings.centroid_floor`
+    Returns    Estimate; not solved where the matches are not, or leave the attitude open
     """
     if matches.status is not Status.SOLVED:
         return _unsolved(matches, matches.status, matches.reason)
     pixel = np.column_stack([spots.x, spots.y])[matches.spot]
-    covariance = spots.covariance[matches.spot] + np.eye(2) * settings.centroid_floor**2
+    if own is None:
+        floor = settings.centroid_floor
+        own = np.full(len(matches), (UNKNOWN_FLOOR if floor is None else floor) ** 2)
+    covariance = spots.covariance[matches.spot] + own[:, None, None] * np.eye(2)
     used = np.arange(len(matches))
     if settings.sift:
         used = _agreeing(pixel, covariance, matches, settings.gate)
     most = len(used)
     try:
-        best = _fit(pixel, covariance, matches, used)
+        best = _fit(pixel, covariance, matches, used, tolerance)
         while len(used) > FEWEST:
             typical = np.median(best.chi_square) / MEDIAN_CHI_SQUARE
             gate = settings.gate**2 * max(1.0, typical)
@@ -46,10 +59,10 @@ def solve(spots: Spots, matches: Matches, settings: Attitude) -> Estimate:
             if best.chi_square[worst] <= gate or len(used) <= most / 2:
                 break
             used = np.delete(used, worst)
-            best = _fit(pixel, covariance, matches, used)
+            best = _fit(pixel, covariance, matches, used, tolerance)
     except (ValueError, np.linalg.LinAlgError) as error:
         return _unsolved(matches, Status.TOO_FEW, str(error))
-    freedom = 2 * len(used) - 3
+    freedom = 2 * len(used) - (4 if tolerance else 3)
     total = float(best.chi_square.sum())
     chance = special.chdtrc(freedom, total) if freedom > 0 else 1.0
     excess = total / freedom if chance < SURPRISE else 1.0
@@ -69,11 +82,12 @@ def _fit(
     covariance: NDArray[np.float64],
     matches: Matches,
     used: NDArray[np.int64],
+    tolerance: float,
 ) -> Refinement:
     pixel, covariance, direction = pixel[used], covariance[used], matches.direction[used]
     weight = 2 / np.trace(covariance, axis1=1, axis2=2)
     start = svd(matches.camera.unproject(pixel), direction, weight)
-    return refine(pixel, covariance, direction, matches.camera, start)
+    return refine(pixel, covariance, direction, matches.camera, start, tolerance)
 
 
 def _agreeing(

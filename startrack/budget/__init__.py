@@ -10,13 +10,10 @@ residuals   what single stars err by in trials
 
 What these are made of:
 
-chart       noise-free stars of all places and magnitudes, measured by the tracker's centroid
-star        errors of single stars over their magnitude, cause by cause
-neighbours  how far the light of other stars moves a star
-fixed       what causes that do not change move
+response    errors of single stars as tables over their magnitude
+fixed       what causes that do not change move, neighbouring stars among them
 visible     the stars that lie on the detector
 fields      the stars of many fields of the sky, and errors of stars into errors of attitudes
-quiet       frames without noise, and noise without frames
 """
 
 from startrack.budget.analytic import analytic

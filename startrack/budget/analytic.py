@@ -9,21 +9,20 @@ from scipy.special import ndtr
 
 from startrack.budget.budget import Budget, Law, Line
 from startrack.budget.causes import (
-    METHOD,
     NEIGHBOURS,
-    READ,
-    SHOT,
     Cause,
     Term,
     causes,
     refuse_scans,
 )
 from startrack.budget.fields import FIELDS, Attitudes, Fields, attitudes, fields, propagate
-from startrack.budget.fixed import OF_STARS, moved, of_the_camera
-from startrack.budget.neighbours import displaced
-from startrack.budget.star import errors, response
-from startrack.budget.visible import dimming, visible
+from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera
+from startrack.budget.response import response
+from startrack.budget.visible import visible
 from startrack.case import Case
+from startrack.single import errors, trust_in
+from startrack.single.dimming import dimming
+from startrack.single.errors import METHOD, READ, SHOT
 from startrack.values import Floats
 
 LEAST = 1e-3  # chance of a star to count at all
@@ -54,18 +53,19 @@ def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes]:
     star, gate = errors(case), case.tracker.attitude.gate
     faint = dimming(case, view.sky.stars.colour)
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), faint)
-    near = displaced(case, view, inside, magnitude, faint)
+    own = trust_in(case, view.sky.stars)[view.star[inside]]
+    near = displaced(case, view, inside)
     # A star that is drawn away by more than the gate is left out, by the chance of its noise.
-    spread = np.sqrt(np.interp(magnitude, star.magnitude, _variance(star.stated)))
-    chance = ndtr(gate - np.hypot(*near.T) / np.hypot(spread, case.tracker.attitude.centroid_floor))
+    spread = np.sqrt(np.interp(magnitude, star.magnitude, _variance(star.stated)) + own)
+    chance = ndtr(gate - np.hypot(*near.T) / spread)
     kept = chance > LEAST
-    inside, magnitude, near = inside[kept], magnitude[kept], near[kept]
+    inside, magnitude, near, own = inside[kept], magnitude[kept], near[kept], own[kept]
     fixed = [cause for cause in causes(case) if cause.name in OF_STARS]
     mean = np.stack([np.interp(magnitude, star.magnitude, one) for one in star.mean.T], axis=-1)
     displacement = [mean, near, *(moved(case, cause, view, inside) for cause in fixed)]
     identification = case.tracker.identification
     found = propagate(
-        view, inside, magnitude, chance[kept], np.stack(displacement), response(case, star),
+        view, inside, magnitude, chance[kept], own, np.stack(displacement), response(case, star),
         case.believed_camera.focal_length_px, identification.focal_tolerance,
         identification.min_matches, case.tracker.detection.max_spots,
     )  # fmt: skip

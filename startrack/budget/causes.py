@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from startrack.case import Case
-from startrack.detector import Detector
+from startrack.single.errors import METHOD, READ, SHOT
 
 
 class Term(StrEnum):
@@ -38,7 +37,7 @@ class Cause:
 
 
 # What every case has, and no other case is without.
-SHOT, READ, METHOD, NEIGHBOURS = "shot noise", "read noise", "centroid method", "neighbours"
+NEIGHBOURS = "neighbours"
 ALWAYS = (
     (SHOT, Term.NOISE),
     (READ, Term.NOISE),
@@ -94,17 +93,6 @@ def bare(case: Case) -> Case:
     for cause in causes(case):
         case = cause.without(case)
     return case
-
-
-def dark_spread(detector: Detector) -> float:
-    """Electron rms over the pixels by which dark current differs; of hot pixels the exponential."""
-    if not detector.defects:
-        return 0.0
-    defects = detector.defects
-    growth = detector.thermal.growth if detector.thermal else 1.0
-    hot = 2 * defects.hot - defects.hot**2  # variance of an exponential with that chance
-    variance = defects.dsnu**2 + hot * defects.hot_current**2
-    return math.sqrt(variance) * growth * detector.binning * detector.exposure
 
 
 def _with(case: Case, **changes: object) -> Case:

@@ -13,13 +13,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
 from startrack.camera import Camera
-from startrack.catalog import Selection, Sky, open_sky
-from startrack.identification.merge import merged
+from startrack.catalog import Selection, Sky
+from startrack.single.separate import Separate, separate
 from startrack.values import Floats, Ints
 from startrack.view import rotations
 
 FIELDS = 512
-POINTS = 512  # that the tracker's index resolves across a field
 WIDER = 1.25  # fields are kept for all cameras that are narrower by less than this
 
 
@@ -55,37 +54,23 @@ def fields(
     """
     step = math.log(WIDER)
     radius = math.exp(math.ceil(math.log(camera.half_diagonal) / step) * step)
-    # As the tracker's index takes them, in the same steps of a tenth.
-    tenth = math.log(1.1)
-    narrow = math.exp(math.floor(math.log(min(camera.fov_x, camera.fov_y)) / tenth) * tenth)
-    return _fields(selection, narrow / POINTS, min(radius, 1.5), spread, count)
-
-
-@lru_cache(maxsize=8)
-def _single(selection: Selection, resolution: float) -> tuple[Sky, Ints]:
-    stars, name = merged(open_sky(selection).stars, resolution)
-    order = np.argsort(stars.magnitude_g, kind="stable")
-    return Sky(stars[order]), name[order]
+    return _fields(separate(selection, camera), min(radius, 1.5), spread, count)
 
 
 @lru_cache(maxsize=8)
 def _fields(
-    selection: Selection,
-    resolution: float,
-    radius: float,
-    spread: Callable[[int], Rotation],
-    count: int,
+    stars: Separate, radius: float, spread: Callable[[int], Rotation], count: int
 ) -> Fields:
-    (sky, name), attitude = _single(selection, resolution), spread(count)
+    attitude = spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
-    found = sky.cones(boresight, radius)
+    found = stars.sky.cones(boresight, radius)
     field = np.repeat(np.arange(count), [len(one) for one in found])
     seen = [
-        one.apply(sky.stars.direction[stars]) if len(stars) else np.empty((0, 3))
-        for one, stars in zip(attitude, found, strict=True)
+        one.apply(stars.sky.stars.direction[star]) if len(star) else np.empty((0, 3))
+        for one, star in zip(attitude, found, strict=True)
     ]
     x, y, z = np.concatenate(seen).T
-    return Fields(sky, name, attitude, field, x / z, y / z, np.concatenate(found))
+    return Fields(stars.sky, stars.name, attitude, field, x / z, y / z, np.concatenate(found))
 
 
 def attitudes(count: int) -> Rotation:
@@ -113,7 +98,7 @@ class Response(NamedTuple):
 
     start, step  magnitude of the first entry, and between two
     share        (k,) 1, detected
-    stated       (k, 2, 2) pixel^2, covariance by which a star is weighted
+    stated       (k, 2, 2) pixel^2, of the noise, as the tracker states it
     causes       (c, k, 2, 2) pixel^2, true covariance of each random cause
     """
 
@@ -146,6 +131,7 @@ def propagate(
     inside: Ints,
     magnitude: Floats,
     chance: Floats,
+    own: Floats,
     displacement: Floats,
     response: Response,
     focal_length_px: float,
@@ -164,6 +150,7 @@ def propagate(
     inside        (n,) which stars of the fields count, in their order
     magnitude     (n,) G of the sunlike star that is as bright
     chance        (n,) 1, that a detected star is kept
+    own           (n,) pixel^2 per axis, that the tracker reckons with beside the noise
     displacement  (d, n, 2) pixel, fixed errors of the places
     tolerance     1, sigma about one of the scale that the tracker fits; 0 where it fits none
     fewest, most  detected stars that a solution needs, and the brightest that are kept
@@ -177,7 +164,7 @@ def propagate(
     variance, shift = np.zeros((count, causes, 3)), np.zeros((count, shifts, 3))
     stated = np.zeros((count, 3, 3))
     _propagate(
-        first, view.x[inside], view.y[inside], magnitude, chance, displacement, *response,
+        first, view.x[inside], view.y[inside], magnitude, chance, own, displacement, *response,
         focal_length_px, tolerance, fewest, most, stars, solved, variance, shift, stated,
     )  # fmt: skip
     return Attitudes(stars, solved, variance, shift, stated)
@@ -185,7 +172,7 @@ def propagate(
 
 @njit(cache=True, error_model="numpy")
 def _propagate(  # type: ignore[no-untyped-def]
-    first, x, y, magnitude, keep, displacement, start, step, share, stated, causes,
+    first, x, y, magnitude, keep, own, displacement, start, step, share, stated, causes,
     focal, tolerance, fewest, most, stars, solved, variance, shift, information,
 ):  # fmt: skip
     last = len(share) - 2
@@ -201,7 +188,7 @@ def _propagate(  # type: ignore[no-untyped-def]
             p = keep[end] * (share[k] + (place - k) * (share[k + 1] - share[k]))
             if p > 1e-4:
                 _design(x[end], y[end], focal, design)
-                _inverse(stated, k, place - k, weight)
+                _inverse(stated, k, place - k, own[end], weight)
                 for a in range(4):
                     left0 = design[0, a] * weight[0, 0] + design[1, a] * weight[1, 0]
                     left1 = design[0, a] * weight[0, 1] + design[1, a] * weight[1, 1]
@@ -232,7 +219,7 @@ def _propagate(  # type: ignore[no-untyped-def]
             if not p > 1e-4:
                 continue
             _design(x[i], y[i], focal, design)
-            _inverse(stated, k, t, weight)
+            _inverse(stated, k, t, own[i], weight)
             for b in range(2):
                 fitted = 0.0
                 for a in range(4):
@@ -265,10 +252,10 @@ def _design(x, y, focal, design):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _inverse(table, k, t, out):  # type: ignore[no-untyped-def]
-    """Of a covariance between two entries of a table."""
-    xx = table[k, 0, 0] + t * (table[k + 1, 0, 0] - table[k, 0, 0])
+def _inverse(table, k, t, own, out):  # type: ignore[no-untyped-def]
+    """Of a covariance between two entries of a table, with a star's own variance."""
+    xx = own + table[k, 0, 0] + t * (table[k + 1, 0, 0] - table[k, 0, 0])
     xy = table[k, 0, 1] + t * (table[k + 1, 0, 1] - table[k, 0, 1])
-    yy = table[k, 1, 1] + t * (table[k + 1, 1, 1] - table[k, 1, 1])
+    yy = own + table[k, 1, 1] + t * (table[k + 1, 1, 1] - table[k, 1, 1])
     scale = xx * yy - xy * xy
     out[0, 0], out[0, 1], out[1, 0], out[1, 1] = yy / scale, -xy / scale, -xy / scale, xx / scale

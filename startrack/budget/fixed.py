@@ -10,6 +10,7 @@ from startrack.budget.visible import believed_place
 from startrack.case import Case
 from startrack.catalog import Selection, open_sky
 from startrack.motion import wander
+from startrack.single.neighbours import pulls
 from startrack.values import Floats, Ints
 
 OF_STARS = ("camera model", "proper motion", "parallax", "aberration")  # what moves each its way
@@ -31,6 +32,15 @@ def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
         for one in (case, right)
     )
     return camera.focal_length_px * (true - wrong)
+
+
+def displaced(case: Case, view: Fields, inside: Ints) -> Floats:
+    """Pixel (n, 2) by which the light of its neighbours moves each star of the fields."""
+    x, y = view.x[inside], view.y[inside]
+    move = view.attitude[view.field[inside]].apply(pulls(case, case.catalog)[view.star[inside]])
+    return (move[:, :2] - np.column_stack([x, y]) * move[:, 2:]) * np.sqrt(1 + x * x + y * y)[
+        :, None
+    ]
 
 
 def _directions(true: Selection, believed: Selection, star: Ints) -> Floats:

@@ -13,20 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Mounting, solve
 from startrack.budget.budget import Budget, Line, Sample
-from startrack.budget.causes import (
-    ALWAYS,
-    HITS,
-    METHOD,
-    NEIGHBOURS,
-    READ,
-    SHOT,
-    Term,
-    bare,
-    causes,
-    refuse_scans,
-)
-from startrack.budget.chart import cell, images, measure, scale
-from startrack.budget.quiet import own_noise, quiet
+from startrack.budget.causes import ALWAYS, HITS, NEIGHBOURS, Term, bare, causes, refuse_scans
 from startrack.case import Case, Instrument
 from startrack.catalog import open_sky
 from startrack.chain import Record, asked_for, observe
@@ -39,6 +26,10 @@ from startrack.detector import electron_rate, frame_of
 from startrack.detector.digitise import shot
 from startrack.identification import refit
 from startrack.scene import illuminate
+from startrack.single import trust
+from startrack.single.chart import cell, images, measure, scale
+from startrack.single.errors import METHOD, READ, SHOT
+from startrack.single.quiet import own_noise, quiet
 from startrack.streams import Streams
 from startrack.values import Floats, Frame, Ints, Spots
 from startrack.view import noiseless, path_of, psf_of, random_attitude, throughput
@@ -167,7 +158,13 @@ class _Trial:
             star=star[self._used],
             direction=direction[self._used],
         )
-        estimate = solve(spots, kept, replace(case.tracker.attitude, gate=1e9, sift=False))
+        estimate = solve(
+            spots,
+            kept,
+            replace(case.tracker.attitude, gate=1e9, sift=False),
+            believes.focal_tolerance,
+            trust(self._case)[matches.star[self._used]],
+        )
         assert estimate.icrs_to_camera is not None
         asked = asked_for(case, self._attitude, self._streams)
         return (estimate.icrs_to_camera * asked.inv()).as_rotvec()
@@ -265,9 +262,9 @@ def _used(case: Case, record: Record) -> Ints:
     assert estimate.icrs_to_camera is not None
     seen = matches.camera.project(estimate.icrs_to_camera.apply(matches.direction))
     spots = record.spots
-    floor = case.tracker.attitude.centroid_floor**2 * np.eye(2)
+    own = trust(case)[matches.star, None, None] * np.eye(2)
     residual = np.column_stack([spots.x, spots.y])[matches.spot] - seen
-    inverse = np.linalg.inv(spots.covariance[matches.spot] + floor)
+    inverse = np.linalg.inv(spots.covariance[matches.spot] + own)
     square = np.einsum("ni,nij,nj->n", residual, inverse, residual)
     return np.sort(np.argsort(square)[: estimate.stars])
 

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.budget.visible import dimming
 from startrack.case import Case
 from startrack.catalog import open_sky
 from startrack.chain import observe
+from startrack.single.dimming import dimming
 from startrack.streams import Streams
 from startrack.values import Floats, Ints
 from startrack.view import random_attitude

@@ -9,12 +9,7 @@ import numpy as np
 from startrack.budget.fields import Fields
 from startrack.case import Case
 from startrack.catalog import Selection, open_sky
-from startrack.detector import electron_rate
-from startrack.scene import illuminate
-from startrack.values import Floats, Ints, Stars
-from startrack.view import throughput
-
-COLOURS = np.linspace(-0.6, 4.0, 24)  # BP - RP
+from startrack.values import Floats, Ints
 
 
 def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple[Ints, Floats]:
@@ -32,20 +27,6 @@ def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple
     believed = believed_place(case.catalog, case.believed_catalog)[view.name[star]]
     seen = (magnitude < faintest) & (believed >= 0)
     return near[seen], magnitude[seen]
-
-
-def dimming(case: Case, known: Floats) -> Floats:
-    """Magnitude by which stars of these colours (n,) are fainter here than sunlike ones of their G.
-
-    known  BP - RP, NaN where it is not known
-    """
-    count = len(COLOURS) + 1
-    colour = np.append(COLOURS, np.nan)
-    stars = Stars(np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count), colour)
-    light = illuminate(case.scene, stars)
-    rate, _ = electron_rate(light, case.instrument.detector, throughput(case.instrument))
-    fainter = -2.5 * np.log10(rate[:-1] / rate[-1])
-    return np.where(np.isnan(known), 0.0, np.interp(known, COLOURS, fainter))
 
 
 @lru_cache(maxsize=16)

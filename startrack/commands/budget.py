@@ -20,7 +20,6 @@ from startrack.budget import (
     measured,
     survey,
 )
-from startrack.budget.star import errors, lasting
 from startrack.case import Case
 from startrack.commands.terminal import example, finite, progress, read_design, tell
 from startrack.draw_budget import draw_budget, draw_curves, draw_sky
@@ -28,6 +27,7 @@ from startrack.error import LEVELS, Interpretation
 from startrack.exits import Exit, WrongUse
 from startrack.saving import save_json
 from startrack.sequence import load_sequence
+from startrack.single import errors, lasting
 from startrack.study.workers import pool
 from startrack.units import arcsec
 
@@ -41,11 +41,12 @@ def command(options: argparse.Namespace) -> int:
     expected = analytic(case)
     found = _measured(case, options) if options.montecarlo else None
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
-    floor, believed = lasting(errors(case)), case.tracker.attitude.centroid_floor
+    floor, believed = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
     result |= {"star_without_noise_px": floor, "centroid_floor_px": believed}
+    reckons = "this, star by star" if believed is None else f"{believed:g} for all stars"
     text = [
         f"{_table(expected, found)}\n"
-        f"a star without noise errs by {floor:.4f} pixel; the tracker reckons with {believed:g}"
+        f"a star without noise errs by {floor:.4f} pixel; the tracker reckons with {reckons}"
     ]
     if found:
         result |= {"seed": options.seed, "measured": _values(found)}

@@ -8,11 +8,10 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-from startrack.attitude import solve
 from startrack.camera import Camera
 from startrack.case import Tracker
 from startrack.catalog import Selection, open_sky
-from startrack.chain import index_of, track
+from startrack.chain import estimated, index_of, track
 from startrack.checks import positive, within
 from startrack.commands.terminal import (
     quaternion,
@@ -79,7 +78,7 @@ def _solve(
         if fov_deg is None:
             spots = detect(frame, tracker.detection)
             matches = identify_blind(spots, columns, rows, stars, index_of, identification)
-            estimate = solve(spots, matches, tracker.attitude)
+            estimate = estimated(spots, matches, tracker)
         else:
             camera = Camera.from_field_of_view(columns, rows, math.radians(fov_deg))
             spots, matches, estimate = track(frame, camera, stars, tracker)

@@ -12,11 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import State, solve
+from startrack.attitude import State
 from startrack.camera import Camera
 from startrack.case import Case
 from startrack.catalog import open_sky
-from startrack.chain import index_of, light_of, look, psf_of, random_attitude, throughput
+from startrack.chain import (
+    estimated,
+    index_of,
+    light_of,
+    look,
+    psf_of,
+    random_attitude,
+    throughput,
+)
 from startrack.checks import whole
 from startrack.detection import detect
 from startrack.detector import expected, frame_of
@@ -27,6 +35,7 @@ from startrack.sequence.flight import Flight, flight
 from startrack.sequence.follow import Known, carry, take
 from startrack.sequence.gyro import shown
 from startrack.sequence.parameters import Sequence
+from startrack.single import trust
 from startrack.streams import Streams
 from startrack.values import Estimate, Frame, Matches, Spots, Status
 
@@ -150,7 +159,7 @@ def _see(
     else:
         spread = predicted.covariance[:3, :3]
         matches = track(*rooms, predicted.icrs_to_camera, spread, tracker.identification)
-    return spots, matches, solve(spots, matches, tracker.attitude)
+    return spots, matches, estimated(spots, matches, tracker, trust(case))
 
 
 def _mode(known: Known, estimate: Estimate) -> Mode:

@@ -21,7 +21,8 @@ from startrack.detection.response import Response, half_of, joined, response
 from startrack.detection.smear import star_image
 from startrack.detector import Detector, only_lone_pixels
 from startrack.detector.law import law_of
-from startrack.values import Frame, Stars
+from startrack.single import trust
+from startrack.values import Frame, Ints, Stars
 from startrack.view import psf_of
 
 Floats = NDArray[np.float64]
@@ -83,14 +84,17 @@ def control(
     )
     good = (answer.snr > settings.threshold) & ~_merged(answer.place)
     good &= np.isfinite(answer.slope).all(axis=(1, 2, 3))
-    answer, direction = _known(answer.of(good), case, icrs_to_camera)
-    weight = answer.covariance + np.eye(2) * case.tracker.attitude.centroid_floor**2
+    answer, direction, own = _known(answer.of(good), case, icrs_to_camera)
+    weight = answer.covariance + own[:, None, None] * np.eye(2)
     kept = _agreeing(answer.place, weight, direction, icrs_to_camera, case)
     if len(kept) < FEWEST:
         return None
     answer, direction = answer.of(kept), direction[kept]
     weight = weight[kept]
-    fitted = refine(answer.place, weight, direction, case.believed_camera, icrs_to_camera)
+    tolerance = case.tracker.identification.focal_tolerance
+    fitted = refine(
+        answer.place, weight, direction, case.believed_camera, icrs_to_camera, tolerance
+    )
     gain = _gain(direction, weight, case, fitted.icrs_to_camera)
     place, slope = _by_pixel(answer, gain, detector.columns)
     slope = slope * (electrons.ravel()[place] < FULL * detector.full_well)
@@ -119,10 +123,10 @@ def _agreeing(
     place: Floats, covariance: Floats, direction: Floats, start: Rotation, case: Case
 ) -> NDArray[np.int64]:
     """The stars that the tracker's gate leaves, the worst taken out first."""
+    camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
     kept = np.arange(len(place))
     while len(kept) >= FEWEST:
-        camera = case.believed_camera
-        fitted = refine(place[kept], covariance[kept], direction[kept], camera, start)
+        fitted = refine(place[kept], covariance[kept], direction[kept], camera, start, tolerance)
         worst = int(np.argmax(fitted.chi_square))
         if fitted.chi_square[worst] <= case.tracker.attitude.gate**2:
             break
@@ -157,52 +161,51 @@ def _law(detector: Detector, electrons: Floats) -> tuple[Floats, Floats]:
     return mean, law.gain**2 * (electrons + law.noise**2) + 1 / 12
 
 
-def _known(answer: Response, case: Case, icrs_to_camera: Rotation) -> tuple[Response, Floats]:
-    """The spots that the tracker's catalogue explains, and the directions that it has for them.
+def _known(
+    answer: Response, case: Case, icrs_to_camera: Rotation
+) -> tuple[Response, Floats, Floats]:
+    """The spots that the tracker's catalogue explains; for each the direction and the trust there.
 
     The catalogue of the identification holds one star for those that make one spot. A spot is
     taken for the nearest.
     """
     camera = case.believed_camera
     index = index_of(open_sky(case.believed_catalog).stars, camera)
-    pixel, direction = _inside(index.faint.direction, icrs_to_camera, camera, -NEAR)
+    pixel, direction, star = _inside(index.faint.direction, icrs_to_camera, camera, -NEAR)
+    own = trust(case)[index.faint.member[star]]
     if not len(pixel):
-        return answer.of(np.zeros(len(answer.place), bool)), direction
+        return answer.of(np.zeros(len(answer.place), bool)), direction, own
     square = ((answer.place[:, None] - pixel) ** 2).sum(axis=2)
     nearest = np.argmin(square, axis=1)
     near = square.min(axis=1) < case.tracker.identification.match_radius**2
-    return answer.of(near), direction[nearest[near]]
+    chosen = nearest[near]
+    return answer.of(near), direction[chosen], own[chosen]
 
 
 def _inside(
     direction: Floats, icrs_to_camera: Rotation, camera: Camera, border: float
-) -> tuple[Floats, Floats]:
-    """Pixels and directions of the stars that lie so far inside the frame."""
+) -> tuple[Floats, Floats, Ints]:
+    """Pixels and directions of the stars that lie so far inside the frame, and which they are."""
     boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
     reach = camera.half_diagonal + NEAR / camera.focal_length_px
-    ahead = direction[direction @ boresight > math.cos(reach)]
-    pixel = camera.project(icrs_to_camera.apply(ahead))
+    ahead = np.flatnonzero(direction @ boresight > math.cos(reach))
+    pixel = camera.project(icrs_to_camera.apply(direction[ahead]))
     inside = camera.holds(pixel, -border)
-    return pixel[inside], ahead[inside]
+    return pixel[inside], direction[ahead[inside]], ahead[inside]
 
 
 def _gain(direction: Floats, covariance: Floats, case: Case, attitude: Rotation) -> Floats:
     """(3, n, 2) radian per pixel: how the attitude follows its centroids.
 
-    A tracker that refines its focal length does so before it solves for the attitude; what that
-    does to the places then goes into the attitude.
+    A tracker that refines its focal length fits it together with the attitude.
     """
     x, y, z = attitude.apply(direction).T
     plane = np.column_stack([x / z, y / z])
-    design = tangent(plane)
-    weight = np.linalg.inv(covariance)
-    left = np.einsum("nia,nij->anj", design, weight).reshape(3, -1)
-    gain = np.linalg.solve(left @ design.reshape(-1, 3), left)
     focal = case.believed_camera.focal_length_px
+    design, known = focal * tangent(plane), np.zeros((3, 3))
     if tolerance := case.tracker.identification.focal_tolerance:
-        unknowns = np.column_stack([design.reshape(-1, 3), plane.ravel()])
-        even = unknowns.T * np.repeat(2 * focal**2 / np.trace(covariance, axis1=1, axis2=2), 2)
-        normal = even @ unknowns
-        normal[3, 3] += tolerance**-2
-        gain = gain - np.outer(gain @ plane.ravel(), np.linalg.solve(normal, even)[3])
-    return gain.reshape(3, -1, 2) / focal
+        design = np.concatenate([design, focal * plane[:, :, None]], axis=2)
+        known = np.diag([0, 0, 0, tolerance**-2])
+    left = np.einsum("nia,nij->anj", design, np.linalg.inv(covariance)).reshape(len(known), -1)
+    gain = np.linalg.solve(left @ design.reshape(-1, len(known)) + known, left)
+    return gain[:3].reshape(3, -1, 2)

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from startrack.budget import Term, analytic
-from startrack.budget.chart import BRIGHTEST, chart, detected, scale
 from startrack.case import Case
 from startrack.chain import path_of, trial
 from startrack.error import Interpretation
 from startrack.motion import Broadband, Motion, Tone, wander
+from startrack.single.chart import BRIGHTEST, chart, detected, scale
 from startrack.streams import Streams
 from startrack.study.requirements import limiting_magnitude
 from startrack.units import arcsec

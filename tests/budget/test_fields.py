@@ -40,7 +40,7 @@ def spread(view: Fields, displacement: np.ndarray, table: Response, **changes: o
     inside = np.arange(len(view.x))
     options = {"tolerance": 0.0, "fewest": 4, "most": 100} | changes
     ones = np.ones(len(inside))
-    return propagate(view, inside, ones, ones, displacement, table, FOCAL, **options)
+    return propagate(view, inside, ones, ones, 0 * ones, displacement, table, FOCAL, **options)
 
 
 NONE = np.zeros((0, 1, 2))

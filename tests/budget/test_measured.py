@@ -8,7 +8,6 @@ import pytest
 
 from startrack.budget import analytic, causes, measured
 from startrack.budget.measured import contributions, terms
-from startrack.budget.quiet import quiet
 from startrack.catalog import shipped
 from startrack.chain import observe, random_attitude
 from startrack.design import load_design
@@ -16,6 +15,7 @@ from startrack.detection import Detection, detect
 from startrack.detector import Defects
 from startrack.detector.lines import Scan
 from startrack.error import Interpretation
+from startrack.single.quiet import quiet
 from startrack.streams import Streams
 from startrack.study.workers import Serial
 from startrack.units import arcsec

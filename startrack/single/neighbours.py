@@ -1,18 +1,18 @@
-"""Case and fields -> how far stars that stand near others are moved by their light."""
+"""Case -> how far each star of a sky is moved by the light of those beside it."""
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from startrack.budget.chart import RING, cell, images, measure, phases, scale
-from startrack.budget.fields import WIDER, Fields
 from startrack.case import Case
-from startrack.catalog import Sky
+from startrack.catalog import Selection, Sky
+from startrack.single.chart import RING, cell, images, measure, phases, scale
+from startrack.single.dimming import dimming
+from startrack.single.separate import separate
 from startrack.values import Floats, Ints
 
 CONTRAST = np.arange(-2.0, 6.0)  # magnitude, of the neighbour less that of the star
@@ -23,54 +23,33 @@ LOST = 1e4  # pixel, the pull of a neighbour beside which a star is not found
 SNR = 100.0  # of the brightest pixel of the star in the chart
 
 
-class Pairs(NamedTuple):
-    """Stars that are near each other: the neighbours of star i are other[first[i] : first[i + 1]].
-
-    first  (n + 1,)
-    other  (k,) index into the catalogue
-    """
-
-    first: Ints
-    other: Ints
-
-
-def displaced(case: Case, view: Fields, inside: Ints, magnitude: Floats, fainter: Floats) -> Floats:
-    """Pixel (n, 2) by which the light of its neighbours moves each star of the fields.
+@lru_cache(maxsize=8)
+def pulls(case: Case, catalog: Selection) -> Floats:
+    """By how much the light of its neighbours moves each separate star of a catalogue.
 
     A shift along the line to the neighbour, by its distance and contrast, measured on a chart of
     pairs; those of several neighbours are added. Of two stars in one window the brighter has the
     spot, and the other is LOST. Stars that the tracker takes for one are one here: their spot is
     where their light is.
 
-    inside     (n,) which stars of the fields
-    magnitude  (n,) G of the sunlike star that is as bright
-    fainter    (stars,) magnitude that the colour of a star adds to its G
-    Errors     model: pairs at one angle to the columns stand for all, and the smear is that of
-               the boresight.
+    catalog  the true one, or that of the tracker
+    Returns  (n, 3) pixel, ICRS axes, in the order of `separate`
+    Errors   model: pairs at one angle to the columns stand for all, and smear and scale are those
+             of the boresight.
     """
-    camera, stars = case.instrument.camera, view.sky.stars
-    reach = _reach(case) / camera.focal_length_px
-    step = math.log(WIDER)
-    pairs = _pairs(view.sky, math.exp(math.ceil(math.log(reach) / step) * step))
-    star = view.star[inside]
-    count = pairs.first[star + 1] - pairs.first[star]
-    one = np.repeat(np.arange(len(inside)), count)
-    start = np.repeat(pairs.first[star] - np.cumsum(count) + count, count)
-    other = pairs.other[start + np.arange(len(one))]
-    seen = (
-        view.attitude[view.field[inside[one]]].apply(stars.direction[other])
-        if len(one)
-        else np.ones((0, 3))
-    )
-    apart = seen[:, :2] / seen[:, 2:] - np.column_stack([view.x, view.y])[inside[one]]
-    distance = np.hypot(*apart.T)
-    contrast = stars.magnitude_g[other] + fainter[other] - magnitude[one]
-    pull = _pull(case, distance * camera.focal_length_px, contrast)
-    merged = distance * camera.focal_length_px < case.tracker.detection.window // 2 + MERGED
+    camera = case.instrument.camera
+    stars = separate(catalog, camera).sky.stars
+    magnitude = stars.magnitude_g + dimming(case, stars.colour)
+    star, other = _pairs(separate(catalog, camera).sky, _reach(case) / camera.focal_length_px).T
+    apart = stars.direction[other] - stars.direction[star]
+    angle = np.linalg.norm(apart, axis=1)
+    distance, contrast = angle * camera.focal_length_px, magnitude[other] - magnitude[star]
+    pull = _pull(case, distance, contrast)
+    merged = distance < case.tracker.detection.window // 2 + MERGED
     pull[merged & (contrast < 0)] = LOST
-    shift = np.zeros((len(inside), 2))
-    np.add.at(shift, one, pull[:, None] * apart / np.maximum(distance, 1e-12)[:, None])
-    return shift
+    moved = np.zeros((len(stars), 3))
+    np.add.at(moved, star, (pull / np.maximum(angle, 1e-12))[:, None] * apart)
+    return moved
 
 
 def _pull(case: Case, distance: Floats, contrast: Floats) -> Floats:
@@ -114,11 +93,8 @@ def _reach(case: Case) -> float:
 
 
 @lru_cache(maxsize=8)
-def _pairs(sky: Sky, radius: float) -> Pairs:
-    """All pairs of stars within an angle, radian."""
-    direction = sky.stars.direction
-    pair = cKDTree(direction).query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
-    both = np.concatenate([pair, pair[:, ::-1]])
-    both = both[np.argsort(both[:, 0], kind="stable")]
-    first = np.searchsorted(both[:, 0], np.arange(len(direction) + 1))
-    return Pairs(first, both[:, 1].copy())
+def _pairs(sky: Sky, radius: float) -> Ints:
+    """All pairs (k, 2) of stars within an angle, radian, each both ways round."""
+    tree = cKDTree(sky.stars.direction)
+    pair = tree.query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
+    return np.concatenate([pair, pair[:, ::-1]])

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from startrack.budget.causes import METHOD, READ, SHOT, dark_spread
-from startrack.budget.chart import chart, detected, lone, magnitudes, pattern
-from startrack.budget.fields import Response
 from startrack.case import Case
+from startrack.detector import Detector
+from startrack.single.chart import chart, lone, magnitudes, pattern
 from startrack.values import Floats
 
 TYPICAL = 4.5  # G of a star that counts much in most trackers
-FINE = 0.05  # magnitude between two entries of a response
+SHOT, READ, METHOD = "shot noise", "read noise", "centroid method"
 
 
 class Errors(NamedTuple):
@@ -34,6 +35,7 @@ class Errors(NamedTuple):
     mean: Floats
 
 
+@lru_cache(maxsize=8)
 def errors(case: Case) -> Errors:
     """What single stars of each magnitude err by, cause by cause."""
     detector = case.instrument.detector
@@ -75,34 +77,23 @@ def _moment(offset: Floats) -> Floats:
     return _mean(offset[..., :, None] * offset[..., None, :])
 
 
-def lasting(star: Errors, magnitude: float = TYPICAL) -> float:
-    """Pixel per axis that a star of a magnitude errs by without noise: what stays in its pixels.
+def lasting(star: Errors, magnitude: Floats | float = TYPICAL) -> Floats:
+    """Pixel per axis that stars of a magnitude err by without noise: what stays in their pixels.
 
-    What a tracker should at least believe of its centroids beside their noise
-    (`Attitude.centroid_floor`); neighbours and the rest of the distortion come on top.
+    magnitude  (...) G of sunlike stars
+    Returns    (...) root mean square over places in the pixel and over devices
     """
     still = sum(one for name, one in star.random.items() if name not in (SHOT, READ))
     variance = np.trace(still, axis1=1, axis2=2) / 2
-    return float(np.sqrt(np.interp(magnitude, star.magnitude, variance)))
+    return np.asarray(np.sqrt(np.interp(magnitude, star.magnitude, variance)))
 
 
-def response(case: Case, star: Errors) -> Response:
-    """The same as a table of small steps, as `propagate` takes it."""
-    grid = np.arange(star.magnitude[0], star.magnitude[-1] + FINE / 2, FINE)
-    floor = case.tracker.attitude.centroid_floor**2 * np.eye(2)
-    return Response(
-        float(grid[0]),
-        FINE,
-        detected(case, grid) * np.interp(grid, star.magnitude, star.kept),
-        _fine(star.magnitude, star.stated, grid) + floor,
-        np.stack([_fine(star.magnitude, one, grid) for one in star.random.values()]),
-    )
-
-
-def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
-    """Covariances between magnitudes, straight lines in the logarithm; (k, 2, 2) pixel^2."""
-    xx, yy = (np.maximum(table[:, a, a], 1e-16) for a in (0, 1))
-    correlation = np.interp(grid, magnitude, np.clip(table[:, 0, 1] / np.sqrt(xx * yy), -1, 1))
-    x, y = (np.exp(np.interp(grid, magnitude, np.log(each) / 2)) for each in (xx, yy))
-    cross = correlation * x * y
-    return np.stack([x * x, cross, cross, y * y], axis=-1).reshape(-1, 2, 2)
+def dark_spread(detector: Detector) -> float:
+    """Electron rms over the pixels by which dark current differs; of hot pixels the exponential."""
+    if not detector.defects:
+        return 0.0
+    defects = detector.defects
+    growth = detector.thermal.growth if detector.thermal else 1.0
+    hot = 2 * defects.hot - defects.hot**2  # variance of an exponential with that chance
+    variance = defects.dsnu**2 + hot * defects.hot_current**2
+    return math.sqrt(variance) * growth * detector.binning * detector.exposure

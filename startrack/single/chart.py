@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from startrack.budget.quiet import quiet
 from startrack.case import Case, Instrument
 from startrack.detection import Detection
 from startrack.detection.centroid import centroid
@@ -24,6 +23,7 @@ from startrack.detector.crosstalk import diffuse
 from startrack.detector.stamp import stamp
 from startrack.motion import blur, slew
 from startrack.scene import illuminate
+from startrack.single.quiet import quiet
 from startrack.streams import Streams
 from startrack.values import Floats, Psf, Stars
 from startrack.view import psf_of, throughput

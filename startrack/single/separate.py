@@ -1,0 +1,42 @@
+"""Selection and camera -> the stars that the camera sees as separate spots."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from startrack.camera import Camera
+from startrack.catalog import Selection, Sky, open_sky
+from startrack.identification.merge import merged
+from startrack.values import Ints
+
+POINTS = 512  # that the tracker's index resolves across a field
+
+
+@dataclass(frozen=True, eq=False)
+class Separate:
+    """Stars, those too close for the tracker's index as one.
+
+    sky   brightest first
+    name  (n,) which star of the catalogue each is; of several, the brightest
+    """
+
+    sky: Sky
+    name: Ints
+
+
+def separate(selection: Selection, camera: Camera) -> Separate:
+    """The stars of a catalogue as the tracker's index takes them, in its steps of a tenth."""
+    step = math.log(1.1)
+    field = math.exp(math.floor(math.log(min(camera.fov_x, camera.fov_y)) / step) * step)
+    return _separate(selection, field / POINTS)
+
+
+@lru_cache(maxsize=8)
+def _separate(selection: Selection, resolution: float) -> Separate:
+    stars, name = merged(open_sky(selection).stars, resolution)
+    order = np.argsort(stars.magnitude_g, kind="stable")
+    return Separate(Sky(stars[order]), name[order])
