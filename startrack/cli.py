@@ -300,9 +300,12 @@ example is taken, a pushbroom camera over mountains from a seed. Terrain of your
 of any resolution, such as tiles of the Copernicus DEM or of SRTM, side by side in a folder:
 
   startrack earth terrain 'dem/*.tif'         what they cover, and the table [terrain] to copy
-  startrack earth geometry SCENE.toml         the image: what each pixel sees
+  startrack earth geometry SCENE.toml         what each pixel sees
+  startrack earth render SCENE.toml           the image, in digital numbers
 
-Both are above a geoid; name its grid as `geoid`. The finest file counts where several overlap.
+A scene to render names a camera, of the catalogue or its own, and the land and the air besides;
+catalogs/scenes/hsrs.toml is one. Heights of both kinds of tiles are above a geoid; name its grid
+as `geoid`. The finest file counts where several overlap.
 """
 
 
@@ -320,6 +323,17 @@ def _earth(commands) -> None:  # type: ignore[no-untyped-def]
         help="scene file (default: the example, mountains)",
     )  # fmt: skip
     _out(geometry, "startrack-earth")
+    render = _command(
+        parts, "render",
+        "what a camera sees: digital numbers and the radiance in its five terms, FITS and PNG",
+    )  # fmt: skip
+    render.add_argument(
+        "scene", nargs="?", metavar="SCENE",
+        help="scene file, or one of the catalogue: waoss, hsrs (default), mertis, ads40",
+    )  # fmt: skip
+    _seed(render)
+    render.add_argument("--geotiff", action="store_true", help="write GeoTIFF, too (extra `earth`)")
+    _out(render, "startrack-earth")
     terrain = _command(parts, "terrain", "what files of heights cover, and how a scene names them")
     terrain.add_argument(
         "files", nargs="+", metavar="FILE", help="or a quoted pattern: 'dem/*.tif'"

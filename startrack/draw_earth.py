@@ -1,7 +1,8 @@
-"""The picture of an Earth scene's geometry: height, shadow, incidence and level over the image."""
+"""Pictures of Earth scenes: their geometry over the image; what a camera makes of their light."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,30 @@ def draw_geometry(path: Path, maps: dict[str, Floats], title: str) -> None:
     _panel(figure, axes[1, 0], maps["incidence"], "incidence of the line of sight (deg)", "magma")
     _levels(figure, axes[1, 1], np.where(maps["hit"] > 0, maps["level"], np.nan))
     figure.suptitle(f"{title}: {maps['height'].shape[1]} x {maps['height'].shape[0]} pixel")
+    with whole(path) as draft:
+        figure.savefig(draft)
+
+
+def draw_picture(
+    path: Path, numbers: NDArray[np.integer], terms: Mapping[str, NDArray[np.floating]], title: str
+) -> None:
+    """Write a camera's image beside the five terms of the radiance before its lens.
+
+    numbers  (lines, columns) digital number, its contrast stretched over 1 to 99 %
+    terms    (lines, columns) each, watt / m^2 / sr / um, each with its own scale
+    """
+    figure = Figure(figsize=(12, 7.5), layout="constrained", dpi=110)
+    axes = figure.subplots(2, 3)
+    low, high = np.percentile(numbers, (1, 99))
+    _panel(
+        figure, axes[0, 0], numbers.astype(np.float64), "digital number", "gray",
+        low, max(high, low + 1),
+    )  # fmt: skip
+    for each, (name, values) in zip(axes.ravel()[1:], terms.items(), strict=True):
+        top = float(np.percentile(values, 99.8))
+        label = f"{name} (W m$^{{-2}}$ sr$^{{-1}}$ $\\mu$m$^{{-1}}$)"
+        _panel(figure, each, values.astype(np.float64), label, "inferno", 0, top or 1)
+    figure.suptitle(title)
     with whole(path) as draft:
         figure.savefig(draft)
 

@@ -34,6 +34,7 @@ ORDER = (
         "covariance",
         "chain",
         "products",
+        "imager",
         "sequence",
         "variance",
         "budget",

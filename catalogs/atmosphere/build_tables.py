@@ -28,9 +28,14 @@ def main() -> None:
             save_table(draft, build(air, progress=partial(show, name)))
     with whole(HERE / "limb.fits") as draft:
         save_limb(draft, build_limb(progress=partial(show, "limb.fits")))
+    sign()
+
+
+def sign() -> None:
+    """Write the checksums of all tables."""
     sums = [
-        f"{hashlib.sha256((HERE / name).read_bytes()).hexdigest()}  {name}"
-        for name in (*TABLES, "limb.fits")
+        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}"
+        for path in sorted(HERE.glob("*.fits"))
     ]
     save_text(HERE / "SHA256SUMS", "\n".join(sums) + "\n")
 

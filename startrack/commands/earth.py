@@ -13,16 +13,29 @@ from numpy.typing import NDArray
 
 from startrack.catalog import shipped
 from startrack.commands.terminal import progress, tell
-from startrack.draw_earth import draw_geometry
+from startrack.draw_earth import draw_geometry, draw_picture
 from startrack.exits import Exit, WrongUse
-from startrack.saving import save_netcdf
+from startrack.imager import (
+    Channel,
+    Picture,
+    Setting,
+    load_survey,
+    open_fits,
+    render,
+    thinned,
+    write_geotiff,
+)
+from startrack.saving import save_netcdf, whole
 from startrack.scene.earth import EarthScene, Raster, observe_earth
 from startrack.scene.earth.ellipsoid import EQUATORIAL
 from startrack.scene.earth.image import Strip
 from startrack.scene.earth.parameters import find
 from startrack.tables import from_table
+from startrack.units import um
 
 Floats = NDArray[np.float64]
+
+PANEL = 1500  # lines and columns of a quick look, at most
 
 # What is written of each pixel, with its unit and what it is.
 MAPS = {
@@ -41,7 +54,7 @@ MAPS = {
 
 def command(options: argparse.Namespace) -> int:
     """Run one of its parts."""
-    return {"geometry": geometry, "terrain": terrain}[options.part](options)
+    return {"geometry": geometry, "render": rendered, "terrain": terrain}[options.part](options)
 
 
 def geometry(options: argparse.Namespace) -> int:
@@ -71,6 +84,70 @@ def geometry(options: argparse.Namespace) -> int:
     draw_geometry(options.out / "geometry.png", maps, path.stem)
     tell(options, result, _text(result))
     return Exit.DONE
+
+
+def rendered(options: argparse.Namespace) -> int:
+    """Leave a FITS and a PNG file of each channel; print what they hold."""
+    path = _scene_path(options.scene or "hsrs")
+    try:
+        survey = load_survey(path)
+    except ValueError as error:
+        raise WrongUse(str(error)) from None
+    for channel in survey.channels:
+        lines, columns = channel.detector.rows, channel.columns
+        start = options.out / channel.name
+        fits, png = start.with_suffix(".fits"), start.with_suffix(".png")
+        cards = {"SCENE": path.name, "CHANNEL": channel.name, "SEED": options.seed}
+        with whole(fits) as draft, progress(channel.name, lines) as advance:
+            picture = open_fits(draft, lines, columns, cards)
+            setting = render(survey, channel, path.parent, options.seed, picture, advance)
+            if options.geotiff:
+                write_geotiff(start.with_suffix(".tif"), picture)
+        small = {name: thinned(each, PANEL) for name, each in picture.terms._asdict().items()}
+        draw_picture(png, thinned(picture.numbers, PANEL), small, f"{path.stem}: {channel.name}")
+        result = _told(channel, picture, setting) | {"fits": str(fits), "png": str(png)}
+        tell(options, result, _picture_text(result))
+    return Exit.DONE
+
+
+def _scene_path(scene: str) -> Path:
+    """A file, or a scene of the catalogue by its name."""
+    known = {path.stem: path for path in shipped("scenes").glob("*.toml")}
+    return known.get(scene, Path(scene))
+
+
+def _told(channel: Channel, picture: Picture, setting: Setting) -> dict[str, Any]:
+    largest = 2**channel.detector.bits - 1
+    lines, columns = picture.numbers.shape
+    return {
+        "channel": channel.name,
+        "lines": lines,
+        "columns": columns,
+        "period_s": setting.period,
+        "exposure_s": setting.exposure,
+        "smear_px": setting.smear,
+        "electrons_per_radiance": setting.electrons / um,
+        "surroundings": setting.surroundings,
+        "seen": float(np.isfinite(picture.latitude).mean()),
+        "number_mean": float(picture.numbers.mean()),
+        "saturated": float((picture.numbers >= largest).mean()),
+        "radiance": {name: float(each.mean()) for name, each in picture.terms._asdict().items()},
+    }
+
+
+def _picture_text(result: dict[str, Any]) -> str:
+    terms = ", ".join(f"{name} {value:.4g}" for name, value in result["radiance"].items())
+    return "\n".join(
+        [
+            f"{result['channel']}: {result['columns']} x {result['lines']} pixel, "
+            f"{100 * result['seen']:.1f} % see the ground",
+            f"radiance  {terms} W / m^2 / sr / um",
+            f"numbers   mean {result['number_mean']:.1f}, {100 * result['saturated']:.2f} % "
+            f"saturated; {result['electrons_per_radiance']:.4g} electrons for 1 W / m^2 / sr / um",
+            f"exposure  {1e3 * result['exposure_s']:.4g} ms, smear {result['smear_px']:.2f} pixel",
+            f"wrote {result['fits']} and {result['png']}",
+        ]
+    )
 
 
 def terrain(options: argparse.Namespace) -> int:

@@ -38,6 +38,7 @@ from startrack.detector.grid import star_grid
 from startrack.detector.ground import ground, ground_tables
 from startrack.detector.hits import Hits
 from startrack.detector.lines import Line, Scan, staggered, tdi
+from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector, Region
 from startrack.detector.pattern import Pattern
 from startrack.detector.poisson import poisson_quantile
@@ -66,6 +67,7 @@ __all__ = [
     "Tilt",
     "Turn",
     "arriving",
+    "dark",
     "electron_rate",
     "excesses",
     "expected",
@@ -81,6 +83,7 @@ __all__ = [
     "poisson_quantile",
     "put",
     "read_out",
+    "response",
     "scan",
     "scanned",
     "seen",

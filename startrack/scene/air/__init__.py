@@ -14,6 +14,7 @@ checked     FITS file -> its parts, or a sentence
 second step:
 bands       AirTable and bands -> BandTable
 look_up     BandTable and where pixels look -> the Sun's three terms
+infrared    InfraredTable and bands -> BandTable: beyond 3 micrometre, and without air
 heat        temperature -> a blackbody in bands
 radiance    -> the five terms of the radiance at the sensor
 view        Ground -> the same, for all rays of an image
@@ -24,6 +25,13 @@ limb        tangent height and place of the Sun -> radiance of the limb
 from startrack.scene.air.bands import BandTable, in_bands
 from startrack.scene.air.build import Grid, build
 from startrack.scene.air.heat import Heat, heat_of, planck
+from startrack.scene.air.infrared import (
+    InfraredTable,
+    infrared_bands,
+    load_infrared,
+    save_infrared,
+    vacuum,
+)
 from startrack.scene.air.limb import Limb, build_limb, load_limb, save_limb
 from startrack.scene.air.look_up import FineTable, Reach, Sight, look_up, refine
 from startrack.scene.air.parameters import Air
@@ -38,6 +46,7 @@ __all__ = [
     "FineTable",
     "Grid",
     "Heat",
+    "InfraredTable",
     "Limb",
     "Reach",
     "Sight",
@@ -47,13 +56,17 @@ __all__ = [
     "build_limb",
     "heat_of",
     "in_bands",
+    "infrared_bands",
+    "load_infrared",
     "load_limb",
     "load_table",
     "look_up",
     "planck",
     "radiance",
     "refine",
+    "save_infrared",
     "save_limb",
     "save_table",
     "sight_of",
+    "vacuum",
 ]

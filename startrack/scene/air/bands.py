@@ -32,6 +32,9 @@ class BandTable:
     backscatter  (h, b) 1, spherical albedo
     through      (h, v, b) 1, share of the ground's own light that goes straight to the sensor,
                  lines of gases included
+    rise         (h, v, b) watt / m^2 / sr, heat of the air on its way to the sensor
+    fall         (h, v, b) watt / m^2 / sr, heat of the sky that white ground reflects to the
+                 sensor; both None where `radiance` is to take the air for isothermal
     """
 
     height: Floats
@@ -44,6 +47,8 @@ class BandTable:
     around: Floats
     backscatter: Floats
     through: Floats
+    rise: Floats | None = None
+    fall: Floats | None = None
 
 
 def in_bands(
@@ -64,11 +69,7 @@ def in_bands(
     """
     flat = response * np.gradient(table.spectrum)
     weights = flat * table.irradiance / distance**2
-    if not (weights.any(-1).all() and np.isfinite(weights).all()):
-        low, high = table.spectrum[[0, -1]]
-        raise ValueError(
-            f"every band must have a response between {low * 1e9:.0f} and {high * 1e9:.0f} nm"
-        )
+    require_response(weights, table.spectrum)
     used = np.flatnonzero(weights.any(0))
     weights, flat, at = weights[:, used], flat[:, used], np.log(table.spectrum[used])
     position = np.log(np.clip(altitude, *table.altitude[[0, -1]]))
@@ -114,6 +115,15 @@ def in_bands(
         backscatter,
         own,
     )
+
+
+def require_response(weights: Floats, spectrum: Floats) -> None:
+    """Refuse bands (b, f) that see nothing of a spectrum (f,) in metre."""
+    if not (weights.any(-1).all() and np.isfinite(weights).all()):
+        low, high = spectrum[[0, -1]]
+        raise ValueError(
+            f"every band must have a response between {low * 1e9:.0f} and {high * 1e9:.0f} nm"
+        )
 
 
 def _along(nodes: Floats, values: Floats, axis: int, at: Floats) -> Floats:

@@ -16,7 +16,7 @@ COLDEST, HOTTEST = 50.0, 3000.0  # kelvin, of the spline
 NODES = 600
 
 
-def planck(wavelength: Floats, temperature: Floats) -> Floats:
+def planck(wavelength: Floats, temperature: Floats | float) -> Floats:
     """Spectral radiance of a blackbody.
 
         B = 2 h c^2 / wavelength^5 / (exp(h c / (wavelength k T)) - 1)

@@ -62,6 +62,7 @@ class FineTable:
     ground       (h, v, s, 3 b), direct, sky and around, one after the other
     backscatter  (h, b)
     through      (h, v, b)
+    rise, fall   (h, v, b), or None
     """
 
     start: Floats
@@ -70,27 +71,28 @@ class FineTable:
     ground: Singles
     backscatter: Singles
     through: Singles
+    rise: Singles | None = None
+    fall: Singles | None = None
 
-    def transmitted(self, sight: Sight) -> Floats:
-        """(n, b) 1, share of the ground's own light that goes straight to the sensor."""
+    def heat(self, values: Singles, sight: Sight) -> Floats:
+        """(n, b) of `through`, `rise` or `fall`, straight lines between its nodes."""
         height, sensor = (
-            np.clip((values - start) / step, 0, size - 1)
-            for values, start, step, size in zip(
+            np.clip((place - start) / step, 0, size - 1)
+            for place, start, step, size in zip(
                 (sight.height, sight.sensor),
                 self.start,
                 self.step,
-                self.through.shape,
+                values.shape,
                 strict=False,
             )
         )
         h, v = height.astype(int), sensor.astype(int)
         up, right = (
-            np.minimum(at + 1, size - 1)
-            for at, size in zip((h, v), self.through.shape, strict=False)
+            np.minimum(at + 1, size - 1) for at, size in zip((h, v), values.shape, strict=False)
         )
         y, x = (height - h)[:, None], (sensor - v)[:, None]
-        near = self.through[h, v] * (1 - x) + self.through[h, right] * x
-        far = self.through[up, v] * (1 - x) + self.through[up, right] * x
+        near = values[h, v] * (1 - x) + values[h, right] * x
+        far = values[up, v] * (1 - x) + values[up, right] * x
         return near * (1 - y) + far * y
 
 
@@ -118,13 +120,22 @@ def refine(table: BandTable, reach: Reach) -> FineTable:
         if i < 3:
             ground = _spline(axis, ground, i, at)
     backscatter = _spline(table.height, backscatter, 0, nodes[0])
-    through = _spline(table.height, table.through, 0, nodes[0])
-    through = _spline(table.sensor, through, 1, nodes[1])
+    heat = [
+        None if one is None else _single(
+            _spline(table.sensor, _spline(table.height, one, 0, nodes[0]), 1, nodes[1])
+        )
+        for one in (table.through, table.rise, table.fall)
+    ]  # fmt: skip
     return FineTable(
         np.array([at[0] for at in nodes]),
         np.array([at[1] - at[0] if len(at) > 1 else 1.0 for at in nodes]),
-        *(np.ascontiguousarray(part, np.float32) for part in (path, ground, backscatter, through)),
+        *(_single(part) for part in (path, ground, backscatter)),
+        *heat,
     )
+
+
+def _single(values: Floats) -> Singles:
+    return np.ascontiguousarray(values, np.float32)
 
 
 def look_up(

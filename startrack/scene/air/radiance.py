@@ -53,9 +53,10 @@ def radiance(
     """Radiance of n pixels of ground.
 
         L_em = (1 - rho) B(T) t
-        L_th = (1 - t) B(T_air) + rho (1 - t) B(T_air) t
+        L_th = rise + rho fall
 
-    with t the transmittance between ground and sensor.
+    with t the transmittance between ground and sensor. Where the table knows nothing of the air's
+    heat, the air is taken for isothermal: rise = (1 - t) B(T_air), fall = rise t.
 
     Source: Krutz et al. (2011), eqs. (1) to (3).
 
@@ -63,11 +64,11 @@ def radiance(
     surroundings     (b,) 1, mean reflectance of the ground around
     heat             of the bands; None where nothing is warm enough to be seen
     temperature      (n,) kelvin, of the ground; needed with `heat`
-    air_temperature  kelvin, one for all the air that absorbs
+    air_temperature  kelvin, one for all the air, where the table has no heat of its own
     Errors           ValueError as `look_up` and `Heat`; TypeError where heat has no temperature.
-                     model: the air is isothermal, which over a black ground of its own
-                     temperature gives Planck's law exactly; real air errs by some per cent of
-                     L_th in the windows and more in the bands of gases.
+                     model: isothermal air over a black ground of its own temperature gives
+                     Planck's law exactly; it errs by some per cent of L_th in the windows and
+                     more in the bands of gases.
     """
     count, bands = len(sight.height), table.backscatter.shape[1]
     out = Terms(*np.zeros((5, count, bands), np.float32))
@@ -81,8 +82,12 @@ def radiance(
     if heat is not None:
         if temperature is None:
             raise TypeError("temperature must be given with heat, got None")
-        through = table.transmitted(sight)
-        glow = heat(np.array([air_temperature])) * (1 - through)
+        through = table.heat(table.through, sight)
+        if table.rise is None or table.fall is None:
+            rise = heat(np.array([air_temperature])) * (1 - through)
+            fall = rise * through
+        else:
+            rise, fall = table.heat(table.rise, sight), table.heat(table.fall, sight)
         out.emitted[:] = (1 - reflectance) * heat(temperature) * through
-        out.thermal[:] = glow + reflectance * glow * through
+        out.thermal[:] = rise + reflectance * fall
     return out

@@ -17,6 +17,7 @@ mosaic       sources of different resolution and extent as one pyramid of tiles
 cache        a bounded number of tiles in memory
 pyramid      terrain of any size, each ray on the level that it needs
 chart        albedo, temperature or land cover on the ground
+aircraft     Aircraft: level flight
 orbit        Orbit, TwoLines: where a satellite is, and where the Sun
 sensor       matrix, line, staggered and TDI elements; the dating of lines
 sight        a camera in flight -> Rays
@@ -25,6 +26,7 @@ image        EarthScene -> the ground of each line
 fractal      terrain from a seed
 """
 
+from startrack.scene.earth.aircraft import Aircraft
 from startrack.scene.earth.chart import Chart, read_charts
 from startrack.scene.earth.ellipsoid import cartesian, geodetic, up
 from startrack.scene.earth.fractal import fractal
@@ -32,7 +34,7 @@ from startrack.scene.earth.ground import Ground, Rays
 from startrack.scene.earth.image import Strip, observe_earth
 from startrack.scene.earth.intersector import Intersector, Level, Relief, Scan
 from startrack.scene.earth.mosaic import Mosaic
-from startrack.scene.earth.orbit import Flight, Orbit, TwoLines, fly, sun_direction
+from startrack.scene.earth.orbit import Carrier, Flight, Orbit, TwoLines, fly, sun_direction
 from startrack.scene.earth.parameters import EarthScene
 from startrack.scene.earth.pyramid import Pyramid
 from startrack.scene.earth.raster import Raster
@@ -50,7 +52,9 @@ from startrack.scene.earth.surface import Grid, index
 from startrack.scene.earth.survey import survey
 
 __all__ = [
+    "Aircraft",
     "Array",
+    "Carrier",
     "Chart",
     "Dating",
     "EarthScene",

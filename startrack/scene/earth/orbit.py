@@ -1,4 +1,4 @@
-"""Elements of an orbit and times -> where the satellite is over the turning Earth, and the Sun."""
+"""An orbit or a flight, and times -> where it is over the turning Earth, and where the Sun."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.checks import positive, within
+from startrack.scene.earth.aircraft import Aircraft
 from startrack.scene.earth.ellipsoid import EQUATORIAL
 from startrack.units import Unit
 
@@ -20,6 +21,7 @@ Floats = NDArray[np.float64]
 
 GRAVITY = 398600.8e9  # m^3 / s^2, WGS72, as SGP4 wants it (Vallado et al. 2006, AIAA 2006-6753)
 DAY = 86400.0
+SPIN: Floats = np.array([0.0, 0.0, 7.292115146706979e-5])  # rad / s, IERS conventions 2010
 EPOCH_1949 = 2433281.5  # Julian date from which SGP4 counts its days
 
 
@@ -102,12 +104,14 @@ class TwoLines:
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A satellite at some times, in the Earth's fixed axes (ITRS).
+    """A satellite or an aircraft at some times, in the Earth's fixed axes (ITRS).
 
     second        (n,) since the epoch of its orbit
     position      (n, 3) metre
     velocity      (n, 3) metre / second, over the turning Earth
     inertial      (n, 3) metre / second, against the stars, in the same axes
+    course        (n, 3) metre / second, that a camera keeps its rows along: against the stars for a
+                  satellite, over ground for an aircraft
     icrs_to_itrs  (n,) rotations
     """
 
@@ -115,11 +119,15 @@ class Flight:
     position: Floats
     velocity: Floats
     inertial: Floats
+    course: Floats
     icrs_to_itrs: Rotation
 
 
-def fly(orbit: Orbit | TwoLines, second: Floats) -> Flight:
-    """Where a satellite is at (n,) seconds after its epoch.
+Carrier = Orbit | TwoLines | Aircraft
+
+
+def fly(orbit: Carrier, second: Floats) -> Flight:
+    """Where a satellite or an aircraft is at (n,) seconds after its epoch.
 
     Source: SGP4 (Vallado et al. 2006) by the package sgp4; axes by astropy (ERFA).
 
@@ -127,20 +135,23 @@ def fly(orbit: Orbit | TwoLines, second: Floats) -> Flight:
             is good to a kilometre near the epoch. Beyond the Earth orientation that astropy brings
             along, UT1 is taken as UTC: 0.4 km of ground at most.
     """
+    second = np.asarray(second, float)
+    teme_to_itrs, icrs_to_itrs = _axes(orbit.epoch, second)
+    if isinstance(orbit, Aircraft):
+        where, velocity = orbit.places(second)
+        inertial = velocity + np.cross(SPIN, where)
+        return Flight(second, where, velocity, inertial, velocity, icrs_to_itrs)
     _need_sgp4()
     from sgp4.api import SGP4_ERRORS
 
-    second = np.asarray(second, float)
     date = utc(orbit.epoch)
     code, position, velocity = orbit.satellite().sgp4_array(
         np.full(len(second), date.jd1), date.jd2 + second / DAY
     )
     if code.any():
         raise ValueError(f"the orbit must last, got {SGP4_ERRORS[int(code[code > 0][0])]}")
-    teme_to_itrs, icrs_to_itrs = _axes(orbit.epoch, second)
-    spin = np.array([0.0, 0.0, 7.292115146706979e-5])  # rad / s, IERS conventions 2010
     where, inertial = (teme_to_itrs.apply(1e3 * one) for one in (position, velocity))
-    return Flight(second, where, inertial - np.cross(spin, where), inertial, icrs_to_itrs)
+    return Flight(second, where, inertial - np.cross(SPIN, where), inertial, inertial, icrs_to_itrs)
 
 
 def sun_direction(epoch: str, second: float = 0.0) -> Floats:

@@ -10,11 +10,12 @@ from typing import Annotated
 
 from startrack.camera import Camera
 from startrack.checks import finite, non_negative, one_of, positive, whole, within
+from startrack.scene.earth.aircraft import Aircraft
 from startrack.scene.earth.chart import Chart
 from startrack.scene.earth.ellipsoid import EQUATORIAL
 from startrack.scene.earth.fractal import fractal
 from startrack.scene.earth.mosaic import Mosaic
-from startrack.scene.earth.orbit import Orbit, TwoLines
+from startrack.scene.earth.orbit import Carrier, Orbit, TwoLines
 from startrack.scene.earth.pyramid import Pyramid
 from startrack.scene.earth.raster import Raster
 from startrack.scene.earth.sensor import (
@@ -46,6 +47,7 @@ class Sensor:
     period        second from line to line; None for square pixels below the satellite
     stages        rows of a TDI detector, or by which the two rows of a staggered one are apart
     rays          along each side of a pixel
+    delay         second after the orbit's epoch at which the middle line is taken
     """
 
     detector: str = "line"
@@ -56,8 +58,10 @@ class Sensor:
     period: Annotated[float, Unit("s", "ms")] | None = None
     stages: int = 8
     rays: int = 1
+    delay: Annotated[float, Unit("s")] = 0.0
 
     def __post_init__(self) -> None:
+        finite(delay=self.delay)
         one_of(DETECTORS, detector=self.detector)
         whole(2, 2**16, columns=self.columns)
         whole(1, 2**16, lines=self.lines)
@@ -85,16 +89,16 @@ class Sensor:
             return [tdi_elements(self.columns, middle, self.stages)]
         return [line_elements(self.columns, middle)]
 
-    def dating(self, orbit: Orbit | TwoLines) -> Dating:
-        """The image is taken around the epoch of the orbit."""
+    def dating(self, orbit: Carrier) -> Dating:
+        """The image is taken around the epoch of the orbit, or `delay` after it."""
         if self.detector == "matrix":
-            return Dating()
+            return Dating(self.delay)
         period = self.period
         if period is None:
             period = self.pixel_pitch / self.focal_length / ground_rate(orbit)
             if self.detector == "staggered":
                 period /= 2
-        return Dating(-0.5 * (self.lines - 1) * period, period)
+        return Dating(self.delay - 0.5 * (self.lines - 1) * period, period)
 
 
 @dataclass(frozen=True)
@@ -213,6 +217,7 @@ class EarthScene:
     """A camera in flight over terrain.
 
     tle       two lines of a satellite, instead of an orbit
+    aircraft  instead of both
     sky_rays  by which each point looks for the sky; 0 for none
     """
 
@@ -220,21 +225,22 @@ class EarthScene:
     sensor: Sensor = field(default_factory=Sensor)
     orbit: Orbit | None = None
     tle: tuple[str, ...] = ()
+    aircraft: Aircraft | None = None
     pointing: Pointing = field(default_factory=Pointing)
     sky_rays: int = 0
 
     def __post_init__(self) -> None:
         whole(0, 2**12, sky_rays=self.sky_rays)
-        if (self.orbit is None) == (not self.tle):
-            raise ValueError("orbit or tle must be given, and not both")
+        if (self.orbit is not None) + bool(self.tle) + (self.aircraft is not None) != 1:
+            raise ValueError("one of orbit, tle and aircraft must be given, and no other")
         if self.tle and len(self.tle) != 2:
             raise ValueError(f"tle must be two lines, got {len(self.tle)}")
         _ = self.flight
 
     @property
-    def flight(self) -> Orbit | TwoLines:
+    def flight(self) -> Carrier:
         """What flies the camera."""
-        return self.orbit or TwoLines(*self.tle)
+        return self.orbit or self.aircraft or TwoLines(*self.tle)
 
 
 def find(folder: Path, patterns: tuple[str, ...]) -> list[Path]:

@@ -14,7 +14,7 @@ from startrack.camera import Camera
 from startrack.checks import finite, whole
 from startrack.scene.earth.ellipsoid import geodetic
 from startrack.scene.earth.ground import Rays
-from startrack.scene.earth.orbit import Flight, Orbit, TwoLines, fly
+from startrack.scene.earth.orbit import Carrier, Flight, fly
 from startrack.scene.earth.sensor import Dating, Elements, inside_pixel
 from startrack.units import LIGHT_SPEED, Unit
 
@@ -45,7 +45,7 @@ class Pointing:
     def camera_to_itrs(self, flight: Flight) -> Rotation:
         """(n,) rotations."""
         down = -flight.position / np.linalg.norm(flight.position, axis=1, keepdims=True)
-        side = np.cross(flight.inertial, down)
+        side = np.cross(flight.course, down)
         side /= np.linalg.norm(side, axis=1, keepdims=True)
         along = np.cross(down, side)
         local = Rotation.from_matrix(np.stack([side, along, down], axis=-1))
@@ -67,7 +67,7 @@ def sight(
     camera: Camera,
     pixel: Floats,
     time: Floats,
-    orbit: Orbit | TwoLines,
+    orbit: Carrier,
     pointing: Pointing | Fixed,
     turn: Turn | None = None,
     spread: float | None = None,
@@ -104,7 +104,7 @@ def scan_lines(
     elements: Elements,
     lines: Floats,
     dating: Dating,
-    orbit: Orbit | TwoLines,
+    orbit: Carrier,
     pointing: Pointing | Fixed,
     turn: Turn | None = None,
     rays_per_side: int = 1,
@@ -132,7 +132,7 @@ def scan_lines(
     )
 
 
-def ground_rate(orbit: Orbit | TwoLines) -> float:
+def ground_rate(orbit: Carrier) -> float:
     """Radian per second at which the ground under the satellite passes by at its epoch.
 
     Times the focal length in pixels it is the line rate that makes square pixels at the nadir.

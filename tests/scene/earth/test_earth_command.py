@@ -58,7 +58,7 @@ def test_other_detectors_see_the_same_mountains(tmp_path, capsys, detector):
         (('"5 deg"', '"5 m"'), "pointing.roll must have a unit that converts to rad"),
         (("cells = 600", "cellls = 600"), "terrain.fractal.cellls is unknown"),
         (('"line"', '"lines"'), "sensor.detector must be one of matrix, line, staggered, tdi"),
-        (('[orbit]', 'tle = ["1", "2"]\n[orbit]'), "orbit or tle must be given, and not both"),
+        (('[orbit]', 'tle = ["1", "2"]\n[orbit]'), "one of orbit, tle and aircraft must be given"),
         (('"600 km"', '"60 km"'), "perigee above 80 km"),
     ],
 )  # fmt: skip
