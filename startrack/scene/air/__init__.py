@@ -11,6 +11,10 @@ build       Air -> AirTable
 table       AirTable, and its file
 checked     FITS file -> its parts, or a sentence
 
+runs        another program's runs at three albedos -> BandTable at each wavelength
+modtran     files of MODTRAN -> Run
+uvspec      files of libRadtran -> Run
+
 second step:
 bands       AirTable and bands -> BandTable
 look_up     BandTable and where pixels look -> the Sun's three terms
