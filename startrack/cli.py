@@ -268,7 +268,8 @@ def _parser() -> argparse.ArgumentParser:
         study = studies[name] = _command(commands, name, text)
         study.add_argument(
             "campaign", type=Path, nargs="?", metavar="CAMPAIGN.toml",
-            help="design file with a table [campaign] (default: the example, a nanosatellite)",
+            help="design file with a table [campaign] (default: the example, a nanosatellite)"
+            + (EARTH_TOO if name == "requirements" else ""),
         )  # fmt: skip
         if name != "requirements":
             _seed(study)
@@ -294,6 +295,11 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+EARTH_TOO = (
+    "; or an Earth camera, waoss, hsrs, mertis, ads40 or a scene file, for its ground resolution, "
+    "MTF, SNR, dynamics and data rate; or a file with a table [goals] (catalogs/scenes/goals.toml) "
+    "for focal length, aperture and clock"
+)
 EARTH = """\
 A scene file names an orbit (or tle), a sensor, a pointing and the terrain; without one, the
 example is taken, a pushbroom camera over mountains from a seed. Terrain of your own: GeoTIFF files

@@ -1,9 +1,10 @@
-"""`startrack requirements`: what a design must meet, and how far it does."""
+"""`startrack requirements`: what a design must meet, how far it does; Earth cameras, too."""
 
 from __future__ import annotations
 
 import argparse
 
+from startrack.commands.earth_requirements import earth_requirements
 from startrack.commands.terminal import example, read_campaign, tell
 from startrack.exits import Exit
 from startrack.study.evaluate import expect
@@ -13,6 +14,9 @@ from startrack.units import arcsec
 
 def command(options: argparse.Namespace) -> int:
     """Print the margins of a design and what its analytic budget expects; no trial is done."""
+    earth = earth_requirements(options)
+    if earth is not None:
+        return earth
     path = options.campaign or example()
     design, campaign = read_campaign(path)
     budget, margins = expect(design.case, campaign)
