@@ -38,6 +38,7 @@ from startrack.study.montecarlo import run, warm
 from startrack.study.workers import one_thread as one_opencv_thread
 from startrack.study.workers import pool
 from startrack.units import arcsec, deg
+from startrack.variance.sampling import Sampling
 from startrack.view import look, random_attitude, throughput
 
 SEED = 5
@@ -183,7 +184,7 @@ def scaling(case: Case) -> dict[str, Any]:
     for workers in (1, 2):
         row = {}
         for fidelity in both:
-            warm(case, fidelity)
+            warm(case, Sampling(fidelity))
             with pool(workers) as executor:
                 run(case, 8 * workers, SEED, executor, workers=workers, fidelity=fidelity)
                 n = 2 * BATCH[fidelity]

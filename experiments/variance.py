@@ -1,10 +1,11 @@
 """How many trials does 1 % of an rms take, plain and with each help, and do the intervals hold?
 
-python experiments/variance.py --json FILE [--trials 800] [--out FOLDER]
+python experiments/variance.py --json FILE [--trials 320]
 
-A method's figure is the variance of its estimate times its trials: how many whole frames it needs
+A method's figure is the variance of its estimate times its frames: how many whole frames it needs
 until half its 95 % interval is 1 % of the rms (2 % of the mean square) on the example design.
-Windows that a frame needs beside it are counted as time, not as trials.
+What else a method makes beside its frames (80 windows or 400 covariance trials for each, or the
+control) is counted as time: `times faster` is the gain in variance over that in CPU time.
 """
 
 from __future__ import annotations
@@ -22,36 +23,41 @@ from scipy import stats
 
 from startrack.case import Case, Fidelity
 from startrack.catalog import shipped
+from startrack.chain import OUTCOMES, trials
 from startrack.design import load_design
 from startrack.study.workers import one_thread as one_opencv_thread
-from startrack.variance.attitudes import REPLICATES, at_random, by_regions, by_sobol
-from startrack.variance.estimate import (
-    Mean,
-    best_share,
-    controlled,
-    explained,
-    plain,
-    replicated,
-    stratified,
-    two_levels,
-)
+from startrack.variance.attitudes import REPLICATES, by_regions
+from startrack.variance.estimate import Mean, plain, stratified
+from startrack.variance.mean_square import combined, mean_square
 from startrack.variance.regions import Regions
-from startrack.variance.sample import sample, sample_controlled, squares, surplus
+from startrack.variance.sample import squares
+from startrack.variance.sampling import Sampling
 
-Floats = NDArray[np.float64]
+Outcomes = NDArray[np.void]
 
+FRAME, DRAWN = Fidelity.FRAME, Fidelity.COVARIANCE
 SEED = 3
 WANTED = 0.01  # of the rms, half of the interval
 REPETITIONS = 200
 SAMPLE = 200  # trials of a repetition
 REGIONS = Regions(4, 6)
-WINDOWS = 12  # for each frame
+WINDOWS, COVARIANCES = 80, 400  # for each frame
+MADE_OF = {
+    "plain": ("frame",),
+    "sobol": ("frame",),
+    "control": ("frame and control",),
+    "sobol and control": ("sobol frame and control",),
+    "covariance": ("frame", "covariance"),
+    "control and covariance": ("frame and control", "covariance"),
+    "windows": ("frame", "window"),
+    "all": ("frame and control", "window", "covariance"),
+}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, required=True)
-    parser.add_argument("--trials", type=int, default=800)
+    parser.add_argument("--trials", type=int, default=320)
     options = parser.parse_args()
     one_opencv_thread()
     case = load_design(shipped("designs/nanosatellite.toml")).case
@@ -62,72 +68,70 @@ def main() -> None:
 
 def measure(case: Case, n: int) -> dict[str, Any]:
     """All methods on the example, from one run."""
-    numbers = range(n)
-    random = at_random(SEED, numbers)
-    sample(case, SEED, range(3), random[:3]), sample(case, SEED, range(3), random[:3], WINDOW)
-    seconds: dict[str, float] = {}
-    frames = timed(seconds, "frame", n, lambda: sample(case, SEED, numbers, random))
-    windows = timed(seconds, "window", n, lambda: sample(case, SEED, numbers, random, WINDOW))
-    controls = timed(
-        seconds, "frame and control", n, lambda: sample_controlled(case, SEED, numbers, random)
-    )[1]
-    sobol, sobol_controls = sample_controlled(case, SEED, numbers, by_sobol(SEED, numbers))
-    extra = range(n, n + WINDOWS * n)
-    more = sample(case, SEED, extra, at_random(SEED, extra), WINDOW)
-    many = range(16 * REPLICATES * (n // REPLICATES))
-    regional = sample(case, SEED, many, by_regions(SEED, many, REGIONS), WINDOW)
+    kinds = {
+        "frame": Sampling(),
+        "window": Sampling(Fidelity.WINDOW),
+        "covariance": Sampling(DRAWN),
+        "frame and control": Sampling(control=True),
+        "sobol frame and control": Sampling(attitudes="sobol", control=True),
+    }
+    many = {"window": WINDOWS * n, "covariance": COVARIANCES * n}
+    made, seconds = {}, {}
+    for name, sampling in kinds.items():
+        sampling.trials(case, SEED, range(3))
+        count = many.get(name, n)
+        began = time.process_time()
+        made[name] = sampling.trials(case, SEED, range(count))
+        seconds[name] = (time.process_time() - began) / count
+    frames, controlled_frames = made["frame"], made["frame and control"]
+    windows, drawn = (made["window"], Fidelity.WINDOW), (made["covariance"], DRAWN)
+    numbers = range(16 * REPLICATES * (n // REPLICATES))
+    regional = trials(case, SEED, numbers, Fidelity.WINDOW, by_regions(SEED, numbers, REGIONS))
+    cell = np.asarray(numbers) % len(REGIONS)
     figures: dict[str, Any] = {
         "trials": n,
-        "ms_per_trial": {k: 1e3 * v for k, v in seconds.items()},
+        "windows": WINDOWS * n,
+        "covariances": COVARIANCES * n,
+        "ms_per_trial": {name: 1e3 * one for name, one in seconds.items()},
     }
+    names = list(OUTCOMES.names or ())
     for about in (False, True):
-        values, coarse, further = (squares(one, about) for one in (frames, windows, more))
-        with_sobol = squares(sobol, about)
-        replicate = np.arange(n) % REPLICATES
-        c, cs = surplus(controls, about)[:, None], surplus(sobol_controls, about)[:, None]
-        cell = np.asarray(many) % len(REGIONS)
-        in_regions = squares(regional, about)
-        stratified_gain = (plain(in_regions).error / stratified(in_regions, cell).error) ** 2
+        sobol = made["sobol frame and control"]
         means = {
-            "plain": plain(values),
-            "sobol": replicated(with_sobol, replicate),
-            "control": controlled(values, c),
-            "sobol and control": replicated(with_sobol - explained(with_sobol, cs), replicate),
-            "windows": two_levels(values, coarse, further),
+            "plain": mean_square(frames, about),
+            "sobol": mean_square(sobol[names], about, sobol=True),
+            "control": mean_square(controlled_frames, about),
+            "sobol and control": mean_square(sobol, about, sobol=True),
+            "covariance": combined([(frames, FRAME), drawn], about),
+            "control and covariance": combined([(controlled_frames, FRAME), drawn], about),
+            "windows": combined([(frames, FRAME), windows], about),
+            "all": combined([(controlled_frames, FRAME), windows, drawn], about),
         }
         name = "about" if about else "across"
-        figures[name] = {key: told(mean, n, means["plain"]) for key, mean in means.items()}
-        figures[name]["regions"] = {"variance_reduction": stratified_gain}
-        correlation = float(np.corrcoef(values, coarse)[0, 1])
-        share = best_share(correlation, seconds["frame"] / seconds["window"])
-        figures[name]["window_correlation"] = correlation
-        figures[name]["best_windows_per_frame"] = share
-        figures[name]["frames_times_fewer_at_best"] = 1 / (
-            1 - correlation**2 + correlation**2 / (share + 1)
+        figures[name] = {}
+        for method, mean in means.items():
+            spent = sum(seconds[kind] * many.get(kind, n) for kind in MADE_OF[method])
+            figures[name][method] = told(mean, n, means["plain"], spent / (seconds["frame"] * n))
+        in_regions = squares(regional, about)
+        gain = (plain(in_regions).error / stratified(in_regions, cell).error) ** 2
+        figures[name]["regions"] = {"variance_reduction": gain}
+        same = np.corrcoef(squares(frames, about), squares(made["window"][:n], about))[0, 1]
+        figures[name]["window_correlation"] = float(same)
+        figures[name]["coverage_95"] = coverage(
+            controlled_frames, made["window"], made["covariance"], about
         )
-        figures[name]["coverage_95"] = coverage(values, c[:, 0], coarse)
-    figures["variance_reduction"] = max(
-        figures["across"][method]["variance_reduction"]
-        for method in ("control", "sobol and control", "windows")
-    )
+    across = figures["across"]
+    figures["variance_reduction"] = max(across[one]["variance_reduction"] for one in means)
+    figures["coverage_95"] = across["coverage_95"]
     return figures
 
 
-WINDOW = Fidelity.WINDOW
-
-
-def timed(seconds: dict[str, float], name: str, n: int, call: Any) -> Any:
-    """The call's result; its CPU time a trial is kept."""
-    began = time.process_time()
-    result = call()
-    seconds[name] = (time.process_time() - began) / n
-    return result
-
-
-def told(mean: Mean, n: int, alone: Mean) -> dict[str, float]:
+def told(mean: Mean, n: int, alone: Mean, cost: float) -> dict[str, float]:
     """What an estimate from n frames is worth, with the interval of its worth.
 
     The gain of replicates rests on 15 degrees of freedom, that of the others on hundreds.
+
+    cost  CPU time over that of the plain frames
     """
     gain = (alone.error / mean.error) ** 2
     low, high = stats.f.ppf([0.025, 0.975], mean.freedom, alone.freedom)
@@ -140,54 +144,73 @@ def told(mean: Mean, n: int, alone: Mean) -> dict[str, float]:
         "variance_reduction": gain,
         "variance_reduction_low": gain * float(low),
         "variance_reduction_high": gain * float(high),
+        "time": cost,
+        "times_faster": gain / cost,
     }
 
 
-def coverage(values: Floats, control: Floats, coarse: Floats) -> dict[str, Any]:
+def coverage(frames: Outcomes, windows: Outcomes, drawn: Outcomes, about: bool) -> dict[str, Any]:
     """How often the intervals of small samples from these trials hold the mean of all of them.
 
-    Drawn with replacement, so that the mean of all is the truth.
+    Drawn with replacement, so that the mean of all is the truth; the frames' is that of the
+    windows, which are the same trials and more. Surpluses are centred, as their expectation is.
     """
     rng = np.random.default_rng(SEED)
-    hits = dict.fromkeys(("plain", "control", "windows"), 0)
-    control = control - control.mean()
+    name = "surplus_about" if about else "surplus_across"
+    n = len(frames)
+    centred = frames.copy()
+    centred[name] -= centred[name].mean()
+    names = list(OUTCOMES.names or ())
+    truth = float(mean_square(frames[names], about).value)
+    hits = dict.fromkeys(("plain", "control", "windows", "control and covariance"), 0)
     for _ in range(REPETITIONS):
-        mine = rng.integers(len(values), size=SAMPLE)
-        many = rng.integers(len(values), size=WINDOWS * SAMPLE)
+        mine, more = rng.integers(n, size=SAMPLE), rng.integers(n, size=WINDOWS * SAMPLE)
+        both = np.concatenate([mine, more])
+        fine, coarse, cheap = (
+            renumbered(centred[mine]),
+            renumbered(windows[both]),
+            renumbered(drawn[both]),
+        )
         means = {
-            "plain": (plain(values[mine]), values.mean()),
-            "control": (controlled(values[mine], control[mine, None]), values.mean()),
-            "windows": (two_levels(values[mine], coarse[mine], coarse[many]), values.mean()),
+            "plain": mean_square(fine[names], about),
+            "control": mean_square(fine, about),
+            "windows": combined([(fine[names], FRAME), (coarse, Fidelity.WINDOW)], about),
+            "control and covariance": combined([(fine, FRAME), (cheap, DRAWN)], about),
         }
-        for name, (mean, truth) in means.items():
+        for method, mean in means.items():
             interval = mean.interval()
-            hits[name] += bool(interval.low <= truth <= interval.high)
+            hits[method] += bool(interval.low <= truth <= interval.high)
     bounds = stats.binom.ppf([1e-3, 0.999], REPETITIONS, 0.95) / REPETITIONS
-    return {name: count / REPETITIONS for name, count in hits.items()} | {
+    return {method: count / REPETITIONS for method, count in hits.items()} | {
         "bounds_if_exact": bounds.tolist()
     }
 
 
+def renumbered(outcomes: Outcomes) -> Outcomes:
+    """Trials that were drawn, as trials of their own."""
+    table = outcomes.copy()
+    table["trial"] = np.arange(len(table))
+    return table
+
+
 def table(figures: dict[str, Any]) -> str:
     """For a person."""
-    lines = [f"{'':20s}{'across: trials for 1 %':>24s}{'times fewer':>24s}{'about: fewer':>14s}"]
-    for name in ("plain", "sobol", "control", "sobol and control", "windows"):
-        one, other = figures["across"][name], figures["about"][name]
+    lines = [f"{'':24s}{'across: frames for 1 %':>24s}{'times fewer':>20s}{'times faster':>14s}"
+             f"{'about: fewer':>14s}{'faster':>8s}"]  # fmt: skip
+    across, about = figures["across"], figures["about"]
+    for name, one in across.items():
+        if "trials_for_1_percent" not in one:
+            continue
         fewer = (
             f"{one['variance_reduction']:.1f} [{one['variance_reduction_low']:.1f}, "
             f"{one['variance_reduction_high']:.1f}]"
         )
         lines.append(
-            f"{name:20s}{one['trials_for_1_percent']:24.0f}{fewer:>24s}"
-            f"{other['variance_reduction']:14.1f}"
+            f"{name:24s}{one['trials_for_1_percent']:24.0f}{fewer:>20s}{one['times_faster']:14.2f}"
+            f"{about[name]['variance_reduction']:14.1f}{about[name]['times_faster']:8.2f}"
         )
-    across = figures["across"]
-    lines.append(
-        f"{'regions (windows)':20s}{'':24s}{across['regions']['variance_reduction']:24.2f}"
-    )
-    lines.append(f"correlation of frame and window {across['window_correlation']:.5f}; at best "
-                 f"{across['best_windows_per_frame']:.0f} windows a frame, "
-                 f"{across['frames_times_fewer_at_best']:.0f} times fewer frames")  # fmt: skip
+    lines.append(f"regions (windows): {across['regions']['variance_reduction']:.2f} times fewer")
+    lines.append(f"correlation of frame and window {across['window_correlation']:.6f}")
     lines.append(f"ms a trial: {figures['ms_per_trial']}")
     lines.append(f"coverage: {across['coverage_95']}")
     return "\n".join(lines)

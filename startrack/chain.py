@@ -83,21 +83,28 @@ OUTCOMES = np.dtype([("trial", np.int64), *JUDGED.descr])
 
 
 def trials(
-    case: Case, seed: int, numbers: Sequence[int], fidelity: Fidelity = Fidelity.FRAME
+    case: Case,
+    seed: int,
+    numbers: Sequence[int],
+    fidelity: Fidelity = Fidelity.FRAME,
+    icrs_to_camera: Rotation | None = None,
 ) -> NDArray[np.void]:
     """The outcomes of some trials of a seed, each the same whichever others are asked for.
 
+    icrs_to_camera  a true attitude for each; None: the random ones of `trial`
     Returns  (n,) structured array: `trial` and the fields of Outcome
     Errors   as `trial`, with a note that names it.
     """
     outcomes = np.empty(len(numbers), OUTCOMES)
     outcomes["trial"] = numbers
     if fidelity is Fidelity.COVARIANCE:
-        outcomes[list(Outcome._fields)] = drawn_outcomes(case, seed, numbers)
+        outcomes[list(Outcome._fields)] = drawn_outcomes(case, seed, numbers, icrs_to_camera)
         return outcomes
     for n, number in enumerate(numbers):
+        streams = Streams(seed, number)
+        look_at = random_attitude(streams) if icrs_to_camera is None else icrs_to_camera[n]
         try:
-            outcomes[n] = (number, *trial(case, seed, number, fidelity))
+            outcomes[n] = (number, *attempt(case, look_at, streams, fidelity))
         except Exception as error:
             error.add_note(f"in trial {number} of seed {seed}")
             raise

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
+from startrack.campaign.store import Store
+from startrack.case import Fidelity
 from startrack.catalog import shipped
 from startrack.cli import main
 from startrack.design import load_design
+from startrack.variance.sampling import Sampling
 
 EXAMPLE = shipped("designs/nanosatellite.toml")
 
@@ -172,6 +175,37 @@ def test_montecarlo(call, short, tmp_path):
     assert len(tables[0].splitlines()) == 13
     assert cv2.imread(str(tmp_path / "a" / "errors.png")) is not None
     assert json.loads((tmp_path / "a" / "summary.json").read_text())["seed"] == 3
+
+
+def test_combine_helps_frames_by_cheaper_trials(call, tmp_path):
+    made = {}
+    for kind, trials in (("frame", 32), ("window", 64), ("covariance", 2000)):
+        path = made[kind] = tmp_path / f"{kind}.sqlite"
+        control = ["--control"] * (kind == "frame")
+        status, (one,), _ = call(
+            *("montecarlo", EXAMPLE, "--trials", trials, "--fidelity", kind, "--store", path),
+            *("--workers", 1, "--json", *control),
+        )
+        assert status == 0
+        assert ("helped" in one) == bool(control)
+    status, (told,), err = call("combine", made["covariance"], made["frame"], "--json")
+    assert (status, err) == (0, "")
+    assert told["trials"] == {"frame": 32, "covariance": 2000}
+    low, high = told["across_rms_arcsec_95"]
+    alone = told["across_alone_rms_arcsec_95"]
+    assert low < told["across_rms_arcsec"] < high
+    assert high - low < alone[1] - alone[0]
+    assert call("combine", *made.values(), "--json")[0] == 0
+    other = tmp_path / "other.sqlite"
+    Store(other, load_design(EXAMPLE).case, 5, Sampling(Fidelity.WINDOW)).close()
+    for wrong, sentence in (
+        ([made["frame"]], "campaigns must be of different fidelity, got frame"),
+        ([made["frame"], other], "must hold the design and the seed of"),
+        ([made["frame"], tmp_path / "none"], "must be a campaign store, but there is none"),
+    ):
+        status, out, err = call("combine", *wrong, "--json")
+        assert (status, out) == (2, [])
+        assert sentence in err
 
 
 def test_optimize_leaves_a_folder_that_the_other_commands_accept(call, short, tmp_path):

@@ -11,6 +11,7 @@ from scipy import stats
 
 from startrack.checks import one_of, within
 from startrack.error import Interval, rms_interval, share_interval
+from startrack.variance.mean_square import mean_square
 
 STATISTICS = ("across", "about", "availability", "across-99.73")
 GROWTH = 1.2, 4.0  # by which a campaign grows from one look to the next, at least and at most
@@ -25,11 +26,14 @@ class Precision:
                 across-99.73: the angle that 99.73 % of the errors across do not exceed;
                 availability: share of trials with a right attitude
     confidence  1, of the interval
+    sobol       whether trials lie at Sobol's points. The intervals of an rms then come from the
+                scatter of their scrambles; the others take them for random, which is too wide
     """
 
     relative: float
     statistic: str = "across"
     confidence: float = 0.95
+    sobol: bool = False
 
     def __post_init__(self) -> None:
         within(1e-6, 1, relative=self.relative)
@@ -37,16 +41,20 @@ class Precision:
         one_of(STATISTICS, statistic=self.statistic)
 
     def interval(self, outcomes: NDArray[np.void]) -> Interval:
-        """The statistic of structured outcomes; errors over trials with a right attitude."""
+        """The statistic of structured outcomes; errors over trials with a right attitude.
+
+        An rms is helped by the controls of its trials, where they have them.
+        """
         right = outcomes[outcomes["solved"] & ~outcomes["false"]]
         if self.statistic == "availability":
             return share_interval(len(right), len(outcomes), self.confidence)
-        if self.statistic == "about":
-            return rms_interval(right["error_z"] ** 2, self.confidence)
         squares = right["error_x"] ** 2 + right["error_y"] ** 2
-        if self.statistic == "across":
-            return rms_interval(squares / 2, self.confidence)
-        return quantile_interval(np.sqrt(squares), 0.9973, self.confidence)
+        if self.statistic == "across-99.73":
+            return quantile_interval(np.sqrt(squares), 0.9973, self.confidence)
+        about = self.statistic == "about"
+        if self.sobol or "surplus_across" in (outcomes.dtype.names or ()):
+            return mean_square(outcomes, about, self.sobol).root(self.confidence)
+        return rms_interval(right["error_z"] ** 2 if about else squares / 2, self.confidence)
 
     def reached(self, outcomes: NDArray[np.void]) -> bool:
         """Whether the interval is narrow enough."""

@@ -68,7 +68,7 @@ def _fill(
     workers: int,
     progress: Callable[[int], None] | None,
 ) -> None:
-    done = blocks(store.case, store.seed, plan, executor, workers, fidelity=store.fidelity)
+    done = blocks(store.case, store.seed, plan, executor, workers, sampling=store.sampling)
     for numbers, result in done:
         if isinstance(result, Exception):
             store.keep_failure(numbers, "".join(traceback.format_exception(result)))

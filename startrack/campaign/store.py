@@ -15,8 +15,9 @@ from startrack import sqlite
 from startrack.campaign.origin import origin
 from startrack.case import Case, Fidelity
 from startrack.checks import whole
-from startrack.study.montecarlo import OUTCOMES
+from startrack.study.montecarlo import FRAMES
 from startrack.tables import from_table, to_table
+from startrack.variance.sampling import Sampling
 
 WHAT = "campaign store"
 APPLICATION = 0x53545254  # "STRT" in the file's header
@@ -39,7 +40,7 @@ class Store:
 
     case      what was tried
     seed      of all its random numbers
-    fidelity  how much of a trial was made
+    sampling  what a trial was
     """
 
     def __init__(
@@ -47,14 +48,14 @@ class Store:
         path: Path | None,
         case: Case | None = None,
         seed: int | None = None,
-        fidelity: Fidelity = Fidelity.FRAME,
+        sampling: Sampling = FRAMES,
     ):
         """Open a store, or begin one.
 
         path  None keeps it in memory
         case  that it must hold; needed to begin one
         seed  likewise
-        fidelity  likewise, where the case is given
+        sampling  likewise, where the case is given
 
         Errors  ValueError where the file is none of ours, of another version, or holds another
                 case or seed; OSError where it cannot be opened or another process has it.
@@ -67,12 +68,12 @@ class Store:
                 raise ValueError(f"{path} must be a campaign store, but there is none")
             self._base = sqlite.connect(path)
             try:
-                self._open(case, seed, fidelity)
+                self._open(case, seed, sampling)
             except BaseException:
                 self._base.close()
                 raise
 
-    def _open(self, case: Case | None, seed: int | None, fidelity: Fidelity) -> None:
+    def _open(self, case: Case | None, seed: int | None, sampling: Sampling) -> None:
         ask = self._base.execute
         begun = sqlite.has_tables(self._base, self.path, WHAT, APPLICATION)
         if begun:
@@ -83,27 +84,34 @@ class Store:
         ask("BEGIN EXCLUSIVE")
         if not begun and case is not None and seed is not None:
             whole(0, 2**63 - 1, seed=seed)
-            self._begin(case, seed, fidelity)
+            self._begin(case, seed, sampling)
         about = dict(ask("SELECT name, value FROM about"))
         self.seed = int(about["seed"])
-        self.fidelity = Fidelity(about["fidelity"])
+        # Stores from before there was a choice hold random attitudes without controls.
+        self.sampling = Sampling(
+            Fidelity(about["fidelity"]),
+            about.get("attitudes", "random"),
+            about.get("control", "no") == "yes",
+        )
         self._table = json.loads(about["case"])
         self.dtype = np.dtype([(name, kind) for name, kind in json.loads(about["fields"])])
         self.startrack = about["startrack"]
         if case is not None:
-            self._must_match(case, self.seed if seed is None else seed, fidelity)
+            self._must_match(case, self.seed if seed is None else seed, sampling)
             session = (datetime.now(UTC).isoformat(timespec="seconds"), json.dumps(origin()))
             ask("INSERT INTO sessions VALUES (?, ?)", session)
         ask("COMMIT")
 
-    def _begin(self, case: Case, seed: int, fidelity: Fidelity) -> None:
+    def _begin(self, case: Case, seed: int, sampling: Sampling) -> None:
         for statement in TABLES.split(";"):
             self._base.execute(statement)
         about = {
             "case": json.dumps(to_table(case), sort_keys=True),
             "seed": str(seed),
-            "fidelity": fidelity.value,
-            "fields": json.dumps(OUTCOMES.descr),
+            "fidelity": sampling.fidelity.value,
+            "attitudes": sampling.attitudes,
+            "control": "yes" if sampling.control else "no",
+            "fields": json.dumps(sampling.dtype.descr),
             "startrack": origin()["startrack"],
         }
         self._base.executemany("INSERT INTO about VALUES (?, ?)", about.items())
@@ -115,14 +123,12 @@ class Store:
         if form != FORMAT:
             raise ValueError(f"{self.path} must be a store of format {FORMAT}, got format {form}")
 
-    def _must_match(self, case: Case, seed: int, fidelity: Fidelity) -> None:
+    def _must_match(self, case: Case, seed: int, sampling: Sampling) -> None:
         if seed != self.seed:
             raise ValueError(f"{self.path} holds trials of seed {self.seed}, not of seed {seed}")
-        if fidelity is not self.fidelity:
-            raise ValueError(
-                f"{self.path} holds trials of fidelity {self.fidelity}, not of fidelity {fidelity}"
-            )
-        if (version := origin()["startrack"]) != self.startrack or self.dtype != OUTCOMES:
+        if sampling != self.sampling:
+            raise ValueError(f"{self.path} holds trials of {self.sampling}, not of {sampling}")
+        if (version := origin()["startrack"]) != self.startrack or self.dtype != sampling.dtype:
             raise ValueError(
                 f"{self.path} holds trials of startrack {self.startrack}, which this startrack "
                 f"{version} must not mix with its own; begin another store"

@@ -5,6 +5,10 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from startrack.campaign.export import export
 from startrack.campaign.precision import Precision, half_width
@@ -13,6 +17,7 @@ from startrack.campaign.store import Store
 from startrack.campaign.watch import Watch
 from startrack.case import Case, Fidelity
 from startrack.commands.terminal import (
+    arcsec,
     example,
     finite,
     progress,
@@ -27,7 +32,9 @@ from startrack.error import summarise
 from startrack.exits import Exit, WrongUse
 from startrack.saving import save_json
 from startrack.study.cluster import cluster
-from startrack.study.montecarlo import pool, warm
+from startrack.study.montecarlo import OUTCOMES, pool, warm
+from startrack.variance.mean_square import mean_square
+from startrack.variance.sampling import Sampling
 
 STORE = "campaign.sqlite"
 ANY = 1e-6  # a precision that no campaign reaches, where none is asked for
@@ -41,17 +48,17 @@ def command(options: argparse.Namespace) -> int:
     """
     path = options.design or example()
     case = read_design(path).case
-    precision, fidelity = _precision(options), Fidelity(options.fidelity)
+    precision, sampling = _precision(options), _sampling(options)
     where: Path | None = options.store or (options.out / STORE if options.out else None)
     workers = cluster(options.scheduler) if options.scheduler else pool(options.workers)
     if options.workers > 1 and not options.scheduler:
-        warm(case, fidelity)
+        warm(case, sampling)
     began = time.perf_counter()
-    with _open(where, case, options.seed, fidelity) as store, workers as executor:
+    with _open(where, case, options.seed, sampling) as store, workers as executor:
         held = sum(len(block) for block in store.done())
         if held:
             say(f"{where} holds {held} trials; going on")
-        watched = precision or Precision(ANY, options.statistic, options.confidence)
+        watched = precision or _asked(options, ANY)
         with (
             progress("trials", options.trials) as advance,
             Watch(store, watched, options.trials, advance, options.log) as watch,
@@ -66,10 +73,14 @@ def command(options: argparse.Namespace) -> int:
     result = {
         "design": str(path),
         "seed": options.seed,
-        "fidelity": fidelity.value,
+        "fidelity": sampling.fidelity.value,
     } | summary_values(summary)
     result |= {"trials_per_s": rate}
     text = f"{summary_text(summary)}\n{rate:.1f} trials/s, seed {options.seed}"
+    if sampling.control or options.sobol:
+        told, words = _helped(outcomes, options.sobol)
+        result |= {"helped": told}
+        text += f"\n{words}"
     if precision:
         width = half_width(precision.interval(outcomes))
         result |= {"statistic": precision.statistic, "relative_half_width": width}
@@ -94,15 +105,47 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _precision(options: argparse.Namespace) -> Precision | None:
-    try:
-        asked = Precision(options.precision or ANY, options.statistic, options.confidence)
-    except ValueError as error:
-        raise WrongUse(f"--precision: {error}") from None
+    asked = _asked(options, options.precision or ANY)
     return None if options.precision is None else asked
 
 
-def _open(path: Path | None, case: Case, seed: int, fidelity: Fidelity) -> Store:
+def _asked(options: argparse.Namespace, relative: float) -> Precision:
     try:
-        return Store(path, case, seed, fidelity)
+        return Precision(relative, options.statistic, options.confidence, options.sobol)
+    except ValueError as error:
+        raise WrongUse(f"--precision: {error}") from None
+
+
+def _sampling(options: argparse.Namespace) -> Sampling:
+    attitudes = "sobol" if options.sobol else "random"
+    try:
+        return Sampling(Fidelity(options.fidelity), attitudes, options.control)
+    except ValueError as error:
+        raise WrongUse(f"--control: {error}") from None
+
+
+def _helped(outcomes: NDArray[np.void], sobol: bool) -> tuple[dict[str, Any], str]:
+    """The errors with the help of Sobol's points and controls, and how many trials that saves."""
+    result: dict[str, Any] = {}
+    lines = []
+    for name, about in (("across", False), ("about", True)):
+        alone, helped = (
+            mean_square(outcomes[list(OUTCOMES.names or ())], about),
+            mean_square(outcomes, about, sobol),
+        )
+        told, fewer = arcsec(helped.root()), (alone.error / helped.error) ** 2
+        result[f"{name}_rms_arcsec"] = told["value"]
+        result[f"{name}_rms_arcsec_95"] = [told["low"], told["high"]]
+        result[f"{name}_times_fewer"] = fewer
+        lines.append(
+            f"helped, {name:6s} {told['value']:16.3f} arcsec rms [{told['low']:.3f}, "
+            f"{told['high']:.3f}], as from {fewer:.1f} times as many"
+        )
+    return result, "\n".join(lines)
+
+
+def _open(path: Path | None, case: Case, seed: int, sampling: Sampling) -> Store:
+    try:
+        return Store(path, case, seed, sampling)
     except ValueError as error:
         raise WrongUse(str(error)) from None

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from startrack.case import Case
 from startrack.catalog import open_sky
-from startrack.chain import observe, random_attitude
+from startrack.chain import observe
 from startrack.draw import draw_solution
 from startrack.report.page import figure
 from startrack.streams import Streams
@@ -29,10 +30,9 @@ def worst(outcomes: NDArray[np.void], count: int) -> NDArray[np.int64]:
     return np.asarray(outcomes["trial"][np.argsort(-badness, kind="stable")[:count]], np.int64)
 
 
-def show(case: Case, seed: int, number: int) -> str:
+def show(case: Case, seed: int, number: int, icrs_to_camera: Rotation) -> str:
     """A trial done once more, as a picture with its story (HTML)."""
-    streams = Streams(seed, number)
-    record = observe(case, random_attitude(streams), streams)
+    record = observe(case, icrs_to_camera, Streams(seed, number))
     outcome = record.outcome
     ra, dec, _ = celestial(record.icrs_to_camera)
     where = f"Trial {number}, boresight at RA {ra:.1f} deg, dec {dec:+.1f} deg"

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from startrack.campaign.origin import origin
 from startrack.campaign.store import Store
 from startrack.case import Case, Fidelity
-from startrack.chain import random_attitude
 from startrack.checks import whole
 from startrack.error import Interval, Summary, summarise
 from startrack.report.causes import budget
@@ -32,9 +30,9 @@ from startrack.report.rungs import rungs
 from startrack.report.skymap import sky_map
 from startrack.report.spread import SHARES, quantiles, sizes, spread
 from startrack.report.worst import show, worst
-from startrack.streams import Streams
 from startrack.tables import to_table
 from startrack.units import arcsec, deg
+from startrack.variance.sampling import Sampling
 
 MOST_POINTS = 5000  # trials on the map
 
@@ -92,15 +90,15 @@ def write_report(
         _summary(outcomes),
         budget(case, seed, depth.budget, advance),
         _distributions(outcomes),
-        _sky(outcomes, seed),
+        _sky(outcomes, store.sampling, seed),
         *_closer(case, seed, outcomes, depth, advance),
-        _worst(case, seed, outcomes, depth, advance),
+        _worst(store, outcomes, depth, advance),
         _fidelities(case, seed, depth, advance),
         _inputs(store),
     ]
     lead = (
-        f"{len(outcomes)} trials of seed {seed}, fidelity {store.fidelity.value}. Brackets hold "
-        "the true value with 95 % confidence; a trial is a random attitude with its own noise."
+        f"{len(outcomes)} trials of seed {seed}, {store.sampling}. Brackets hold "
+        "the true value with 95 % confidence; a trial is an attitude with its own noise."
     )
     return page(title, lead, sections)
 
@@ -149,10 +147,10 @@ def _distributions(outcomes: NDArray[np.void]) -> Section:
     )
 
 
-def _sky(outcomes: NDArray[np.void], seed: int) -> Section:
+def _sky(outcomes: NDArray[np.void], sampling: Sampling, seed: int) -> Section:
     shown = outcomes[:MOST_POINTS]
-    attitudes = [random_attitude(Streams(seed, int(number))) for number in shown["trial"]]
-    boresight = Rotation.concatenate(attitudes).inv().apply([0.0, 0.0, 1.0])
+    attitudes = sampling.look(seed, shown["trial"].tolist())
+    boresight = attitudes.inv().apply([0.0, 0.0, 1.0])
     picture = inline(sky_map(boresight, shown), "sky", "Maps of the error over the sky")
     return Section(
         "Sky",
@@ -201,15 +199,15 @@ def _closer(
 
 
 def _worst(
-    case: Case,
-    seed: int,
+    store: Store,
     outcomes: NDArray[np.void],
     depth: Depth,
     advance: Callable[[int], None],
 ) -> Section:
     shown = []
-    for number in worst(outcomes, depth.worst):
-        shown.append(show(case, seed, int(number)))
+    for number in worst(outcomes, depth.worst).tolist():
+        look_at = store.sampling.look(store.seed, [number])[0]
+        shown.append(show(store.case, store.seed, number, look_at))
         advance(1)
     return Section("Worst trials", "".join(shown) or paragraph("None was asked for."))
 
@@ -248,8 +246,7 @@ def _inputs(store: Store) -> Section:
     return Section(
         "Inputs",
         paragraph(
-            f"Seed {store.seed}, fidelity {store.fidelity.value}; the design, as a file that "
-            "startrack reads:"
+            f"Seed {store.seed}, {store.sampling}; the design, as a file that startrack reads:"
         )
         + code("Design", tomli_w.dumps(to_table(store.case)))
         + table(

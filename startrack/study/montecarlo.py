@@ -12,14 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.case import Case, Fidelity
-from startrack.chain import OUTCOMES, trials
+from startrack.chain import OUTCOMES
 from startrack.checks import whole
 from startrack.study.workers import Serial, one_thread, pool
+from startrack.variance.sampling import Sampling
 
 __all__ = ["OUTCOMES", "Block", "Serial", "blocks", "one_thread", "pool", "run", "warm"]
 
 BLOCKS_PER_WORKER = 4  # so that no worker waits long for the last one
 UNDER_WAY = 3  # blocks per worker that are submitted ahead, so that none waits for the master
+FRAMES = Sampling()
 TRIES = 3  # after which a block is given up
 
 
@@ -56,7 +58,7 @@ def run(
     end = first + trials
     plan = [range(at, min(at + size, end)) for at in range(first, end, size)]
     outcomes = np.empty(trials, OUTCOMES)
-    for numbers, result in blocks(case, seed, plan, executor, workers, 1, fidelity):
+    for numbers, result in blocks(case, seed, plan, executor, workers, 1, Sampling(fidelity)):
         if isinstance(result, Exception):
             raise result
         outcomes[numbers.start - first : numbers.stop - first] = result
@@ -65,13 +67,13 @@ def run(
     return outcomes
 
 
-def warm(case: Case, fidelity: Fidelity = Fidelity.FRAME) -> None:
+def warm(case: Case, sampling: Sampling = FRAMES) -> None:
     """Let numba compile in this process what workers will then find in its cache on disk.
 
     What a broken case raises here, the workers' trials raise again where it is told.
     """
     with suppress(Exception):
-        trials(case, 0, range(1), fidelity)
+        sampling.trials(case, 0, range(1))
 
 
 def blocks(
@@ -81,7 +83,7 @@ def blocks(
     executor: Executor,
     workers: int = 1,
     tries: int = TRIES,
-    fidelity: Fidelity = Fidelity.FRAME,
+    sampling: Sampling = FRAMES,
 ) -> Iterator[Block]:
     """Blocks of trials as they end, in no order.
 
@@ -98,7 +100,7 @@ def blocks(
     futures = dict[Future[Any], range]()
 
     def submit(numbers: range) -> None:
-        futures[executor.submit(trials, case, seed, numbers, fidelity)] = numbers
+        futures[executor.submit(sampling.trials, case, seed, numbers)] = numbers
 
     try:
         while True:

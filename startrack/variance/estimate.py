@@ -101,23 +101,25 @@ def explained(values: Floats, controls: Floats) -> Floats:
     return part
 
 
-def two_levels(fine: Floats, coarse: Floats, more: Floats) -> Mean:
-    """Of fine values (n,), by coarse ones of the same trials and of many more (m,) of their own.
+def two_levels(fine: Floats, coarse: Floats, rest: Mean, controls: Floats | None = None) -> Mean:
+    """Of fine values (n,), by coarse ones of the same trials and the coarse mean of others.
 
-        mean = mean(fine - b coarse) + b mean(more),   b from the other folds
+        mean(fine - b (coarse - rest)),   b from the other folds
 
     Source: Giles (2015), Acta Numerica 24, 259; Peherstorfer, Willcox and Gunzburger (2016), SIAM
     J. Sci. Comput. 38, A3163, for the weight b.
+
+    rest      the mean of coarse values over trials that are none of these
+    controls  (n, k) of the fine values, whose expectation is zero
     """
-    rest = plain(more)
-    centred = coarse - rest.value
-    first = controlled(fine, centred[:, None])
-    b = float(_slope(fine, centred[:, None])[0])
-    # `more` is centred on its own mean, whose error is common to all folds.
-    error = math.hypot(first.error, b * rest.error)
-    freedom = error**4 / (
-        first.error**4 / first.freedom + (b * rest.error) ** 4 / max(rest.freedom, 1.0)
-    )
+    beside = coarse[:, None] - rest.value
+    if controls is not None:
+        beside = np.column_stack([beside, controls])
+    first = controlled(fine, beside)
+    # All folds take the same rest, whose error is common to them.
+    second = float(_slope(fine, beside)[0]) * rest.error
+    error = math.hypot(first.error, second)
+    freedom = error**4 / max(first.error**4 / first.freedom + second**4 / rest.freedom, 1e-300)
     return Mean(first.value, error, freedom)
 
 

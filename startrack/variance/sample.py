@@ -1,4 +1,4 @@
-"""Case, attitudes and numbers of trials -> outcomes, with their controls where asked for."""
+"""Case, attitudes and numbers of trials -> outcomes, and the controls beside them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.case import Case, Fidelity
-from startrack.chain import OUTCOMES, attempt, observe
+from startrack.case import Case
+from startrack.chain import OUTCOMES, observe
 from startrack.streams import Streams
 from startrack.variance.control import control
 from startrack.view import noiseless
@@ -20,25 +20,10 @@ CONTROLS = np.dtype(
 )
 
 
-def sample(
-    case: Case,
-    seed: int,
-    numbers: Sequence[int],
-    attitudes: Rotation,
-    fidelity: Fidelity = Fidelity.FRAME,
-) -> NDArray[np.void]:
-    """Outcomes (n,) of trials at chosen attitudes, with the noise of their numbers."""
-    rows = [
-        (number, *attempt(case, attitude, Streams(seed, number), fidelity))
-        for number, attitude in zip(numbers, attitudes, strict=True)
-    ]
-    return np.array(rows, OUTCOMES)
-
-
 def sample_controlled(
     case: Case, seed: int, numbers: Sequence[int], attitudes: Rotation
 ) -> tuple[NDArray[np.void], NDArray[np.void]]:
-    """The same for whole frames, and the fields of `Control` of each trial.
+    """Outcomes (n,) of whole frames at chosen attitudes, and the `Control` of each.
 
     A trial that has no control, for lack of bright stars, has one of zero with variance zero,
     which the attitude alone decides, so that nothing is biased.

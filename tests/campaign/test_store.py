@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import json
 import os
@@ -12,7 +13,9 @@ import pytest
 from startrack.campaign.export import export
 from startrack.campaign.store import Store
 from startrack.case import Fidelity
+from startrack.chain import OUTCOMES
 from startrack.tables import to_table
+from startrack.variance.sampling import Sampling
 
 
 @pytest.fixture
@@ -45,6 +48,25 @@ def test_a_trial_is_kept_once(path, case, outcomes):
         assert len(store.outcomes()) == 20
 
 
+def test_controls_are_kept_beside_outcomes(path, case, outcomes):
+    """98 bytes a trial, and a store of before there were any still opens."""
+    sampling = Sampling(control=True)
+    table = np.zeros(5, sampling.dtype)
+    table[list(OUTCOMES.names)], table["surplus_about"] = outcomes(5), np.arange(5)
+    with Store(path, case, 3, sampling) as store:
+        store.keep(0, table)
+    with Store(path) as store:
+        assert store.sampling == sampling
+        assert store.outcomes().tobytes() == table.tobytes()
+    assert sampling.dtype.itemsize == 98
+    old = path.with_name("old.sqlite")
+    Store(old, case, 3).close()
+    with contextlib.closing(sqlite3.connect(old)) as base, base:
+        base.execute("DELETE FROM about WHERE name IN ('attitudes', 'control')")
+    with Store(old, case, 3) as store:
+        assert store.sampling == Sampling()
+
+
 def test_a_failure_ends_when_its_block_is_done(path, case, outcomes):
     with Store(path, case, 3) as store:
         store.keep_failure(range(5), "Traceback: it failed")
@@ -67,7 +89,9 @@ def test_another_case_seed_version_or_format_is_refused(path, case):
     with pytest.raises(ValueError, match="seed 3, not of seed 4"):
         Store(path, case, 4)
     with pytest.raises(ValueError, match="fidelity frame, not of fidelity window"):
-        Store(path, case, 3, Fidelity.WINDOW)
+        Store(path, case, 3, Sampling(Fidelity.WINDOW))
+    with pytest.raises(ValueError, match="of fidelity frame, not of fidelity frame, Sobol att"):
+        Store(path, case, 3, Sampling(attitudes="sobol"))
     for change, sentence in (
         ("UPDATE about SET value = '0.0.9' WHERE name = 'startrack'", r"startrack 0\.0\.9, which"),
         ("PRAGMA user_version = 99", "format 2, got format 99"),

@@ -43,7 +43,7 @@ def by_replicates(rng):
 def by_levels(rng):
     x = rng.standard_normal(2000)
     fine = RHO * x[:100] + np.sqrt(1 - RHO**2) * rng.standard_normal(100)
-    return two_levels(3 + fine, 1 + x[:100], 1 + x[100:]), 3.0
+    return two_levels(3 + fine, 1 + x[:100], plain(1 + x[100:])), 3.0
 
 
 ALL = [by_plain, by_control, by_strata, by_replicates, by_levels]

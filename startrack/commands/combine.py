@@ -1,0 +1,65 @@
+"""`startrack combine`: one error from campaigns of different fidelity."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from startrack.campaign.store import Store
+from startrack.case import Fidelity
+from startrack.commands.terminal import arcsec, tell
+from startrack.exits import Exit, WrongUse
+from startrack.variance.mean_square import combined
+
+COST = (Fidelity.FRAME, Fidelity.WINDOW, Fidelity.COVARIANCE)  # dearest first
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the error of the finest campaign, with the help of the cheaper ones."""
+    with ExitStack() as opened:
+        stores = [opened.enter_context(_open(path)) for path in options.campaigns]
+        stores.sort(key=lambda store: COST.index(store.sampling.fidelity))
+        _must_belong_together(stores)
+        levels = [(store.outcomes(), store.sampling.fidelity) for store in stores]
+    result: dict[str, Any] = {"trials": {kind.value: len(table) for table, kind in levels}}
+    counted = ", ".join(f"{len(table)} of {kind}" for table, kind in levels)
+    lines = [f"{counted}; intervals hold with 95 % confidence"]
+    for name, about in (("across", False), ("about", True)):
+        try:
+            told = arcsec(combined(levels, about).root())
+        except ValueError as error:
+            raise WrongUse(str(error)) from None
+        alone = arcsec(combined(levels[:1], about).root())
+        result[f"{name}_rms_arcsec"] = told["value"]
+        result[f"{name}_rms_arcsec_95"] = [told["low"], told["high"]]
+        result[f"{name}_alone_rms_arcsec_95"] = [alone["low"], alone["high"]]
+        lines.append(
+            f"{name:6s} {told['value']:9.3f} arcsec rms [{told['low']:.3f}, {told['high']:.3f}], "
+            f"alone [{alone['low']:.3f}, {alone['high']:.3f}]"
+        )
+    tell(options, result, "\n".join(lines))
+    return Exit.DONE
+
+
+def _open(path: Path) -> Store:
+    try:
+        return Store(path)
+    except ValueError as error:
+        raise WrongUse(str(error)) from None
+
+
+def _must_belong_together(stores: list[Store]) -> None:
+    kinds = [store.sampling.fidelity for store in stores]
+    if len(set(kinds)) < max(len(kinds), 2):
+        raise WrongUse(f"campaigns must be of different fidelity, got {', '.join(kinds)}")
+    first = stores[0]
+    for store in stores:
+        if store.sampling.attitudes != "random":
+            raise WrongUse(f"{store.path} must have random attitudes, got {store.sampling}")
+        if store.seed != first.seed or store.case != first.case:
+            raise WrongUse(
+                f"{store.path} must hold the design and the seed of {first.path}: trials of one "
+                "number must have the same sky and noise"
+            )
