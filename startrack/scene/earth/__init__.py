@@ -5,8 +5,10 @@ ground       Rays and Ground: the nouns that flow
 tile         heights in square tiles, with the maxima of their blocks
 surface      Grid, and the bilinear surface through its heights
 path         a straight ray as a curve over the grid
-march        the nearest point where a ray meets the surface
-trace        march for many rays, with normals; or only whether they meet
+march        the cell in which a ray first meets the surface
+polish       the exact point in that cell, and the normal
+bundle       path and polish for many rays at a time
+trace        all three for any number of rays; or only whether they meet
 level        the surface of one height: sea, ellipsoid; tangent height of what misses
 scan         the reference: a search of every cell
 intersector  the grounds that can be asked: Level, Relief, Scan

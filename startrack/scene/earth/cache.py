@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.checks import whole
-from startrack.scene.earth.tile import BLOCKS, VERTICES, fill
+from startrack.scene.earth.tile import BLOCKS, PATCHES, VERTICES, fill
 
 Singles = NDArray[np.float32]
 Key = tuple[int, int, int]  # level, row and column of a tile
@@ -17,7 +17,7 @@ Key = tuple[int, int, int]  # level, row and column of a tile
 
 @dataclass(eq=False)
 class Cache:
-    """Tiles and the maxima of their blocks; the one that was used least recently makes room.
+    """Tiles with the maxima and steepness of their blocks; the least recently used makes room.
 
     read      gives the (513, 513) heights of a tile
     capacity  tiles
@@ -30,6 +30,7 @@ class Cache:
     touched: set[Key] = field(default_factory=set)
     heights: Singles = field(init=False)
     maxima: Singles = field(init=False)
+    steepness: Singles = field(init=False)
     used: NDArray[np.uint8] = field(init=False)
     _slots: dict[Key, int] = field(default_factory=dict, init=False)  # the last used is the last
 
@@ -37,12 +38,13 @@ class Cache:
         whole(2, 2**16, capacity=self.capacity)
         self.heights = np.empty((self.capacity, VERTICES, VERTICES), np.float32)
         self.maxima = np.empty((self.capacity, BLOCKS), np.float32)
+        self.steepness = np.empty((self.capacity, PATCHES, 2), np.float32)
         self.used = np.zeros(self.capacity, np.uint8)
 
     @property
     def memory(self) -> int:
         """Bytes of all tiles."""
-        return self.heights.nbytes + self.maxima.nbytes
+        return self.heights.nbytes + self.maxima.nbytes + self.steepness.nbytes
 
     def refresh(self) -> None:
         """Count the tiles that were used since the last call, and remember that they were."""
@@ -63,7 +65,7 @@ class Cache:
             gone = next(iter(self._slots))
             slot = self._slots.pop(gone)
         self.heights[slot] = self.read(*key)
-        lowest, highest = fill(self.heights[slot], self.maxima[slot])
+        lowest, highest = fill(self.heights[slot], self.maxima[slot], self.steepness[slot])
         self._slots[key] = slot
         self.misses += 1
         self.touched.add(key)

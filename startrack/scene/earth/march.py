@@ -1,7 +1,7 @@
-"""A ray and a surface -> the nearest point where they meet: max-mip marching on curved paths.
+"""A ray and a surface -> the cell where they first meet: max-mip marching on curved paths.
 
 Blocks of cells are skipped where the path stays above their maximum by more than it may be wrong;
-what remains within a cell is decided on the exact geodetic height of the ray.
+what remains within a cell is decided on the exact geodetic height of the ray, where need be.
 """
 
 from __future__ import annotations
@@ -12,75 +12,98 @@ from numba import njit
 
 from startrack.scene.earth.ellipsoid import shell
 from startrack.scene.earth.path import crossing, path_at, reach
-from startrack.scene.earth.surface import FULL_TURN, corners
-from startrack.scene.earth.tile import CELLS, SIZE, block
+from startrack.scene.earth.surface import corners
+from startrack.scene.earth.tile import CELLS, PATCH, SIZE, block, patch
 
 MISS, HIT, ABSENT = 0, 1, 2  # absent: the ray has come to a tile that is not in memory
 SHELL_MARGIN = 2.0  # metre, more than `shell` differs from a surface of constant height
-POLISHED = 1e-9  # metre, what Newton's next step would still change
-NEAR = 1.0  # metre, over which a path is its ray to 1e-12 m, and the vertical to 2e-7 radian
-NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0)
-STEPS = 60  # of bisection at worst, which take a path of 100 km to 1e-13 m
+DIVE = 4  # levels that a ray goes down at a time, if it falls more steeply than 8 to 1
+CLOSED = 1e-6  # metre, more than the height above a surface without gap jumps by from cell to cell
+JUST = 0.1  # metre, more than a path is wrong by along its ray
+STRAIGHT = 5e-4  # 1, bend of a path up to which `crossing` is its series
+SEAMLESS = 0.9  # of a turn, up to which no path leaves a grid and comes back on its other side
 
 
-@njit(cache=True, error_model="numpy")
-def march(surface, ox, oy, oz, dx, dy, dz, start, exact):  # type: ignore[no-untyped-def]
-    """Follow one ray, a unit direction from a point, from the distance `start` on.
+@njit(cache=True, error_model="numpy", forceinline=True)
+def onset(lines, ox, oy, oz, dx, dy, dz, start):  # type: ignore[no-untyped-def]
+    """Between which distances a ray can meet a surface; the second is the lesser if it cannot."""
+    enter, end = shell(ox, oy, oz, dx, dy, dz, lines.highest + SHELL_MARGIN)
+    below, _ = shell(ox, oy, oz, dx, dy, dz, lines.lowest - SHELL_MARGIN)
+    begin = start if start > enter else enter
+    return begin, below if begin < below < end else end
 
-    exact    whether to find the point; a shadow only asks if there is one
-    Returns  MISS, HIT or ABSENT; its distance, or the one from which to go on; row and column of
-             the tile that was hit or is absent; of a hit columns, rows, height, and sine and
-             cosine of the latitude
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def lay(lines, ox, oy, oz, dx, dy, dz, begin, end, ahead):  # type: ignore[no-untyped-def]
+    """The path with which a ray goes on from `begin`.
+
+    ahead    whether its middle lies at `begin`, where it is then best, and not half its length on
+    Returns  its middle, half its length, its margin at the ends, all in metres, and the path
     """
-    enter, end = shell(ox, oy, oz, dx, dy, dz, surface.highest + SHELL_MARGIN)
-    begin = max(start, enter)
-    below, _ = shell(ox, oy, oz, dx, dy, dz, surface.lowest - SHELL_MARGIN)
-    if below > begin:
-        end = min(end, below)
-    while begin < end:
-        x, y, z = ox + begin * dx, oy + begin * dy, oz + begin * dz
-        half, margin = reach(surface, x, y, z, dx, dy, dz, 0.5 * (end - begin))
-        # A shadow begins on the surface, where the path must be best.
-        back = half if exact or begin > start else 0.0
-        middle = begin + back
-        x, y, z = ox + middle * dx, oy + middle * dy, oz + middle * dz
-        path = path_at(surface, x, y, z, dx, dy, dz, margin)
-        status, distance, j, i, where = _along(
-            surface, path, -back, half, x, y, z, dx, dy, dz, exact
-        )
+    x, y, z = ox + begin * dx, oy + begin * dy, oz + begin * dz
+    wish = end - begin if ahead else 0.5 * (end - begin)
+    half, margin = reach(lines, x, y, z, dx, dy, dz, wish)
+    middle = begin if ahead else begin + half
+    x, y, z = ox + middle * dx, oy + middle * dy, oz + middle * dz
+    return middle, half, margin, path_at(lines, x, y, z, dx, dy, dz)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def march(  # type: ignore[no-untyped-def]
+    lines, heights, maxima, steepness, top, slots, used,
+    ox, oy, oz, dx, dy, dz, begin, end, middle, half, margin, path, exact,
+):  # fmt: skip
+    """Follow one ray, a unit direction from a point, on its first path and those after it.
+
+    exact    whether the place is wanted; a shadow only asks if there is one
+    Returns  MISS, HIT or ABSENT; two distances that the meeting point is between, and a guess of
+             it, or thrice the distance from which to go on; row and column of the cell that was
+             hit, or of the tile that is absent
+    """
+    while True:
+        status, low, high, guess, j, i = _along(
+            lines, heights, maxima, steepness, top, slots, used, path, margin, begin - middle, half,
+            ox, oy, oz, dx, dy, dz, middle, exact,
+        )  # fmt: skip
         if status != MISS:
-            return status, middle + distance, j, i, where
-        if middle + half <= begin:
-            break
+            return status, middle + low, middle + high, middle + guess, j, i
+        if not begin < middle + half < end:
+            return MISS, math.inf, math.inf, math.inf, 0, 0
         begin = middle + half
-    return MISS, math.inf, 0, 0, NOWHERE
+        middle, half, margin, path = lay(lines, ox, oy, oz, dx, dy, dz, begin, end, False)
 
 
-@njit(cache=True, error_model="numpy")
-def _along(surface, path, begin, half, x, y, z, dx, dy, dz, exact):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _along(  # type: ignore[no-untyped-def]
+    lines, heights, maxima, steepness, top, slots, used, path, margin, begin, half,
+    ox, oy, oz, dx, dy, dz, middle, exact,
+):  # fmt: skip
     """Follow a path from `begin` to half, in pieces on which columns and rows are monotonic."""
     first = _turning(path.u1, path.u2, half)
     second = _turning(path.v1, path.v2, half)
+    # A path that leaves a closed grid on one side comes back on the other.
+    around = 1 if lines.columns > SEAMLESS * lines.turn else 0
     for end in (min(first, second), max(first, second), half):
         if end <= begin:
             continue
-        middle = 0.5 * (begin + end)
-        east = 1 if path.u1 + 2 * path.u2 * middle >= 0 else -1
-        south = 1 if path.v1 + 2 * path.v2 * middle >= 0 else -1
-        # A path that leaves a closed grid on one side comes back on the other.
-        for side in (-east, 0, east):
-            u0 = path.u0 - side * FULL_TURN / surface.step_x
-            from_, to = _within(u0, path.u1, path.u2, east, surface.columns, begin, end)
+        centre = 0.5 * (begin + end)
+        east = 1 if path.u1 + 2 * path.u2 * centre >= 0 else -1
+        south = 1 if path.v1 + 2 * path.v2 * centre >= 0 else -1
+        for side in range(-around, around + 1):
+            u0 = path.u0 - east * side * lines.turn
+            from_, to = _within(u0, path.u1, path.u2, east, lines.columns, begin, end)
             if from_ < to:
-                from_, to = _within(path.v0, path.v1, path.v2, south, surface.rows, from_, to)
+                from_, to = _within(path.v0, path.v1, path.v2, south, lines.rows, from_, to)
             if from_ < to:
-                status, distance, j, i, where = _through(
-                    surface, path, u0, half, from_, to, east, south, x, y, z, dx, dy, dz, exact
-                )
-                if status != MISS:
-                    return status, distance, j, i, where
+                found = _through(
+                    lines, heights, maxima, steepness, top, slots, used,
+                    path, margin, u0, half, begin, from_, to, east, south,
+                    ox, oy, oz, dx, dy, dz, middle, exact,
+                )  # fmt: skip
+                if found[0] != MISS:
+                    return found
         begin = end
-    return MISS, math.inf, 0, 0, NOWHERE
+    return MISS, math.inf, math.inf, math.inf, 0, 0
 
 
 @njit(cache=True, error_model="numpy")
@@ -105,36 +128,76 @@ def _within(q0, q1, q2, sign, cells, begin, end):  # type: ignore[no-untyped-def
     return begin, end
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _border(q0, q1, q2, inverse, curl, sign, target):  # type: ignore[no-untyped-def]
+    """As `crossing`, with 1 / q1 and q2 / q1 at hand; these are NaN for the other branch."""
+    straight = (target - q0) * inverse
+    bend = straight * curl
+    if abs(bend) < STRAIGHT:
+        return straight * (1 - bend * (1 - bend * (2 - bend * (5 - bend * 14))))
+    return crossing(q0, q1, q2, sign, target)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _cell(position, low, high):  # type: ignore[no-untyped-def]
     return min(max(math.floor(position), low), high)
 
 
 # Long, because each step needs nearly all of the state: place, block, tile.
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _through(  # type: ignore[no-untyped-def]
-    surface, path, u0, half, s, end, east, south, x, y, z, dx, dy, dz, exact
-):
+    lines, heights, maxima, steepness, top, slots, used, path, margin, u0, half,
+    begin, s, end, east, south,
+    ox, oy, oz, dx, dy, dz, middle, exact,
+):  # fmt: skip
     """Follow a monotonic piece through the blocks of the grid."""
     u1, u2 = path.u1, path.u2
     v0, v1, v2 = path.v0, path.v1, path.v2
     h0, h1, h2 = path.h0, path.h1, path.h2
-    # Taken out of the tuple once: numba counts references each time.
-    heights, maxima, top, used = surface.heights, surface.maxima, surface.top, surface.used
-    last_i, last_j = surface.columns - 1, surface.rows - 1
+    per_u = 1 / u1 if east * u1 > 0 else math.nan
+    per_v = 1 / v1 if south * v1 > 0 else math.nan
+    curl_u, curl_v = u2 * per_u, v2 * per_v
+    past_u, past_v = 1 if east > 0 else 0, 1 if south > 0 else 0
+    last_i, last_j = lines.columns - 1, lines.rows - 1
     i, j = _cell(u0 + s * (u1 + s * u2), 0, last_i), _cell(v0 + s * (v1 + s * v2), 0, last_j)
-    slot = surface.slot[j >> SIZE, i >> SIZE]
-    level = SIZE
-    if slot >= 0:  # in memory: begin with blocks about as large as the piece is long
-        extent = max(abs(u0 + end * (u1 + end * u2) - i), abs(v0 + end * (v1 + end * v2) - j))
+    last_u, last_v = u0 + end * (u1 + end * u2), v0 + end * (v1 + end * v2)
+    end_i, end_j = math.floor(last_u), math.floor(last_v)
+    # What a block's steepness must not exceed for a ray that rises to outrun it; the path's error
+    # grows by no more than the last term.
+    fast_u = max(abs(u1 + 2 * s * u2), abs(u1 + 2 * end * u2))
+    fast_v = max(abs(v1 + 2 * s * v2), abs(v1 + 2 * end * v2))
+    slack = 3 * margin / half
+    slope = h1 + 2 * s * h2
+    slot = slots[j >> SIZE, i >> SIZE]
+    level, sure, drop = SIZE, False, 1
+    if slot >= 0 and slope > 0:
+        sure = _over(heights, path, u0, slot, j, i, s)
+        while level >= PATCH and not (
+            sure and _outruns(steepness, slot, level, j, i, slope - slack, fast_u, fast_v)
+        ):
+            level -= 1
+        level = level if level >= PATCH else 0
+    elif slot >= 0:  # begin with blocks about as large as the piece is long
         level = 0
+        extent = max(abs(last_u - i), abs(last_v - j))
         while level < SIZE and extent > (1 << level):
             level += 1
+        # A ray that falls steeply meets what is in a block soon after it comes as low.
+        steep = slope * slope / (1 - slope * slope)
+        while steep > 4 and drop < DIVE:
+            steep *= 0.25
+            drop += 1
     while True:
-        west, north = (i >> level) << level, (j >> level) << level
-        past_i, past_j = west + (1 << level), north + (1 << level)
-        exit_u = crossing(u0, u1, u2, east, float(past_i if east > 0 else west))
-        exit_v = crossing(v0, v1, v2, south, float(past_j if south > 0 else north))
+        # A ray that ends in the block it is in does not leave it.
+        exit_u = exit_v = math.inf
+        if (i ^ end_i) >> level:
+            exit_u = _border(
+                u0, u1, u2, per_u, curl_u, east, float(((i >> level) + past_u) << level)
+            )
+        if (j ^ end_j) >> level:
+            exit_v = _border(
+                v0, v1, v2, per_v, curl_v, south, float(((j >> level) + past_v) << level)
+            )
         leave = max(s, min(min(exit_u, exit_v), end))
         slope = h1 + 2 * s * h2
         lowest = h0 + s * (h1 + s * h2) if slope >= 0 else h0 + leave * (h1 + leave * h2)
@@ -147,85 +210,131 @@ def _through(  # type: ignore[no-untyped-def]
             bound = maxima[
                 slot, block(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
             ]
-        if lowest <= bound + path.margin:
+        outruns = (
+            sure
+            and slope > 0
+            and level >= PATCH
+            and slot >= 0
+            and _outruns(steepness, slot, level, j, i, slope - slack, fast_u, fast_v)
+        )
+        if lowest <= bound + margin and not outruns:
             if level > 0:
                 if level == SIZE:
-                    slot = surface.slot[j >> SIZE, i >> SIZE]
+                    slot = slots[j >> SIZE, i >> SIZE]
                     if slot < 0:
-                        return ABSENT, s, j >> SIZE, i >> SIZE, NOWHERE
+                        return ABSENT, s, s, s, j >> SIZE, i >> SIZE
                 # The height is convex, so its tangent reaches the bound before the path does.
-                spare = h0 + s * (h1 + s * h2) - bound - path.margin
+                spare = h0 + s * (h1 + s * h2) - bound - margin
                 if spare > 0 and slope < 0:
                     s = min(s - spare / slope, leave)
-                    i = _cell(u0 + s * (u1 + s * u2), west, min(past_i - 1, last_i))
-                    j = _cell(v0 + s * (v1 + s * v2), north, min(past_j - 1, last_j))
-                level -= 1
+                    west, north = (i >> level) << level, (j >> level) << level
+                    size = (1 << level) - 1
+                    i = _cell(u0 + s * (u1 + s * u2), west, min(west + size, last_i))
+                    j = _cell(v0 + s * (v1 + s * v2), north, min(north + size, last_j))
+                level = max(0, level - drop)
                 continue
             used[slot] = 1
-            found = _leaf(
-                surface, heights, path, u0, half, s, leave, slot, j, i, x, y, z, dx, dy, dz, exact
-            )
-            if found[0] == HIT:
-                return HIT, found[1], j >> SIZE, i >> SIZE, found[2]
+            found, low, high, guess = _leaf(heights, path, margin, u0, half, s, leave, slot, j, i)
+            if found == ABSENT:
+                found, low, high, guess = _doubt(
+                    lines, heights, slot, j, i, begin, s, leave, east, south,
+                    ox, oy, oz, dx, dy, dz, middle,
+                )  # fmt: skip
+            if found == HIT:
+                return HIT, low, high, guess, j, i
+            sure = not math.isnan(low)
+        else:
+            sure = bound > -math.inf  # no hole, under which a ray could go on below the surface
         if leave >= end:
-            return MISS, math.inf, 0, 0, NOWHERE
+            return MISS, math.inf, math.inf, math.inf, 0, 0
         s = leave
         old_j, old_i = j, i
+        size = (1 << level) - 1
         if exit_u <= exit_v:
-            i = past_i if east > 0 else west - 1
-            j = _cell(v0 + s * (v1 + s * v2), north, min(past_j - 1, last_j))
+            west, north = (i >> level) << level, (j >> level) << level
+            i = west + size + 1 if east > 0 else west - 1
+            j = _cell(v0 + s * (v1 + s * v2), north, min(north + size, last_j))
             outer = (old_i ^ i) >> (level + 1)
         else:
-            j = past_j if south > 0 else north - 1
-            i = _cell(u0 + s * (u1 + s * u2), west, min(past_i - 1, last_i))
+            west, north = (i >> level) << level, (j >> level) << level
+            j = north + size + 1 if south > 0 else north - 1
+            i = _cell(u0 + s * (u1 + s * u2), west, min(west + size, last_i))
             outer = (old_j ^ j) >> (level + 1)
         if i < 0 or j < 0 or i > last_i or j > last_j:
-            return MISS, math.inf, 0, 0, NOWHERE
+            return MISS, math.inf, math.inf, math.inf, 0, 0
         if outer and level < SIZE:  # out of the block around this one too
             level += 1
             if (old_i ^ i) >> SIZE or (old_j ^ j) >> SIZE:
-                slot = surface.slot[j >> SIZE, i >> SIZE]
+                slot = slots[j >> SIZE, i >> SIZE]
                 level = SIZE
 
 
-@njit(cache=True, error_model="numpy")
-def _leaf(  # type: ignore[no-untyped-def]
-    surface, heights, path, u0, reached, s, leave, slot, j, i, x, y, z, dx, dy, dz, exact
-):
-    """Whether and where the ray meets the surface of one cell, between two distances.
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _leaf(heights, path, margin, u0, reached, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
+    """Whether the path meets the surface of one cell between two distances, and about where.
 
-    A parabola through three heights above the surface tells: clear of it, clearly through it, or
-    to be decided on exact heights.
+    A parabola through three heights above the surface tells: clear of it, clearly through it, or,
+    as ABSENT, that exact heights must decide. Of a hole the first distance is NaN.
     """
     a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
     half = 0.5 * (leave - s)
-    first = second = third = 0.0
-    for turn in range(3):
-        first, second = second, third
-        here = s + turn * half
-        u = u0 + here * (path.u1 + here * path.u2) - i
-        v = path.v0 + here * (path.v1 + here * path.v2) - j
-        third = path.h0 + here * (path.h1 + here * path.h2) - (a + b * u + c * v + d * u * v)
+    first = _clear(path, u0 - i, path.v0 - j, a, b, c, d, s)
+    second = _clear(path, u0 - i, path.v0 - j, a, b, c, d, s + half)
+    third = _clear(path, u0 - i, path.v0 - j, a, b, c, d, leave)
     # What the path may be wrong by grows with the cube of the distance from its middle.
     share = max(abs(s), abs(leave)) / reached
-    margin = path.margin * share * share * share
+    margin *= share * share * share
     if not _dip(first, second, third)[0] <= margin:  # true of a hole too
-        return MISS, math.inf, NOWHERE
+        return MISS, first, math.inf, math.inf
     if first > margin and third < -margin:
-        if not exact:
-            return HIT, s, NOWHERE
         bend, slope = 0.5 * (first + third) - second, 0.5 * (third - first)
         place = 2 * second / (math.sqrt(max(0.0, slope * slope - 4 * bend * second)) - slope)
-        guess = s + half * (1 + min(max(place, -1.0), 1.0))
-        return _settle(surface, heights, slot, j, i, x, y, z, dx, dy, dz, s, leave, guess)
+        return HIT, s, leave, s + half * (1 + min(max(place, -1.0), 1.0))
+    return ABSENT, s, s, s
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _outruns(steepness, slot, level, j, i, slope, fast_u, fast_v):  # type: ignore[no-untyped-def]
+    """Whether a path that is above the surface rises too steeply to meet it within a block."""
+    place = patch(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
+    return steepness[slot, place, 0] * fast_u + steepness[slot, place, 1] * fast_v < slope
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _over(heights, path, u0, slot, j, i, s):  # type: ignore[no-untyped-def]
+    """Whether a path is above the surface of a cell; not so in a hole."""
+    a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
+    return _clear(path, u0 - i, path.v0 - j, a, b, c, d, s) > 0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _clear(path, u0, v0, a, b, c, d, s):  # type: ignore[no-untyped-def]
+    """Height of a path above a bilinear cell."""
+    u, v = u0 + s * (path.u1 + s * path.u2), v0 + s * (path.v1 + s * path.v2)
+    return path.h0 + s * (path.h1 + s * path.h2) - (a + b * u + (c + d * u) * v)
+
+
+@njit(cache=True, error_model="numpy")
+def _doubt(  # type: ignore[no-untyped-def]
+    lines, heights, slot, j, i, begin, s, leave, east, south, ox, oy, oz, dx, dy, dz, middle
+):
+    """As `_leaf`, on exact heights."""
+    half = 0.5 * (leave - s)
     low, high, guess = s, leave, s + half
+    first = second = third = 0.0
     for turn in range(4):
         here = guess if turn == 3 else s + turn * half
-        exact_path = path_at(surface, x + here * dx, y + here * dy, z + here * dz, dx, dy, dz, 0.0)
-        value = _above(surface, heights, slot, j, i, exact_path, 0.0)[0]
-        if turn == 0 and value <= 0:
-            # From the side: out of a hole, over an edge, from below.
-            return HIT, s, _where(exact_path, 0.0)
+        at = middle + here
+        x, y, z = ox + at * dx, oy + at * dy, oz + at * dz
+        path = path_at(lines, x, y, z, dx, dy, dz)
+        value = above(lines, heights, slot, j, i, path, 0.0)[0]
+        if turn == 0 and s > begin and not value >= -CLOSED:
+            # Out of a hole or over an edge, whose place the path tells less well than the ray.
+            late = _entry(lines, path, j, i, east, south)
+            s += late
+            value = above(lines, heights, slot, j, i, path, late)[0]
+        if turn == 0 and value <= 0:  # from the side, or from below
+            return HIT, s, s, s
         if value <= 0:
             high = here
             break
@@ -233,16 +342,24 @@ def _leaf(  # type: ignore[no-untyped-def]
         if turn == 2:
             place = _dip(first, second, third)[1]
             if not -1 < place < 1:
-                return MISS, math.inf, NOWHERE
+                return MISS, math.inf, math.inf, math.inf
             guess = s + half * (1 + place)
     if not value <= 0:
-        return MISS, math.inf, NOWHERE
-    if not exact:
-        return HIT, low, NOWHERE
-    return _settle(surface, heights, slot, j, i, x, y, z, dx, dy, dz, low, high, 0.5 * (low + high))
+        return MISS, math.inf, math.inf, math.inf
+    return HIT, low, high, 0.5 * (low + high)
 
 
 @njit(cache=True, error_model="numpy")
+def _entry(lines, path, j, i, east, south):  # type: ignore[no-untyped-def]
+    """Distance from the middle of an exact path to where it has just come into a cell; 0 if not."""
+    u0 = path.u0 - lines.turn * math.floor((path.u0 - i) / lines.turn + 0.5)
+    by_u = (i + (0 if east > 0 else 1) - u0) / path.u1
+    by_v = (j + (0 if south > 0 else 1) - path.v0) / path.v1
+    nearer = by_u if abs(by_u) < abs(by_v) else by_v
+    return nearer if abs(nearer) < JUST else 0.0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _dip(first, second, third):  # type: ignore[no-untyped-def]
     """Least value of the parabola through values at -1, 0 and 1 within [-1, 1], and its place."""
     slope, bend = 0.5 * (third - first), 0.5 * (first + third) - second
@@ -254,58 +371,19 @@ def _dip(first, second, third):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _above(surface, heights, slot, j, i, path, s):  # type: ignore[no-untyped-def]
+def above(lines, heights, slot, j, i, path, s):  # type: ignore[no-untyped-def]
     """Height of an exact path above the surface, its change with the distance, and its twist.
 
     The cell is the one near [j, i] that the place falls into: the value is continuous.
     """
-    turn = FULL_TURN / surface.step_x
-    u0 = path.u0 - turn * math.floor((path.u0 - i) / turn + 0.5)
+    u0 = path.u0 - lines.turn * math.floor((path.u0 - i) / lines.turn + 0.5)
     u = u0 + s * (path.u1 + s * path.u2) - ((i >> SIZE) << SIZE)
     v = path.v0 + s * (path.v1 + s * path.v2) - ((j >> SIZE) << SIZE)
-    i = _cell(u, 0, min(CELLS, surface.columns - ((i >> SIZE) << SIZE)) - 1)
-    j = _cell(v, 0, min(CELLS, surface.rows - ((j >> SIZE) << SIZE)) - 1)
+    i = _cell(u, 0, min(CELLS, lines.columns - ((i >> SIZE) << SIZE)) - 1)
+    j = _cell(v, 0, min(CELLS, lines.rows - ((j >> SIZE) << SIZE)) - 1)
     a, b, c, d = corners(heights, slot, j, i)
     u, v = u - i, v - j
     to_column, to_row = path.u1 + 2 * s * path.u2, path.v1 + 2 * s * path.v2
     height = path.h0 + s * (path.h1 + s * path.h2)
     change = path.h1 + 2 * s * path.h2 - (b + d * v) * to_column - (c + d * u) * to_row
     return height - (a + b * u + c * v + d * u * v), change, abs(2 * d * to_column * to_row)
-
-
-@njit(cache=True, error_model="numpy")
-def _settle(surface, heights, slot, j, i, x, y, z, dx, dy, dz, low, high, s):  # type: ignore[no-untyped-def]
-    """The root between two distances, where the ray goes from above the surface to below.
-
-    Newton's method, kept between its bounds, on paths that are laid anew where it strays.
-    """
-    base = s
-    path = path_at(surface, x + s * dx, y + s * dy, z + s * dz, dx, dy, dz, 0.0)
-    for _ in range(STEPS):
-        value, change, twist = _above(surface, heights, slot, j, i, path, s - base)
-        if value > 0:
-            low = s
-        else:
-            high = s
-        step = -value / change
-        if change < 0 and low <= s + step <= high:
-            s += step
-            if step * step * (twist + 1e-6) < -POLISHED * change:
-                break
-        else:
-            s = 0.5 * (low + high)
-            if high - low < POLISHED:
-                break
-        if abs(s - base) > NEAR:
-            base = s
-            path = path_at(surface, x + s * dx, y + s * dy, z + s * dz, dx, dy, dz, 0.0)
-    return HIT, s, _where(path, s - base)
-
-
-@njit(cache=True, error_model="numpy")
-def _where(path, s):  # type: ignore[no-untyped-def]
-    """Columns, rows, height, sine and cosine of the latitude at a distance of metres at most."""
-    return (
-        path.u0 + s * (path.u1 + s * path.u2), path.v0 + s * (path.v1 + s * path.v2),
-        path.h0 + s * (path.h1 + s * path.h2), path.sine, path.cosine,
-    )  # fmt: skip

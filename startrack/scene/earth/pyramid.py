@@ -18,7 +18,7 @@ from startrack.scene.earth.mosaic import Mosaic
 from startrack.scene.earth.source import Source
 from startrack.scene.earth.surface import Surface
 from startrack.scene.earth.tile import CELLS
-from startrack.scene.earth.trace import Hits, ask_on, go_on, no_hits
+from startrack.scene.earth.trace import Hits, ask_on, go_on, no_hits, waiting
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -64,8 +64,7 @@ class Pyramid:
         for each in np.unique(level):
             mine = np.flatnonzero(level == each)
             some, surface = rays[mine], self._surface(int(each))
-            hits = no_hits(len(mine))
-            hits.status[:], hits.distance[:] = ABSENT, 0.0
+            hits = waiting(len(mine), 0.0)
             while self._fetch(int(each), hits):
                 go_on(surface, some.origin, some.direction, *hits)
             out.put(mine, beside(surface, self.sea, some, hits))
@@ -77,8 +76,7 @@ class Pyramid:
         for each in np.unique(level):
             mine = np.flatnonzero(level == each)
             some, surface = rays[mine], self._surface(int(each))
-            hits = no_hits(len(mine))
-            hits.status[:], hits.distance[:] = ABSENT, start
+            hits = waiting(len(mine), start)
             while self._fetch(int(each), hits):
                 ask_on(surface, some.origin, some.direction, hits.status, hits.distance, hits.tile)
             out[mine] = hits.hit | under(surface, self.sea, some, start)
@@ -151,7 +149,7 @@ class Pyramid:
             self._surfaces[level] = Surface(
                 grid.west, grid.north, grid.step_x * (1 << level), grid.step_y * (1 << level),
                 cells[1], cells[0], self.lowest, self.highest, self.cache.heights,
-                self.cache.maxima, np.full(tiles, -1, np.int32), np.full(tiles, self.highest),
-                self.cache.used,
+                self.cache.maxima, self.cache.steepness, np.full(tiles, -1, np.int32),
+                np.full(tiles, self.highest), self.cache.used,
             )  # fmt: skip
         return self._surfaces[level]

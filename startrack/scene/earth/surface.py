@@ -15,8 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.checks import finite, positive, whole
-from startrack.scene.earth.ellipsoid import vertical
-from startrack.scene.earth.tile import BLOCKS, CELLS, VERTICES, cut, fill
+from startrack.scene.earth.ellipsoid import angle, vertical
+from startrack.scene.earth.tile import BLOCKS, CELLS, PATCHES, VERTICES, cut, fill
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -77,6 +77,7 @@ class Surface(NamedTuple):
     lowest, highest              metre, bounds of all heights
     heights                      (slots, 513, 513) metre, float32
     maxima                       (slots, 87381) metre, of the blocks of each tile
+    steepness                    (slots, 5461, 2) metre to a column and to a row, of the larger ones
     slot                         (tiles down, tiles across) of a tile in `heights`, -1 if absent
     top                          (tiles down, tiles across) metre, bound of each tile
     used                         (slots,) set to 1 where a tile was read
@@ -92,6 +93,7 @@ class Surface(NamedTuple):
     highest: float
     heights: Singles
     maxima: Singles
+    steepness: Singles
     slot: NDArray[np.int32]
     top: Floats
     used: NDArray[np.uint8]
@@ -102,7 +104,7 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
 
     heights  (rows, columns) metre above the ellipsoid; NaN is a hole, through which rays fall
     Returns  the surface, all its tiles present; it holds its own copy of the heights and takes
-             1.34 times their memory, where they fill its tiles
+             1.38 times their memory, where they fill its tiles
     Errors   ValueError where the shape is not that of the grid, where an infinity hides, or all
              are NaN. numerical: heights are kept in single precision,
              which rounds by 0.3 mm at most up to 8 km.
@@ -117,12 +119,13 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
     down, across = -(-rows // CELLS), -(-columns // CELLS)
     tiles = np.empty((down * across, VERTICES, VERTICES), np.float32)
     maxima = np.empty((down * across, BLOCKS), np.float32)
+    steepness = np.empty((down * across, PATCHES, 2), np.float32)
     slot = np.arange(down * across, dtype=np.int32).reshape(down, across)
     top = np.empty((down, across))
     lowest = math.inf
     for (j, i), place in np.ndenumerate(slot):
         tiles[place] = cut(heights, j, i)
-        low, top[j, i] = fill(tiles[place], maxima[place])
+        low, top[j, i] = fill(tiles[place], maxima[place], steepness[place])
         lowest = min(lowest, low)
     highest = float(top.max())
     if not (math.isfinite(lowest) and math.isfinite(highest)):
@@ -131,7 +134,7 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
         )
     return Surface(
         grid.west, north, grid.step_x, grid.step_y, columns, rows, lowest, highest,
-        tiles, maxima, slot, top, np.zeros(slot.size, np.uint8),
+        tiles, maxima, steepness, slot, top, np.zeros(slot.size, np.uint8),
     )  # fmt: skip
 
 
@@ -162,18 +165,56 @@ def _beyond(row: Singles, share: float) -> Singles:
     return ((mean - (1 - share) * row) / share).astype(np.float32)
 
 
+class Lattice(NamedTuple):
+    """Where the lines of a surface's grid run: all that the kernels need but its arrays.
+
+    Numba counts references to arrays whenever it takes them out of a tuple, which would cost more
+    than a ray does; they go beside this one.
+
+    cosine, sine         of the longitude in the middle of the grid
+    middle               columns to there
+    north                radian, of the first row
+    per_column, per_row  columns and rows to a radian
+    turn                 columns around the Earth
+    columns, rows        cells
+    lowest, highest      metre, bounds of all heights
+    """
+
+    cosine: float
+    sine: float
+    middle: float
+    north: float
+    per_column: float
+    per_row: float
+    turn: float
+    columns: int
+    rows: int
+    lowest: float
+    highest: float
+
+
 @njit(cache=True, error_model="numpy")
-def locate(surface, x, y, z):  # type: ignore[no-untyped-def]
-    """Where one Earth-fixed point lies over the grid.
+def lattice(surface):  # type: ignore[no-untyped-def]
+    """The lines of a surface."""
+    longitude = surface.west + 0.5 * surface.columns * surface.step_x
+    return Lattice(
+        math.cos(longitude), math.sin(longitude), 0.5 * surface.columns, surface.north,
+        1 / surface.step_x, 1 / surface.step_y, FULL_TURN / surface.step_x,
+        surface.columns, surface.rows, surface.lowest, surface.highest,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def locate(lines, x, y, z):  # type: ignore[no-untyped-def]
+    """Where one Earth-fixed point lies over a grid, at most half a turn from its middle.
 
     Returns  columns and rows from the vertex [0, 0], height, sine and cosine of the latitude,
              distance from the axis
     """
     sine, cosine, height, across = vertical(x, y, z)
-    turn = FULL_TURN / surface.step_x
-    u = (math.atan2(y, x) - surface.west) / surface.step_x
-    u -= turn * math.floor((u - 0.5 * surface.columns) / turn + 0.5)
-    v = (surface.north - math.atan2(sine, cosine)) / surface.step_y
+    east = angle(lines.cosine * y - lines.sine * x, lines.cosine * x + lines.sine * y)
+    u = lines.middle + east * lines.per_column
+    v = (lines.north - angle(sine, cosine)) * lines.per_row
     return u, v, height, sine, cosine, across
 
 

@@ -1,4 +1,4 @@
-"""Heights -> square tiles of cells, each with the maxima of its blocks."""
+"""Heights -> square tiles of cells, each with the maxima and the steepness of its blocks."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ SIZE = 9  # a tile is a block of level 9
 CELLS = 1 << SIZE  # of a tile, along each side
 VERTICES = CELLS + 1  # neighbours share their outermost vertices
 BLOCKS = (4**SIZE - 1) // 3  # of the levels 1 to 9 in a tile
+PATCH = 3  # the level from which on the steepness of blocks is known
+PATCHES = (4 ** (SIZE + 1 - PATCH) - 1) // 3  # of the levels 3 to 9 in a tile
 
 
 @njit(cache=True, error_model="numpy")
@@ -21,14 +23,63 @@ def block(level, j, i):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def fill(tile, maxima):  # type: ignore[no-untyped-def]
-    """Fill in the maxima of a tile, in place; returns its lowest and highest height.
+def patch(level, j, i):  # type: ignore[no-untyped-def]
+    """Place of a block of level 3 or more within the steepness of its tile."""
+    return block(level, j, i) - (BLOCKS - PATCHES)
 
-    NaN, a hole, counts as below all: blocks of holes are never entered.
 
-    tile    (513, 513) metre
-    maxima  (87381,) metre; that of a block covers all vertices of its cells
+@njit(cache=True, error_model="numpy")
+def fill(tile, maxima, steepness):  # type: ignore[no-untyped-def]
+    """Fill in the maxima and the steepness of a tile, in place; returns its extreme heights.
+
+    NaN, a hole, counts as below all: blocks of holes are never entered; and as infinitely steep.
+
+    tile       (513, 513) metre
+    maxima     (87381,) metre; that of a block covers all vertices of its cells
+    steepness  (5461, 2) metre to a column and to a row, at most, between neighbouring vertices;
+               of the blocks of level 3 and more
+    Returns    lowest and highest height
     """
+    _fill_steepness(tile, steepness)
+    return _fill_maxima(tile, maxima)
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_steepness(tile, steepness):  # type: ignore[no-untyped-def]
+    along, down = np.empty(CELLS, np.float32), np.empty(VERTICES, np.float32)
+    side = 1 << PATCH
+    for j in range(CELLS >> PATCH):
+        along[:], down[:] = 0, 0
+        for b in range(j * side, j * side + side + 1):
+            _keep_larger(along, tile[b, 1:], tile[b, :-1])
+        for b in range(j * side, j * side + side):
+            _keep_larger(down, tile[b + 1], tile[b])
+        for i in range(CELLS >> PATCH):
+            place = patch(PATCH, j, i)
+            steepness[place, 0] = along[i * side : i * side + side].max()
+            steepness[place, 1] = down[i * side : i * side + side + 1].max()
+    for level in range(PATCH + 1, SIZE + 1):
+        for j in range(CELLS >> level):
+            for i in range(CELLS >> level):
+                place, finer = patch(level, j, i), patch(level - 1, 2 * j, 2 * i)
+                below = finer + (CELLS >> (level - 1))
+                for way in range(2):
+                    steepness[place, way] = max(
+                        max(steepness[finer, way], steepness[finer + 1, way]),
+                        max(steepness[below, way], steepness[below + 1, way]),
+                    )
+
+
+@njit(cache=True, error_model="numpy")
+def _keep_larger(most, one, other):  # type: ignore[no-untyped-def]
+    for i in range(len(most)):
+        change = abs(one[i] - other[i])
+        change = change if change == change else np.float32(np.inf)
+        most[i] = change if change > most[i] else most[i]
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_maxima(tile, maxima):  # type: ignore[no-untyped-def]
     lowest, highest = math.inf, -math.inf
     for j in range(CELLS // 2):
         for i in range(CELLS // 2):

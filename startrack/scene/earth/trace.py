@@ -9,10 +9,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.scene.earth.ellipsoid import ECCENTRICITY_2, EQUATORIAL
+from startrack.scene.earth import bundle as of
+from startrack.scene.earth.bundle import WIDTH, empty_bundle, lay_all, path_of, refine_all
 from startrack.scene.earth.ground import Rays
-from startrack.scene.earth.march import ABSENT, HIT, march
-from startrack.scene.earth.surface import FULL_TURN, Surface, corners, locate
+from startrack.scene.earth.march import ABSENT, HIT, MISS, march
+from startrack.scene.earth.polish import normal_at, settle
+from startrack.scene.earth.surface import FULL_TURN, Surface, corners, lattice, locate
 from startrack.scene.earth.tile import CELLS, SIZE
 
 Floats = NDArray[np.float64]
@@ -66,15 +68,24 @@ def trace(surface: Surface, rays: Rays) -> Hits:
              a ridge within 1e-6 m may be judged on the wrong side. Nothing is ABSENT
              where all tiles are in memory.
     """
-    hits = no_hits(len(rays))
-    hits.distance[:] = 0.0
-    hits.status[:] = ABSENT
+    hits = waiting(len(rays), 0.0)
     go_on(surface, rays.origin, rays.direction, *hits)
     return hits
 
 
+def waiting(count: int, start: float) -> Hits:
+    """Hits of rays that have not begun, to be filled in by `go_on`; `start` in metres."""
+    return Hits(
+        np.full(count, ABSENT, np.uint8),
+        np.full(count, start),
+        np.empty((count, 3)),
+        np.empty((count, 3)),
+        np.full((count, 2), -1, np.int32),
+    )
+
+
 def no_hits(count: int) -> Hits:
-    """Hits to be filled in."""
+    """Hits of rays that meet nothing."""
     nothing = np.full((count, 3), np.nan)
     return Hits(
         np.zeros(count, np.uint8),
@@ -88,78 +99,154 @@ def no_hits(count: int) -> Hits:
 @njit(cache=True, error_model="numpy")
 def go_on(surface, origin, direction, status, distance, place, normal, tile):  # type: ignore[no-untyped-def]
     """Follow the rays whose status is ABSENT, from where they are, until they end or wait again."""
-    for n in range(len(origin)):
-        if status[n] != ABSENT:
-            continue
-        ox, oy, oz = origin[n]
-        dx, dy, dz = direction[n]
-        found, s, j, i, where = march(surface, ox, oy, oz, dx, dy, dz, distance[n], True)
-        status[n], distance[n] = found, s
-        if found == ABSENT:
-            tile[n, 0], tile[n, 1] = j, i
-        elif found == HIT:
-            describe(surface, j, i, ox + s * dx, oy + s * dy, where, place, normal, n)
-
-
-@njit(cache=True, error_model="numpy")
-def describe(surface, tile_j, tile_i, x, y, where, place, normal, n):  # type: ignore[no-untyped-def]
-    """Geodetic place of a point of the surface, and the surface's normal there.
-
-    normal ~ up - h_lon / ((N + h) cos(lat)) east - h_lat / (M + h) north
-    """
-    u, v, height, sine, cosine = where
-    across = max(math.sqrt(x * x + y * y), 1e-3)
-    west, north = tile_i << SIZE, tile_j << SIZE
-    longitude = surface.west + u * surface.step_x
-    place[n, 0] = longitude - FULL_TURN * math.floor(longitude / FULL_TURN + 0.5)
-    place[n, 1], place[n, 2] = surface.north - v * surface.step_y, height
-    turn = FULL_TURN / surface.step_x
-    u -= turn * math.floor((u - west - 0.5 * CELLS) / turn + 0.5)
-    u, v = u - west, v - north
-    i = min(max(math.floor(u), 0), min(CELLS, surface.columns - west) - 1)
-    j = min(max(math.floor(v), 0), min(CELLS, surface.rows - north) - 1)
-    _, b, c, d = corners(surface.heights, surface.slot[tile_j, tile_i], j, i)
-    bend = 1 - ECCENTRICITY_2 * sine * sine
-    meridian = EQUATORIAL * (1 - ECCENTRICITY_2) / (bend * math.sqrt(bend))
-    lean = -(b + d * (v - j)) / (surface.step_x * across)
-    tilt = (c + d * (u - i)) / (surface.step_y * (meridian + height))
-    scale = 1 / math.sqrt(1 + lean * lean + tilt * tilt)
-    cosine_x, sine_y = x / across, y / across
-    radial = cosine - tilt * sine
-    normal[n, 0] = scale * (radial * cosine_x - lean * sine_y)
-    normal[n, 1] = scale * (radial * sine_y + lean * cosine_x)
-    normal[n, 2] = scale * (sine + tilt * cosine)
-
-
-def blocked(surface: Surface, rays: Rays, start: float) -> NDArray[np.bool_]:
-    """Whether each ray meets a surface in memory at all, beyond the distance `start` in metres."""
-    hits = no_hits(len(rays))
-    hits.status[:], hits.distance[:] = ABSENT, start
-    ask_on(surface, rays.origin, rays.direction, hits.status, hits.distance, hits.tile)
-    return hits.hit
+    lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
+    n = 0
+    while n < len(origin):
+        n, count = _gather(bundle, who, n, origin, direction, status, distance)
+        lay_all(bundle, lines, True)
+        _march_all(surface, lines, bundle, who, count, True, status, distance, tile)
+        refine_all(bundle, lines)
+        _tell_all(surface, lines, bundle, who, count, status, distance, place, normal)
 
 
 @njit(cache=True, error_model="numpy")
 def ask_on(surface, origin, direction, status, distance, tile):  # type: ignore[no-untyped-def]
     """As `go_on`, but without finding the points."""
-    for n in range(len(origin)):
+    lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
+    n = 0
+    while n < len(origin):
+        n, count = _gather(bundle, who, n, origin, direction, status, distance)
+        lay_all(bundle, lines, False)
+        _march_all(surface, lines, bundle, who, count, False, status, distance, tile)
+
+
+@njit(cache=True, error_model="numpy")
+def _gather(bundle, who, n, origin, direction, status, distance):  # type: ignore[no-untyped-def]
+    """Fill a bundle with waiting rays from number n on; returns where to go on, and how many."""
+    count = 0
+    while n < len(origin) and count < WIDTH:
         if status[n] == ABSENT:
-            ox, oy, oz = origin[n]
-            dx, dy, dz = direction[n]
-            status[n], distance[n], tile[n, 0], tile[n, 1], _ = march(
-                surface, ox, oy, oz, dx, dy, dz, distance[n], False
+            who[count] = n
+            bundle[of.OX + count] = origin[n, 0]
+            bundle[of.OY + count] = origin[n, 1]
+            bundle[of.OZ + count] = origin[n, 2]
+            bundle[of.DX + count] = direction[n, 0]
+            bundle[of.DY + count] = direction[n, 1]
+            bundle[of.DZ + count] = direction[n, 2]
+            bundle[of.START + count] = distance[n]
+            count += 1
+        n += 1
+    return n, count
+
+
+@njit(cache=True, error_model="numpy")
+def _march_all(surface, lines, bundle, who, count, exact, status, distance, tile):  # type: ignore[no-untyped-def]
+    """Follow the rays of a bundle to a cell each, whose corners are put in the path's place."""
+    heights, maxima, steepness = surface.heights, surface.maxima, surface.steepness
+    top, slots, used = surface.top, surface.slot, surface.used
+    for k in range(count):
+        n = who[k]
+        begin, end = bundle[of.BEGIN + k], bundle[of.END + k]
+        if not begin < end:
+            status[n], distance[n] = MISS, math.inf
+            continue
+        found, low, high, guess, j, i = march(
+            lines, heights, maxima, steepness, top, slots, used,
+            bundle[of.OX + k], bundle[of.OY + k], bundle[of.OZ + k],
+            bundle[of.DX + k], bundle[of.DY + k], bundle[of.DZ + k],
+            begin, end, bundle[of.MIDDLE + k], bundle[of.HALF + k], bundle[of.MARGIN + k],
+            path_of(bundle, k), exact,
+        )  # fmt: skip
+        status[n], distance[n] = found, guess
+        if found == ABSENT:
+            tile[n, 0], tile[n, 1] = j, i
+        elif found == HIT and exact:
+            bundle[of.GUESS + k], bundle[of.LOW + k], bundle[of.HIGH + k] = guess, low, high
+            bundle[of.COLUMN + k], bundle[of.ROW + k] = i, j
+            a, b, c, d = corners(
+                heights, slots[j >> SIZE, i >> SIZE], j & (CELLS - 1), i & (CELLS - 1)
             )
+            bundle[of.A + k] = a if low < high else math.nan  # met from the side, not from above
+            bundle[of.B + k], bundle[of.C + k], bundle[of.D + k] = b, c, d
+
+
+@njit(cache=True, error_model="numpy")
+def _tell_all(surface, lines, bundle, who, count, status, distance, place, normal):  # type: ignore[no-untyped-def]
+    """Give each ray that hit its point and normal; where they were not found, seek on."""
+    for k in range(count):
+        n = who[k]
+        if status[n] == MISS:
+            place[n, :] = math.nan
+            normal[n, :] = math.nan
+        if status[n] != HIT:
+            continue
+        if not np.isnan(bundle[of.FOUND + k]):
+            distance[n] = bundle[of.FOUND + k]
+            _put_place(surface, bundle[of.U + k], bundle[of.V + k], place, n)
+            place[n, 2] = bundle[of.HEIGHT + k]
+            normal[n, 0] = bundle[of.NX + k]
+            normal[n, 1] = bundle[of.NY + k]
+            normal[n, 2] = bundle[of.NZ + k]
+            continue
+        j, i = int(bundle[of.ROW + k]), int(bundle[of.COLUMN + k])
+        ox, oy, oz = bundle[of.OX + k], bundle[of.OY + k], bundle[of.OZ + k]
+        dx, dy, dz = bundle[of.DX + k], bundle[of.DY + k], bundle[of.DZ + k]
+        s, u, v, height, sine, cosine = settle(
+            lines, surface.heights, surface.slot[j >> SIZE, i >> SIZE], j, i,
+            ox, oy, oz, dx, dy, dz,
+            bundle[of.LOW + k], bundle[of.HIGH + k], bundle[of.GUESS + k],
+        )  # fmt: skip
+        distance[n] = s
+        _describe(
+            surface, lines, j >> SIZE, i >> SIZE, ox + s * dx, oy + s * dy, u, v, height, sine,
+            cosine, place, normal, n,
+        )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _put_place(surface, u, v, place, n):  # type: ignore[no-untyped-def]
+    longitude = surface.west + u * surface.step_x
+    place[n, 0] = longitude - FULL_TURN * math.floor(longitude / FULL_TURN + 0.5)
+    place[n, 1] = surface.north - v * surface.step_y
+
+
+@njit(cache=True, error_model="numpy")
+def _describe(  # type: ignore[no-untyped-def]
+    surface, lines, tile_j, tile_i, x, y, u, v, height, sine, cosine, place, normal, n
+):
+    """Geodetic place of a point of the surface in a tile, and the surface's normal there."""
+    _put_place(surface, u, v, place, n)
+    place[n, 2] = height
+    west, north = tile_i << SIZE, tile_j << SIZE
+    u -= lines.turn * math.floor((u - west - 0.5 * CELLS) / lines.turn + 0.5)
+    u, v = u - west, v - north
+    i = min(max(math.floor(u), 0), min(CELLS, surface.columns - west) - 1)
+    j = min(max(math.floor(v), 0), min(CELLS, surface.rows - north) - 1)
+    _, b, c, d = corners(surface.heights, surface.slot[tile_j, tile_i], j, i)
+    normal[n, 0], normal[n, 1], normal[n, 2] = normal_at(
+        lines, x, y, height, sine, cosine, b + d * (v - j), c + d * (u - i)
+    )
+
+
+def blocked(surface: Surface, rays: Rays, start: float) -> NDArray[np.bool_]:
+    """Whether each ray meets a surface in memory at all, beyond the distance `start` in metres."""
+    hits = waiting(len(rays), start)
+    ask_on(surface, rays.origin, rays.direction, hits.status, hits.distance, hits.tile)
+    return hits.hit
 
 
 @njit(cache=True, error_model="numpy")
 def describe_all(surface, point, choice, place, normal):  # type: ignore[no-untyped-def]
-    """As `describe`, of (n, 3) points on a surface in memory, where `choice` says so."""
+    """Place and normal of (n, 3) points on a surface in memory, where `choice` says so."""
+    lines = lattice(surface)
     for n in range(len(point)):
         if not choice[n]:
             continue
         x, y, z = point[n]
-        u, v, height, sine, cosine, _ = locate(surface, x, y, z)
+        u, v, height, sine, cosine, _ = locate(lines, x, y, z)
         i = min(max(math.floor(u), 0), surface.columns - 1)
         j = min(max(math.floor(v), 0), surface.rows - 1)
-        where = (u, v, height, sine, cosine)
-        describe(surface, j >> SIZE, i >> SIZE, x, y, where, place, normal, n)
+        _describe(
+            surface, lines, j >> SIZE, i >> SIZE, x, y, u, v, height, sine, cosine,
+            place, normal, n,
+        )  # fmt: skip

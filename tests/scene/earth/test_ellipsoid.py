@@ -1,11 +1,14 @@
 """Against ERFA's geodesy, which astropy carries."""
 
+import math
+
 import numpy as np
 import pytest
 from astropy import units
 from astropy.coordinates import EarthLocation
 
 from startrack.scene.earth import cartesian, geodetic
+from startrack.scene.earth.ellipsoid import angle
 
 RANDOM = np.random.default_rng(1)
 LONGITUDE = RANDOM.uniform(-np.pi, np.pi, 2000)
@@ -34,3 +37,14 @@ def test_poles_and_the_date_line():
     np.testing.assert_allclose(latitude, [np.pi / 2, -np.pi / 2, 0], atol=1e-15)
     np.testing.assert_allclose(height, [100, 0, 0], atol=1e-6)
     assert longitude[2] == pytest.approx(np.pi)
+
+
+def test_the_angle_without_branches_is_that_of_the_standard_library():
+    """Over the circle, on its axes and diagonals, and at slopes of 1e-300 to 1e300."""
+    turn = np.append(np.linspace(-np.pi, np.pi, 20001), np.arange(-8, 9) * np.pi / 8)
+    pairs = [(math.sin(each), math.cos(each)) for each in turn]
+    pairs += [(sign * 10.0**power, 1.0) for power in range(-300, 301, 7) for sign in (-1, 1)]
+    pairs += [(0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0)]
+    found = np.array([angle(y, x) for y, x in pairs])
+    expected = np.array([math.atan2(y, x) for y, x in pairs])
+    assert np.abs(found - expected).max() < 5e-16

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from startrack.scene.earth import Grid, Level, Rays, Relief, Scan, cartesian, geodetic, index
-from startrack.scene.earth.trace import trace
+from startrack.scene.earth.trace import blocked, trace
 
 from .scenes import STEP, axes, flat, globe, hills, mountains, random_rays, ray
 
@@ -99,6 +99,46 @@ def test_a_camera_within_the_shell_of_the_terrain():
     np.testing.assert_allclose(found.distance[hit], expected.distance[hit], atol=1e-3)
     buried = trace(SURFACE, Rays(rays.origin - 50 * rise, view, rays.spread))
     np.testing.assert_array_equal(buried.distance, 0.0)
+
+
+@pytest.mark.parametrize("slope", [3, 12, 30, 60])
+def test_rays_that_rise_are_stopped_where_the_search_stops_them(slope):
+    """From above, on and under the surface, out of holes and in through the sides of the grid."""
+    grid, heights = mountains(96)
+    heights = heights * np.float32(0.3)
+    random = np.random.default_rng(slope)
+    holes = random.integers(2, 94, (2, 40))
+    heights[holes[0], holes[1]] = np.nan
+    u, v = random.uniform(-4, 100, (2, 1500))
+    lift = random.choice([-40.0, -1.0, 0.5, 5.0, 50.0], 1500)
+    near = heights[np.clip(v, 0, 96).astype(int), np.clip(u, 0, 96).astype(int)]
+    place = cartesian(grid.west + u * STEP, grid.north - v * STEP, np.nan_to_num(near) + lift)
+    east, north, rise = axes(grid.west + 48 * STEP, grid.north - 48 * STEP)
+    e, a = np.radians(slope), random.uniform(0, 2 * np.pi, (1500, 1))
+    view = np.cos(e) * (np.sin(a) * east + np.cos(a) * north) + np.sin(e) * rise
+    rays = Rays(place, view, np.zeros(1500))
+    found, expected = trace(index(grid, heights), rays), Scan(grid, heights, 0.0, 9e3).meet(rays)[0]
+    assert 100 < expected.hit.sum() < 1400
+    # A corner of a hole that is cut by less than a path's tolerance may be missed.
+    assert (found.hit != expected.hit).sum() <= 2
+    assert (blocked(index(grid, heights), rays, 0.0) != expected.hit).sum() <= 2
+    both = found.hit & expected.hit
+    error = np.abs(found.distance[both] - expected.distance[both])
+    assert np.percentile(error, 99) < 1e-6
+    assert error.max() < 1e-2
+
+
+def test_a_ray_over_the_edge_ends_at_its_side():
+    """Level terrain 500 m high whose sides reach down to 0: the side is a plane or a cone."""
+    grid, heights = flat(500.0)
+    heights[20, 20] = 0
+    rays = ray(grid.west + np.linspace(-80, 30, 60) * STEP, grid.north - 15.3 * STEP, 400.0, 12,
+               np.radians(-70))  # fmt: skip
+    found = trace(index(grid, heights), rays)
+    expected, _ = Scan(grid, heights, 2.9e5, 3.1e5).meet(rays)
+    np.testing.assert_array_equal(found.hit, expected.hit)
+    assert 5 < (found.place[:, 2] < 499).sum() < found.hit.sum()
+    np.testing.assert_allclose(found.distance, expected.distance, rtol=0, atol=1e-7)
 
 
 def test_a_cliff_of_two_kilometres_in_one_cell():

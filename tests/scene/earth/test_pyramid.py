@@ -57,7 +57,7 @@ def test_a_pushbroom_reads_each_tile_once():
         ground.meet(rays)
     assert len(ground.cache.touched) >= 81
     assert ground.cache.misses <= 1.2 * len(ground.cache.touched)
-    assert ground.cache.memory < 18 * 513 * 513 * 4 * 1.34
+    assert ground.cache.memory < 18 * 513 * 513 * 4 * 1.38
     assert ground.cache.hits > 1000
 
 
