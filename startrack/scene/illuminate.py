@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
+from startrack.scene.airglow import HIGHEST, airglow
 from startrack.scene.bodies import (
     Disc,
     Earth,
@@ -20,7 +21,8 @@ from startrack.scene.bodies import (
     moon_of,
     sun_of,
 )
-from startrack.scene.ephemeris import AU, Observer, observer_of
+from startrack.scene.cities import cities
+from startrack.scene.ephemeris import AU, EARTH_RADIUS, Observer, observer_of
 from startrack.scene.limb import limb_light
 from startrack.scene.parameters import Scene
 from startrack.scene.photometry import (
@@ -103,7 +105,8 @@ def _glows(
 ) -> Iterator[Glow]:
     """What shines over the whole field, in front of the Earth and beside it."""
     limb = earth is not None and sight.sees(earth.disc)
-    count = LIMB_NODES if limb else NODES
+    shells = earth is not None and "airglow" in scene.lights and sight.sees(_with_air(earth))
+    count = LIMB_NODES if limb or shells else NODES
     line = sight.nodes(count)
     open_sky = ~earth.disc.covers(line) if earth and limb else np.ones(len(line), bool)
 
@@ -120,6 +123,16 @@ def _glows(
         yield glow(earth.light, earth.shine(line))
         for spectrum, share in limb_light(earth, line):
             yield glow(spectrum, share)
+    if earth and shells:
+        for spectrum, share in airglow(earth, line):
+            yield glow(spectrum, share)
+
+
+def _with_air(earth: Earth) -> Disc:
+    """What the Earth and its shells of airglow cover."""
+    distance = float(np.linalg.norm(earth.centre))
+    radius = math.asin(min((EARTH_RADIUS + HIGHEST) / distance, 1.0))
+    return replace(earth.disc, radius=radius)
 
 
 def _with_bodies(
@@ -137,7 +150,10 @@ def _with_bodies(
     glare = tuple(one for one in light.glare if not earth.disc.covers(one.direction).any())
     if earth.glare.share.any():
         glare = (*glare, earth.glare)
-    return replace(_behind(light, earth.disc), glare=glare)
+    light = replace(_behind(light, earth.disc), glare=glare)
+    if "cities" in scene.lights and sight.sees(earth.disc):
+        light = _added(light, *cities(earth, observer))
+    return light
 
 
 def _planets(observer: Observer, scene: Scene) -> tuple[Floats, Floats]:

@@ -9,7 +9,7 @@ from typing import Annotated
 from startrack.checks import finite, non_negative, one_of, positive, within
 from startrack.units import Unit
 
-LIGHTS = ("zodiacal", "starlight", "planets", "sun", "moon", "earth")
+LIGHTS = ("zodiacal", "starlight", "planets", "sun", "moon", "earth", "airglow", "cities")
 FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
 
 
@@ -47,7 +47,8 @@ class Scene:
     lights        which of LIGHTS there are beside it: "zodiacal" light; "starlight" of stars
                   below the catalogue's limit and of the dust that they light; "planets", the
                   "sun" and the "moon", in the field and through the baffle; the "earth" under an
-                  orbit. Sun, Moon and Earth hide the stars behind them, and each other's light
+                  orbit, its "airglow" and its "cities" by night. Sun, Moon and Earth hide the
+                  stars behind them, and each other's light
     date          UTC, as "2026-03-20T12:00:00"
     days          each trial draws its date within so many days after `date`
     orbit         around the Earth; None: the observer is at the Earth's centre, without an Earth
@@ -83,6 +84,9 @@ class Scene:
             raise ValueError("orbit and place must not both be given, as each is the observer's")
         if "earth" in self.lights and not self.orbit:
             raise ValueError("orbit must be given where lights has earth, got none")
+        for light in {"airglow", "cities"}.intersection(self.lights):
+            if "earth" not in self.lights:
+                raise ValueError(f"lights must have earth where they have {light}")
         if self.place is not None:
             if len(self.place) != 3:
                 raise ValueError(f"place must have three coordinates, got {len(self.place)}")
