@@ -6,6 +6,7 @@ analytic    Case -> Budget, in milliseconds and without a trial
 measured    the same by trials, with causes switched on the same sky and noise
 survey      stars, availability and error over the sky
 indices     sequences -> absolute, mean and relative errors and drift, with their levels
+exclusion   what Sun, Moon and Earth cost over their angle through a baffle
 residuals   what single stars err by in trials
 
 What these are made of:
@@ -19,6 +20,7 @@ fields      the stars of many fields of the sky, and errors of stars into errors
 from startrack.budget.analytic import analytic
 from startrack.budget.budget import Budget, Law, Line, Sample, Spread
 from startrack.budget.causes import Cause, Term, causes
+from startrack.budget.exclusion import Exclusion, exclusions
 from startrack.budget.indices import INDICES, indices_of
 from startrack.budget.measured import measured
 from startrack.budget.survey import Survey, circles, survey
@@ -27,6 +29,7 @@ __all__ = [
     "INDICES",
     "Budget",
     "Cause",
+    "Exclusion",
     "Law",
     "Line",
     "Sample",
@@ -36,6 +39,7 @@ __all__ = [
     "analytic",
     "causes",
     "circles",
+    "exclusions",
     "indices_of",
     "measured",
     "survey",

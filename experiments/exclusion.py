@@ -1,0 +1,85 @@
+"""How near may Sun, Moon and Earth stand to a tracker's field, and what do they cost before?
+
+The nanosatellite's tracker behind a baffle whose point-source transmittance falls by a decade every
+nine degrees: the veil, the error across the boresight and the availability over the angle, by the
+analytic budget, and the angles beyond which the error is at most a tenth above that of a dark sky.
+
+    python experiments/exclusion.py [--json FILE] [--figure FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import one_thread  # noqa: F401
+from numpy.typing import NDArray
+
+from startrack.budget import Exclusion, exclusions
+from startrack.design import load_design
+from startrack.optics import Baffle
+from startrack.shipped import shipped
+from startrack.units import arcsec, deg
+
+# Of the usual shape for a two-stage baffle; an assumption, not a product's.
+BAFFLE = Baffle(
+    tuple(np.array([0.0, 5, 10, 20, 30, 40, 60, 90]) * deg),
+    (1e-1, 1e-2, 1e-3, 1e-5, 1e-6, 1e-7, 1e-9, 1e-10),
+)
+ANGLES: NDArray[np.float64] = np.arange(2.0, 90.5, 1.0, dtype=np.float64) * deg
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    parser.add_argument("--figure", type=Path, help="draw the curves here")
+    chosen = parser.parse_args()
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = replace(case, instrument=replace(case.instrument, baffle=BAFFLE))
+    found = exclusions(case, ANGLES)
+    figures = {f"{name}_exclusion_deg": one.least() / deg for name, one in found.items()}
+    figures["error_arcsec"] = float(found["sun"].across[-1]) / arcsec
+    at = int(np.argmin(abs(ANGLES - 20 * deg)))
+    figures["earth_cost_at_20_deg"] = float(found["earth"].across[at] / found["earth"].across[-1])
+    for name, value in figures.items():
+        print(f"{name:24} {value:.4g}")
+    if chosen.json:
+        text = {name: one if math.isfinite(one) else None for name, one in figures.items()}
+        chosen.json.write_text(json.dumps(text, indent=1) + "\n")
+    if chosen.figure:
+        draw(chosen.figure, found)
+
+
+def draw(path: Path, found: dict[str, Exclusion]) -> None:
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(3, 1, figsize=(7.5, 9), sharex=True, layout="constrained")
+    names = {"sun": "Sun", "moon": "full Moon", "earth": "noon Earth, 600 km (to its limb)"}
+    for (name, one), colour in zip(found.items(), ("#d98b19", "#777777", "#2a6fb0"), strict=True):
+        place = one.angle / deg
+        axes[0].plot(place, one.veil_g, color=colour, label=names[name])
+        axes[1].semilogy(place, one.across / arcsec, color=colour)
+        axes[2].plot(place, one.availability, color=colour)
+        for each in axes[1:]:
+            each.axvline(one.least() / deg, color=colour, ls=":", lw=1)
+    axes[0].invert_yaxis()
+    axes[0].set_ylabel("veil (G per square arcsec)")
+    axes[0].legend()
+    axes[1].set_ylabel("error across (arcsec rms)")
+    axes[2].set_ylabel("availability")
+    axes[2].set_xlabel("angle from the boresight (deg); dotted: exclusion angle, error +10 %")
+    figure.suptitle("The nanosatellite's tracker behind an assumed baffle, analytic budget")
+    for each in axes:
+        each.grid(alpha=0.3)
+    figure.savefig(path, dpi=120)
+
+
+if __name__ == "__main__":
+    main()
