@@ -15,7 +15,7 @@ from startrack.curve import Curve
 from startrack.scene.earth import Ground, cartesian, fractal
 from startrack.scene.earth.ellipsoid import EQUATORIAL
 from startrack.streams import Streams
-from startrack.units import Unit, deg
+from startrack.units import Unit
 
 Floats = NDArray[np.float64]
 
@@ -143,9 +143,9 @@ def _cover(land: Land, ground: Ground) -> NDArray[np.int64]:
 def _texture(land: Land, ground: Ground) -> Floats:
     """(n,) deviation of mean zero and rms one."""
     step = land.texture_cell / EQUATORIAL
+    # The sinusoidal projection: of equal areas and without seams, sheared far from Greenwich.
     v = np.nan_to_num(ground.latitude)
-    # Texels are square in belts of a degree of latitude, so that they know nothing of the image.
-    u = np.nan_to_num(ground.longitude) * np.cos((np.floor(v / deg) + 0.5) * deg)
+    u = np.nan_to_num(ground.longitude) * np.cos(v)
     texels = _texels(land.texture_seed)
     i, j = np.floor(u / step).astype(np.int64), np.floor(v / step).astype(np.int64)
     return texels[j % TEXELS, i % TEXELS]

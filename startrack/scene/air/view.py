@@ -15,20 +15,24 @@ from startrack.scene.earth import Ground, up
 
 Floats = NDArray[np.float64]
 
+TINY = 1e-12  # product of sines, below which no azimuth is told
+
 
 def sight_of(ground: Ground) -> Sight:
     """How the Sun and the camera stand over each of the m points of ground that are seen."""
     seen = ground.hit
     zenith = up(ground.longitude[seen], ground.latitude[seen])
-    camera, sun = -ground.direction[seen], np.broadcast_to(ground.sun, zenith.shape)
-    flat = [one - np.einsum("ij,ij->i", one, zenith)[:, None] * zenith for one in (camera, sun)]
-    turned = np.einsum("ij,ij->i", *flat)
-    azimuth = np.arctan2(np.linalg.norm(np.cross(*flat), axis=1), turned)
+    camera, sun = -ground.direction[seen], ground.sun
+    high, low = np.einsum("ij,ij->i", camera, zenith), zenith @ sun
+    # Both without their share along the zenith: how high and how level each stands.
+    level, shone = camera - high[:, None] * zenith, sun - low[:, None] * zenith
+    apart, about = (np.sqrt(np.einsum("ij,ij->i", one, one)) for one in (level, shone))
+    turned = np.einsum("ij,ij->i", level, shone) / np.maximum(apart * about, TINY)
     return Sight(
         ground.height[seen],
-        ground.view_zenith[seen],
-        ground.sun_zenith[seen],
-        azimuth,
+        np.arctan2(apart, high),
+        np.arctan2(about, low),
+        np.arccos(np.clip(turned, -1, 1)),
         np.cos(ground.sun_incidence[seen]),
         (~ground.shadow[seen]).astype(np.float64),
         ground.sky_view[seen],
