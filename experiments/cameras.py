@@ -1,0 +1,99 @@
+"""What do the cameras of Krutz et al. (2011) see of made terrain, and one of them of the stars?
+
+Renders WAOSS, HSRS, MERTIS and ADS40 over their scenes and AsteroidFinder on the sky, each in
+digital numbers, into one picture a camera.
+
+    python experiments/cameras.py [--json FILE] [--figure DIR]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import one_thread  # noqa: F401
+from numpy.typing import NDArray
+
+from startrack.chain import observe
+from startrack.design import load_design
+from startrack.imager import Picture, load_survey, render
+from startrack.shipped import shipped
+from startrack.streams import Streams
+from startrack.wcs import pointing
+
+SCENES = ("waoss", "hsrs", "mertis", "ads40")
+PRAESEPE = (130.1, 19.67)  # right ascension and declination, degree: an open cluster
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    parser.add_argument("--figure", type=Path, help="draw the pictures into this folder")
+    chosen = parser.parse_args()
+    figures: dict[str, Any] = {}
+    for name in SCENES:
+        images = {}
+        path = shipped(f"scenes/{name}.toml")
+        survey = load_survey(path)
+        for channel in survey.channels:
+            start = time.process_time()
+            picture = Picture.blank(channel.detector.rows, channel.columns)
+            render(survey, channel, path.parent, 1, picture)
+            images[channel.name] = picture.numbers
+            figures[f"{name}_{channel.name}"] = told(channel.detector.bits, picture, start)
+        show(chosen.figure, name, images)
+    case = load_design(shipped("cameras/asteroidfinder.toml")).case
+    record = observe(case, pointing(*PRAESEPE, 0.0), Streams(1, 0))
+    figures["asteroidfinder"] = {
+        "stars": len(record.stars), "spots": record.outcome.spots, "matches": record.outcome.stars,
+        "status": str(record.estimate.status),
+    }  # fmt: skip
+    show(chosen.figure, "asteroidfinder", {"one of four EMCCDs": record.frame.image})
+    for name, value in figures.items():
+        print(f"{name:20} {value}")
+    if chosen.json:
+        chosen.json.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+def told(bits: int, picture: Picture, start: float) -> dict[str, float]:
+    return {
+        "number_median": float(np.median(picture.numbers)),
+        "number_max": float(picture.numbers.max()),
+        "saturated": float((picture.numbers == 2**bits - 1).mean()),
+        "cpu_s": round(time.process_time() - start, 2),
+    }
+
+
+def show(folder: Path | None, name: str, images: dict[str, NDArray[Any]]) -> None:
+    """All channels side by side, each stretched over 1 to 99.5 %."""
+    if folder is None:
+        return
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    folder.mkdir(parents=True, exist_ok=True)
+    across = min(len(images), 4)
+    down = -(-len(images) // across)
+    figure, axes = plt.subplots(
+        down, across, figsize=(4.2 * across, 4 * down), layout="constrained", squeeze=False
+    )
+    for each in axes.ravel()[len(images) :]:
+        each.axis("off")
+    for each, (title, numbers) in zip(axes.ravel(), images.items(), strict=False):
+        low, high = np.percentile(numbers, (1, 99.5))
+        shown = each.imshow(numbers, cmap="gray", vmin=low, vmax=max(high, low + 1))
+        each.set(title=title, xlabel="column (pixel)", ylabel="line")
+        figure.colorbar(shown, ax=each, shrink=0.8, label="digital number")
+    figure.suptitle(name)
+    figure.savefig(folder / f"{name}.png", dpi=110)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    main()
