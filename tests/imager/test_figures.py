@@ -7,6 +7,7 @@ import pytest
 
 from startrack.cli import main
 from startrack.curve import Curve
+from startrack.design import load_design
 from startrack.detector import Detector, Scan
 from startrack.imager import (
     Channel,
@@ -134,3 +135,11 @@ def test_wrong_goals_are_wrong_use(tmp_path, capsys):
     path.write_text(shipped("scenes/goals.toml").read_text().replace("mtf = 0.3", "mtf = 1.3"))
     assert main(["requirements", str(path)]) == 2
     assert "mtf must lie in [0.001, 0.99], got 1.3" in capsys.readouterr().err
+
+
+def test_asteroidfinder_is_what_is_published():
+    """F/3.4, 2 x 2 degrees on four detectors, about 400 cm2 (Hartl et al. 2010)."""
+    instrument = load_design(shipped("cameras/asteroidfinder.toml")).case.instrument
+    assert 2 * instrument.camera.fov_x / deg == pytest.approx(2.0, rel=0.01)
+    assert instrument.optics.area * 1e4 == pytest.approx(400, rel=0.02)
+    assert instrument.detector.multiplication > 1
