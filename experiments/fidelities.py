@@ -26,16 +26,16 @@ from scipy import stats
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from startrack import covariance, window
 from startrack.case import Case, Fidelity
 from startrack.catalog import open_sky, shipped
 from startrack.chain import observe, recognise, trials
-from startrack.covariance import plan_of
 from startrack.design import load_design
 from startrack.error import judge
 from startrack.streams import Streams
 from startrack.values import Spots
 from startrack.view import random_attitude
-from startrack.window import blank_of, spots_in_windows
+from startrack.window import spots_in_windows
 
 Floats = NDArray[np.float64]
 
@@ -136,7 +136,7 @@ def laws(count: int) -> tuple[dict[str, float], dict[str, tuple[Sample, Sample, 
         both = frames, windows
         table = {
             "spots": (*(each.spots.mean() for each in both), spots["spots"].mean()),
-            "false": (*(each.false.mean() for each in both), plan_of(case).false),
+            "false": (*(each.false.mean() for each in both), covariance.plan_of(case).false),
             "centroid": (*(rms(each.centroid) for each in both), math.nan),
             "across": tuple(rms(each) / ARCSEC for each in (*(b.across for b in both), across)),
             "solved": (*(right(each)[0] / count for each in both), spots["solved"].mean()),
@@ -192,10 +192,10 @@ def speeds() -> dict[str, float]:
     figures["covariance_trials_per_s"] = figures["example_covariance_trials_per_s"]
     figures["window_30_spots"] = float(np.mean([look(thirty, number) for number in range(20)]))
     figures["window_30_ms"] = 1e3 * least(lambda n: look(thirty, n % 20), 60)
-    blank_of.cache_clear()
-    plan_of.cache_clear()
+    window.plan_of.cache_clear()
+    covariance.plan_of.cache_clear()
     figures["first_window_ms"] = 1e3 * least(lambda _: look(thirty, 0), 1)
-    figures["first_covariance_ms"] = 1e3 * least(lambda _: plan_of(EXAMPLE), 1)
+    figures["first_covariance_ms"] = 1e3 * least(lambda _: covariance.plan_of(EXAMPLE), 1)
     print("\n" + "\n".join(f"{name:38} {value:10.2f}" for name, value in figures.items()), "\n")
     return figures
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -74,7 +75,7 @@ class Camera:
         """Radian, angle that the rows span edge to edge, distortion left out."""
         return 2 * math.atan(self.rows / 2 / self.focal_length_px)
 
-    @property
+    @cached_property
     def half_diagonal(self) -> float:
         """Radian, from the boresight to the farthest corner."""
         corners = [(x, y) for x in (-0.5, self.columns - 0.5) for y in (-0.5, self.rows - 0.5)]

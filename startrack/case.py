@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from typing import Annotated
 
 from startrack.attitude import Attitude, Mounting
@@ -52,7 +53,7 @@ class Instrument:
     def __post_init__(self) -> None:
         finite(delay=self.delay)
 
-    @property
+    @cached_property
     def camera(self) -> Camera:
         """Where directions truly fall."""
         optics = self.optics

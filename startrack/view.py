@@ -13,14 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
 from startrack.case import Case, Instrument
-from startrack.catalog import Sky
-from startrack.detector import Turn, expected
+from startrack.catalog import Sky, open_sky
+from startrack.detector import Turn, arriving, expected
 from startrack.motion import shake, turn
 from startrack.optics import focus, veil
 from startrack.scene import WAVELENGTH, Sight, blackbody_photons, illuminate
 from startrack.scene.photometry import SUN
 from startrack.streams import Streams
-from startrack.values import Light, Path, Psf, Stars
+from startrack.values import Floats, Ints, Light, Path, Psf, Stars
 
 EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can reach the frame
 
@@ -52,8 +52,40 @@ def _quaternion(streams: Streams) -> NDArray[np.float64]:
 
 def look(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
     """The stars that can reach the frame, brightest first."""
-    boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
-    return sky.stars[sky.cone(boresight, camera.half_diagonal + math.radians(EDGE))]
+    return sky.stars[_near(sky, icrs_to_camera, camera)]
+
+
+def _near(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Ints:
+    """Which they are."""
+    boresight = icrs_to_camera.as_matrix()[2]
+    return sky.cone(boresight, camera.half_diagonal + math.radians(EDGE))
+
+
+def arrive(
+    case: Case, icrs_to_camera: Rotation, streams: Streams
+) -> tuple[Floats, Floats, Light | None]:
+    """What reaches the detector in an exposure: directions (n, 3) and electrons (n,) of points.
+
+    Stars alone send what they always send, which is computed once.
+
+    Returns  besides, the light of a scene that holds more than stars
+    """
+    sky, camera = open_sky(case.catalog), case.instrument.camera
+    if not case.scene.lights:
+        near = _near(sky, icrs_to_camera, camera)
+        return sky.stars.direction[near], _electrons(case)[near], None
+    light = light_of(case, look(sky, icrs_to_camera, camera), icrs_to_camera, streams)
+    instrument = case.instrument
+    star, _ = arriving(light, camera, instrument.detector, throughput(instrument))
+    return light.direction, star, light
+
+
+@lru_cache(maxsize=4)
+def _electrons(case: Case) -> Floats:
+    """Electrons of each star of the sky in an exposure."""
+    light = illuminate(case.scene, open_sky(case.catalog).stars)
+    instrument = case.instrument
+    return arriving(light, instrument.camera, instrument.detector, throughput(instrument))[0]
 
 
 def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Streams) -> Light:

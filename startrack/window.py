@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import math
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
+from numba import njit
 from scipy.spatial.transform import Rotation
 
 from startrack.case import Case
 from startrack.catalog import open_sky
 from startrack.detection import (
-    Detection,
-    Sky,
+    Ground,
     detect_within,
     grown,
     kernel_half,
-    lowest_looks,
     margin,
-    measure_sky,
+    measure_ground,
     peak_border,
     star_filter,
     star_profile,
@@ -27,27 +27,37 @@ from startrack.detection import (
 from startrack.detector import (
     Detector,
     Numbers,
+    Rates,
     Tilt,
     arriving,
     excesses,
     expose_within,
     frame_of,
-    ground,
-    ground_tables,
     lone_pixels,
     numbers_of,
     odd_pixels,
     only_lone_pixels,
     put,
+    rates_for,
     seen,
     tilt_for,
 )
+from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.values import Floats, Ints, Psf, Spots
-from startrack.view import light_of, look, path_of, psf_of, throughput, turn_of
+from startrack.view import (
+    arrive,
+    look,
+    noiseless,
+    path_of,
+    psf_of,
+    random_attitude,
+    throughput,
+    turn_of,
+)
 
-BLANKS = 8  # frames without stars, whose background and noise stand for those of all
-BLANK_SEED = 2**63 - 1
+SAMPLES = 16  # frames, whose background and noise stand for those of all
+SAMPLE_SEED = 2**63 - 1
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
 DARKEST = 0.1  # sigma of the filtered frame; a star that adds less moves no false spot
 LEAST_HALF = 3  # pixel
@@ -59,90 +69,122 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     Around each star that it may find, and around each pixel unlike the others, the very numbers
     of the frame are rendered and searched. Elsewhere noise alone makes spots: where it passes
     the level of the search is drawn, with the numbers there, from their exact law. What the
-    search compares with, background and noise of the frame, is that of one of eight blank frames
-    of the design.
+    search compares with, background and noise of the frame, is that of one of sixteen whole
+    frames of the design.
 
     icrs_to_camera  true attitude at the middle of the exposure
     Returns         Spots, brightest first
     Errors          ValueError that names what in the design needs the whole frame.
     """
-    instrument, settings = case.instrument, case.tracker.detection
-    detector, camera = instrument.detector, instrument.camera
-    only_lone_pixels(detector)
-    psf = psf_of(instrument)
-    stars = look(open_sky(case.catalog), icrs_to_camera, camera)
-    light = light_of(case, stars, icrs_to_camera, streams)
-    if light.glow:
+    plan, instrument = plan_of(case), case.instrument
+    detector, sky, psf, settings = plan.detector, plan.sky, plan.psf, case.tracker.detection
+    direction, star, light = arrive(case, icrs_to_camera, streams)
+    if light and light.glow:
         raise ValueError(
             "fidelity must be frame where the light of the sky varies over the field, got window"
         )
-    star, sky = arriving(light, camera, detector, throughput(instrument))
     path, turn = path_of(instrument, streams), turn_of(instrument, streams)
-    places = list(seen(light, path, icrs_to_camera, camera, detector, turn))
-    blank = blank_of(detector, sky, settings, psf)
-    chosen = blank.skies[int(streams("blank sky").integers(BLANKS))]
-    flux = star / detector.electrons_per_dn
-    threshold = threshold_of(settings, detector.columns, detector.rows, psf)
-    halves = reach_of(flux, chosen, threshold, settings, psf)
-    regions = np.concatenate(
-        [
-            around_paths(np.array([(x, y) for _, x, y in places]), halves, detector),
-            around_pixels(
-                lone_pixels(detector, sky, streams), kernel_half(settings, psf), detector
-            ),
-        ]
+    parts = zip(
+        *seen(direction, path, icrs_to_camera, instrument.camera, detector, turn), strict=True
     )
-    looks = lowest_looks(chosen, settings, detector.columns * detector.rows, psf)
-    pixel, numbers = excesses(
-        blank.numbers, blank.tilt, looks, chosen.mesh, peak_border(settings), regions, streams
-    )
-    lone = around_pixels(pixel, 0, detector)
+    weight, x, y = (np.concatenate(each) for each in parts)
+    ground, rates = plan.grounds[int(streams("sample of the sky").integers(SAMPLES))]
+    half = reach_of(star / detector.electrons_per_dn, ground.noise, plan)
     size = detector.columns, detector.rows
-    far = margin(settings, psf)
-    windows = grown(np.concatenate([regions, lone]), far, *size)
-    frame = expose_within(windows, places, star, psf, detector, sky, streams)
+    regions = around_paths(x, y, half, *size)
+    odd = lone_pixels(detector, sky, streams)
+    if len(odd):
+        regions = np.concatenate([regions, around_pixels(odd, plan.spread, *size)])
+    pixel, numbers = excesses(
+        plan.numbers, plan.tilt, rates, ground.sky.mesh, plan.border, regions, streams
+    )
+    lone = around_pixels(pixel, 0, *size)
+    every = np.concatenate([regions, lone])
+    windows = grown(every, plan.far, *size)
+    frame = expose_within(windows, (weight, x, y), star, psf, detector, sky, streams)
     # Numbers of noise must not be written over those about a star, which are searched first then.
-    apart = separate(grown(lone, kernel_half(settings, psf), *size), grown(regions, far, *size))
-    if apart:
+    if separate(grown(lone, plan.spread, *size), windows[: len(regions)]):
         put(frame, pixel, numbers)
-        return detect_within(frame, np.concatenate([regions, lone]), chosen, settings, psf)
-    spots = detect_within(frame, regions, chosen, settings, psf)
+        return detect_within(frame, every, ground, settings, psf)
+    spots = detect_within(frame, regions, ground, settings, psf)
     put(frame, pixel, numbers)
-    return merged(spots, detect_within(frame, lone, chosen, settings, psf), settings.max_spots)
+    return merged(spots, detect_within(frame, lone, ground, settings, psf), settings.max_spots)
 
 
 @dataclass(frozen=True, eq=False)
-class Blank:
-    """What a design's frames without stars are like.
+class Plan:
+    """All that the trials of a case share.
 
-    skies    background and noise of some, as the detection measures them
-    numbers  the laws of their numbers
-    tilt     those in which the detection's filter passes its level
+    sky        electron in a pixel of mean response
+    grounds    what some frames compare with, and how often noise is to be tried there
+    numbers    the laws of the numbers of a frame without stars
+    tilt       those in which the detection's filter passes its level
+    threshold  sigma
+    share      (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
+    spread     pixel, that the filter reaches;  far  that the detection looks from a peak
+    border     pixel, that a peak keeps from the frame's border
     """
 
-    skies: tuple[Sky, ...]
+    detector: Detector
+    sky: float
+    psf: Psf
+    grounds: tuple[tuple[Ground, Rates], ...]
     numbers: Numbers
     tilt: Tilt
+    threshold: float
+    share: Floats
+    spread: int
+    far: int
+    border: int
 
 
 @lru_cache(maxsize=8)
-def blank_of(detector: Detector, sky: float, settings: Detection, psf: Psf) -> Blank:
-    """Render and measure blank frames, once per design."""
-    level, tables = ground(detector, sky), ground_tables(detector, sky)
-    frames = (frame_of(level, detector, Streams(BLANK_SEED, n), tables) for n in range(BLANKS))
-    skies = tuple(measure_sky(frame, settings, psf) for frame in frames)
+def plan_of(case: Case) -> Plan:
+    """Render and measure some frames, once per design."""
+    instrument, settings = case.instrument, case.tracker.detection
+    detector, psf = instrument.detector, psf_of(instrument)
+    only_lone_pixels(detector)
+    light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
+    _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
     numbers = numbers_of(detector, sky, odd_pixels(detector, sky).tobytes())
-    area = detector.columns * detector.rows
-    look = float(np.median([lowest_looks(one, settings, area, psf) for one in skies]))
-    tilt = tilt_for(numbers, star_filter(settings, psf), look, skies[0].mesh, peak_border(settings))
-    return Blank(skies, numbers, tilt)
+    grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]
+    level = float(np.median([one.lowest for one in grounds]))
+    border, mesh = peak_border(settings), grounds[0].sky.mesh
+    tilt = tilt_for(numbers, star_filter(settings, psf), level, mesh, border)
+    return Plan(
+        detector,
+        sky,
+        psf,
+        tuple((one, rates_for(numbers, tilt, one.lowest, mesh)) for one in grounds),
+        numbers,
+        tilt,
+        threshold_of(settings, detector.columns, detector.rows, psf),
+        star_profile(psf, settings),
+        kernel_half(settings, psf),
+        margin(settings, psf),
+        border,
+    )
 
 
+def ground_of(case: Case, streams: Streams) -> Ground:
+    """What the search of one frame of the design compares with; its stars raise that a little."""
+    case = replace(case, scene=replace(case.scene, lights=()))
+    instrument, attitude = case.instrument, random_attitude(streams)
+    stars = look(open_sky(case.catalog), attitude, instrument.camera)
+    electrons = noiseless(case, stars, path_of(instrument, streams), attitude, streams)
+    frame = frame_of(electrons, instrument.detector, streams)
+    return measure_ground(frame, case.tracker.detection, psf_of(instrument))
+
+
+@njit(cache=True, error_model="numpy")
 def separate(some: Ints, others: Ints) -> bool:
     """Whether no region (m, 4) overlaps one of the others (n, 4)."""
-    low = np.maximum(some[:, None, :2], others[:, :2])
-    high = np.minimum(some[:, None, 2:], others[:, 2:])
-    return not (low < high).all(axis=-1).any()
+    for one in some:
+        for other in others:
+            across = max(one[0], other[0]) < min(one[2], other[2])
+            if across and max(one[1], other[1]) < min(one[3], other[3]):
+                return False
+    return True
 
 
 def merged(spots: Spots, more: Spots, most: int) -> Spots:
@@ -155,36 +197,45 @@ def merged(spots: Spots, more: Spots, most: int) -> Spots:
     return Spots(*together)
 
 
-def reach_of(flux: Floats, ground: Sky, threshold: float, settings: Detection, psf: Psf) -> Ints:
+def reach_of(flux: Floats, noise: float, plan: Plan) -> Ints:
     """How far from each star its light matters to the search, pixel; -1 where it never does.
 
-    flux       (n,) digital number
-    threshold  sigma
+    flux   (n,) digital number
+    noise  digital number, of the filtered frame
     """
-    noise = float(np.median(ground.rms))
-    share = star_profile(psf, settings)
-    peak = flux * share[0]
+    share = plan.share
     half = len(share) - np.searchsorted(share[::-1], DARKEST * noise / np.maximum(flux, 1e-300))
-    faint = peak < (threshold - FAINTEST) * noise
+    faint = flux * share[0] < (plan.threshold - FAINTEST) * noise
     return np.where(faint, -1, np.maximum(half, LEAST_HALF))
 
 
-def around_paths(place: Floats, half: Ints, detector: Detector) -> Ints:
+@njit(cache=True, error_model="numpy")
+def around_paths(x: Floats, y: Floats, half: Ints, columns: int, rows: int) -> Ints:
     """Regions (w, 4) that hold the paths of stars, and so many pixel more on each side.
 
-    place  (m, 2, n) pixel x and y of the points of the paths
-    half   (n,) pixel; stars with -1 are left out
+    x, y  (m, n) pixel, of the points of the paths
+    half  (n,) pixel; stars with -1 are left out
     """
-    with np.errstate(invalid="ignore"):
-        low, high = np.floor(place.min(axis=0)) - half, np.ceil(place.max(axis=0)) + half + 1
-        near = (half >= 0) & (high > 0).all(axis=0)  # not NaN either
-        near &= (low[0] < detector.columns) & (low[1] < detector.rows)
-    regions = np.concatenate([low[:, near], high[:, near]]).T.astype(np.int64)
-    return grown(regions, 0, detector.columns, detector.rows)
+    regions = np.empty((len(half), 4), np.int64)
+    count = 0
+    for n in range(len(half)):
+        left, top = x[:, n].min() - half[n], y[:, n].min() - half[n]
+        right, bottom = x[:, n].max() + half[n] + 1, y[:, n].max() + half[n] + 1
+        # Not NaN either.
+        if half[n] >= 0 and left < columns and top < rows and right > 0 and bottom > 0:
+            regions[count, 0], regions[count, 1] = max(math.floor(left), 0), max(math.floor(top), 0)
+            regions[count, 2] = min(math.ceil(right), columns)
+            regions[count, 3] = min(math.ceil(bottom), rows)
+            count += 1
+    return regions[:count]
 
 
-def around_pixels(pixel: Ints, half: int, detector: Detector) -> Ints:
+@njit(cache=True, error_model="numpy")
+def around_pixels(pixel: Ints, half: int, columns: int, rows: int) -> Ints:
     """Regions (w, 4) that hold pixels and so many more on each side."""
-    y, x = np.divmod(pixel, detector.columns)
-    regions = np.column_stack([x - half, y - half, x + half + 1, y + half + 1])
-    return grown(regions, 0, detector.columns, detector.rows)
+    regions = np.empty((len(pixel), 4), np.int64)
+    for k in range(len(pixel)):
+        y, x = pixel[k] // columns, pixel[k] % columns
+        regions[k, 0], regions[k, 1] = max(x - half, 0), max(y - half, 0)
+        regions[k, 2], regions[k, 3] = min(x + half + 1, columns), min(y + half + 1, rows)
+    return regions

@@ -33,7 +33,6 @@ within      Frame known in regions alone -> Spots
 expectation Frame without noise -> what to expect of its stars
 """
 
-from startrack.detection.background import Sky
 from startrack.detection.dark import subtract_dark
 from startrack.detection.detect import detect
 from startrack.detection.expectation import Expectation, expect
@@ -44,12 +43,12 @@ from startrack.detection.rate import false_alarms, threshold_of
 from startrack.detection.smear import smeared
 from startrack.detection.windows import detect_near
 from startrack.detection.within import (
+    Ground,
     detect_within,
     grown,
     kernel_half,
-    lowest_looks,
     margin,
-    measure_sky,
+    measure_ground,
     peak_border,
     star_filter,
     star_profile,
@@ -58,7 +57,7 @@ from startrack.detection.within import (
 __all__ = [
     "Detection",
     "Expectation",
-    "Sky",
+    "Ground",
     "detect",
     "detect_near",
     "detect_within",
@@ -68,9 +67,8 @@ __all__ = [
     "gaussian_psf",
     "grown",
     "kernel_half",
-    "lowest_looks",
     "margin",
-    "measure_sky",
+    "measure_ground",
     "peak_border",
     "smeared",
     "star_filter",

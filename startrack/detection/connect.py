@@ -62,16 +62,22 @@ def _any_above(values: Image, level: float) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def peaks(
-    image: Image, pixels: Ints, min_area: int, max_area: int, reach: int, border: int
+    image: Image,
+    pixels: Ints,
+    waiting: NDArray[np.uint8],
+    min_area: int,
+    max_area: int,
+    reach: int,
+    border: int,
 ) -> Peaks:
     """Local maxima of the components whose size is right; several where stars touch.
 
-    pixels  (n,) lit ones, as from `lit`; those that touch, corners included, are a component
-    reach   pixel, half side of the square in which a peak must be the highest
-    border  pixel, distance that a peak must keep from the border
+    pixels   (n,) lit ones, as from `lit`; those that touch, corners included, are a component
+    waiting  (rows, columns) of zeros for the work, which are zeros again at the end
+    reach    pixel, half side of the square in which a peak must be the highest
+    border   pixel, distance that a peak must keep from the border
     """
     rows, columns = image.shape
-    waiting = np.zeros((rows, columns), np.uint8)
     for k in range(len(pixels)):
         waiting[pixels[k] // columns, pixels[k] % columns] = 1
     x, y, area = np.empty((3, len(pixels)), np.int64)

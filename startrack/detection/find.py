@@ -19,6 +19,7 @@ from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.rate import threshold_over
 from startrack.detection.split import split
+from startrack.scratch import scratch
 from startrack.values import Ints, Psf
 
 Image = NDArray[np.float32]
@@ -88,8 +89,8 @@ def choose(
     """
     kernel = kernel_of(settings, psf)
     reach, ring = settings.window // 2, ring_half(settings, kernel)
-    border = reach + settings.edge
-    found = peaks(image, bright, settings.min_area, settings.max_area, reach, border)
+    border, waiting = reach + settings.edge, scratch("waiting pixels", image.shape, np.uint8)
+    found = peaks(image, bright, waiting, settings.min_area, settings.max_area, reach, border)
     x, y, area = split(
         pixels.value, found, ground.mean, ground.rms, ground.mesh, kernel.noise,
         1 / pixels.gain.electrons_per_dn, border,

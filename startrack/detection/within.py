@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -31,20 +32,42 @@ Image = NDArray[np.float32]
 RING = 3  # pixel, from a window to the far side of the ring about it
 
 
-def measure_sky(frame: Frame, settings: Detection, psf: Psf | None = None) -> Sky:
+class Ground(NamedTuple):
+    """What the search of a frame compares its pixels with.
+
+    sky     background and noise
+    far     sigma, how far a star must stand out, on the grid of the Sky
+    look    digital number from which on pixels are looked at, on the grid of the Sky
+    lowest  (down, across) digital number, the least of that in each tile
+    noise   digital number, of the filtered frame, in most tiles
+    """
+
+    sky: Sky
+    far: Image
+    look: Image
+    lowest: Floats
+    noise: float
+
+
+def measure_ground(frame: Frame, settings: Detection, psf: Psf | None = None) -> Ground:
     """Background and noise of a whole frame, as `detect` sees them."""
-    image, kernel = pixels(frame), kernel_of(settings, star_image(settings, psf))
-    return ground_of(image, filtered(image.value, kernel), kernel, settings.mesh)
+    image, star = pixels(frame), star_image(settings, psf)
+    kernel = kernel_of(settings, star)
+    sky = ground_of(image, filtered(image.value, kernel), kernel, settings.mesh)
+    far = reach_of_noise(sky, settings, frame.image.size, star)
+    look = look_level(sky, far)
+    lowest = cv2.erode(look, np.ones((3, 3), np.uint8))[1:-1, 1:-1].astype(float)
+    return Ground(sky, far, look, lowest, float(np.median(sky.rms)))
 
 
 def detect_within(
-    frame: Frame, regions: Ints, ground: Sky, settings: Detection, psf: Psf | None = None
+    frame: Frame, regions: Ints, ground: Ground, settings: Detection, psf: Psf | None = None
 ) -> Spots:
     """Find the stars whose peaks lie in some regions, as `detect` finds them in a whole frame.
 
     frame     whose image, best float32, is right in the regions and `margin` pixel around each
     regions   (w, 4) left, top, right, bottom, the last two not in it; they may overlap
-    ground    background and noise, as from `measure_sky`
+    ground    background and noise, as from `measure_ground`
     settings, psf  as `detect` takes them
     Returns   Spots, brightest first
     Errors    model: of a connected component, what lies in the margin beyond the kernel's reach
@@ -56,13 +79,10 @@ def detect_within(
     far, step = margin(settings, psf), max(kernel.whole.shape) // 2
     seen = grown(regions, far - step, columns, rows)
     image = scratch("detection filtered", (rows, columns), np.float32)
-    image.fill(np.median(ground.mean))
     value = np.asarray(frame.image, np.float32)
-    _filter(value, seen, kernel.whole, image)
+    bright = _filter(value, seen, kernel.whole, image, ground.look, ground.sky.mesh)
     known = Pixels(value, 0.0, 1.0, None, gain_of(frame, 0.0))
-    sigmas = reach_of_noise(ground, settings, image.size, star)
-    bright = _lit(image, seen, look_level(ground, sigmas), ground.mesh)
-    found = choose(known, image, bright, ground, sigmas, settings, star, regions)
+    found = choose(known, image, bright, ground.sky, ground.far, settings, star, regions)
     return centroid(frame, known, found, settings, star)
 
 
@@ -78,16 +98,6 @@ def margin(settings: Detection, psf: Psf | None = None) -> int:
 def star_filter(settings: Detection, psf: Psf | None = None) -> Floats:
     """The weights of the detection's filter, (2 m + 1, 2 n + 1) 1."""
     return kernel_of(settings, star_image(settings, psf)).whole.astype(float)
-
-
-def lowest_looks(ground: Sky, settings: Detection, area: int, psf: Psf | None = None) -> Floats:
-    """The lowest level from which on each tile of a Sky is looked at, (down, across).
-
-    area  pixel, of the frame
-    """
-    far = reach_of_noise(ground, settings, area, star_image(settings, psf))
-    level = look_level(ground, far)
-    return cv2.erode(level, np.ones((3, 3), np.uint8))[1:-1, 1:-1].astype(float)
 
 
 def peak_border(settings: Detection) -> int:
@@ -124,45 +134,57 @@ def grown(regions: Ints, by: int, columns: int, rows: int) -> Ints:
 
 
 @njit(cache=True, error_model="numpy")
-def _filter(value, windows, kernel, image):  # type: ignore[no-untyped-def]
-    """`matched.filtered` in windows; the image is mirrored at its border."""
-    rows, columns = value.shape
+def _filter(value, windows, kernel, image, level, mesh):  # type: ignore[no-untyped-def]
+    """`matched.filtered` in windows, and which pixels there exceed a level, as `connect.lit`.
+
+    Trap: with liberties in its sums, the last bit would hang on where memory happens to lie, and
+    it decides between the pixels of a saturated star.
+
+    Returns  (n,) row * columns + column; where windows overlap, a pixel may come twice
+    """
+    columns = value.shape[1]
     down, across = kernel.shape[0] // 2, kernel.shape[1] // 2
+    lowest = level.min()
+    found = []
     for k in range(len(windows)):
         left, top, right, bottom = windows[k]
-        wide = np.empty(right - left + 2 * across, np.float32)
-        total = np.empty(right - left, np.float32)
+        held = _cut(value, left - across, top - down, right + across, bottom + down)
+        width = held.shape[1]
+        total = np.zeros((bottom - top) * width, np.float32)
+        line, many = held.ravel(), (bottom - top) * width - 2 * across
+        # One straight loop over all rows of the window; what it makes between them is left there.
+        for j in range(kernel.shape[0]):
+            for i in range(kernel.shape[1]):
+                weight, start = kernel[j, i], j * width + i
+                part = line[start : start + many]  # or the compiler would look for indices below 0
+                for n in range(many):
+                    total[n] += weight * part[n]
+        rounded = total.reshape(bottom - top, width)
         for y in range(top, bottom):
-            total[:] = 0
-            for j in range(-down, down + 1):
-                line = value[_mirrored(y + j, rows)]
-                for i in range(len(wide)):
-                    wide[i] = line[_mirrored(left - across + i, columns)]
-                for i in range(2 * across + 1):
-                    weight = kernel[down + j, i]
-                    for x in range(len(total)):
-                        total[x] += weight * wide[x + i]
-            image[y, left:right] = total
+            for x in range(left, right):
+                here = rounded[y - top, x - left]
+                image[y, x] = here
+                if here > lowest and here > between(level, mesh, x, y):
+                    found.append(y * columns + x)
+    return np.array(found, np.int64)
+
+
+@njit(cache=True, error_model="numpy")
+def _cut(value, left, top, right, bottom):  # type: ignore[no-untyped-def]
+    """A part of an image that is mirrored at its border, as OpenCV's BORDER_REFLECT has it."""
+    rows, columns = value.shape
+    if left >= 0 and top >= 0 and right <= columns and bottom <= rows:
+        return value[top:bottom, left:right].copy()
+    held = np.empty((bottom - top, right - left), np.float32)
+    for y in range(top, bottom):
+        for x in range(left, right):
+            held[y - top, x - left] = value[_mirrored(y, rows), _mirrored(x, columns)]
+    return held
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _mirrored(place, size):  # type: ignore[no-untyped-def]
-    """The pixel that stands for one beyond the border, as OpenCV's BORDER_REFLECT has it."""
+    """The pixel that stands for one beyond the border."""
     if place < 0:
         return min(-1 - place, size - 1)
     return place if place < size else max(2 * size - 1 - place, 0)
-
-
-@njit(cache=True, error_model="numpy")
-def _lit(image, windows, level, mesh):  # type: ignore[no-untyped-def]
-    """As `connect.lit`, in windows; where they overlap, a pixel may come twice."""
-    columns = image.shape[1]
-    found = []
-    lowest = level.min()
-    for k in range(len(windows)):
-        left, top, right, bottom = windows[k]
-        for y in range(top, bottom):
-            for x in range(left, right):
-                if image[y, x] > lowest and image[y, x] > between(level, mesh, x, y):
-                    found.append(y * columns + x)
-    return np.array(found, np.int64)

@@ -32,7 +32,15 @@ Below them: counter (random bits of a pixel), normal and poisson (quantiles), ta
 
 from startrack.detector.collect import electron_rate
 from startrack.detector.defects import Defects
-from startrack.detector.excess import Numbers, Tilt, excesses, numbers_of, tilt_for
+from startrack.detector.excess import (
+    Numbers,
+    Rates,
+    Tilt,
+    excesses,
+    numbers_of,
+    rates_for,
+    tilt_for,
+)
 from startrack.detector.expose import arriving, expected, expose, frame_of, seen
 from startrack.detector.grid import star_grid
 from startrack.detector.ground import ground, ground_tables
@@ -61,6 +69,7 @@ __all__ = [
     "Line",
     "Numbers",
     "Pattern",
+    "Rates",
     "Region",
     "Scan",
     "Thermal",
@@ -82,6 +91,7 @@ __all__ = [
     "only_lone_pixels",
     "poisson_quantile",
     "put",
+    "rates_for",
     "read_out",
     "response",
     "scan",

@@ -19,7 +19,7 @@ UNIT = 2.0**-53
 
 def key(streams: Streams, cause: str) -> np.uint64:
     """The key of one cause in one trial."""
-    return np.uint64(streams(cause).integers(2**64, dtype=np.uint64))
+    return np.uint64(streams(cause).bit_generator.random_raw())
 
 
 @njit(cache=True, error_model="numpy", inline="always")

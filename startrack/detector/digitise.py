@@ -34,32 +34,14 @@ def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | Non
     """
     image = blank(electrons.shape, law)
     tables = tables_for(electrons, law) if tables is None else tables
-    whole = np.array([[0, 0, *electrons.shape[::-1]]])
-    _digitise(image, electrons, whole, *_keys(law, streams), law, tables)
+    _digitise(image, electrons, *keys(law, streams), law, tables)
     return image
-
-
-def digitise_within(
-    image: Image,
-    electrons: Floats,
-    windows: NDArray[np.int64],
-    law: Law,
-    streams: Streams,
-    tables: Tables,
-) -> None:
-    """Write the numbers that `digitise` gives, in windows alone.
-
-    windows  (w, 4) left, top, right, bottom, the last two not in it; they may overlap
-    """
-    _digitise(image, electrons, windows, *_keys(law, streams), law, tables)
 
 
 def shot(electrons: Floats, streams: Streams) -> Floats:
     """The electrons that pixels catch: Poisson numbers (rows, columns); errors as in `digitise`."""
     caught = np.empty(electrons.shape)
-    whole = np.array([[0, 0, *electrons.shape[::-1]]])
-    tables = tables_for(electrons, COUNT)
-    _digitise(caught, electrons, whole, *_keys(COUNT, streams), COUNT, tables)
+    _digitise(caught, electrons, *keys(COUNT, streams), COUNT, tables_for(electrons, COUNT))
     return caught
 
 
@@ -76,7 +58,7 @@ def digitise_hit(
     pixel  (k,) row * columns + column
     extra  (k,) electron
     """
-    _digitise_hit(image.ravel(), electrons.ravel(), pixel, extra, *_keys(law, streams), law)
+    _digitise_hit(image.ravel(), electrons.ravel(), pixel, extra, *keys(law, streams), law)
 
 
 def normals(shape: tuple[int, ...], streams: Streams, cause: str) -> Floats:
@@ -86,27 +68,28 @@ def normals(shape: tuple[int, ...], streams: Streams, cause: str) -> Floats:
     return out
 
 
-def _keys(law: Law, streams: Streams) -> tuple[np.uint64, np.uint64]:
+def keys(law: Law, streams: Streams) -> tuple[np.uint64, np.uint64]:
     """The keys of shot and read noise; what a design does not have is not drawn."""
     read = key(streams, "read noise") if law.noise else np.uint64(0)
     return key(streams, "shot noise"), read
 
 
 @njit(cache=True, error_model="numpy")
-def _digitise(image, electrons, windows, shot, read, law, tables):  # type: ignore[no-untyped-def]
-    columns = image.shape[1]
-    at = np.empty(columns, np.uint32)
-    rest = np.empty(columns, np.uint32)
-    for k in range(len(windows)):
-        left, top, right, bottom = windows[k]
-        for row in range(top, bottom):
-            start = np.uint64(row * columns + left)
-            mean, out = electrons[row, left:right], image[row, left:right]
-            _digitise_row(out, mean, start, shot, read, law, tables, at, rest)
+def _digitise(image, electrons, shot, read, law, tables):  # type: ignore[no-untyped-def]
+    rows, columns = image.shape
+    room = np.empty((2, columns), np.uint32)
+    for row in range(rows):
+        start = np.uint64(row * columns)
+        digitise_row(image[row], electrons[row], start, shot, read, law, tables, room)
 
 
 @njit(cache=True, error_model="numpy")
-def _digitise_row(out, mean, start, shot, read, law, tables, at, rest):  # type: ignore[no-untyped-def]
+def digitise_row(out, mean, start, shot, read, law, tables, room):  # type: ignore[no-untyped-def]
+    """Write the numbers of pixels in a row, from the one numbered `start` on.
+
+    room  (2, n) for the work, at least as long as the row
+    """
+    at, rest = room[0, : len(mean)], room[1, : len(mean)]
     none = len(tables.entry) - 1
     entry = tables.entry
     # All in 32 bits: mixed integers would be widened, at a tenth of the time.
@@ -171,9 +154,14 @@ def _one(mean, extra, random, read, pixel, law):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _digitise_hit(image, electrons, pixels, extra, shot, read, law):  # type: ignore[no-untyped-def]
     for i in range(len(pixels)):
-        pixel = np.uint64(pixels[i])
-        mean = electrons[pixels[i]]
-        image[pixels[i]] = _one(mean, extra[i], bits(shot, pixel), read, pixel, law)
+        mean, pixel = electrons[pixels[i]], np.uint64(pixels[i])
+        image[pixels[i]] = digitised(mean, extra[i], pixel, shot, read, law)
+
+
+@njit(cache=True, error_model="numpy")
+def digitised(mean, extra, pixel, shot, read, law):  # type: ignore[no-untyped-def]
+    """The number of one pixel in which there are extra electrons."""
+    return _one(mean, extra, bits(shot, pixel), read, pixel, law)
 
 
 @njit(cache=True, error_model="numpy")

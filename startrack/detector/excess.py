@@ -80,11 +80,15 @@ class Tilt(NamedTuple):
     theta   1 / digital number
     bound   (down, across) K of the pixels of each tile, at most
     weight  (2 m + 1, 2 n + 1) of the filter
+    kind    (2 m + 1, 2 n + 1) which of the weights that differ each is
+    sums    (kinds, levels, n) of the tilted law, of the numbers up to the lowest, lowest + 1, ...
     """
 
     theta: float
     bound: Floats
     weight: Floats
+    kind: Ints
+    sums: Floats
 
 
 def tilt_for(numbers: Numbers, weight: Floats, level: float, mesh: int, border: int) -> Tilt:
@@ -115,13 +119,46 @@ def tilt_for(numbers: Numbers, weight: Floats, level: float, mesh: int, border: 
     more -= _cumulant(numbers.probability, middle, theta * weight)
     for edge in (bound[0], bound[-1], bound[:, 0], bound[:, -1]):
         edge += max(more, 0.0)
-    return Tilt(theta, bound, weight)
+    each, kind = np.unique(weight, return_inverse=True)
+    tilted = np.exp(theta * np.outer(each, np.arange(numbers.probability.shape[1])))
+    sums = np.cumsum(numbers.probability * tilted[:, None], axis=2)
+    return Tilt(theta, bound, weight, kind.reshape(weight.shape), sums)
+
+
+class Rates(NamedTuple):
+    """How often the tilted law is to be tried in each tile, (tiles,) row by row.
+
+    level  digital number to be passed, above that of numbers that are all the lowest
+    share  1, of all tries, those of the tiles before among them
+    total  tries in a frame
+    """
+
+    level: Floats
+    share: Floats
+    total: float
+
+
+def rates_for(numbers: Numbers, tilt: Tilt, level: Floats, mesh: int) -> Rates:
+    """What the levels of tiles ask for.
+
+    level   (down, across) digital number, of each tile
+    Errors  ValueError where the levels are so low that whole frames are cheaper.
+    """
+    shift = level - numbers.lowest * tilt.weight.sum()
+    rate = np.exp(tilt.bound - tilt.theta * shift) * mesh**2
+    total = float(rate.sum())
+    if not total < max(MOST_PROPOSALS * numbers.place.size, 100.0):
+        raise ValueError(
+            "windows need a detection threshold that noise seldom passes, and here it is looked at "
+            f"{total:.0f} times a frame; choose the fidelity frame"
+        )
+    return Rates(shift.ravel(), np.cumsum(rate) / total, total)
 
 
 def excesses(
     numbers: Numbers,
     tilt: Tilt,
-    level: Floats,
+    rates: Rates,
     mesh: int,
     border: int,
     regions: Ints,
@@ -129,30 +166,18 @@ def excesses(
 ) -> tuple[Ints, Ints]:
     """Draw where the noise of a frame passes the levels of its tiles.
 
-    level    (down, across) digital number, of each tile
     regions  (w, 4) left, top, right, bottom, the last two not in it: where none is asked for
     Returns  (k,) row * columns + column, and (k, 2 m + 1, 2 n + 1) the digital numbers about it
-    Errors   ValueError where the levels are so low that whole frames are cheaper.
-             model: excesses are strewn as if each knew nothing of the others, which they do where
+    Errors   model: excesses are strewn as if each knew nothing of the others, which they do where
              they lie a filter's width apart; two that overlap come as often as chance has it.
     """
-    rows, columns = numbers.place.shape
-    shift = level - numbers.lowest * tilt.weight.sum()
-    rate = np.exp(tilt.bound - tilt.theta * shift) * mesh**2
-    total = float(rate.sum())
-    if not total < max(MOST_PROPOSALS * rows * columns, 100.0):
-        raise ValueError(
-            "windows need a detection threshold that noise seldom passes, and here it is looked at "
-            f"{total:.0f} times a frame; choose the fidelity frame"
-        )
-    count = int(streams("false spots").poisson(total))
+    count = int(streams("false spots").poisson(rates.total))
     start = key(streams, "numbers of false spots")
     pixel, drawn = np.empty(count, np.int64), np.empty((count, *tilt.weight.shape), np.int64)
-    share = np.cumsum(rate) / total
     kept = _propose(
-        pixel, drawn, start, share, shift.ravel(), mesh, border, regions, tilt.theta,
-        tilt.bound.ravel(), tilt.weight, numbers.probability, numbers.place,
-    )  # fmt: skip
+        *(pixel, drawn, start, rates.share, rates.level, mesh, border, regions, tilt.theta),
+        *(tilt.bound.ravel(), tilt.weight, tilt.kind, tilt.sums, *numbers[:2]),
+    )
     return pixel[:kept], drawn[:kept] + numbers.lowest
 
 
@@ -227,7 +252,7 @@ def _folded(weight, x, y, shape):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _propose(  # type: ignore[no-untyped-def]
     pixel, drawn, start, share, level, mesh, border, regions, theta, bound, weight,
-    probability, place,
+    kind, sums, probability, place,
 ):  # fmt: skip
     """Write the proposals that are kept; returns how many."""
     rows, columns = place.shape
@@ -244,9 +269,16 @@ def _propose(  # type: ignore[no-untyped-def]
         if _held(x, y, regions):
             continue
         chance = uniform(bits(start, at + np.uint64(3)))
-        cumulant, filtered = _draw(
-            drawn[kept], start, at + np.uint64(4), x, y, theta, weight, probability, place
-        )
+        first = at + np.uint64(4)
+        if _inside(x, y, place, weight):
+            cumulant, filtered = _look_up(
+                drawn[kept], start, first, x, y, weight, kind, sums, place
+            )
+        else:
+            folded = _folded(weight, x, y, place.shape)
+            cumulant, filtered = _draw(
+                drawn[kept], start, first, x, y, theta, folded, probability, place
+            )
         over = filtered - level[tile]
         if over > 0 and chance < math.exp(cumulant - bound[tile] - theta * over):
             pixel[kept] = y * columns + x
@@ -263,23 +295,54 @@ def _held(x, y, regions):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _draw(numbers, start, at, x, y, theta, weight, probability, place):  # type: ignore[no-untyped-def]
+def _inside(x, y, place, weight):  # type: ignore[no-untyped-def]
+    """Whether all that the filter sees about a pixel lies in the frame."""
+    down, across = weight.shape[0] // 2, weight.shape[1] // 2
+    return down <= y < place.shape[0] - down and across <= x < place.shape[1] - across
+
+
+@njit(cache=True, error_model="numpy")
+def _look_up(numbers, start, at, x, y, weight, kind, sums, place):  # type: ignore[no-untyped-def]
+    """As `_draw`, by the sums that are known already where no weight is folded."""
+    height, width = weight.shape
+    moment, filtered = 1.0, 0.0
+    for j in range(height):
+        for i in range(width):
+            level = place[y + j - height // 2, x + i - width // 2]
+            k = min(int(level), sums.shape[1] - 1)
+            t = level - k
+            low, high = sums[kind[j, i], k], sums[kind[j, i], min(k + 1, sums.shape[1] - 1)]
+            total = (1 - t) * low[-1] + t * high[-1]
+            wanted = total * uniform(bits(start, at + np.uint64(j * width + i)))
+            least, most = 0, len(low) - 1
+            while least < most:
+                middle = (least + most) // 2
+                if (1 - t) * low[middle] + t * high[middle] > wanted:
+                    most = middle
+                else:
+                    least = middle + 1
+            moment *= total
+            filtered += weight[j, i] * least
+            numbers[j, i] = least
+    return math.log(moment), filtered
+
+
+@njit(cache=True, error_model="numpy")
+def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type: ignore[no-untyped-def]
     """Write numbers of the tilted law about a pixel; returns K and the filtered number."""
     rows, columns = place.shape
-    down, across = weight.shape[0] // 2, weight.shape[1] // 2
-    inside = down <= y < rows - down and across <= x < columns - across
-    folded = weight if inside else _folded(weight, x, y, (rows, columns))
+    down, across = folded.shape[0] // 2, folded.shape[1] // 2
     cumulant = filtered = 0.0
-    for j in range(weight.shape[0]):
+    for j in range(folded.shape[0]):
         v = y + j - down
-        for i in range(weight.shape[1]):
+        for i in range(folded.shape[1]):
             u = x + i - across
             if not (0 <= v < rows and 0 <= u < columns):
                 numbers[j, i] = -1
                 continue
             tilt = theta * folded[j, i]
             moment = _moment(probability, place[v, u], tilt)
-            wanted = uniform(bits(start, at + np.uint64(j * weight.shape[1] + i))) * moment
+            wanted = uniform(bits(start, at + np.uint64(j * folded.shape[1] + i))) * moment
             number = _picked(probability, place[v, u], tilt, wanted)
             cumulant += math.log(moment)
             filtered += folded[j, i] * number

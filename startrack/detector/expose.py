@@ -14,18 +14,16 @@ from startrack.detector.crosstalk import diffuse
 from startrack.detector.glow import glow_of
 from startrack.detector.ground import caught, ground, ground_tables
 from startrack.detector.lag import carry
-from startrack.detector.law import Image
 from startrack.detector.maps import response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import read_out
-from startrack.detector.shutter import Turn, at_once, row_by_row
-from startrack.detector.stamp import stamp
+from startrack.detector.shutter import Places, Turn, at_once, row_by_row
+from startrack.detector.stamp import stamp_paths
 from startrack.detector.tables import Tables
 from startrack.streams import Streams
 from startrack.values import Frame, Light, Path, Psf
 
 Floats = NDArray[np.float64]
-Places = Iterable[tuple[float, Floats, Floats]]
 
 
 def expose(
@@ -57,7 +55,7 @@ def frame_of(
     return told(read_out(electrons, detector, streams, tables), detector)
 
 
-def told(image: Image | Floats, detector: Detector) -> Frame:
+def told(image: NDArray[np.number], detector: Detector) -> Frame:
     """An image with what its detector knows of its numbers."""
     return Frame(
         image,
@@ -100,7 +98,7 @@ def expected(
         )
     # Photons.
     star, sky = arriving(light, camera, detector, throughput)
-    places = seen(light, path, icrs_to_camera, camera, detector, turn)
+    places = seen(light.direction, path, icrs_to_camera, camera, detector, turn)
     # Charge.
     electrons = ground(detector, sky).copy()
     glow = glow_of(light, camera, detector, throughput)
@@ -119,15 +117,15 @@ def arriving(
 
 
 def seen(
-    light: Light,
+    direction: Floats,
     path: Path,
     icrs_to_camera: Rotation,
     camera: Camera,
     detector: Detector,
     turn: Turn | None,
-) -> Places:
+) -> Iterable[Places]:
     """Where the stars are in the course of the exposure, by its shutter."""
-    view = light.direction, path, icrs_to_camera, camera
+    view = direction, path, icrs_to_camera, camera
     if not detector.row_delay:
         return at_once(*view)
     if turn is None:
@@ -135,15 +133,17 @@ def seen(
     return row_by_row(*view, detector.row_delay, turn)
 
 
-def draw(electrons: Floats, psf: Psf, places: Places, star: Floats, detector: Detector) -> None:
+def draw(
+    electrons: Floats, psf: Psf, places: Iterable[Places], star: Floats, detector: Detector
+) -> None:
     """Add what the stars leave in the pixels, in place.
 
-    places  weight, x and y of each point of the paths
+    places  weights (m,), x and y (m, n) of some points of the paths after the other
     star    (n,) electron of each star in the whole exposure
     """
     gain = response(detector)
     image = np.zeros_like(electrons) if detector.crosstalk else electrons
-    for weight, x, y in places:
-        stamp(image, psf, x, y, star * weight, gain)
+    for some in places:
+        stamp_paths(image, psf, *some, star, gain)
     if detector.crosstalk:
         electrons += diffuse(image, detector.crosstalk)

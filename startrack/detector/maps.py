@@ -54,6 +54,7 @@ def device_streams(detector: Detector) -> Streams:
     return Streams(detector.device_seed, 0)
 
 
+@lru_cache(maxsize=16)
 def _device(detector: Detector) -> Detector:
     """What the maps depend on, with all else at its default, so that designs share their maps."""
     return Detector(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +14,29 @@ from startrack.values import Path
 
 Floats = NDArray[np.float64]
 Turn = Callable[[Floats], Floats]
+Places = tuple[Floats, Floats, Floats]
 
+TOGETHER = 2**16  # places that are projected at a time
 PASSES = 4  # to find the time of a star's row; each leaves row_delay * rows per second of the error
 
 
 def at_once(
     direction: Floats, path: Path, icrs_to_camera: Rotation, camera: Camera
-) -> Iterator[tuple[float, Floats, Floats]]:
-    """For each point of the path, its weight and the stars' pixels x, y (n,)."""
-    attitude = Rotation.from_rotvec(path.rotation) * icrs_to_camera
-    for weight, matrix in zip(path.weight, attitude.as_matrix(), strict=True):
-        x, y = camera.project(direction @ matrix.T).T.copy()
-        yield float(weight), x, y
+) -> Iterator[Places]:
+    """Points of the path, some at a time: their weights (m,) and the stars' pixels x, y (m, n)."""
+    attitude = _turns(path) @ icrs_to_camera.as_matrix()
+    together = max(TOGETHER // max(len(direction), 1), 1)
+    for start in range(0, len(attitude), together):
+        some = slice(start, start + together)
+        towards = direction @ attitude[some].transpose(0, 2, 1)
+        pixel = camera.project(towards.reshape(-1, 3)).reshape(*towards.shape[:2], 2)
+        yield path.weight[some], *pixel.transpose(2, 0, 1).copy()
+
+
+@lru_cache(maxsize=4)
+def _turns(path: Path) -> Floats:
+    """(m, 3, 3) how the sky turns before the camera."""
+    return Rotation.from_rotvec(path.rotation).as_matrix()
 
 
 def row_by_row(
@@ -34,7 +46,7 @@ def row_by_row(
     camera: Camera,
     row_delay: float,
     turn: Turn,
-) -> Iterator[tuple[float, Floats, Floats]]:
+) -> Iterator[Places]:
     """The same where each row is exposed `row_delay` second after the one above it.
 
     A star takes part when its own row does. The attitude is that at the middle of the exposure of
@@ -58,4 +70,4 @@ def row_by_row(
         late = delay(place(late)[:, 1])
     for weight, time in zip(path.weight, path.time, strict=True):
         x, y = place(late + time).T.copy()
-        yield float(weight), x, y
+        yield np.array([weight]), x[None], y[None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -14,8 +15,34 @@ Floats = NDArray[np.float64]
 
 ONE = np.ones((1, 1))
 ONE.flags.writeable = False
+NONE = np.empty(0)
+TAPS = 6
 ALIKE = 1e-14  # of the peak, by which a table may differ from the product of its middle lines
-_lines: WeakKeyDictionary[Psf, tuple[Floats, Floats] | None] = WeakKeyDictionary()
+
+
+class Shape(NamedTuple):
+    """The table of a PSF as the kernels read it.
+
+    A pixel is one stride of the table, so that a star is the sum of 36 images, one for each
+    weight, whose pixels lie side by side where the table is sorted by its strides.
+
+    strides       (oversampling, oversampling, k) 1, of each row and column that one starts from:
+                  its pixels row by row, `across` of them in a row
+    line, column  (m,) along x and along y, whose product is the table; empty where it is none
+    samples       of a side of the table
+    oversampling  samples per pixel
+    across        pixels of a side of the table, rounded up
+    """
+
+    strides: Floats
+    line: Floats
+    column: Floats
+    samples: int
+    oversampling: int
+    across: int
+
+
+_shapes: WeakKeyDictionary[Psf, Shape] = WeakKeyDictionary()
 
 
 def stamp(
@@ -32,24 +59,89 @@ def stamp(
     Errors     numerical: 4e-6 of the peak, 1e-5 pixel in the centroid, with the sampling that
                optics gives its tables; Gaussians 4e-7 of the peak, 1e-7 pixel.
     """
-    lines = _separate(psf)
-    gain = ONE if gain is None else gain
-    if lines is None:
-        _stamp(image, psf.table, psf.oversampling, x, y, electrons, gain)
-    else:
-        _stamp_lines(image, *lines, psf.oversampling, x, y, electrons, gain)
+    stamp_paths(image, psf, np.ones(1), x[None], y[None], electrons, gain)
 
 
-def _separate(psf: Psf) -> tuple[Floats, Floats] | None:
+def stamp_paths(
+    image: Floats,
+    psf: Psf,
+    weight: Floats,
+    x: Floats,
+    y: Floats,
+    electrons: Floats,
+    gain: Floats | None = None,
+) -> None:
+    """The same for points that move: each path in turn, for its pixels are at hand then.
+
+    weight  (m,) 1, share of the electrons at each point of a path
+    x, y    (m, n) pixel
+    """
+    _stamp(image, shape_of(psf), weight, x, y, electrons, ONE if gain is None else gain)
+
+
+def shape_of(psf: Psf) -> Shape:
+    """The table of a PSF, sorted once."""
+    if psf not in _shapes:
+        step, side = psf.oversampling, len(psf.table)
+        across = -(-side // step)
+        padded = np.zeros((across * step, across * step))
+        padded[:side, :side] = psf.table
+        strides = padded.reshape(across, step, across, step).transpose(1, 3, 0, 2)
+        # Whole rows are read, also from the last pixels on.
+        room = np.zeros((step, step, across * (across + 2)))
+        room[..., : across**2] = strides.reshape(step, step, -1)
+        _shapes[psf] = Shape(room, *_separate(psf.table), side, step, across)
+    return _shapes[psf]
+
+
+def _separate(table: Floats) -> tuple[Floats, Floats]:
     """The line (along x) and the column of which the table is the product, if it is one."""
-    if psf not in _lines:
-        middle = psf.table.shape[0] // 2
-        line, column = psf.table[middle], psf.table[:, middle]
-        peak = psf.table[middle, middle]
-        product = np.outer(column, line)
-        alike = peak > 0 and np.abs(product - psf.table * peak).max() <= ALIKE * peak**2
-        _lines[psf] = (line / np.sqrt(peak), column / np.sqrt(peak)) if alike else None
-    return _lines[psf]
+    middle = table.shape[0] // 2
+    line, column, peak = table[middle], table[:, middle], table[middle, middle]
+    alike = peak > 0 and np.abs(np.outer(column, line) - table * peak).max() <= ALIKE * peak**2
+    return (line / np.sqrt(peak), column / np.sqrt(peak)) if alike else (NONE, NONE)
+
+
+@njit(cache=True, error_model="numpy")
+def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-untyped-def]
+    room = room_for(shape)
+    for n in range(len(electrons)):
+        for m in range(len(weight)):
+            add(image, shape, x[m, n], y[m, n], weight[m] * electrons[n], gain, room)
+
+
+@njit(cache=True, error_model="numpy")
+def room_for(shape):  # type: ignore[no-untyped-def]
+    """What `add` needs to work in."""
+    return np.empty(2 * TAPS + shape.across * (shape.across + 1))
+
+
+@njit(cache=True, error_model="numpy")
+def add(image, shape, x, y, electrons, gain, room):  # type: ignore[no-untyped-def]
+    """Add the image of one point; a gain of one element is that of all pixels."""
+    rows, columns = image.shape
+    step = shape.oversampling
+    reach = (shape.samples // 2 - 3) // step
+    # NaN, behind the camera, reaches nothing.
+    if not (-reach - 1 < x < columns + reach and -reach - 1 < y < rows + reach):
+        return
+    wx, wy, star = room[:TAPS], room[TAPS : 2 * TAPS], room[2 * TAPS :]
+    column, left, right, start_x = _place(x, columns, shape.samples, step, wx)
+    row, lowest, highest, start_y = _place(y, rows, shape.samples, step, wy)
+    if right < left or highest < lowest:
+        return
+    start_x, start_y = start_x + left * step, start_y + lowest * step
+    star = star[: (highest - lowest + 1) * shape.across]
+    if len(shape.line):
+        _product(star, shape, start_x, start_y, wx, wy, right - left + 1)
+    else:
+        _sum(star, shape, start_x, start_y, wx, wy)
+    even = gain.size == 1
+    for j in range(lowest, highest + 1):
+        line = star[(j - lowest) * shape.across :]
+        for i in range(left, right + 1):
+            seen = 1.0 if even else gain[row + j, column + i]
+            image[row + j, column + i] += electrons * line[i - left] * seen
 
 
 @njit(cache=True, error_model="numpy")
@@ -71,62 +163,35 @@ def _place(centre, pixels, samples, oversampling, weight):  # type: ignore[no-un
 
 
 @njit(cache=True, error_model="numpy")
-def _off(x, y, image, samples, oversampling):  # type: ignore[no-untyped-def]
-    """Whether a star cannot reach the image. NaN, behind the camera, cannot."""
-    rows, columns = image.shape
-    reach = (samples // 2 - 3) // oversampling
-    return not (-reach - 1 < x < columns + reach and -reach - 1 < y < rows + reach)
+def _sum(star, shape, x, y, wx, wy):  # type: ignore[no-untyped-def]
+    """The sum of the weighted images, all rows in one straight loop."""
+    step = shape.oversampling
+    star[:] = 0.0
+    for b in range(TAPS):
+        for a in range(TAPS):
+            weight = wy[b] * wx[a]
+            start = (y + b) // step * shape.across + (x + a) // step
+            # A part of its own, or the compiler would look for indices below zero.
+            part = shape.strides[(y + b) % step, (x + a) % step][start : start + len(star)]
+            for k in range(len(star)):
+                star[k] += weight * part[k]
 
 
 @njit(cache=True, error_model="numpy")
-def _stamp(image, table, oversampling, x, y, electrons, gain):  # type: ignore[no-untyped-def]
-    rows, columns = image.shape
-    samples, even = table.shape[0], gain.size == 1
-    wx, wy = np.empty(6), np.empty(6)
-    for n in range(len(x)):
-        if _off(x[n], y[n], image, samples, oversampling):
-            continue
-        column, left, right, start_x = _place(x[n], columns, samples, oversampling, wx)
-        row, lowest, highest, start_y = _place(y[n], rows, samples, oversampling, wy)
-        for j in range(lowest, highest + 1):
-            top = start_y + j * oversampling
-            for i in range(left, right + 1):
-                start = start_x + i * oversampling
-                total = 0.0
-                for b in range(6):
-                    line = 0.0
-                    for a in range(6):
-                        line += wx[a] * table[top + b, start + a]
-                    total += wy[b] * line
-                seen = 1.0 if even else gain[row + j, column + i]
-                image[row + j, column + i] += electrons[n] * total * seen
-
-
-@njit(cache=True, error_model="numpy")
-def _stamp_lines(image, line, down, oversampling, x, y, electrons, gain):  # type: ignore[no-untyped-def]
-    rows, columns = image.shape
-    samples, even = len(line), gain.size == 1
-    wx, wy = np.empty(6), np.empty(6)
-    across = np.empty(samples // oversampling + 2)
-    for n in range(len(x)):
-        if _off(x[n], y[n], image, samples, oversampling):
-            continue
-        column, left, right, start_x = _place(x[n], columns, samples, oversampling, wx)
-        row, lowest, highest, start_y = _place(y[n], rows, samples, oversampling, wy)
-        for i in range(left, right + 1):
-            start = start_x + i * oversampling
-            across[i - left] = electrons[n] * _read(line, start, wx)
-        for j in range(lowest, highest + 1):
-            share = _read(down, start_y + j * oversampling, wy)
-            for i in range(left, right + 1):
-                seen = 1.0 if even else gain[row + j, column + i]
-                image[row + j, column + i] += share * across[i - left] * seen
+def _product(star, shape, x, y, wx, wy, width):  # type: ignore[no-untyped-def]
+    for j in range(0, len(star), shape.across):
+        star[j] = _read(shape.column, y + j // shape.across * shape.oversampling, wy)
+    # The first column last, which the others need.
+    for i in range(width - 1, -1, -1):
+        share = _read(shape.line, x + i * shape.oversampling, wx)
+        for j in range(0, len(star), shape.across):
+            star[j + i] = star[j] * share
 
 
 @njit(cache=True, error_model="numpy")
 def _read(line, start, weight):  # type: ignore[no-untyped-def]
     total = 0.0
-    for a in range(6):
+    for a in range(TAPS):
         total += weight[a] * line[start + a]
     return total
 

@@ -9,20 +9,24 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.detector.digitise import digitise_hit, digitise_within
-from startrack.detector.expose import Places, draw, told
+from startrack.detector.digitise import digitise_row, digitised, keys
+from startrack.detector.expose import told
 from startrack.detector.ground import ground, ground_tables
 from startrack.detector.hits import tracks
 from startrack.detector.law import law_of
+from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import in_steps
-from startrack.scratch import scratch
+from startrack.detector.shutter import Places
+from startrack.detector.stamp import ONE, add, room_for, shape_of
+from startrack.scratch import canvas
 from startrack.streams import Streams
 from startrack.values import Frame, Psf
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+NO_HITS = np.empty(0, np.int64), np.empty(0)
 ODD = 0.6  # standard deviations of a pixel, by which an odd pixel's expectation lies off
 
 
@@ -61,23 +65,23 @@ def expose_within(
     """The numbers that `expose` gives, in windows; elsewhere the mean of an even sky.
 
     windows  (w, 4) left, top, right, bottom, the last two not in it; they may overlap
-    places   weight, x and y of each point of the stars' paths
+    places   weights (m,), x and y (m, n) of the points of the stars' paths
     star     (n,) electron in the exposure
     sky      electron in a pixel of mean response
     Returns  Frame of float32, which holds all numbers of 24 bits; the next call overwrites it
     """
     shape, law = (detector.rows, detector.columns), law_of(detector)
-    electrons = scratch("expected electrons", shape, np.float64)
-    image = scratch("digital numbers", shape, np.float32)  # as the detection wants it
-    # Between the windows an even sky: what another trial left there must not be seen.
-    level = sky + detector.dark_rate * detector.exposure
-    image.fill(detector.offset + level / detector.electrons_per_dn)
-    _lay(electrons, ground(detector, sky), windows)
-    draw(electrons, psf, places, star, detector)
-    digitise_within(image, electrons, windows, law, streams, ground_tables(detector, sky))
+    level = (sky + detector.dark_rate * detector.exposure) / detector.electrons_per_dn
+    image = canvas("digital numbers", shape, detector.offset + level, windows)
+    gain = response(detector)
+    hits = NO_HITS
     if detector.hits:
-        pixel, extra = tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)
-        digitise_hit(image, electrons, pixel, extra, law, streams)
+        hits = tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)
+    _render(
+        *(image, windows, sky, ONE if gain is None else gain, np.atleast_2d(dark(detector))),
+        *(detector.exposure, shape_of(psf), *places, star, *hits, *keys(law, streams), law),
+        ground_tables(detector, sky),
+    )
     return told(image, detector)
 
 
@@ -112,12 +116,53 @@ def odd_pixels(detector: Detector, sky: float) -> Ints:
 
 
 @njit(cache=True, error_model="numpy")
-def _lay(electrons, level, windows):  # type: ignore[no-untyped-def]
+def _render(  # type: ignore[no-untyped-def]
+    image, windows, sky, gain, dark, exposure, shape, weight, x, y, star, pixel, extra, shot,
+    read, law, tables,
+):  # fmt: skip
+    """Each window by itself, in memory that the processor holds close."""
+    columns = image.shape[1]
+    low_x, high_x = _ends(x)
+    low_y, high_y = _ends(y)
+    room = np.empty((2, columns), np.uint32)
+    work, far = room_for(shape), shape.across // 2 + 2
     for k in range(len(windows)):
         left, top, right, bottom = windows[k]
-        for y in range(top, bottom):
-            for x in range(left, right):
-                electrons[y, x] = level[y, x]
+        # NaN, of a path that leaves what the camera sees, is not near.
+        near = (low_x < right + far) & (high_x > left - far)
+        near &= (low_y < bottom + far) & (high_y > top - far)
+        # As `ground`, whose map is not read beside that of the response: memory is far off.
+        electrons = np.full((bottom - top, right - left), sky)
+        electrons *= _part(gain, left, top, right, bottom)
+        electrons += _part(dark, left, top, right, bottom) * exposure
+        seen = _part(gain, left, top, right, bottom)
+        for n in np.flatnonzero(near):
+            for m in range(len(weight)):
+                one = weight[m] * star[n]
+                add(electrons, shape, x[m, n] - left, y[m, n] - top, one, seen, work)
+        for row in range(top, bottom):
+            start = row * columns + left
+            out, mean = image[row, left:right], electrons[row - top]
+            digitise_row(out, mean, np.uint64(start), shot, read, law, tables, room)
+            first, last = np.searchsorted(pixel, np.array([start, start + len(mean)]))
+            for n in range(first, last):
+                at = pixel[n] - start
+                out[at] = digitised(mean[at], extra[n], np.uint64(pixel[n]), shot, read, law)
+
+
+@njit(cache=True, error_model="numpy")
+def _part(of, left, top, right, bottom):  # type: ignore[no-untyped-def]
+    """A window of a map; one element stands for all pixels."""
+    return of if of.size == 1 else of[top:bottom, left:right]
+
+
+@njit(cache=True, error_model="numpy")
+def _ends(place):  # type: ignore[no-untyped-def]
+    """Least and largest coordinate of each path."""
+    low, high = place[0].copy(), place[0].copy()
+    for m in range(1, len(place)):
+        low, high = np.minimum(low, place[m]), np.maximum(high, place[m])
+    return low, high
 
 
 @njit(cache=True, error_model="numpy")

@@ -41,7 +41,7 @@ def test_components_are_those_of_opencv():
     bright = lit(image, level, 32)
     mask = image > np.float32(0.15)
     np.testing.assert_array_equal(np.sort(bright), np.flatnonzero(mask))
-    x, y, area = peaks(image, bright, 1, 10**6, 2, 0)
+    x, y, area = peaks(image, bright, np.zeros(image.shape, np.uint8), 1, 10**6, 2, 0)
     _, label, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     np.testing.assert_array_equal(area, stats[label[y, x], cv2.CC_STAT_AREA])
     assert len(x) > 100

@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 
 from startrack.detector import Detector, excesses, frame_of, ground, ground_tables
-from startrack.detector.excess import numbers_of, tilt_for
+from startrack.detector.excess import numbers_of, rates_for, tilt_for
 from startrack.detector.windows import odd_pixels
 from startrack.streams import Streams
 
@@ -47,9 +47,9 @@ def drawn(level, regions=NONE, trials=FRAMES):
     """All excesses of many trials: row, column, numbers about it."""
     numbers = numbers_of(DETECTOR, SKY, odd_pixels(DETECTOR, SKY).tobytes())
     tilt = tilt_for(numbers, WEIGHT, level, MESH, BORDER)
-    levels = np.full(tilt.bound.shape, level)
+    rates = rates_for(numbers, tilt, np.full(tilt.bound.shape, level), MESH)
     found = [
-        excesses(numbers, tilt, levels, MESH, BORDER, regions, Streams(8, n)) for n in range(trials)
+        excesses(numbers, tilt, rates, MESH, BORDER, regions, Streams(8, n)) for n in range(trials)
     ]
     pixel = np.concatenate([each[0] for each in found])
     return (*np.divmod(pixel, DETECTOR.columns), np.concatenate([each[1] for each in found]))
