@@ -22,6 +22,7 @@ from startrack.scene.photometry import SUN
 from startrack.streams import Streams
 from startrack.values import Floats, Ints, Light, Path, Psf, Stars
 
+PART = 2**14  # stars
 EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can reach the frame
 
 
@@ -83,9 +84,12 @@ def arrive(
 @lru_cache(maxsize=4)
 def _electrons(case: Case) -> Floats:
     """Electrons of each star of the sky in an exposure."""
-    light = illuminate(case.scene, open_sky(case.catalog).stars)
-    instrument = case.instrument
-    return arriving(light, instrument.camera, instrument.detector, throughput(instrument))[0]
+    stars, instrument = open_sky(case.catalog).stars, case.instrument
+    camera, detector, through = instrument.camera, instrument.detector, throughput(instrument)
+    # In parts, for their spectra take hundreds of bytes a star.
+    starts = range(0, max(len(stars), 1), PART)
+    parts = (illuminate(case.scene, stars[start : start + PART]) for start in starts)
+    return np.concatenate([arriving(each, camera, detector, through)[0] for each in parts])
 
 
 def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Streams) -> Light:

@@ -25,7 +25,7 @@ from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, gain_of, pixels
 from startrack.detection.psf_table import reach
 from startrack.detection.smear import star_image
-from startrack.scratch import scratch
+from startrack.scratch import canvas
 from startrack.values import Floats, Frame, Ints, Psf, Spots
 
 Image = NDArray[np.float32]
@@ -78,7 +78,7 @@ def detect_within(
     rows, columns = frame.image.shape
     far, step = margin(settings, psf), max(kernel.whole.shape) // 2
     seen = grown(regions, far - step, columns, rows)
-    image = scratch("detection filtered", (rows, columns), np.float32)
+    image = canvas("detection filtered", (rows, columns), frame.offset, seen)
     value = np.asarray(frame.image, np.float32)
     bright = _filter(value, seen, kernel.whole, image, ground.look, ground.sky.mesh)
     known = Pixels(value, 0.0, 1.0, None, gain_of(frame, 0.0))
