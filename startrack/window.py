@@ -206,7 +206,8 @@ def reach_of(flux: Floats, noise: float, plan: Plan) -> Ints:
     share = plan.share
     half = len(share) - np.searchsorted(share[::-1], DARKEST * noise / np.maximum(flux, 1e-300))
     faint = flux * share[0] < (plan.threshold - FAINTEST) * noise
-    return np.where(faint, -1, np.maximum(half, LEAST_HALF))
+    half = np.maximum(half + bool(plan.detector.crosstalk), LEAST_HALF)
+    return np.where(faint, -1, half)
 
 
 @njit(cache=True, error_model="numpy")

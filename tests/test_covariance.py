@@ -44,10 +44,12 @@ def test_a_trial_is_the_same_alone_and_in_company():
     assert trial(CASE, 4, 77, Fidelity.COVARIANCE) == together[77].item()[1:]
 
 
-def test_trials_look_where_those_of_frames_look():
+@pytest.mark.parametrize("crosstalk", [0.0, 0.1])
+def test_trials_look_where_those_of_frames_look(crosstalk):
     """The number of found stars goes along with that of windows, trial by trial."""
-    drawn = trials(CASE, 4, range(30), Fidelity.COVARIANCE)
-    rendered = trials(CASE, 4, range(30), Fidelity.WINDOW)
+    case = with_detector(crosstalk=crosstalk)
+    drawn = trials(case, 4, range(30), Fidelity.COVARIANCE)
+    rendered = trials(case, 4, range(30), Fidelity.WINDOW)
     assert np.corrcoef(drawn["stars"], rendered["stars"])[0, 1] > 0.98
     assert drawn["stars"].mean() == pytest.approx(rendered["stars"].mean(), rel=0.04)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.detector.crosstalk import diffuse
 from startrack.detector.expose import told
 from startrack.detector.law import law_of, mean_numbers
 from startrack.detector.maps import device_streams
@@ -42,11 +43,14 @@ def star_grid(
         draw = device_streams(detector)("response of a grid").standard_normal(gain.shape)
         gain = np.maximum(1 + detector.prnu * draw, 0.0)
     gain = np.tile(gain, (len(stars) // across, 1))
-    electrons = sky * gain + detector.dark_rate * detector.exposure
+    electrons = sky * gain
     row, column = np.divmod(np.arange(len(stars)), across)
     place = np.column_stack([column, row]) * side + side // 2 + stars[:, :2]
     for weight, dx, dy in smear:
         for each in (stars, companions):
             at = place if each is stars else place + companions[:, :2]
             stamp(electrons, psf, at[:, 0] + dx, at[:, 1] + dy, weight * each[:, 2], gain)
+    if detector.crosstalk:
+        electrons = diffuse(electrons, detector.crosstalk)
+    electrons += detector.dark_rate * detector.exposure
     return told(mean_numbers(electrons, law_of(detector)), detector), place

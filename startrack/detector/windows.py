@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,7 +19,7 @@ from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import in_steps
 from startrack.detector.shutter import Places
-from startrack.detector.stamp import ONE, add, room_for, shape_of
+from startrack.detector.stamp import ONE, Shape, add, room_for, shape_of
 from startrack.scratch import canvas
 from startrack.streams import Streams
 from startrack.values import Frame, Psf
@@ -28,6 +29,36 @@ Ints = NDArray[np.int64]
 
 NO_HITS = np.empty(0, np.int64), np.empty(0)
 ODD = 0.6  # standard deviations of a pixel, by which an odd pixel's expectation lies off
+
+
+class Pixels(NamedTuple):
+    """What pixels do with light, for the kernels; maps of one element are those of all pixels.
+
+    sky        electron in a pixel of mean response
+    gain       (rows, columns) 1, response
+    crosstalk  1, share that goes to each of the four sides
+    dark       (rows, columns) electron
+    """
+
+    sky: float
+    gain: Floats
+    crosstalk: float
+    dark: Floats
+
+
+class Points(NamedTuple):
+    """Stars along their paths, for the kernels.
+
+    shape   of their images
+    weight  (m,), x and y (m, n), of the points of the paths
+    star    (n,) electron
+    """
+
+    shape: Shape
+    weight: Floats
+    x: Floats
+    y: Floats
+    star: Floats
 
 
 def only_lone_pixels(detector: Detector) -> None:
@@ -42,7 +73,6 @@ def only_lone_pixels(detector: Detector) -> None:
         "settling": detector.settling,
         "read_noise_spread": detector.read_noise_spread,
         "lag": detector.lag,
-        "crosstalk": detector.crosstalk,
         "scan": detector.scan,
     }
     named = [name for name, there in effects.items() if there]
@@ -73,15 +103,14 @@ def expose_within(
     shape, law = (detector.rows, detector.columns), law_of(detector)
     level = (sky + detector.dark_rate * detector.exposure) / detector.electrons_per_dn
     image = canvas("digital numbers", shape, detector.offset + level, windows)
-    gain = response(detector)
-    hits = NO_HITS
+    gain, hits = response(detector), NO_HITS
     if detector.hits:
         hits = tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)
-    _render(
-        *(image, windows, sky, ONE if gain is None else gain, np.atleast_2d(dark(detector))),
-        *(detector.exposure, shape_of(psf), *places, star, *hits, *keys(law, streams), law),
-        ground_tables(detector, sky),
-    )
+    dark_electrons = np.atleast_2d(dark(detector)) * detector.exposure
+    pixels = Pixels(sky, ONE if gain is None else gain, detector.crosstalk, dark_electrons)
+    points = Points(shape_of(psf), *places, star)
+    tables = ground_tables(detector, sky)
+    _render(image, windows, pixels, points, *hits, *keys(law, streams), law, tables)
     return told(image, detector)
 
 
@@ -116,38 +145,65 @@ def odd_pixels(detector: Detector, sky: float) -> Ints:
 
 
 @njit(cache=True, error_model="numpy")
-def _render(  # type: ignore[no-untyped-def]
-    image, windows, sky, gain, dark, exposure, shape, weight, x, y, star, pixel, extra, shot,
-    read, law, tables,
-):  # fmt: skip
+def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables):  # type: ignore[no-untyped-def]
     """Each window by itself, in memory that the processor holds close."""
-    columns = image.shape[1]
-    low_x, high_x = _ends(x)
-    low_y, high_y = _ends(y)
+    rows, columns = image.shape
+    low_x, high_x = _ends(points.x)
+    low_y, high_y = _ends(points.y)
     room = np.empty((2, columns), np.uint32)
-    work, far = room_for(shape), shape.across // 2 + 2
+    work, far = room_for(points.shape), points.shape.across // 2 + 2
     for k in range(len(windows)):
         left, top, right, bottom = windows[k]
         # NaN, of a path that leaves what the camera sees, is not near.
         near = (low_x < right + far) & (high_x > left - far)
         near &= (low_y < bottom + far) & (high_y > top - far)
-        # As `ground`, whose map is not read beside that of the response: memory is far off.
-        electrons = np.full((bottom - top, right - left), sky)
-        electrons *= _part(gain, left, top, right, bottom)
-        electrons += _part(dark, left, top, right, bottom) * exposure
-        seen = _part(gain, left, top, right, bottom)
-        for n in np.flatnonzero(near):
-            for m in range(len(weight)):
-                one = weight[m] * star[n]
-                add(electrons, shape, x[m, n] - left, y[m, n] - top, one, seen, work)
+        some = np.flatnonzero(near)
+        electrons = _caught(windows[k], rows, columns, pixels, points, some, work)
+        electrons += _part(pixels.dark, left, top, right, bottom)
         for row in range(top, bottom):
             start = row * columns + left
             out, mean = image[row, left:right], electrons[row - top]
             digitise_row(out, mean, np.uint64(start), shot, read, law, tables, room)
-            first, last = np.searchsorted(pixel, np.array([start, start + len(mean)]))
+            first, last = np.searchsorted(hit, np.array([start, start + len(mean)]))
             for n in range(first, last):
-                at = pixel[n] - start
-                out[at] = digitised(mean[at], extra[n], np.uint64(pixel[n]), shot, read, law)
+                at = hit[n] - start
+                out[at] = digitised(mean[at], extra[n], np.uint64(hit[n]), shot, read, law)
+
+
+@njit(cache=True, error_model="numpy")
+def _caught(window, rows, columns, pixels, points, some, work):  # type: ignore[no-untyped-def]
+    """Electrons of an even sky and of some stars in a window.
+
+    The map of `ground` is not read beside that of the response: memory is far off.
+    """
+    left, top, right, bottom = window
+    # Where electrons diffuse, those of one more pixel on each side count.
+    beyond = 1 if pixels.crosstalk > 0 else 0
+    first, last = max(left - beyond, 0), min(right + beyond, columns)
+    upper, lower = max(top - beyond, 0), min(bottom + beyond, rows)
+    gain = _part(pixels.gain, first, upper, last, lower)
+    electrons = np.full((lower - upper, last - first), pixels.sky)
+    electrons *= gain
+    for n in some:
+        for m in range(len(points.weight)):
+            x, y = points.x[m, n] - first, points.y[m, n] - upper
+            add(electrons, points.shape, x, y, points.weight[m] * points.star[n], gain, work)
+    if pixels.crosstalk > 0:
+        electrons = _diffused(electrons, pixels.crosstalk)
+    return electrons[top - upper : bottom - upper, left - first : right - first]
+
+
+@njit(cache=True, error_model="numpy")
+def _diffused(electrons, share):  # type: ignore[no-untyped-def]
+    """As `crosstalk.diffuse`; at a border, none leaves."""
+    rows, columns = electrons.shape
+    after = (1 - 4 * share) * electrons
+    for y in range(rows):
+        above, below = max(y - 1, 0), min(y + 1, rows - 1)
+        for x in range(columns):
+            sides = electrons[y, max(x - 1, 0)] + electrons[y, min(x + 1, columns - 1)]
+            after[y, x] += share * (sides + electrons[above, x] + electrons[below, x])
+    return after
 
 
 @njit(cache=True, error_model="numpy")
