@@ -186,6 +186,7 @@ def _propagate(  # type: ignore[no-untyped-def]
             place = min(max((magnitude[end] - start) / step, 0.0), last + 0.999)
             k = int(place)
             p = keep[end] * (share[k] + (place - k) * (share[k + 1] - share[k]))
+            p = min(p, most - total)  # of the last, the rest of the room
             if p > 1e-4:
                 _design(x[end], y[end], focal, design)
                 _inverse(stated, k, place - k, own[end], weight)
@@ -211,13 +212,15 @@ def _propagate(  # type: ignore[no-untyped-def]
         if tolerance > 0:
             full[3, 3] += tolerance**-2
             row = np.linalg.inv(full)[3].copy()
+        room = float(most)
         for i in range(first[f], end):
             place = min(max((magnitude[i] - start) / step, 0.0), last + 0.999)
             k = int(place)
             t = place - k
-            p = keep[i] * (share[k] + t * (share[k + 1] - share[k]))
+            p = min(keep[i] * (share[k] + t * (share[k + 1] - share[k])), room)
             if not p > 1e-4:
                 continue
+            room -= p
             _design(x[i], y[i], focal, design)
             _inverse(stated, k, t, own[i], weight)
             for b in range(2):
