@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from startrack.case import Case
+from startrack.single.dark import dark_currents
 from startrack.single.errors import METHOD, READ, SHOT
 
 
@@ -110,9 +111,7 @@ def _calm(case: Case) -> Case:
 
 
 def _flawless(case: Case) -> Case:
-    defects = case.instrument.detector.defects
-    assert defects
-    mean = case.instrument.detector.dark_current + defects.hot * defects.hot_current
+    mean, _ = dark_currents(case.instrument.detector)
     return _with(case, defects=None, dark_current=mean)
 
 

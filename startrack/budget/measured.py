@@ -221,11 +221,13 @@ class _Trial:
         detector = case.instrument.detector
         rate, _ = electron_rate(light, detector, throughput(case.instrument))
         pixel = camera.project(self._attitude.apply(self._believed(case)[1]))
-        nearest = np.rint(pixel)
+        old = self._record.spots
+        # A star between two pixels may be measured in the window about either: in the one that
+        # the other looks take.
+        nearest = np.rint(np.column_stack([old.x, old.y])[matches.spot])
         side = cell(case.instrument, case.tracker.detection)
         shape = images(case.instrument, pixel - nearest, side)
         place, _ = measure(case, (rate * detector.exposure)[:, None, None] * shape)
-        old = self._record.spots
         x, y = old.x.copy(), old.y.copy()
         found = np.isfinite(place[:, 0])
         x[matches.spot[found]], y[matches.spot[found]] = (nearest + place)[found].T

@@ -9,6 +9,7 @@ What these are made of:
 
 quiet       frames without noise, and noise without frames
 separate    the stars that a camera sees as separate
+dark        mean and spread of the dark electrons of the pixels
 dimming     how much fainter stars of a colour are than sunlike ones
 """
 

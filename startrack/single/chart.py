@@ -23,6 +23,7 @@ from startrack.detector.crosstalk import diffuse
 from startrack.detector.stamp import stamp
 from startrack.motion import blur, slew
 from startrack.scene import illuminate
+from startrack.single.dark import dark
 from startrack.single.quiet import quiet
 from startrack.streams import Streams
 from startrack.values import Floats, Psf, Stars
@@ -74,13 +75,9 @@ def scale(case: Case) -> Scale:
     light = illuminate(case.scene, sunlike)
     star, sky = electron_rate(light, detector, throughput(case.instrument))
     solid_angle = case.instrument.camera.focal_length_px**-2
-    dark = detector.dark_rate
-    if detector.defects:
-        growth = detector.thermal.growth if detector.thermal else 1.0
-        dark += detector.defects.hot * detector.defects.hot_current * growth * detector.binning**2
     return Scale(
         float(star[0]) * detector.exposure,
-        (float(sky) * solid_angle + dark) * detector.exposure,
+        float(sky) * solid_angle * detector.exposure + dark(detector)[0],
         math.hypot(detector.noise, detector.electrons_per_dn / math.sqrt(12)),
     )
 

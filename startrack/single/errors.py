@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -10,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.case import Case
-from startrack.detector import Detector
 from startrack.single.chart import chart, lone, magnitudes, pattern
+from startrack.single.dark import dark
 from startrack.values import Floats
 
 TYPICAL = 4.5  # G of a star that counts much in most trackers
@@ -57,7 +56,7 @@ def errors(case: Case) -> Errors:
     if detector.prnu:
         gain = 1 + detector.prnu / detector.binning * pattern("photo response", shape)
         random["PRNU"] = _moment(chart(case, magnitude, gain=gain).offset - plain.offset)
-    spread = dark_spread(detector)
+    _, spread = dark(detector)
     if spread:
         extra = spread * pattern("dark current", shape)
         random["DSNU"] = _moment(chart(case, magnitude, extra=extra).offset - plain.offset)
@@ -85,15 +84,5 @@ def lasting(star: Errors, magnitude: Floats | float = TYPICAL) -> Floats:
     """
     still = sum(one for name, one in star.random.items() if name not in (SHOT, READ))
     variance = np.trace(still, axis1=1, axis2=2) / 2
-    return np.asarray(np.sqrt(np.interp(magnitude, star.magnitude, variance)))
-
-
-def dark_spread(detector: Detector) -> float:
-    """Electron rms over the pixels by which dark current differs; of hot pixels the exponential."""
-    if not detector.defects:
-        return 0.0
-    defects = detector.defects
-    growth = detector.thermal.growth if detector.thermal else 1.0
-    hot = 2 * defects.hot - defects.hot**2  # variance of an exponential with that chance
-    variance = defects.dsnu**2 + hot * defects.hot_current**2
-    return math.sqrt(variance) * growth * detector.binning * detector.exposure
+    # Dark current counts for more the fainter a star is, by powers of its light.
+    return np.exp(np.interp(magnitude, star.magnitude, np.log(np.maximum(variance, 1e-16)) / 2))
