@@ -329,7 +329,8 @@ of any resolution, such as tiles of the Copernicus DEM or of SRTM, side by side 
 
 A scene to render names a camera, of the catalogue or its own, and the land and the air besides;
 catalogs/scenes/hsrs.toml is one. Heights of both kinds of tiles are above a geoid; name its grid
-as `geoid`. The finest file counts where several overlap.
+as `geoid`. The finest file counts where several overlap. For the geometry, a table [motion] as a
+design has it lets the camera drift and shake from line to line.
 """
 
 
@@ -346,6 +347,7 @@ def _earth(commands) -> None:  # type: ignore[no-untyped-def]
         "scene", type=Path, nargs="?", metavar="SCENE.toml",
         help="scene file (default: the example, mountains)",
     )  # fmt: skip
+    _seed(geometry)
     _out(geometry, "startrack-earth")
     render = _command(
         parts, "render",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +26,13 @@ from startrack.imager import (
     thinned,
     write_geotiff,
 )
+from startrack.motion import Motion, turn
 from startrack.saving import save_netcdf, whole
 from startrack.scene.earth import EarthScene, Raster, observe_earth
 from startrack.scene.earth.ellipsoid import EQUATORIAL
 from startrack.scene.earth.image import Strip
 from startrack.scene.earth.parameters import find
+from startrack.streams import Streams
 from startrack.tables import from_table
 from startrack.units import um
 
@@ -60,11 +63,12 @@ def command(options: argparse.Namespace) -> int:
 def geometry(options: argparse.Namespace) -> int:
     """Leave geometry.png and geometry.nc; print what they hold."""
     path = options.scene or shipped("scenes/mountains.toml")
-    scene = read_scene(path)
+    scene, motion = read_scene(path)
+    shaken = jitter(scene, motion, options.seed)
     lines, columns = scene.sensor.lines, scene.sensor.columns
     maps: dict[str, Floats] = {}
     with progress("lines", lines) as advance:
-        for strip in observe_earth(scene, path.parent):
+        for strip in observe_earth(scene, path.parent, shaken):
             for name, values in _values(strip).items():
                 whole = maps.setdefault(name, np.full((lines, columns), math.nan))
                 whole[strip.first : strip.first + strip.shape[0]] = values
@@ -174,16 +178,26 @@ def terrain(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def read_scene(path: Path) -> EarthScene:
-    """The scene of a file, its errors as wrong use."""
+def read_scene(path: Path) -> tuple[EarthScene, Motion]:
+    """The scene of a file and its table [motion], their errors as wrong use."""
     try:
-        return from_table(EarthScene, tomllib.loads(path.read_text(encoding="utf-8")))
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        motion = from_table(Motion, table.pop("motion", {}), "motion")
+        return from_table(EarthScene, table), motion
     except FileNotFoundError:
         raise WrongUse(f"{path} must be a scene file, but there is none") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, IsADirectoryError) as error:
         raise WrongUse(f"{path} must be a TOML file: {error}") from None
     except ValueError as error:
         raise WrongUse(f"{path}: {error}") from None
+
+
+def jitter(scene: EarthScene, motion: Motion, seed: int) -> Callable[[Floats], Floats] | None:
+    """How the camera turns while it takes the image, from its zero at the epoch; None for not."""
+    if motion == Motion():
+        return None
+    duration = scene.sensor.lines * scene.sensor.dating(scene.flight).period
+    return turn(motion, duration, Streams(seed, 0)).at
 
 
 def _values(strip: Strip) -> dict[str, Floats]:

@@ -9,9 +9,11 @@ from scipy.io import netcdf_file
 
 from startrack.catalog import shipped
 from startrack.cli import main
+from startrack.commands.earth import read_scene
 
 pytest.importorskip("sgp4")
 
+PLACE = ("longitude", "latitude")
 EXAMPLE = shipped("scenes/mountains.toml").read_text()
 
 
@@ -52,6 +54,23 @@ def test_other_detectors_see_the_same_mountains(tmp_path, capsys, detector):
     assert 1000 < told["height_m"][1] <= 3000
 
 
+def test_a_camera_that_drifts_sees_other_ground(tmp_path, capsys):
+    """A roll of 1e-3 rad/s moves the ground by the angle times the range, and not at the epoch."""
+    places = []
+    for motion in ("", '\n[motion]\nrate_y = "1e-3 rad/s"\n'):
+        path = scene(tmp_path, ('"3000 m"', '"1 m"'), ('roll = "5 deg"', 'roll = "0 deg"'))
+        path.write_text(path.read_text() + motion)
+        assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0
+        capsys.readouterr()
+        with netcdf_file(tmp_path / "geometry.nc", mmap=False) as file:
+            places.append([np.radians(file.variables[name][:, 20]) for name in PLACE])
+    (lon, lat), (moved_lon, moved_lat) = places
+    shift = 6.371e6 * np.hypot(moved_lat - lat, (moved_lon - lon) * np.cos(lat))
+    sensor = read_scene(path)[0].sensor
+    time = sensor.dating(read_scene(path)[0].flight).at(np.arange(40.0))
+    np.testing.assert_allclose(shift, 1e-3 * np.abs(time) * 600e3, rtol=0.03, atol=0.1)
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -60,6 +79,7 @@ def test_other_detectors_see_the_same_mountains(tmp_path, capsys, detector):
         (('"line"', '"lines"'), "sensor.detector must be one of matrix, line, staggered, tdi"),
         (('[orbit]', 'tle = ["1", "2"]\n[orbit]'), "one of orbit, tle and aircraft must be given"),
         (('"600 km"', '"60 km"'), "perigee above 80 km"),
+        (("[orbit]", "[motion]\nrate = 1\n[orbit]"), "motion.rate is unknown"),
     ],
 )  # fmt: skip
 def test_a_wrong_scene_is_wrong_use(tmp_path, capsys, change, sentence):
