@@ -13,6 +13,7 @@ from startrack.scene.earth.chart import read_charts
 from startrack.scene.earth.ground import Ground
 from startrack.scene.earth.orbit import sun_direction
 from startrack.scene.earth.parameters import EarthScene
+from startrack.scene.earth.sensor import together
 from startrack.scene.earth.sight import Turn, scan_lines
 from startrack.scene.earth.survey import survey
 
@@ -54,14 +55,16 @@ def observe_earth(scene: EarthScene, folder: Path, turn: Turn | None = None) -> 
     elements, dating = sensor.elements(), sensor.dating(orbit)
     sun = sun_direction(orbit.epoch)
     rays_of_line = elements[0].x.size * sensor.rays**2
-    step = 1 if len(elements) > 1 else max(1, BATCH // rays_of_line)
+    step = max(1, BATCH // rays_of_line)
     for first in range(0, sensor.lines, step):
-        lines = np.arange(first, min(first + step, sensor.lines), dtype=np.float64)
-        row = elements[first if len(elements) > 1 else 0]
+        count = min(step, sensor.lines - first)
+        row, lines = elements[0], np.arange(first, first + count, dtype=np.float64)
+        if len(elements) > 1:  # a matrix, whose rows all look at once
+            row, lines = together(elements[first : first + count]), np.zeros(1)
         rays = scan_lines(
             sensor.camera, row, lines, dating, orbit, scene.pointing, turn, sensor.rays
         )
         ground = survey(terrain, rays, sun, scene.sky_rays)
         ground = read_charts(ground, charts, cell)
-        shape = (len(lines), sensor.columns, len(rays) // (len(lines) * sensor.columns))
+        shape = (count, sensor.columns, len(rays) // (count * sensor.columns))
         yield Strip(first, shape, ground)

@@ -95,6 +95,15 @@ def matrix_elements(columns: int, rows: int) -> list[Elements]:
     return [line_elements(columns, float(row)) for row in range(rows)]
 
 
+def together(lines: list[Elements]) -> Elements:
+    """The elements of several lines as those of one, line after line."""
+    return Elements(
+        np.concatenate([one.x for one in lines]),
+        np.concatenate([one.y for one in lines]),
+        np.concatenate([one.delay for one in lines]),
+    )
+
+
 def inside_pixel(side: int) -> Floats:
     """Offsets (side^2, 2) pixel of rays that share a pixel evenly."""
     positive(side=side)

@@ -10,6 +10,7 @@ from scipy.io import netcdf_file
 from startrack.catalog import shipped
 from startrack.cli import main
 from startrack.commands.earth import read_scene
+from startrack.scene.earth import image, observe_earth
 
 pytest.importorskip("sgp4")
 
@@ -69,6 +70,19 @@ def test_a_camera_that_drifts_sees_other_ground(tmp_path, capsys):
     sensor = read_scene(path)[0].sensor
     time = sensor.dating(read_scene(path)[0].flight).at(np.arange(40.0))
     np.testing.assert_allclose(shift, 1e-3 * np.abs(time) * 600e3, rtol=0.03, atol=0.1)
+
+
+def test_a_matrix_is_the_same_in_one_piece_and_row_by_row(tmp_path, monkeypatch):
+    """Three rays a side: rows, columns and rays keep their order."""
+    path = scene(tmp_path, ('"line"', '"matrix"'), ("columns = 40", "columns = 40\nrays = 3"))
+    whole = list(observe_earth(read_scene(path)[0], tmp_path))
+    monkeypatch.setattr(image, "BATCH", 1)
+    rows = list(observe_earth(read_scene(path)[0], tmp_path))
+    assert [len(whole), len(rows)] == [1, 40]
+    for name in PLACE:
+        one = whole[0].mean(getattr(whole[0].ground, name))
+        each = [strip.mean(getattr(strip.ground, name))[0] for strip in rows]
+        np.testing.assert_array_equal(one, each)
 
 
 @pytest.mark.parametrize(
