@@ -76,7 +76,7 @@ def measure(part: str, case: Case, folder: Path, kills: int) -> dict[str, Any]:
             return speed.speeds(speed.sized(case, 1024))
     import variance
 
-    told = variance.measure(case, 320)
+    told = variance.measure(case, 896)
     worth = {name: one.get("variance_reduction") for name, one in told["across"].items()
              if isinstance(one, dict)}  # fmt: skip
     return {"variance_reduction": told["variance_reduction"], "variance_reductions": worth,

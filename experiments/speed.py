@@ -45,12 +45,13 @@ SEED = 5
 REPEATS = 3
 BATCH = {Fidelity.FRAME: 40, Fidelity.WINDOW: 160, Fidelity.COVARIANCE: 4000}
 PEER = 12  # trials of the peers
+COLOURS = {"frame": "#3567a8", "window": "#2e7d5b", "covariance": "#b5651d"}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, required=True)
-    parser.add_argument("--picture", type=Path)
+    parser.add_argument("--picture", type=Path, help="of the scaling, beside the speeds")
     options = parser.parse_args()
     one_opencv_thread()
     case = load_design(shipped("designs/nanosatellite.toml")).case
@@ -170,29 +171,33 @@ def peer(case: Case) -> Callable[[int], Any] | None:
 
 
 def scaling(case: Case) -> dict[str, Any]:
-    """Milliseconds a trial against stars, pixels and workers, for frame and window."""
+    """Milliseconds a trial against stars, pixels and workers, for each fidelity."""
     made: dict[str, Any] = {"stars": [], "pixels": [], "workers": []}
-    both = (Fidelity.FRAME, Fidelity.WINDOW)
-    for limit in (5.5, 6.0, 6.5, 7.0, 7.5):
+    for limit in (5.5, 6.2, 7.0, 7.5):
         few = replace(case, catalog=replace(case.catalog, limit_g=limit))
-        row = {f.value: cpu_ms(few, f) for f in both}
+        row = {f.value: cpu_ms(few, f) for f in Fidelity}
         stars = summarise(trials(few, SEED, range(40), Fidelity.WINDOW)).stars
         made["stars"].append({"at": stars} | row)
     for pixels in (256, 512, 1024, 2048):
         one = sized(case, pixels)
-        made["pixels"].append({"at": pixels} | {f.value: cpu_ms(one, f) for f in both})
+        made["pixels"].append({"at": pixels} | {f.value: cpu_ms(one, f) for f in Fidelity})
     for workers in (1, 2):
-        row = {}
-        for fidelity in both:
-            warm(case, Sampling(fidelity))
-            with pool(workers) as executor:
-                run(case, 8 * workers, SEED, executor, workers=workers, fidelity=fidelity)
-                n = 2 * BATCH[fidelity]
-                began = time.perf_counter()
-                run(case, n, SEED, executor, workers=workers, fidelity=fidelity)
-                row[fidelity.value] = 1e3 * (time.perf_counter() - began) / n
+        row = {fidelity.value: wall_ms(case, fidelity, workers) for fidelity in Fidelity}
         made["workers"].append({"at": workers} | row)
     return made
+
+
+def wall_ms(case: Case, fidelity: Fidelity, workers: int) -> float:
+    """Milliseconds of wall time a trial of so many workers, best of three."""
+    n, best = 2 * BATCH[fidelity], math.inf
+    warm(case, Sampling(fidelity))
+    with pool(workers) as executor:
+        run(case, 8 * workers, SEED, executor, workers=workers, fidelity=fidelity)
+        for _ in range(REPEATS):
+            began = time.perf_counter()
+            run(case, n, SEED, executor, workers=workers, fidelity=fidelity)
+            best = min(best, time.perf_counter() - began)
+    return 1e3 * best / n
 
 
 def cpu_ms(case: Case, fidelity: Fidelity) -> float:
@@ -212,17 +217,22 @@ def draw(made: dict[str, Any], path: Path) -> None:
     """Three panels."""
     figure = Figure(figsize=(10, 3.6), layout="constrained")
     panels = figure.subplots(1, 3)
-    labels = ("matched stars in the field", "pixels a side", "worker processes (wall time)")
+    labels = ("matched stars in the field", "pixels a side", "worker processes")
     for axes, rows, label in zip(panels, made.values(), labels, strict=True):
-        for fidelity, colour in (("frame", "#3567a8"), ("window", "#2e7d5b")):
+        for fidelity, colour in COLOURS.items():
             axes.plot([r["at"] for r in rows], [r[fidelity] for r in rows], "o-", color=colour,
                       label=fidelity)  # fmt: skip
         axes.set(xlabel=label, yscale="log")
-        axes.set_ylim(0.5, None)
         axes.grid(lw=0.3, which="both")
     panels[1].set_xscale("log", base=2)
+    sides = [row["at"] for row in made["pixels"]]
+    panels[1].set_xticks(sides, labels=[str(side) for side in sides])
     panels[2].set_xticks([1, 2])
-    panels[0].set_ylabel("time of a trial (ms)")
+    panels[0].set_ylabel("CPU time of a trial (ms)")
+    panels[2].set_ylabel("wall time of a trial (ms)")
+    trials_each = ", ".join(f"{n // 4} of {fidelity}" for fidelity, n in BATCH.items())
+    figure.suptitle(f"Best of {REPEATS} repeats of {trials_each}; eight times as many by workers",
+                    fontsize=9)  # fmt: skip
     panels[0].legend(fontsize=8)
     figure.savefig(path, dpi=130)
 

@@ -1,10 +1,10 @@
 """How many trials does 1 % of an rms take, plain and with each help, and do the intervals hold?
 
-python experiments/variance.py --json FILE [--trials 320]
+python experiments/variance.py --json FILE [--trials 896] [--windows 20]
 
 A method's figure is the variance of its estimate times its frames: how many whole frames it needs
 until half its 95 % interval is 1 % of the rms (2 % of the mean square) on the example design.
-What else a method makes beside its frames (80 windows or 400 covariance trials for each, or the
+What else a method makes beside its frames (windows, 400 covariance trials for each, or the
 control) is counted as time: `times faster` is the gain in variance over that in CPU time.
 """
 
@@ -41,7 +41,10 @@ WANTED = 0.01  # of the rms, half of the interval
 REPETITIONS = 200
 SAMPLE = 200  # trials of a repetition
 REGIONS = Regions(4, 6)
-WINDOWS, COVARIANCES = 80, 400  # for each frame
+COVARIANCES = 400  # for each frame
+TIMED = 48  # plain frames
+REGIONAL = 48  # windows in each region
+MORE = 40  # windows or covariances for each frame of a repetition
 MADE_OF = {
     "plain": ("frame",),
     "sobol": ("frame",),
@@ -57,25 +60,26 @@ MADE_OF = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, required=True)
-    parser.add_argument("--trials", type=int, default=320)
+    parser.add_argument("--trials", type=int, default=896)
+    parser.add_argument("--windows", type=int, default=20, help="for each frame (default: 20)")
     options = parser.parse_args()
     one_opencv_thread()
     case = load_design(shipped("designs/nanosatellite.toml")).case
-    figures = measure(case, options.trials // REPLICATES * REPLICATES)
+    figures = measure(case, options.trials // REPLICATES * REPLICATES, options.windows)
     options.json.write_text(json.dumps(figures, indent=1) + "\n")
     print(table(figures))
 
 
-def measure(case: Case, n: int) -> dict[str, Any]:
+def measure(case: Case, n: int, windows: int = 20) -> dict[str, Any]:
     """All methods on the example, from one run."""
     kinds = {
-        "frame": Sampling(),
+        "frame": Sampling(),  # the outcomes of frames with control, of which a few show the time
         "window": Sampling(Fidelity.WINDOW),
         "covariance": Sampling(DRAWN),
         "frame and control": Sampling(control=True),
         "sobol frame and control": Sampling(attitudes="sobol", control=True),
     }
-    many = {"window": WINDOWS * n, "covariance": COVARIANCES * n}
+    many = {"frame": TIMED, "window": windows * n, "covariance": COVARIANCES * n}
     made, seconds = {}, {}
     for name, sampling in kinds.items():
         sampling.trials(case, SEED, range(3))
@@ -83,18 +87,19 @@ def measure(case: Case, n: int) -> dict[str, Any]:
         began = time.process_time()
         made[name] = sampling.trials(case, SEED, range(count))
         seconds[name] = (time.process_time() - began) / count
-    frames, controlled_frames = made["frame"], made["frame and control"]
-    windows, drawn = (made["window"], Fidelity.WINDOW), (made["covariance"], DRAWN)
-    numbers = range(16 * REPLICATES * (n // REPLICATES))
+    names = list(OUTCOMES.names or ())
+    controlled_frames = made["frame and control"]
+    frames = controlled_frames[names]
+    coarse, drawn = (made["window"], Fidelity.WINDOW), (made["covariance"], DRAWN)
+    numbers = range(REGIONAL * len(REGIONS))
     regional = trials(case, SEED, numbers, Fidelity.WINDOW, by_regions(SEED, numbers, REGIONS))
     cell = np.asarray(numbers) % len(REGIONS)
     figures: dict[str, Any] = {
         "trials": n,
-        "windows": WINDOWS * n,
+        "windows": windows * n,
         "covariances": COVARIANCES * n,
         "ms_per_trial": {name: 1e3 * one for name, one in seconds.items()},
     }
-    names = list(OUTCOMES.names or ())
     for about in (False, True):
         sobol = made["sobol frame and control"]
         means = {
@@ -104,13 +109,14 @@ def measure(case: Case, n: int) -> dict[str, Any]:
             "sobol and control": mean_square(sobol, about, sobol=True),
             "covariance": combined([(frames, FRAME), drawn], about),
             "control and covariance": combined([(controlled_frames, FRAME), drawn], about),
-            "windows": combined([(frames, FRAME), windows], about),
-            "all": combined([(controlled_frames, FRAME), windows, drawn], about),
+            "windows": combined([(frames, FRAME), coarse], about),
+            "all": combined([(controlled_frames, FRAME), coarse, drawn], about),
         }
         name = "about" if about else "across"
         figures[name] = {}
         for method, mean in means.items():
-            spent = sum(seconds[kind] * many.get(kind, n) for kind in MADE_OF[method])
+            counts = many | {"frame": n}
+            spent = sum(seconds[kind] * counts.get(kind, n) for kind in MADE_OF[method])
             figures[name][method] = told(mean, n, means["plain"], spent / (seconds["frame"] * n))
         in_regions = squares(regional, about)
         gain = (plain(in_regions).error / stratified(in_regions, cell).error) ** 2
@@ -164,7 +170,7 @@ def coverage(frames: Outcomes, windows: Outcomes, drawn: Outcomes, about: bool) 
     truth = float(mean_square(frames[names], about).value)
     hits = dict.fromkeys(("plain", "control", "windows", "control and covariance"), 0)
     for _ in range(REPETITIONS):
-        mine, more = rng.integers(n, size=SAMPLE), rng.integers(n, size=WINDOWS * SAMPLE)
+        mine, more = rng.integers(n, size=SAMPLE), rng.integers(n, size=MORE * SAMPLE)
         both = np.concatenate([mine, more])
         fine, coarse, cheap = (
             renumbered(centred[mine]),
@@ -199,7 +205,7 @@ def table(figures: dict[str, Any]) -> str:
              f"{'about: fewer':>14s}{'faster':>8s}"]  # fmt: skip
     across, about = figures["across"], figures["about"]
     for name, one in across.items():
-        if "trials_for_1_percent" not in one:
+        if name not in MADE_OF:
             continue
         fewer = (
             f"{one['variance_reduction']:.1f} [{one['variance_reduction_low']:.1f}, "
