@@ -171,12 +171,12 @@ def _through(  # type: ignore[no-untyped-def]
     slot = slots[j >> SIZE, i >> SIZE]
     level, sure, drop = SIZE, False, 1
     if slot >= 0 and slope > 0:
+        used[slot] = 1
         sure = _over(heights, path, u0, slot, j, i, s)
-        while level >= PATCH and not (
-            sure and _outruns(steepness, slot, level, j, i, slope - slack, fast_u, fast_v)
-        ):
-            level -= 1
-        level = level if level >= PATCH else 0
+        level = _start(
+            maxima, steepness, slot, j, i, sure, h0 + s * (h1 + s * h2) - margin,
+            slope - slack, fast_u, fast_v,
+        )  # fmt: skip
     elif slot >= 0:  # begin with blocks about as large as the piece is long
         level = 0
         extent = max(abs(last_u - i), abs(last_v - j))
@@ -210,14 +210,13 @@ def _through(  # type: ignore[no-untyped-def]
             bound = maxima[
                 slot, block(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
             ]
-        outruns = (
-            sure
-            and slope > 0
+        if lowest <= bound + margin and not (
+            slope > 0
+            and sure
             and level >= PATCH
             and slot >= 0
             and _outruns(steepness, slot, level, j, i, slope - slack, fast_u, fast_v)
-        )
-        if lowest <= bound + margin and not outruns:
+        ):
             if level > 0:
                 if level == SIZE:
                     slot = slots[j >> SIZE, i >> SIZE]
@@ -298,6 +297,28 @@ def _outruns(steepness, slot, level, j, i, slope, fast_u, fast_v):  # type: igno
     """Whether a path that is above the surface rises too steeply to meet it within a block."""
     place = patch(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
     return steepness[slot, place, 0] * fast_u + steepness[slot, place, 1] * fast_v < slope
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _start(  # type: ignore[no-untyped-def]
+    maxima, steepness, slot, j, i, sure, height, slope, fast_u, fast_v
+):
+    """Level of the largest block, or nearly so, that a rising path leaves without meeting it."""
+    if not sure:
+        return 0
+    if _outruns(steepness, slot, SIZE, j, i, slope, fast_u, fast_v):
+        return SIZE
+    level = PATCH - 1
+    while _outruns(steepness, slot, level + 1, j, i, slope, fast_u, fast_v):
+        level += 1
+    if level >= PATCH:
+        return level
+    level, j, i = 0, j & (CELLS - 1), i & (CELLS - 1)
+    while (
+        level < SIZE - 1 and maxima[slot, block(level + 1, j >> level + 1, i >> level + 1)] < height
+    ):
+        level += 1
+    return level
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
