@@ -148,31 +148,26 @@ def odd_pixels(detector: Detector, sky: float) -> Ints:
 def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables):  # type: ignore[no-untyped-def]
     """Each window by itself, in memory that the processor holds close."""
     rows, columns = image.shape
-    low_x, high_x = _ends(points.x)
-    low_y, high_y = _ends(points.y)
-    room = np.empty((2, columns), np.uint32)
-    work, far = room_for(points.shape), points.shape.across // 2 + 2
+    ends = _ends(points.x, points.y)
+    room, work = np.empty((2, columns), np.uint32), room_for(points.shape)
     for k in range(len(windows)):
         left, top, right, bottom = windows[k]
-        # NaN, of a path that leaves what the camera sees, is not near.
-        near = (low_x < right + far) & (high_x > left - far)
-        near &= (low_y < bottom + far) & (high_y > top - far)
-        some = np.flatnonzero(near)
-        electrons = _caught(windows[k], rows, columns, pixels, points, some, work)
+        electrons = _caught(windows[k], rows, columns, pixels, points, ends, work)
         electrons += _part(pixels.dark, left, top, right, bottom)
         for row in range(top, bottom):
             start = row * columns + left
             out, mean = image[row, left:right], electrons[row - top]
             digitise_row(out, mean, np.uint64(start), shot, read, law, tables, room)
-            first, last = np.searchsorted(hit, np.array([start, start + len(mean)]))
-            for n in range(first, last):
+            n = np.searchsorted(hit, start) if len(hit) else 0
+            while n < len(hit) and hit[n] < start + len(mean):
                 at = hit[n] - start
                 out[at] = digitised(mean[at], extra[n], np.uint64(hit[n]), shot, read, law)
+                n += 1
 
 
 @njit(cache=True, error_model="numpy")
-def _caught(window, rows, columns, pixels, points, some, work):  # type: ignore[no-untyped-def]
-    """Electrons of an even sky and of some stars in a window.
+def _caught(window, rows, columns, pixels, points, ends, work):  # type: ignore[no-untyped-def]
+    """Electrons of an even sky and of the stars near a window, in the order of a frame.
 
     The map of `ground` is not read beside that of the response: memory is far off.
     """
@@ -184,7 +179,13 @@ def _caught(window, rows, columns, pixels, points, some, work):  # type: ignore[
     gain = _part(pixels.gain, first, upper, last, lower)
     electrons = np.full((lower - upper, last - first), pixels.sky)
     electrons *= gain
-    for n in some:
+    far = points.shape.across // 2 + 1
+    for n in range(len(ends)):
+        low_x, low_y, high_x, high_y = ends[n]
+        # NaN, behind the camera, is not near.
+        near = low_x < last + far and high_x > first - far
+        if not (near and low_y < lower + far and high_y > upper - far):
+            continue
         for m in range(len(points.weight)):
             x, y = points.x[m, n] - first, points.y[m, n] - upper
             add(electrons, points.shape, x, y, points.weight[m] * points.star[n], gain, work)
@@ -213,12 +214,15 @@ def _part(of, left, top, right, bottom):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _ends(place):  # type: ignore[no-untyped-def]
-    """Least and largest coordinate of each path."""
-    low, high = place[0].copy(), place[0].copy()
-    for m in range(1, len(place)):
-        low, high = np.minimum(low, place[m]), np.maximum(high, place[m])
-    return low, high
+def _ends(x, y):  # type: ignore[no-untyped-def]
+    """(n, 4) least x and y, largest x and y of each path."""
+    ends = np.empty((x.shape[1], 4))
+    for n in range(len(ends)):
+        ends[n] = x[0, n], y[0, n], x[0, n], y[0, n]
+        for m in range(1, len(x)):
+            ends[n, 0], ends[n, 1] = min(x[m, n], ends[n, 0]), min(y[m, n], ends[n, 1])
+            ends[n, 2], ends[n, 3] = max(x[m, n], ends[n, 2]), max(y[m, n], ends[n, 3])
+    return ends
 
 
 @njit(cache=True, error_model="numpy")
