@@ -68,6 +68,7 @@ def evaluate(
     trials: int | None = None,
     correction: Callable[[Floats], float] | None = None,
     spare: bool = False,
+    lead: float = math.inf,
 ) -> Evaluation:
     """Score a design by its analytic budget, set right by trials on the bench.
 
@@ -82,14 +83,20 @@ def evaluate(
     trials      None for the campaign's first number
     correction  ln(error / expected) at a place, None for none
     spare       whether a design that misses what needs no trials is spared them
+    lead        score of the best so far: what is worse before its trials is spared them, for they
+                can only add penalties
     Returns     an evaluation; a design that cannot be built or rendered has a note in it.
     """
     place = np.clip(place, 0, 1)
     values = box.values(place)
+    objective = Objective.read(campaign.objective)
     try:
         case = box.design(place)
         margins = campaign.requirements.margins(case)
-        if spare and missed(margins):
+        expected = forecast(case, objective)
+        score = _log_arcsec(expected) + (correction(place) if correction else 0.0)
+        hopeless = expected > 0 and score + PENALTY * missed(margins) > lead
+        if hopeless or (spare and missed(margins)):
             outcomes = np.empty(0, OUTCOMES)
         else:
             outcomes = bench.run(case, trials or campaign.trials, campaign.fidelity)
@@ -99,11 +106,9 @@ def evaluate(
     summary = summarise(outcomes) if len(outcomes) else None
     if summary:
         margins |= measured(campaign.requirements, summary)
-    objective = Objective.read(campaign.objective)
     error = float(objective.of(objective.squares(outcomes)))
-    expected = forecast(case, objective)
-    score = _log_arcsec(expected if expected > 0 else error)
-    score += correction(place) if correction else 0.0
+    if not expected > 0:
+        score = _log_arcsec(error) + (correction(place) if correction else 0.0)
     score += PENALTY * missed(margins)
     return Evaluation(tuple(place), values, error, expected, score, margins, summary, "")
 

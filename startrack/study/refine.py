@@ -17,7 +17,7 @@ from startrack.study.search import Search, least
 
 FIRST_STEP = 0.15  # of each range; each pass starts with half the step of the one before
 NEAR = 4.0  # first steps around the start of a pass, within which the budget is corrected
-PATIENCE = 5  # tried designs for each variable, and once more, without a gain beyond the noise
+PATIENCE = 3  # designs for each variable, and once more, without a gain beyond the noise
 SHARE = 0.6  # of the evaluations left that a pass may take, unless it is the last
 LEAST_GAIN = 2e-3  # of ln(error), less than which is no gain
 
@@ -30,7 +30,8 @@ def refine(
 ) -> tuple[list[Evaluation], str]:
     """Search from a start with the campaign's trials, then with twice as many, to its most.
 
-    What a pass has tried corrects the budget for the next. A pass ends when the best has not
+    What a pass has tried corrects the budget for the next; a design that cannot lead is not tried,
+    which leaves the trials to those that can. A pass ends when the best has not
     gained for a while by more than the standard error of that correction between two places: what
     is won beyond that is the noise's.
 
@@ -53,7 +54,10 @@ def refine(
             tried: list[Evaluation] = tried,
             correction: Correction = correction,
         ) -> float:
-            done = evaluate(box, campaign, place, bench, trials, correction, spare=True)
+            # The first designs of a pass, one a term of the plane, are tried whatever they promise.
+            tell = sum(one.trials > 0 for one in tried) < len(correction.terms)
+            lead = math.inf if tell else min(one.score for one in tried)
+            done = evaluate(box, campaign, place, bench, trials, correction, True, lead)
             tried.append(done)
             before.append(done)
             settled.see(done)
@@ -85,7 +89,7 @@ class _Settled:
         self._quiet = 0
 
     def see(self, done: Evaluation) -> None:
-        self._quiet += done.trials > 0
+        self._quiet += 1
         if self._anchor is None or self._gain(done, self._anchor):
             self._anchor, self._quiet = done, 0
 

@@ -20,7 +20,7 @@ from startrack.study.optimize import optimize
 
 @pytest.fixture(scope="module")
 def optimum(small):
-    return optimize(small.case, small.campaign, Bench(3))
+    return optimize(small.case, small.campaign, Bench(5))
 
 
 def test_the_best_is_better_on_fresh_trials(optimum):
@@ -58,22 +58,22 @@ def test_every_design_lies_in_the_box(optimum):
 
 def test_what_is_in_the_ledger_is_not_tried_again(optimum, small, tmp_path):
     with Ledger(tmp_path / "ledger.sqlite") as ledger:
-        first = optimize(small.case, small.campaign, Bench(3, ledger=ledger))
+        first = optimize(small.case, small.campaign, Bench(5, ledger=ledger))
     with Ledger(tmp_path / "ledger.sqlite") as ledger:
-        again = optimize(small.case, small.campaign, Bench(3, ledger=ledger))
+        again = optimize(small.case, small.campaign, Bench(5, ledger=ledger))
     # The same seed, the same answer; as text, in which NaN is NaN.
     assert repr(first) == repr(optimum)
     assert repr(first) == repr(dataclasses.replace(again, trials=first.trials))
     assert again.trials == {}
     tried = [one.trials for one in first.evaluations]
-    # Doubled trials are added to those that were done.
-    assert sum(first.trials.values()) <= sum(tried) + 2 * 60
+    # Doubled trials are added to those that were done; fresh ones are doubled three times at most.
+    assert sum(first.trials.values()) <= sum(tried) + 60 + 8 * 60
 
 
 def test_designs_are_compared_on_the_same_sky(small):
     box = Box(small.case, small.campaign.variables)
-    one = evaluate(box, small.campaign, box.start, Bench(3))
-    again = evaluate(box, small.campaign, box.start, Bench(3))
+    one = evaluate(box, small.campaign, box.start, Bench(5))
+    again = evaluate(box, small.campaign, box.start, Bench(5))
     assert one == again
 
 
@@ -81,8 +81,8 @@ def test_a_design_that_breaks_a_limit_is_not_feasible(small):
     tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01)
     campaign = dataclasses.replace(small.campaign, requirements=tight)
     box = Box(small.case, campaign.variables)
-    done = evaluate(box, campaign, box.start, Bench(3))
-    free = evaluate(box, small.campaign, box.start, Bench(3))
+    done = evaluate(box, campaign, box.start, Bench(5))
+    free = evaluate(box, small.campaign, box.start, Bench(5))
     assert not done.feasible
     assert done.margins["mass"] < 0
     assert done.score > free.score + 10
@@ -94,7 +94,7 @@ def test_a_box_that_meets_nothing_is_said_to(small):
     campaign = dataclasses.replace(
         small.campaign, requirements=tight, variables=small.campaign.variables[:1]
     )
-    optimum = optimize(small.case, campaign, Bench(3))
+    optimum = optimize(small.case, campaign, Bench(5))
     assert not optimum.feasible
     assert "no design of the box" in optimum.ending
     short = list(optimum.lacking)
@@ -118,7 +118,7 @@ def test_a_start_that_sees_no_star_still_finds_some(small):
         for one in small.campaign.variables
     ]
     campaign = dataclasses.replace(small.campaign, variables=tuple(wide), evaluations=40)
-    bench = Bench(3)
+    bench = Bench(5)
     assert bench.run(dim, 12)["spots"].max() == 0
     optimum = optimize(dim, campaign, bench)
     assert optimum.feasible
@@ -132,14 +132,14 @@ def test_branches_race_and_the_better_wins(small):
     campaign = dataclasses.replace(
         small.campaign, choices=(window,), variables=small.campaign.variables[:2], evaluations=40
     )
-    optimum = optimize(small.case, campaign, Bench(3))
+    optimum = optimize(small.case, campaign, Bench(5))
     assert optimum.branch == "window 5"
     assert optimum.best.tracker.detection.window == 5
 
 
 def test_a_design_that_cannot_be_built_is_recorded_not_raised(small, blind):
     box = Box(blind, small.campaign.variables)
-    done = evaluate(box, small.campaign, box.start, Bench(3))
+    done = evaluate(box, small.campaign, box.start, Bench(5))
     assert done.summary is None
     assert "must overlap" in done.note
     assert math.isfinite(done.score)
@@ -162,7 +162,7 @@ def test_designs_that_a_function_refuses_are_avoided(small):
             optics=dataclasses.replace(small.case.instrument.optics, blur=6e-6),
         ),
     )
-    optimum = optimize(case, campaign, Bench(3), adapt=sharp)
+    optimum = optimize(case, campaign, Bench(5), adapt=sharp)
     assert optimum.best.instrument.optics.blur <= 9e-6
     assert any("too blurred" in one.note for one in optimum.evaluations)
 
