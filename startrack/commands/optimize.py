@@ -41,6 +41,8 @@ def command(options: argparse.Namespace) -> int:
         "factor_95": [factor.low, factor.high],
         "optimism": optimism.value,
         "optimism_95": [optimism.low, optimism.high],
+        "availability": optimum.availability.value,
+        "availability_bounds": [optimum.availability.low, optimum.availability.high],
         "values": box.text(optimum.best),
         "values_si": box.values(box.place(optimum.best)),
         "margins": optimum.margins,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from startrack.case import Case, Fidelity
 from startrack.error import Interval, Summary, summarise
+from startrack.study.assure import availability
 from startrack.study.bench import FRESH, Bench
 from startrack.study.box import Box
 from startrack.study.campaign import Campaign
@@ -39,7 +40,8 @@ class Optimum:
     factor       error of the start over that of the best, on these trials
     promised     radian, error of the best on the trials that it was tuned on
     optimism     error of the best on fresh frames over the promised one
-    margins      of the best, availability on fresh frames with them
+    availability  of the best on fresh trials, with bounds that hold with 95 % confidence
+    margins      of the best; that of the availability is the lower bound's
     ending       one sentence: why the search stopped
     trials       how many were done, per fidelity
     """
@@ -53,6 +55,7 @@ class Optimum:
     factor: Interval
     promised: float
     optimism: Interval
+    availability: Interval
     margins: dict[str, float]
     ending: str
     trials: dict[str, int]
@@ -82,7 +85,8 @@ def optimize(
     The search begins where the analytic budget is best, by DIRECT on the whole box, or at the
     case itself if trials find that better. The budget goes on to tell designs apart, set right by
     trials; these double from pass to pass. Where there are choices, their branches race first.
-    The winner is judged on frames that nothing was tuned on.
+    The winner is judged on frames that nothing was tuned on, its availability at a bound that
+    holds with 95 % confidence.
 
     watch        called with each evaluation
     watch_fresh  called with the number of fresh trials just done
@@ -116,7 +120,7 @@ def optimize(
         finalists, ending = tried, "no design of the box meets what needs no trials"
     box = boxes[label]
     first = _fresh(case, campaign, bench, watch_fresh)
-    best, second = _verify(box, finalists[:FINALISTS], campaign, bench, watch_fresh)
+    best, second, share = _verify(box, finalists[:FINALISTS], campaign, bench, watch_fresh)
     objective = Objective.read(campaign.objective)
     summary = summarise(second)
     winner = box.design(np.array(best.place))
@@ -132,7 +136,8 @@ def optimize(
         objective.ratio(before, after, bench.seed),
         best.error,
         objective.ratio(after, objective.squares(tuning), bench.seed, paired=False),
-        best.margins | measured(campaign.requirements, summary),
+        share,
+        best.margins | _shown(campaign, summary, share),
         ending,
         {fidelity.value: count for fidelity, count in bench.tried.items()},
     )
@@ -153,19 +158,27 @@ def _verify(
     campaign: Campaign,
     bench: Bench,
     watch: Callable[[int], None] | None,
-) -> tuple[Evaluation, NDArray[np.void]]:
-    """The first finalist that meets the requirements on fresh frames too, else the first of all.
+) -> tuple[Evaluation, NDArray[np.void], Interval]:
+    """The first finalist that is shown to meet the requirements on fresh trials, else the first.
 
-    Returns  it, and its outcomes there
+    Returns  it, its outcomes on fresh frames, and its availability
     """
-    results = list[tuple[Evaluation, NDArray[np.void]]]()
+    results = list[tuple[Evaluation, NDArray[np.void], Interval]]()
     for one in finalists:
-        outcomes = _fresh(box.design(np.array(one.place)), campaign, bench, watch)
-        results.append((one, outcomes))
-        margins = one.margins | measured(campaign.requirements, summarise(outcomes))
+        design = box.design(np.array(one.place))
+        outcomes = _fresh(design, campaign, bench, watch)
+        share = availability(design, campaign, bench, outcomes)
+        results.append((one, outcomes, share))
+        margins = one.margins | _shown(campaign, summarise(outcomes), share)
         if one.summary and all(margin >= 0 for margin in margins.values()):
             return results[-1]
     return results[0]
+
+
+def _shown(campaign: Campaign, summary: Summary, share: Interval) -> dict[str, float]:
+    """The margins that take trials, of what fresh ones have shown."""
+    needs = campaign.requirements
+    return measured(needs, summary) | {"availability": share.low - needs.min_availability}
 
 
 def _fresh(

@@ -45,7 +45,7 @@ class Requirements:
 
     max_volume, max_data_rate, max_cost  None where there is no such limit
     min_stars         stars above the detection threshold that `sky_share` of the sky must show
-    min_availability  share of trials with a right attitude
+    min_availability  share of trials with a right attitude; `optimize` shows it by a lower bound
     """
 
     max_mass: Annotated[float, Unit("kg")] = 1.0

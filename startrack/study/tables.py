@@ -85,7 +85,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         f"| magnitudes in hand for {needs.min_stars} stars in {100 * needs.sky_share:g} % of the "
         f"sky | {sky[0]:+.2f} | {sky[1]:+.2f} |"
     )
-    factor, optimism = optimum.factor, optimum.optimism
+    factor, optimism, share = optimum.factor, optimum.optimism, optimum.availability
     designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
     lines += [
         "",
@@ -94,7 +94,10 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         f"designs were tried, with {campaign.trials} to {campaign.most_trials} trials each. The "
         f"tuning trials promised {optimum.promised / arcsec:.2f} arcsec; fresh frames show "
         f"{optimism.value:.3f} [{optimism.low:.3f}, {optimism.high:.3f}] of that. {trials} trials "
-        "were done in all. Brackets hold with 95 % confidence.",
+        f"were done in all. The availability is at least {100 * share.low:.2f} % "
+        f"(asked: {100 * needs.min_availability:g} %), a wrong attitude comes in at most "
+        f"{100 * best.false.high:.2f} % of the frames. Brackets and bounds hold with 95 % "
+        "confidence.",
     ]
     if optimum.lacking:
         short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())

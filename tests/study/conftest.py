@@ -29,6 +29,8 @@ def small() -> Design:
         prospects=8,
         fresh_trials=60,
         sample_trials=12,
+        # What so few fresh trials can show.
+        requirements=dataclasses.replace(design.campaign.requirements, min_availability=0.95),
     )
     return Design(dataclasses.replace(design.case, instrument=instrument), campaign)
 
