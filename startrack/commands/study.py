@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from startrack.case import Case
+from startrack.case import Case, Fidelity
 from startrack.commands.terminal import example, read_campaign, say
 from startrack.exits import WrongUse
 from startrack.study.bench import Bench
@@ -16,7 +16,8 @@ from startrack.study.box import Box
 from startrack.study.campaign import Campaign
 from startrack.study.choice import branches
 from startrack.study.ledger import Ledger
-from startrack.study.montecarlo import pool
+from startrack.study.montecarlo import pool, warm
+from startrack.variance.sampling import Sampling
 
 LEDGER = "ledger.sqlite"
 
@@ -34,6 +35,7 @@ class Study(NamedTuple):
 def open_study(options: argparse.Namespace, doing: str) -> Iterator[Study]:
     """Read the campaign, check its box, open workers and the ledger of the folder.
 
+    Compiled kernels are on disk before the workers begin, so that each finds them there.
     What a study that was cut short has done is in the ledger: the same command goes on there.
     """
     path = options.campaign or example()
@@ -44,6 +46,9 @@ def open_study(options: argparse.Namespace, doing: str) -> Iterator[Study]:
     except ValueError as error:
         raise WrongUse(f"{path}: {error}") from None
     say(f"{doing} {path.stem} on {options.workers} workers; results go to {options.out}")
+    if options.workers > 1:
+        for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
+            warm(design.case, Sampling(fidelity))
     with (
         Ledger(options.out / LEDGER) as ledger,
         pool(options.workers) as executor,
