@@ -2,11 +2,13 @@
 
 python experiments/optimiser.py --json FILE [--seeds 20] [--peers 20] [--trials 10000]
                                 [--methods ours,nlopt_plain,tpe,cmaes] [--ledger DIR]
+                                [--picture FILE.png]
 """
 
 from __future__ import annotations
 
 import argparse
+import bisect
 import contextlib
 import dataclasses
 import json
@@ -17,25 +19,41 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from startrack.case import Case, Fidelity
+from startrack.case import Case
 from startrack.catalog import shipped
 from startrack.design import load_design
-from startrack.study.bench import Bench
+from startrack.error import summarise
+from startrack.study.assure import availability
+from startrack.study.bench import FRESH, Bench
 from startrack.study.box import Box
 from startrack.study.campaign import Campaign
 from startrack.study.correction import correct
-from startrack.study.evaluate import PENALTY, Evaluation, evaluate, forecast, measured_score, missed
+from startrack.study.evaluate import (
+    LOST,
+    PENALTY,
+    Evaluation,
+    evaluate,
+    forecast,
+    measured,
+    missed,
+)
 from startrack.study.ledger import Ledger
 from startrack.study.objective import Objective
 from startrack.study.prospect import prospect
 from startrack.study.refine import refine
 from startrack.study.search import Search, least
+from startrack.units import arcsec
 
 Floats = NDArray[np.float64]
 JUDGE = 1000  # seed of the trials that all designs are judged on; no search has it
-JUDGED = 400  # trials of each design there
+CHOOSING = 300  # trials that the best of all is chosen by
+REACH = 0.25  # of each range, around the best, within which the budget is set right
+POLISH = 60  # designs that are tried around the best
+BUDGETS = (500, 1000, 2000, 4000)  # trials, at which the leaders are compared
+JUDGED = 1200  # other trials, on which all are compared with it
 
 
 def main() -> None:
@@ -44,12 +62,15 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--peers", type=int, default=20, help="seeds of the other optimisers")
     parser.add_argument("--methods", default="ours,nlopt_plain,tpe,cmaes")
-    parser.add_argument("--trials", type=int, default=10_000, help="that the others may use")
+    parser.add_argument("--trials", type=int, default=4000, help="that the others may use")
+    parser.add_argument("--picture", type=Path)
     parser.add_argument("--ledger", type=Path, help="folder; goes on from what is in it")
     options = parser.parse_args()
     figures = search(options)
     options.json.write_text(json.dumps(figures, indent=1) + "\n")
     print(json.dumps(figures, indent=1))
+    if options.picture:
+        draw(figures, options.picture)
 
 
 @dataclasses.dataclass
@@ -58,6 +79,11 @@ class Run:
 
     trials: list[int]
     places: list[Floats]
+
+    def leader(self, trials: int) -> Floats | None:
+        """The design that led after so many trials, None where there was none yet."""
+        count = bisect.bisect_right(self.trials, trials)
+        return self.places[count - 1] if count else None
 
 
 class Counted:
@@ -68,17 +94,37 @@ class Counted:
         self.run, self.best, self.spent = Run([], []), math.inf, 0
 
     def plain(self, place: Floats) -> float:
-        """The score by trials alone, as one would write it without the budget."""
+        """The score by trials alone, as one would write it without the budget.
+
+        A design that misses what needs no trials is spared them, and has the budget's score with
+        the penalty, so that the way back is down hill for everyone.
+        """
         if self.spent >= self.most:
+            self.run.trials.append(self.spent)
+            self.run.places.append(self.run.places[-1])
             raise Spent
-        one = evaluate(self.box, self.campaign, np.asarray(place, float), self.bench, spare=True)
-        self.spent += one.trials
-        score = measured_score(one)
+        place = np.clip(np.array(place, float), 0, 1)
+        case = self.box.design(place)
+        margins = self.campaign.requirements.margins(case)
+        if missed(margins):
+            return evaluate(self.box, self.campaign, place, self.bench, spare=True).score
+        score = by_trials(case, self.campaign, self.bench, self.campaign.trials)
+        self.spent += self.campaign.trials
         if score < self.best:
             self.best = score
             self.run.trials.append(self.spent)
-            self.run.places.append(np.clip(np.array(place, float), 0, 1))
+            self.run.places.append(place)
         return score
+
+
+def by_trials(case: Case, campaign: Campaign, bench: Bench, trials: int, first: int = 0) -> float:
+    """ln(error / arcsec) of so many trials, with the L1 penalty for what is not met."""
+    outcomes = bench.run(case, trials, campaign.fidelity, first)
+    objective = Objective.read(campaign.objective)
+    error = float(objective.of(objective.squares(outcomes)))
+    margins = campaign.requirements.margins(case)
+    margins |= measured(campaign.requirements, summarise(outcomes))
+    return (math.log(error / arcsec) if error > 0 else LOST) + PENALTY * missed(margins)
 
 
 class Spent(Exception):
@@ -146,50 +192,57 @@ def cmaes(box: Box, campaign: Campaign, seed: int, most: int, ledger: Ledger) ->
 
 
 class Truth:
-    """The error of any design by many trials of a seed that no search has.
-
-    Near the best of all, the budget corrected by all that was tried there; elsewhere the trials
-    of the design itself, to 2.5 %.
-    """
+    """Any design by trials of a seed that no search has, the same for all designs."""
 
     def __init__(self, box: Box, campaign: Campaign, ledger: Ledger) -> None:
         self.box, self.campaign = box, campaign
         self.bench = Bench(JUDGE, ledger=ledger)
-        self.tried = dict[bytes, Evaluation]()
 
-    def try_(self, place: Floats) -> Evaluation:
-        key = place.tobytes()
-        if key not in self.tried:
-            self.tried[key] = evaluate(self.box, self.campaign, place, self.bench, JUDGED)
-        return self.tried[key]
+    def score(self, place: Floats, trials: int, first: int = 0) -> float:
+        case = self.box.design(place)
+        try:
+            return by_trials(case, self.campaign, self.bench, trials, first)
+        except ValueError:  # it cannot be rendered
+            return LOST + PENALTY
 
-    def optimum(self, near: Floats, reach: float = 0.25) -> tuple[Floats, float]:
-        """Refine from the best that any search found, on the budget corrected by all trials."""
-        self.middle, self.reach = near, reach
-        self.correction = correct(list(self.tried.values()), near, reach)
+    def shown(self, place: Floats) -> bool:
+        """Whether the availability asked is shown on fresh trials, at its bound."""
+        case = self.box.design(place)
+        outcomes = self.bench.run(case, JUDGED, self.campaign.fidelity, FRESH)
+        share = availability(case, self.campaign, self.bench, outcomes)
+        return share.low >= self.campaign.requirements.min_availability
+
+    def reference(self, places: list[Floats]) -> Floats:
+        """The best of all places and of where the budget, set right by them, is best.
+
+        It is found by trials that nothing is compared on afterwards, or its luck would be taken
+        for its merit; the last choice alone, between two, is on the others, against ourselves.
+        """
+        best = min(places, key=lambda place: self.score(place, CHOOSING))
+        tried = [
+            evaluate(self.box, self.campaign, place, self.bench, CHOOSING)
+            for place in places
+            if np.abs(place - best).max() <= REACH
+        ]
+        correction = correct(tried, best, REACH)
 
         def score(place: Floats) -> float:
-            if np.abs(place - near).max() > reach:
+            if np.abs(place - best).max() > REACH:
                 return math.nan
-            return self.smooth(place)
+            case = self.box.design(place)
+            expected = forecast(case, Objective.read(self.campaign.objective))
+            margins = self.campaign.requirements.margins(case)
+            return math.log(expected / arcsec) + correction(place) + PENALTY * missed(margins)
 
-        found = least(score, near, Search(evaluations=250, first_step=0.05))
-        return found.place, found.score
-
-    def smooth(self, place: Floats) -> float:
-        """ln(error / arcsec) with penalties for what needs no trials."""
-        case = self.box.design(place)
-        margins = self.campaign.requirements.margins(case)
-        expected = forecast(case, Objective.read(self.campaign.objective))
-        log = math.log(expected * 206264.806) + self.correction(place)
-        return log + PENALTY * missed(margins)
-
-    def score(self, place: Floats) -> float:
-        if np.abs(place - self.middle).max() <= self.reach:
-            one = self.try_(place)
-            lost = PENALTY * max(0.0, -one.margins.get("availability", -1.0))
-            return self.smooth(place) + lost
-        return measured_score(self.try_(place))
+        refined = least(score, best, Search(evaluations=150, first_step=0.05)).place
+        best = min((best, refined), key=lambda place: self.score(place, CHOOSING))
+        # The budget has no say in this: Sbplx on the trials themselves.
+        polished = least(
+            lambda place: self.score(place, CHOOSING),
+            best,
+            Search(evaluations=POLISH, first_step=0.05),
+        ).place
+        return min((best, polished), key=lambda place: self.score(place, JUDGED, FRESH))
 
 
 def example() -> tuple[Case, Campaign]:
@@ -206,52 +259,85 @@ def search(options: argparse.Namespace) -> dict[str, Any]:
     start = prospect(box, campaign, box.start).place
     print(f"prospect {time.process_time() - started:.1f} s", start.round(3), flush=True)
     others: dict[str, Callable[..., Run]] = {"nlopt_plain": nlopt_plain, "tpe": tpe, "cmaes": cmaes}
+    names = options.methods.split(",")
+    seeds = {name: options.seeds if name == "ours" else options.peers for name in names}
+    plan = [
+        (name, seed) for seed in range(max(seeds.values())) for name in names if seed < seeds[name]
+    ]
     runs: dict[str, list[Run]] = {}
-
-    def note(name: str, seed: int, run: Run) -> None:
-        runs.setdefault(name, []).append(run)
-        print(name, seed, run.trials[-1], run.places[-1].round(3),
-              f"{time.process_time() - started:.0f} s", flush=True)  # fmt: skip
-
-    for name in options.methods.split(","):
-        with Ledger(options.ledger / f"{name}.sqlite" if options.ledger else None) as ledger:
-            for seed in range(options.seeds if name == "ours" else options.peers):
-                if name == "ours":
-                    note(name, seed, ours(box, campaign, seed, start, ledger))
-                else:
-                    note(name, seed, others[name](box, campaign, seed, options.trials, ledger))
-    with Ledger(options.ledger / "truth.sqlite" if options.ledger else None) as ledger:
+    with Ledger(options.ledger / "trials.sqlite" if options.ledger else None) as ledger:
+        for name, seed in plan:
+            began = time.process_time()
+            if name == "ours":
+                run = ours(box, campaign, seed, start, ledger)
+            else:
+                run = others[name](box, campaign, seed, options.trials, ledger)
+            runs.setdefault(name, []).append(run)
+            print(name, seed, run.trials[-1], run.places[-1].round(3),
+                  f"{time.process_time() - began:.0f} s", flush=True)  # fmt: skip
         return judge(box, campaign, runs, ledger)
 
 
 def judge(
     box: Box, campaign: Campaign, runs: dict[str, list[Run]], ledger: Ledger
 ) -> dict[str, Any]:
-    """Regrets against the best design of all."""
+    """Regrets against the best design of all, on the same trials."""
     truth = Truth(box, campaign, ledger)
-    for run in (run for every in runs.values() for run in every):
-        truth.try_(run.places[-1])
-    leader = min(
-        (run.places[-1] for every in runs.values() for run in every),
-        key=lambda place: measured_score(truth.try_(place)),
-    )
-    place, best = truth.optimum(leader)
+    place = truth.reference([run.places[-1] for every in runs.values() for run in every])
+    best = truth.score(place, JUDGED, FRESH)
+    begun = truth.score(place, CHOOSING)
     print("optimum", place.round(4), math.exp(best), box.text(box.design(place)), flush=True)
-    print("judged with", truth.bench.tried.get(Fidelity.WINDOW), "trials", flush=True)
-    figures: dict[str, Any] = {"optimum_arcsec": math.exp(best)}
+    figures: dict[str, Any] = {
+        "optimum_arcsec": math.exp(best),
+        "optimum": box.text(box.design(place)),
+    }
     for name, every in runs.items():
-        regret = [math.exp(truth.score(run.places[-1]) - best) - 1 for run in every]
-        prefix = "regret" if name == "ours" else f"{name}_regret"
+        regret = [math.exp(truth.score(run.places[-1], JUDGED, FRESH) - best) - 1 for run in every]
+        prefix = "" if name == "ours" else f"{name}_"
         figures |= {
-            f"{prefix}_median": float(np.median(regret)),
-            f"{prefix}_worst": float(np.max(regret)),
-            f"{prefix}_seeds": len(regret),
-            "trials" if name == "ours" else f"{name}_trials": int(
-                np.median([run.trials[-1] for run in every])
-            ),
-            f"{prefix}s": regret,
+            f"{prefix}regret_median": float(np.median(regret)),
+            f"{prefix}regret_worst": float(np.max(regret)),
+            f"{prefix}seeds": len(regret),
+            f"{prefix}trials": int(np.median([run.trials[-1] for run in every])),
+            f"{prefix}regrets": regret,
+            f"{prefix}path": [
+                float(np.median([truth.score(leader, CHOOSING) for leader in leaders]) - begun)
+                for budget in BUDGETS
+                if (leaders := [at for run in every if (at := run.leader(budget)) is not None])
+            ],
         }
+    figures["constraint_violations_fresh"] = sum(
+        not truth.shown(run.places[-1]) for run in runs.get("ours", [])
+    )
     return figures
+
+
+def draw(figures: dict[str, Any], path: Path) -> None:
+    """Regret against trials, one line a method."""
+    figure = Figure(figsize=(6.5, 4), layout="constrained")
+    axes = figure.subplots()
+    for prefix, label, colour in (
+        ("", "startrack", "#2e7d5b"),
+        ("nlopt_plain_", "Sbplx, fixed trials", "#3567a8"),
+        ("tpe_", "TPE (Optuna)", "#c0392b"),
+        ("cmaes_", "CMA-ES", "#8e6bbf"),
+    ):
+        if f"{prefix}path" not in figures:
+            continue
+        regret = 100 * np.expm1(figures[f"{prefix}path"])
+        seeds = figures[f"{prefix}seeds"]
+        axes.plot(BUDGETS[-len(regret) :], regret, "o-", ms=4, color=colour,
+                  label=f"{label}, {seeds} seeds")  # fmt: skip
+    axes.set(xscale="log", xlabel="window trials used", ylabel="median regret (%)")
+    axes.set_yscale("symlog", linthresh=2)
+    axes.set_xticks(BUDGETS, [str(one) for one in BUDGETS])
+    axes.minorticks_off()
+    axes.axhline(0, color="0.6", lw=0.8)
+    axes.set_title(
+        f"five variables, judged on {CHOOSING} trials that no search has", fontsize=9, loc="left"
+    )
+    axes.legend(fontsize=8)
+    figure.savefig(path)
 
 
 if __name__ == "__main__":
