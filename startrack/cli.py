@@ -162,6 +162,11 @@ def _parser() -> argparse.ArgumentParser:
         "--epoch", type=float, default=2026.0, metavar="YEAR", help="of the images (default: 2026)"
     )
     calibrate.add_argument("--out", type=Path, metavar="FILE", help="the same as JSON")
+    calibrate.add_argument(
+        "--posterior", type=Path, metavar="DIR",
+        help="sample what the camera may be, with the width of its PSF, for posterior.json and "
+        "corner.png (focal length, principal point, k1)",
+    )  # fmt: skip
 
     budget = _command(commands, "budget", "what the error of a design is made of, cause by cause")
     _design(budget)

@@ -53,6 +53,22 @@ def test_hot_pixels_with_a_dark_frame(solve, outside, name):
     assert np.hypot(*error[:2]) < 60
 
 
+@pytest.mark.slow
+def test_the_posterior_of_a_camera_is_near_an_independent_fit(outside, tmp_path, capsys):
+    """Within a part in 2000 of a fit of the same image, whose distortion has another law."""
+    truth = json.loads((outside / "images" / "truth.json").read_text())["images"][ESA[0]]
+    path = str(outside / "images" / ESA[0])
+    options = ("--fov", "11.4", "--epoch", "2016", "--posterior", str(tmp_path), "--json")
+    assert main(["calibrate", path, *options]) == 0
+    found = json.loads(capsys.readouterr().out)["posterior"]
+    assert found["converged"]
+    _, low, high = found["median_and_95"]["focal_length_px"]
+    focal_length = truth["width"] / 2 / np.tan(np.radians(truth["fit"]["fov"]) / 2)
+    assert focal_length == pytest.approx((low + high) / 2, rel=5e-4)
+    assert (high - low) / focal_length < 1e-3
+    assert (tmp_path / "corner.png").stat().st_size > 10_000
+
+
 def test_a_mirrored_image_is_refused(outside, tmp_path, capsys):
     import cv2
 

@@ -16,12 +16,17 @@ from startrack.chain import track
 from startrack.checks import within
 from startrack.commands.terminal import finite, say, tell
 from startrack.detection import Detection, subtract_dark
+from startrack.draw_study import draw_corner
 from startrack.exits import Exit, WrongUse
 from startrack.identification import Calibrated, Calibration, Identification, calibrate
 from startrack.identification.calibrate import UNKNOWNS
 from startrack.images import read_image
 from startrack.saving import save_json
-from startrack.values import Frame, Stars
+from startrack.study.ensemble import thinned
+from startrack.study.ledger import Ledger
+from startrack.study.posterior import Prior, sample_camera
+from startrack.study.tables import chain_text, chain_values
+from startrack.values import Frame, Matches, Spots, Stars
 
 ROUNDS = 3  # a better camera matches more stars, which make a better camera
 KNOWN = 0.003  # of the focal length, after the first round
@@ -51,9 +56,12 @@ def command(options: argparse.Namespace) -> int:
         k1=0.0 if options.distortion == "none" else 1.0,
         tangential=0.01 if options.distortion == "full" else 0.0,
     )
-    found = None
+    found, answers = None, list[tuple[Spots, Matches]]()
     for _ in range(ROUNDS):
-        found = _round(frames, camera, stars, identification, settings) or found
+        answers = _solved(frames, camera, stars, identification)
+        if any(len(matches) for _, matches in answers):
+            spots, matches = [one for one, _ in answers], [one for _, one in answers]
+            found = calibrate(spots, matches, camera, settings)
         if found is None:
             say("startrack calibrate: none of the images could be solved")
             tell(options, {"status": "unsolved", "images": len(frames)}, "unsolved")
@@ -62,25 +70,59 @@ def command(options: argparse.Namespace) -> int:
         identification = replace(identification, focal_tolerance=KNOWN)
     assert found is not None
     result = _values(found, len(frames))
+    text = _text(found, len(frames))
+    if options.posterior:
+        result["posterior"], more = _posterior(options, answers, frames, found.camera)
+        text += f"\n{more}"
     if options.out:
         save_json(options.out, finite(result))
-    tell(options, result, _text(found, len(frames)))
+    tell(options, result, text)
+    if options.posterior and not result["posterior"]["converged"]:
+        return Exit.UNSOLVED
     return Exit.DONE if found.frames == len(frames) else Exit.UNSOLVED
 
 
-def _round(
+def _solved(
+    frames: list[Frame], camera: Camera, stars: Stars, identification: Identification
+) -> list[tuple[Spots, Matches]]:
+    tracker = Tracker(Detection(), identification)
+    return [track(frame, camera, stars, tracker)[:2] for frame in frames]
+
+
+def _posterior(
+    options: argparse.Namespace,
+    answers: list[tuple[Spots, Matches]],
     frames: list[Frame],
     camera: Camera,
-    stars: Stars,
-    identification: Identification,
-    settings: Calibration,
-) -> Calibrated | None:
-    tracker = Tracker(Detection(), identification)
-    answers = [track(frame, camera, stars, tracker) for frame in frames]
-    matches = [matches for _, matches, _ in answers]
-    if not any(len(match) for match in matches):
-        return None
-    return calibrate([spots for spots, _, _ in answers], matches, camera, settings)
+) -> tuple[dict[str, Any], str]:
+    """Sample the camera, and leave posterior.json and corner.png; nothing of doubtful chains."""
+    prior = Prior(options.fov_tolerance, options.principal, 1.0, 1e-3, 3.0)
+    say("startrack calibrate: sampling, some tens of seconds an image")
+    with Ledger(options.posterior / "ledger.sqlite") as ledger:
+        spots, matches = [one for one, _ in answers], [one for _, one in answers]
+        found = sample_camera(spots, matches, camera, prior, 0, ledger=ledger, images=frames)
+    values = chain_values(found.chains)
+    if not found.chains.converged:
+        return values, f"posterior: {chain_text(found.chains)}"
+    values |= {
+        "median_and_95": {name: found.interval(name) for name in found.names},
+        "open": list(found.open),
+        "correlation": found.correlation.tolist(),
+    }
+    save_json(options.posterior / "posterior.json", finite(values))
+    labels = [name if name == "k1" else f"{name.removesuffix('_px')} (px)" for name in found.names]
+    draw_corner(
+        options.posterior / "corner.png",
+        thinned(found.samples, 2000),
+        labels,
+        f"camera of {len(frames)} images: {chain_text(found.chains)}",
+    )
+    lines = ["", "posterior: median and 95 % interval"]
+    for name in found.names:
+        middle, low, high = found.interval(name)
+        told = ", hardly told by these images" if name in found.open else ""
+        lines.append(f"{name:16} {middle:12.6g} [{low:.6g}, {high:.6g}]{told}")
+    return values, "\n".join([*lines, chain_text(found.chains)])
 
 
 def _values(found: Calibrated, images: int) -> dict[str, Any]:
