@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 from scipy.special import ndtr
 
 from startrack.budget.causes import Term
@@ -62,7 +62,7 @@ class Law:
             inside = ndtr((size - mean) / sigma) - ndtr((-size - mean) / sigma)
             return float(self.weight @ inside.mean(axis=1)) - share
 
-        return float(brentq(excess, 0.0, float((mean + 9 * sigma).max()), rtol=1e-9))
+        return float(scipy.optimize.brentq(excess, 0.0, float((mean + 9 * sigma).max()), rtol=1e-9))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numba import njit
 from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 from startrack.camera import Camera
 from startrack.catalog import Selection, Sky
@@ -75,7 +75,7 @@ def _fields(
 
 def attitudes(count: int) -> Rotation:
     """Attitudes spread evenly over all rotations, from a Sobol sequence."""
-    return rotations(qmc.Sobol(3, scramble=False).random(count))
+    return rotations(scipy.stats.qmc.Sobol(3, scramble=False).random(count))
 
 
 def boresights(count: int) -> Rotation:

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from startrack.checks import one_of, within
 from startrack.error import Interval, rms_interval, share_interval
@@ -99,8 +99,8 @@ def quantile_interval(
     if n == 0:
         return Interval(math.nan, math.nan, math.nan)
     tail = (1 - confidence) / 2
-    low = int(stats.binom.ppf(tail, n, share))
-    high = int(stats.binom.isf(tail, n, share)) + 1
+    low = int(scipy.stats.binom.ppf(tail, n, share))
+    high = int(scipy.stats.binom.isf(tail, n, share)) + 1
     ordered = np.sort(values)
     middle = min(max(math.ceil(n * share), 1), n)
     return Interval(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
-from scipy.optimize import brentq
+import scipy
 
 from startrack.detection.between import PLACES, bank
 from startrack.detection.matched import Kernel, kernel_of
@@ -52,7 +52,7 @@ def _threshold(wanted: float, area: int, star: Psf, kernel: Kernel) -> float:
     share = wanted / (area * _bumps(star, kernel))
     if share >= _density(LOWEST):
         return LOWEST
-    return float(brentq(lambda z: math.log(_density(z) / share), LOWEST, HIGHEST))
+    return float(scipy.optimize.brentq(lambda z: math.log(_density(z) / share), LOWEST, HIGHEST))
 
 
 def _density(z: float) -> float:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 Floats = NDArray[np.float64]
 
@@ -21,5 +21,5 @@ def settle(level: Floats, rest: float) -> Floats:
     level  (rows, columns) electron, in the order of reading
     rest   1, exp(-T / tau)
     """
-    out, _ = signal.lfilter([1 - rest], [1, -rest], level, axis=1, zi=rest * level[:, :1])
+    out, _ = scipy.signal.lfilter([1 - rest], [1, -rest], level, axis=1, zi=rest * level[:, :1])
     return out

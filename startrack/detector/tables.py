@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 from startrack.detector.law import Law, converted, upper_edge
 
@@ -123,7 +123,8 @@ def build(law: Law, first: int, count: int) -> Tables:
         z = np.zeros((len(span), 0))
     if count * z.size > MOST_TERMS:
         return EMPTY
-    probability = stats.poisson.pmf(electrons, mean[:, None])
+    log = special.xlogy(electrons, mean[:, None]) - special.gammaln(electrons + 1) - mean[:, None]
+    probability = np.exp(log)
     lower, upper = _sums(probability, start, end, special.ndtr(z), special.ndtr(-z))
     # The smaller of the two keeps its digits.
     limit = np.where(lower < 0.5, lower * 2.0**BITS, 2.0**BITS - upper * 2.0**BITS)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from startrack.error.summary import Interval
 
@@ -62,8 +62,8 @@ def level_interval(error: Floats, share: float, confidence: float = 0.95) -> Int
     """
     size = np.sort(_sizes(np.atleast_2d(error), share)[0])
     n, tail = len(size), (1 - confidence) / 2
-    low = int(stats.binom.ppf(tail, n, share))  # that many lie below, or more
-    high = int(stats.binom.isf(tail, n, share)) + 1
+    low = int(scipy.stats.binom.ppf(tail, n, share))  # that many lie below, or more
+    high = int(scipy.stats.binom.isf(tail, n, share)) + 1
     return Interval(
         float(np.quantile(size, share)),
         float(size[low - 1]) if low > 0 else 0.0,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,6 @@ def share_interval(hits: int, trials: int, confidence: float = 0.95) -> Interval
     if trials == 0:
         return Interval(float("nan"), 0.0, 1.0)
     tail = (1 - confidence) / 2
-    low = stats.beta.ppf(tail, hits, trials - hits + 1) if hits else 0.0
-    high = stats.beta.isf(tail, hits + 1, trials - hits) if hits < trials else 1.0
+    low = scipy.stats.beta.ppf(tail, hits, trials - hits + 1) if hits else 0.0
+    high = scipy.stats.beta.isf(tail, hits + 1, trials - hits) if hits < trials else 1.0
     return Interval(hits / trials, float(low), float(high))

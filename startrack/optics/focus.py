@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy import fft, special
-from scipy.interpolate import CubicSpline
 
 from startrack.optics.band import gauss_band
 from startrack.optics.choose import AIRY_SIGMA, choose
@@ -132,7 +132,7 @@ def pixel_response(
     line = np.linspace(0, radius.max(), 4 * samples)
     decay = max(cusp, 2 * math.pi * finest * pitch)
     wings = cusp / decay * np.exp(-decay * line)
-    spectrum = CubicSpline(line, transfer(line) - wings)(radius)
+    spectrum = scipy.interpolate.CubicSpline(line, transfer(line) - wings)(radius)
     spectrum *= pixel_transfer(fx, side) * pixel_transfer(fy, side)[:, None]
     plane = fft.irfft2(spectrum, s=(samples, samples)) * oversampling**2
     around = np.r_[-half : half + 1]

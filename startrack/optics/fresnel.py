@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import CZT
 
 from startrack.checks import positive
 
@@ -58,7 +58,7 @@ def fresnel(
     wave = pupil * np.exp(1j * math.pi * bend * (xi**2 + xi[:, None] ** 2))
     step = cell * spacing / (wavelength * plane)  # cycles from sample to sample and point to point
     first = -(count // 2)
-    transform = CZT(
+    transform = scipy.signal.CZT(
         len(place), count, w=np.exp(-2j * np.pi * step), a=np.exp(2j * np.pi * step * first)
     )
     # The transform counts samples from zero; the pupil starts at place[0].

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy import stats
 
 from startrack.campaign.precision import quantile_interval
 from startrack.error import Interval
@@ -35,8 +35,8 @@ def spread(outcomes: NDArray[np.void]) -> Figure:
     across, about = sizes(outcomes)
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    _exceedance(left, across, stats.rayleigh(scale=_rms(across) / 2**0.5))
-    _exceedance(right, about, stats.halfnorm(scale=_rms(about)))
+    _exceedance(left, across, scipy.stats.rayleigh(scale=_rms(across) / 2**0.5))
+    _exceedance(right, about, scipy.stats.halfnorm(scale=_rms(about)))
     left.set(xlabel="angle across the boresight (arcsec)", ylabel="share of trials beyond")
     right.set(xlabel="size of the error about the boresight (arcsec)")
     left.legend(fontsize=8)
@@ -52,7 +52,7 @@ def _exceedance(axes: Axes, size: Floats, law) -> None:  # type: ignore[no-untyp
     rank = np.unique(np.round(np.geomspace(1, n, POINTS)).astype(int))  # from the largest down
     beyond, at = (rank - 0.5) / n, ordered[n - rank] / arcsec
     # The share beyond the k-th largest of n is a beta variable.
-    low, high = stats.beta.ppf([[0.025], [0.975]], rank, n - rank + 1)
+    low, high = scipy.stats.beta.ppf([[0.025], [0.975]], rank, n - rank + 1)
     axes.fill_between(at, low, high, step="mid", color=BLUE, alpha=0.2, lw=0,
                       label="95 % interval")  # fmt: skip
     axes.plot(at, beyond, color=BLUE, lw=1.3, label=f"{n} trials")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from startrack.error import Interval, rms_interval, share_interval
 from startrack.error.judge import FALSE_ANGLE
@@ -102,12 +102,12 @@ def _mean(values: NDArray[np.float64]) -> Interval:
     if len(values) < 2:
         value = float(values[0]) if len(values) else float("nan")
         return Interval(value, -np.inf, np.inf)
-    half = stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5
+    half = scipy.stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5
     mean = float(values.mean())
     return Interval(mean, mean - float(half), mean + float(half))
 
 
 def _poisson(count: int) -> tuple[float, float]:
     """Exact interval of a Poisson count's mean (Garwood 1936)."""
-    low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
-    return float(low), float(stats.chi2.ppf(0.975, 2 * count + 2) / 2)
+    low = scipy.stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
+    return float(low), float(scipy.stats.chi2.ppf(0.975, 2 * count + 2) / 2)

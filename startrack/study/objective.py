@@ -7,8 +7,9 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, special
+from scipy import special
 
 from startrack.budget import Budget, Law
 from startrack.checks import one_of
@@ -94,7 +95,7 @@ class Objective:
             return float(law.weight @ reached) - share
 
         lowest, highest = math.log(squares.min()) - 40, math.log(squares.max()) + 10
-        return math.exp(optimize.brentq(excess, lowest, highest) / 2)
+        return math.exp(scipy.optimize.brentq(excess, lowest, highest) / 2)
 
     def ratio(
         self,

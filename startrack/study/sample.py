@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy import special
-from scipy.stats import qmc
 
 from startrack.case import Case
 from startrack.study.bench import Bench
@@ -84,7 +84,7 @@ def sample(
     low = np.maximum(box.start - campaign.span, 0)
     high = np.minimum(box.start + campaign.span, 1)
     rng = np.random.default_rng(bench.seed)
-    cube = qmc.LatinHypercube(d, rng=rng).random(designs_needed(d) - CHECKS)
+    cube = scipy.stats.qmc.LatinHypercube(d, rng=rng).random(designs_needed(d) - CHECKS)
     cube[0] = (box.start - low) / (high - low)
     evaluations = []
 

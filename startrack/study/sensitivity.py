@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from startrack.error import Interval
 from startrack.study.box import Box
@@ -73,10 +73,10 @@ def sensitivities(
     if not math.isfinite(here):
         raise ValueError("the design must be expected to find its attitude, it is not")
     d = len(box)
-    indices = stats.sobol_indices(
+    indices = scipy.stats.sobol_indices(
         func=lambda places: _filled(np.array([log_error(place) for place in places.T]))[None],
         n=designs,
-        dists=[stats.uniform()] * d,
+        dists=[scipy.stats.uniform()] * d,
         rng=np.random.default_rng(seed),
     )
     spread = indices.bootstrap(confidence_level=0.95)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 from startrack.streams import Streams
 from startrack.variance.regions import Regions
@@ -58,7 +58,7 @@ def towards(boresight: Floats, roll: Floats) -> Rotation:
 
 def _points(seed: int, replicate: int, index: NDArray[np.int64]) -> Floats:
     """Some points (n, 3) of one scramble."""
-    engine = qmc.Sobol(3, rng=Streams(seed, replicate)("sobol"))
+    engine = scipy.stats.qmc.Sobol(3, rng=Streams(seed, replicate)("sobol"))
     first = int(index.min())
     if first:
         engine.fast_forward(first)

@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from startrack.error import Interval
 
@@ -30,7 +30,7 @@ class Mean(NamedTuple):
 
     def interval(self, confidence: float = 0.95) -> Interval:
         """Student's interval."""
-        half = float(stats.t.ppf((1 + confidence) / 2, self.freedom)) * self.error
+        half = float(scipy.stats.t.ppf((1 + confidence) / 2, self.freedom)) * self.error
         return Interval(self.value, self.value - half, self.value + half)
 
     def root(self, confidence: float = 0.95) -> Interval:
