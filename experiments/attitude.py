@@ -17,18 +17,19 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import one_thread  # noqa: F401  # isort: skip
 import numpy as np
-from markley_mortari import SCENARIOS, scenario, unit
+from markley_mortari import SCENARIOS, scenario
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from validation import show, validation
 
-from startrack.attitude import Observability, align, davenport, foam, quest, svd
+from startrack.attitude import Observability, align
+from startrack.benchmark.attitude import SOLVERS as OURS
+from startrack.benchmark.attitude import Solver, aligned, fields
 from startrack.budget import analytic, measured
 from startrack.case import Case, Fidelity
 from startrack.catalog import shipped
@@ -39,7 +40,6 @@ from startrack.study.workers import Serial
 from startrack.units import arcsec, deg
 
 Floats = NDArray[np.float64]
-Solver = Callable[[Any, Any, Any], Rotation]
 
 ORACLE = Path(__file__).parents[1] / "tests/oracle/wahba_cases.json"
 EPS = 2.0**-52
@@ -48,13 +48,6 @@ BATCH = 4000
 REPEATS = 7
 NOISE = 6 * arcsec
 TRACKERS = ("rigel-l", "st5000", "apst", "rufino-2013", "altair-hb")
-
-
-def aligned(b: Floats, r: Floats, w: Floats) -> Rotation:
-    """`align` with the face of the textbook solvers."""
-    if b.ndim == 2:
-        return align(b[None], r[None], w[None]).source_to_target[0]
-    return align(b, r, w).source_to_target
 
 
 def scipy_one_by_one(b: Floats, r: Floats, w: Floats) -> Rotation:
@@ -66,14 +59,7 @@ def scipy_one_by_one(b: Floats, r: Floats, w: Floats) -> Rotation:
     )
 
 
-SOLVERS: dict[str, Solver] = {
-    "align": aligned,
-    "svd": svd,
-    "davenport": davenport,
-    "quest": quest,
-    "foam": foam,
-    "scipy": scipy_one_by_one,
-}
+SOLVERS: dict[str, Solver] = OURS | {"scipy": scipy_one_by_one}
 
 
 def hard_cases() -> dict[str, Any]:
@@ -99,16 +85,6 @@ def hard_cases() -> dict[str, Any]:
         if not case["observable"]
     )
     return {"missed": missed, "worst": worst, "flagged": int(flagged)}
-
-
-def fields(many: int, stars: int, half: float, noise: float, seed: int) -> tuple[Any, ...]:
-    """True attitudes, and observed (with noise) and reference vectors, over square fields."""
-    rng = np.random.default_rng(seed)
-    truth = Rotation.from_quat(rng.standard_normal((many, 4)))
-    plane = rng.uniform(-np.tan(half), np.tan(half), (many, stars, 2))
-    seen = unit(np.concatenate([plane, np.ones((many, stars, 1))], axis=2))
-    reference = np.einsum("mji,mnj->mni", truth.as_matrix(), seen)
-    return truth, unit(seen + noise * rng.standard_normal(seen.shape)), reference
 
 
 def speed() -> list[dict[str, Any]]:

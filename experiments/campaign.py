@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.benchmark.trials import sized
 from startrack.campaign.precision import Precision
 from startrack.campaign.resume import resume
 from startrack.campaign.store import Store
@@ -73,7 +74,7 @@ def measure(part: str, case: Case, folder: Path, kills: int) -> dict[str, Any]:
         case "speed":
             import speed
 
-            return speed.speeds(speed.sized(case, 1024))
+            return speed.speeds(sized(case, 1024))
     import variance
 
     told = variance.measure(case, 896)

@@ -22,49 +22,32 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.spatial import cKDTree
-from scipy.special import ndtr
-from scipy.stats import norm
 
-from startrack.detection import Detection, detect, gaussian_psf, subtract_dark
+from startrack.benchmark.detection import Finder
+from startrack.benchmark.detection import finders as ours
+from startrack.benchmark.detection_limit import limit
+from startrack.benchmark.starfield import (
+    BACKGROUND,
+    READ_NOISE,
+    SIDE,
+    expose,
+    field,
+    flux_of,
+    paint,
+    paired,
+    places,
+    snr_of,
+)
+from startrack.detection import Detection, detect, subtract_dark
 from startrack.images import read_image
 from startrack.streams import Streams
-from startrack.values import Frame, Spots
+from startrack.values import Frame
 
 Floats = NDArray[np.float64]
-Finder = Callable[[Frame], Floats]
 
-SIDE, BACKGROUND, READ_NOISE, OFFSET = 1024, 50.0, 5.0, 100.0
 SIGMAS = (0.7, 1.2)
-NEAR = 1.5  # pixel
-FALSE = 0.05  # spots a frame that are allowed
 FAINTEST = 9.5  # magnitude G, of stars that a spot of a real image may be
-
-
-def paint(image: Floats, x: Floats, y: Floats, flux: Floats | float, sigma: float) -> None:
-    reach = int(np.ceil(6 * sigma)) + 1
-    for cx, cy, light in np.broadcast(x, y, flux):
-        u = np.arange(max(round(cx) - reach, 0), min(round(cx) + reach + 1, image.shape[1]))
-        v = np.arange(max(round(cy) - reach, 0), min(round(cy) + reach + 1, image.shape[0]))
-        along = ndtr((u + 0.5 - cx) / sigma) - ndtr((u - 0.5 - cx) / sigma)
-        down = ndtr((v + 0.5 - cy) / sigma) - ndtr((v - 0.5 - cy) / sigma)
-        image[v[0] : v[-1] + 1, u[0] : u[-1] + 1] += light * np.outer(down, along)
-
-
-def expose(light: Floats, streams: Streams, read_noise: float = READ_NOISE) -> Frame:
-    image = streams("shot noise").poisson(light) + OFFSET
-    image = image + read_noise * streams("read noise").standard_normal(light.shape)
-    whole = np.clip(np.round(image), 0, 65535).astype(np.uint16)
-    return Frame(whole, np.nan, 1.0, OFFSET, read_noise)
-
-
-def field(streams: Streams, spacing: int) -> tuple[Floats, Floats]:
-    """Stars on a grid, at random places within their pixels."""
-    grid = np.arange(spacing, SIDE - spacing / 2, spacing)
-    x, y = (a.ravel() for a in np.meshgrid(grid, grid))
-    x = x + streams("x").uniform(-0.5, 0.5, x.size)
-    return x, y + streams("y").uniform(-0.5, 0.5, y.size)
 
 
 def bound(flux: float, sigma: float, background: float, read_noise: float) -> float:
@@ -88,81 +71,6 @@ def bound(flux: float, sigma: float, background: float, read_noise: float) -> fl
             information = slope / (mean(*at) + read_noise**2 + 1 / 12) @ slope.T
             variances.append(np.trace(np.linalg.inv(information)[:2, :2]) / 2)
     return float(np.sqrt(np.mean(variances)))
-
-
-def stars_at(sigma: float, phases: int) -> Floats:
-    """Shares (n, 441) of a star's light at places all over a pixel."""
-    phase, shares = (np.arange(phases) + 0.5) / phases - 0.5, []
-    for a in phase:
-        for b in phase:
-            image = np.zeros((21, 21))
-            paint(image, np.array([10 + a]), np.array([10 + b]), 1.0, sigma)
-            shares.append(image.ravel())
-    return np.array(shares)
-
-
-def snr_of(flux: float, sigma: float, own_noise: bool = True) -> float:
-    """SNR of the best filter for a star whose place is known, with the star's own shot noise."""
-    light = flux * stars_at(sigma, 8)
-    noise = BACKGROUND + READ_NOISE**2 + 1 / 12 + own_noise * light
-    return float(np.sqrt((light**2 / noise).sum(axis=1)).mean())
-
-
-def flux_of(snr: float, sigma: float) -> float:
-    """Electron."""
-    return float(brentq(lambda flux: snr_of(flux, sigma) - snr, 1.0, 1e6))
-
-
-def limit(flux: float, sigma: float, false: float = FALSE) -> float:
-    """Share of stars that the best test of Neyman and Pearson finds whose place is known.
-
-    The ratio of likelihoods of Poisson's counts with read noise, taken for more light, is a sum
-    of the pixels with the weights log(1 + flux p / (background + read noise^2)). Its tails come
-    from its cumulants by the saddle point, which is good to a percent (Lugannani and Rice, 1980).
-    A test in every pixel may be wrong in `false` of a frame.
-    """
-    extra = READ_NOISE**2 + 1 / 12
-    found = []
-    for p in stars_at(sigma, 4):
-        weight = np.log1p(flux * p / (BACKGROUND + extra))
-        weight /= np.sqrt((BACKGROUND + extra) * (weight @ weight))
-        empty = partial(_exceeds, weight, np.full(p.size, BACKGROUND), extra)
-        level = brentq(lambda t: np.log(empty(t) * SIDE**2 / false), 3.0, 9.0)  # noqa: B023
-        light = BACKGROUND + flux * p
-        found.append(_exceeds(weight, light, extra, level - flux * (weight @ p)))
-    return float(np.mean(found))
-
-
-def _exceeds(weight: Floats, light: Floats, extra: float, level: float) -> float:
-    """Probability that weighted counts of mean `light` exceed their mean by more than `level`."""
-
-    def cumulants(s: float) -> tuple[float, float, float]:
-        grown = np.exp(s * weight)
-        more = extra * (weight @ weight)
-        value = light @ (grown - 1 - s * weight) + s * s * more / 2
-        slope = (light * weight) @ (grown - 1) + s * more
-        return float(value), float(slope), float((light * weight**2) @ grown + more)
-
-    s = float(brentq(lambda s: cumulants(s)[1] - level, -40.0, 40.0))
-    value, _, bend = cumulants(s)
-    if abs(s) < 1e-4:
-        return 0.5
-    root, step = np.sign(s) * np.sqrt(2 * (s * level - value)), s * np.sqrt(bend)
-    return float(norm.sf(root) + norm.pdf(root) * (1 / step - 1 / root))
-
-
-def paired(spots: Floats, x: Floats, y: Floats) -> tuple[NDArray[np.bool_], Floats]:
-    """Which stars have a spot near, and its error there, (n, 2)."""
-    if not len(spots):
-        return np.zeros(len(x), bool), np.empty((0, 2))
-    star = np.column_stack([x, y])
-    distance, index = cKDTree(spots).query(star)
-    found = distance < NEAR
-    return found, (spots[index] - star)[found]
-
-
-def places(spots: Spots) -> Floats:
-    return np.column_stack([spots.x, spots.y])
 
 
 def scatter(
@@ -235,17 +143,12 @@ def accuracy() -> dict[str, float]:
 
 def finders(sigma: float) -> dict[str, Finder]:
     """Frame -> places (n, 2) of each program, single-threaded."""
-    psf = gaussian_psf(sigma)
+    return ours(sigma) | peers(sigma)
 
-    def by_startrack(settings: Detection, frame: Frame) -> Floats:
-        return places(detect(frame, settings, psf))
 
+def peers(sigma: float) -> dict[str, Finder]:
+    """Those of other programs that are installed."""
     found: dict[str, Finder] = {}
-    for name, centroid in (("detect", "gravity"), ("detect_ml", "likelihood")):
-        settings = Detection(
-            kernel_sigma=sigma, centroid=centroid, max_spots=500, false_per_frame=FALSE
-        )
-        found[name] = partial(by_startrack, settings)
     try:
         import tetra3rs
 

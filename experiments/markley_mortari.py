@@ -13,13 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import align
+from startrack.benchmark.attitude import unit
 from startrack.units import arcsec, deg
 
 Floats = NDArray[np.float64]
-
-
-def unit(vector: Floats) -> Floats:
-    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
 
 
 def unequal(side: float) -> Floats:

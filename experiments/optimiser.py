@@ -160,35 +160,45 @@ def nlopt_plain(box: Box, campaign: Campaign, seed: int, most: int, ledger: Ledg
 
 
 def tpe(box: Box, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
+    counted = Counted(box, campaign, Bench(seed, ledger=ledger), most)
+    with contextlib.suppress(Spent):
+        by_tpe(counted.plain, box.start, seed, 10_000)
+    return counted.run
+
+
+def by_tpe(score: Callable[[Floats], float], start: Floats, seed: int, tries: int) -> Floats:
     """Optuna's tree-structured Parzen estimator, told the start first."""
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    counted = Counted(box, campaign, Bench(seed, ledger=ledger), most)
-    names = [variable.name for variable in box.variables]
+    names = [f"x{n}" for n in range(len(start))]
 
     def objective(trial: Any) -> float:
-        return counted.plain(np.array([trial.suggest_float(name, 0, 1) for name in names]))
+        return score(np.array([trial.suggest_float(name, 0, 1) for name in names]))
 
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed, multivariate=False))
-    study.enqueue_trial(dict(zip(names, box.start.tolist(), strict=True)))
-    with contextlib.suppress(Spent):
-        study.optimize(objective, n_trials=10_000)
-    return counted.run
+    study.enqueue_trial(dict(zip(names, start.tolist(), strict=True)))
+    study.optimize(objective, n_trials=tries)
+    return np.array([study.best_params[name] for name in names])
 
 
 def cmaes(box: Box, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
+    counted = Counted(box, campaign, Bench(seed, ledger=ledger), most)
+    with contextlib.suppress(Spent):
+        by_cmaes(counted.plain, box.start, seed, 10_000)
+    return counted.run
+
+
+def by_cmaes(score: Callable[[Floats], float], start: Floats, seed: int, tries: int) -> Floats:
     """CMA-ES from the case itself, with its own defaults and bounds."""
     import cma
 
-    counted = Counted(box, campaign, Bench(seed, ledger=ledger), most)
-    settings = {"bounds": [0, 1], "seed": seed + 1, "verbose": -9, "maxfevals": 10_000}
-    strategy = cma.CMAEvolutionStrategy(box.start.tolist(), 0.15, settings)
-    with contextlib.suppress(Spent):
-        while not strategy.stop():
-            places = strategy.ask()
-            strategy.tell(places, [counted.plain(np.array(place)) for place in places])
-    return counted.run
+    settings = {"bounds": [0, 1], "seed": seed + 1, "verbose": -9, "maxfevals": tries}
+    strategy = cma.CMAEvolutionStrategy(start.tolist(), 0.15, settings)
+    while not strategy.stop():
+        places = strategy.ask()
+        strategy.tell(places, [score(np.array(place)) for place in places])
+    return np.array(strategy.result.xbest)
 
 
 class Truth:

@@ -28,23 +28,18 @@ import numpy as np
 import psf_figures
 import psf_peers
 from numpy.typing import NDArray
-from scipy import special
 
+from startrack.benchmark.psf import FIELD, NOLL, WAVELENGTH, Pattern, by_rings
+from startrack.benchmark.stamping import centroid, exact, lens
 from startrack.detector.stamp import stamp
-from startrack.optics import Optics, focus
+from startrack.optics import focus
 from startrack.optics.airy import airy
-from startrack.optics.fraunhofer import intensity, pupil_samples
 from startrack.optics.kirchhoff import ThinLens, on_axis
-from startrack.optics.pupil import Pupil, cells, openness
-from startrack.optics.zernike import zernike
 from startrack.values import Psf
 
 Floats = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]
 
-WAVELENGTH, F_NUMBER = 550e-9, 1.4
-FIELD = (np.arange(155) - 77) / 5  # wavelength * f-number
-NOLL = range(4, 38)
 WAVES = np.linspace(450e-9, 650e-9, 10)
 DISKS = (0.14, 0.25, 0.5, 1.0, 2.0)  # wavelength * f-number in pixels
 SIGMAS = (0.5, 0.7, 1.0)
@@ -93,7 +88,7 @@ def patterns(peers: dict[str, Any]) -> dict[str, float]:
     clear = airy(np.hypot(FIELD, FIELD[:, None]), 1.0, 1.0)
     pick = np.random.default_rng(8).integers(0, len(FIELD), (1500, 2))
     aberrated = by_rings(coefficients, FIELD[pick])
-    makers = {"": Own()} | {f"_{name}": maker(FIELD, NOLL) for name, maker in peers.items()
+    makers = {"": Pattern()} | {f"_{name}": maker(FIELD, NOLL) for name, maker in peers.items()
                             if name in psf_peers.PATTERNS}  # fmt: skip
     tasks: dict[tuple[str, str], Callable[[], Floats]] = {}
     for name, maker in makers.items():
@@ -118,44 +113,6 @@ def patterns(peers: dict[str, Any]) -> dict[str, float]:
     return dict(sorted(result.items()))
 
 
-class Own:
-    """Ours: a soft-edged pupil, a folded matrix transform."""
-
-    def __init__(self) -> None:
-        slope = 2.0  # wave per radius, of these wavefronts: measured, with room
-        self.place, cell = cells(pupil_samples(FIELD.max(), slope))
-        self.weight = openness(Pupil(), self.place, cell) * cell**2 / np.pi
-        self.flat = np.zeros_like(self.weight)
-        modes = [zernike(noll, self.place, self.place[:, None]) for noll in NOLL]
-        self.modes = np.array(modes).reshape(len(NOLL), -1).T.copy()
-
-    def clear(self) -> Floats:
-        return intensity(self.weight, self.flat, self.place, FIELD)
-
-    def aberrated(self, coefficients: Floats) -> Floats:
-        phase = (self.modes @ coefficients).reshape(self.weight.shape)
-        return intensity(self.weight, phase, self.place, FIELD)
-
-    def band(self, ratios: Floats) -> Floats:
-        phase = self.modes[:, 3].reshape(self.weight.shape) * 0.3
-        return sum(
-            intensity(self.weight, phase / ratio, self.place, FIELD / ratio) / ratio**2
-            for ratio in ratios
-        )
-
-
-def by_rings(coefficients: Floats, points: Floats, rings: int = 60, spokes: int = 200) -> Floats:
-    """Gauss-Legendre over the radius, trapezoid over the angle, the Fourier sum term by term."""
-    node, weight = np.polynomial.legendre.leggauss(rings)
-    r = np.sqrt((node + 1) / 2)[:, None]
-    angle = np.arange(spokes) * 2 * np.pi / spokes
-    x, y = (r * np.cos(angle)).ravel(), (r * np.sin(angle)).ravel()
-    phase = sum(c * zernike(noll, x, y) for c, noll in zip(coefficients, NOLL, strict=True))
-    wave = np.repeat(weight / 2 / spokes, spokes) * np.exp(1j * phase)
-    field = [np.sum(wave * np.exp(-1j * np.pi * (u * x + v * y))) for u, v in points]
-    return np.abs(field) ** 2
-
-
 def stamps(peers: dict[str, Any]) -> dict[str, float]:
     """One star on pixels at sub-pixel places, ours and the peers', each against exact integrals."""
     result = {}
@@ -163,7 +120,7 @@ def stamps(peers: dict[str, Any]) -> dict[str, float]:
         times: dict[str, list[float]] = {}
         errors: dict[str, list[float]] = {}
         for size in sizes:
-            psf = focus(*_design(kind, size))
+            psf = focus(*lens(kind, size))
             box = 2 * ((psf.table.shape[0] // 2 - 3) // psf.oversampling) + 1
             ways: dict[str, Callable[[float, float], Floats]] = {"": _own_stamp(psf, box)}
             for name, peer in peers.items():
@@ -171,10 +128,10 @@ def stamps(peers: dict[str, Any]) -> dict[str, float]:
                     ways[f"_{name}"] = getattr(peer, f"{kind}_stamp")(size, box)
             places = np.random.default_rng(9).uniform(-0.5, 0.5, (12, 2))
             for x, y in places:
-                wanted = _centroid(_exact(kind, x, y, size, box))
+                wanted = centroid(exact(kind, x, y, size, box))
                 for name, way in ways.items():
                     errors.setdefault(name, []).append(
-                        float(np.mean((_centroid(way(x, y)) - wanted) ** 2))
+                        float(np.mean((centroid(way(x, y)) - wanted) ** 2))
                     )
             spent = alternate({("", name): lambda way=way: way(0.2, -0.3)  # type: ignore[misc]
                                for name, way in ways.items() if name})  # fmt: skip
@@ -193,14 +150,6 @@ def stamps(peers: dict[str, Any]) -> dict[str, float]:
 
 def _worst(error: list[float], sizes: tuple[float, ...]) -> float:
     return float(np.array(error).reshape(len(sizes), -1).mean(axis=1).max())
-
-
-def _design(kind: str, size: float) -> tuple[Optics, float, Floats, Floats]:
-    band = np.array([WAVELENGTH]), np.ones(1)
-    if kind == "airy":
-        return Optics(0.05, F_NUMBER, psf="airy"), WAVELENGTH * F_NUMBER / size, *band
-    # A wavelength of nothing: the blur alone.
-    return Optics(0.05, F_NUMBER, 5e-6 * size, "gaussian"), 5e-6, band[0] * 1e-6, band[1]
 
 
 def _own_stamp(psf: Psf, box: int) -> Callable[[float, float], Floats]:
@@ -222,26 +171,6 @@ def _many(psf: Psf) -> float:
         stamp(image, psf, x, y, light)
         spent.append(time.process_time() - began)
     return min(spent) / count
-
-
-def _exact(kind: str, x: float, y: float, size: float, box: int) -> Floats:
-    at = np.arange(box) - box // 2
-    if kind == "gauss":
-        lines = [
-            special.ndtr((at - c + 0.5) / size) - special.ndtr((at - c - 0.5) / size)
-            for c in (x, y)
-        ]
-        return np.outer(lines[1], lines[0])
-    node, weight = np.polynomial.legendre.leggauss(48)
-    fine = at[:, None] + node / 2
-    fx, fy = (fine - x).ravel(), (fine - y).ravel()
-    values = math.pi / 4 / size**2 * airy(np.hypot(fx, fy[:, None]), size, 1.0)
-    return np.einsum("ajbi,j,i->ab", values.reshape(box, 48, box, 48), weight / 2, weight / 2)
-
-
-def _centroid(image: Floats) -> Floats:
-    at = np.arange(image.shape[0]) - image.shape[0] // 2
-    return np.array([image.sum(axis=0) @ at, image.sum(axis=1) @ at]) / image.sum()
 
 
 def alternate(tasks: dict[tuple[str, str], Callable[[], Floats]]) -> dict[tuple[str, str], float]:

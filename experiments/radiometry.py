@@ -19,6 +19,7 @@ import json
 import math
 import time
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ import one_thread  # noqa: F401
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from startrack.benchmark.radiance import ALBEDO, image, scenery
 from startrack.chain import observe
 from startrack.design import load_design
 from startrack.scene import Orbit, Scene
@@ -59,7 +61,6 @@ Floats = NDArray[np.float64]
 
 GREEN: Floats = np.array([550 * nm])
 SUN = 0.5371  # cosine, off the ordinates of the solvers
-PIXELS = 1_000_000
 BANDS = 25
 REPEATS = 5
 
@@ -263,18 +264,6 @@ def table_error(table: AirTable, places: int = 60) -> dict[str, Any]:
     }
 
 
-def image(size: int) -> Sight:
-    """A nadir image over hills, as smooth as images are."""
-    y, x = np.mgrid[:size, :size] / size
-    height = 1000 + 900 * np.sin(7 * x) * np.cos(5 * y)
-    sensor = (0.1 + 4.8 * np.hypot(x - 0.5, y - 0.5)) * deg
-    sun = (40.5 + 4 * x) * deg
-    azimuth = np.abs(np.arctan2(y - 0.5, x - 0.5))
-    flat = np.ones(size * size)
-    places = [part.ravel() for part in (height, sensor, sun, azimuth)]
-    return Sight._make([*places, 0.7 * flat, flat, flat])
-
-
 def speed(table: AirTable) -> dict[str, Any]:
     """Million pixels a second in 25 bands, ours and scipy's interpolator on the path term alone."""
     from scipy.interpolate import RegularGridInterpolator
@@ -322,6 +311,32 @@ def nadir(table: AirTable) -> dict[str, float]:
             pass
 
     return {"nadir_1mpx_s": least(seen, 3), "nadir_1mpx_geometry_s": least(shape, 3)}
+
+
+def by_scipy() -> dict[str, Callable[[], Floats]]:
+    """The same table read by scipy's interpolator, flat ground in the light, by the same terms."""
+    from scipy.interpolate import RegularGridInterpolator
+
+    scene = scenery()
+    fine, bands = scene.fine, len(scene.node)
+    axes = [
+        start + step * np.arange(size)
+        for start, step, size in zip(fine.start, fine.step, fine.path.shape, strict=False)
+    ]
+    path = RegularGridInterpolator(axes, fine.path)
+    ground = RegularGridInterpolator(axes[:3], fine.ground)
+    back = RegularGridInterpolator(axes[:1], fine.backscatter)
+    places = np.stack(scene.sight[:4], -1)
+
+    def read() -> Floats:
+        below = ground(places[:, :3])
+        beam, sky, around = (below[:, n * bands : (n + 1) * bands] for n in range(3))
+        bounced = ALBEDO * back(places[:, :1])
+        bounced /= 1 - bounced
+        lit = ALBEDO * (beam + sky) * (1 + bounced)
+        return (lit + path(places) + around * ALBEDO * (1 + bounced))[scene.pick] / scene.unit
+
+    return {"scipy": read}
 
 
 def least(work: Any, repeats: int = REPEATS) -> float:

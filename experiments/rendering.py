@@ -112,6 +112,20 @@ def galsim_noise(mean: Floats, one: Detector, trial: int) -> Image:
     return quantise(image.array, one)
 
 
+def galsim_stars(pixel: Floats, flux: Floats, size: int, sky: float, box: int = 17) -> Floats:
+    """Electrons of Gaussian stars of sigma 0.7 on an even sky, each drawn in its box."""
+    galsim = import_module("galsim")
+    image = galsim.ImageD(size, size, init_value=sky)
+    star = galsim.Gaussian(sigma=0.7)
+    for (x, y), each in zip(pixel, flux, strict=True):
+        stamp = galsim.Image(box, box)
+        stamp.setCenter(round(x) + 1, round(y) + 1)
+        (star * each).drawImage(stamp, center=galsim.PositionD(x + 1, y + 1), scale=1.0)
+        common = stamp.bounds & image.bounds
+        image[common] += stamp[common]
+    return np.asarray(image.array)
+
+
 def peers() -> dict[str, Noise]:
     known: dict[str, Noise] = {
         "numpy": numpy_exact,
@@ -190,17 +204,8 @@ def frame() -> dict[str, float]:
                       Streams(1, trial)).image  # fmt: skip
 
     def with_galsim() -> Image:
-        galsim = import_module("galsim")
-        image = galsim.ImageD(SIZE, SIZE, init_value=20.0)
-        star = galsim.Gaussian(sigma=0.7)
-        for (x, y), each in zip(pixel, flux, strict=True):
-            stamp = galsim.Image(17, 17)
-            stamp.setCenter(round(x) + 1, round(y) + 1)
-            (star * each).drawImage(stamp, center=galsim.PositionD(x + 1, y + 1), scale=1.0)
-            common = stamp.bounds & image.bounds
-            image[common] += stamp[common]
-        image.array[...] = image.array * gain + 3.0
-        return galsim_noise(image.array, one, 0)
+        electrons = galsim_stars(pixel, flux, SIZE, 20.0)
+        return galsim_noise(electrons * gain + 3.0, one, 0)
 
     calls: dict[str, Callable[[], object]] = {"frame_100_ms": whole}
     if find_spec("galsim"):

@@ -23,8 +23,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
+from startrack.benchmark.noise import law
 from startrack.detector import Detector, read_out
 from startrack.streams import Streams
 
@@ -106,19 +107,6 @@ def least(call: Callable[[], object]) -> float:
         call()
         best = min(best, 1e3 * (time.process_time() - start))
     return best
-
-
-def law(mean: float, step: float, half: float) -> Floats:
-    """Probability of each number: Poisson and normal, cut by a converter of this step.
-
-    half  0.5 where the converter rounds, 0 where it cuts off
-    """
-    electrons = np.arange(math.ceil(mean + 12 * math.sqrt(mean) + 40))
-    weight = stats.poisson.pmf(electrons, mean)
-    edge = (np.arange(2**OURS.bits) + 1 - half) * step
-    edge[-1] = np.inf
-    z = (edge - electrons[:, None]) / OURS.read_noise
-    return np.diff(weight @ special.ndtr(z), prepend=0)
 
 
 def errors(frames: list[NDArray[np.int64]], wanted: Floats, mean: float) -> tuple[float, float]:

@@ -26,6 +26,7 @@ import one_thread  # noqa: F401  # isort: skip
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
+from startrack.benchmark.trials import sized
 from startrack.case import Case, Fidelity
 from startrack.catalog import open_sky, shipped
 from startrack.chain import index_of, trials
@@ -63,23 +64,14 @@ def main() -> None:
     print(json.dumps({k: v for k, v in figures.items() if k != "scaling"}, indent=1))
 
 
-def sized(case: Case, pixels: int) -> Case:
-    """The same field and lens on so many pixels a side."""
-    instrument = case.instrument
-    detector = instrument.detector
-    pitch = detector.pixel_pitch * detector.columns / pixels
-    detector = replace(detector, columns=pixels, rows=pixels, pixel_pitch=pitch)
-    return replace(case, instrument=replace(instrument, detector=detector))
-
-
 def speeds(case: Case) -> dict[str, Any]:
     """Trials per second of CPU, and the rms error, of each way."""
     ways: dict[str, tuple[int, Callable[[int], Any]]] = {}
     for fidelity in fidelities(case):
         n = BATCH[fidelity]
         ways[fidelity.value] = (n, partial(some, case, fidelity, n))
-    if peers := peer(case):
-        ways["galsim_tetra3"] = (PEER, peers)
+    if one := peer(case):
+        ways["galsim_tetra3"] = (PEER, lambda at: np.array([one(n) for n in range(at, at + PEER)]))
     best: dict[str, float] = {}
     errors: dict[str, list[Any]] = {name: [] for name in ways}
     for _, call in ways.values():
@@ -118,8 +110,8 @@ def fidelities(case: Case) -> list[Fidelity]:
     return made
 
 
-def peer(case: Case) -> Callable[[int], Any] | None:
-    """GalSim's image and tetra3rs's solution of the same skies; the angle across, radian."""
+def peer(case: Case) -> Callable[[int], float] | None:
+    """Number of a trial -> the angle across of tetra3rs's solution of GalSim's image, radian."""
     try:
         import galsim
         import tetra3rs
@@ -167,7 +159,7 @@ def peer(case: Case) -> Callable[[int], Any] | None:
         boresight = (seen.inv().apply([0, 0, 1.0]), attitude.inv().apply([0, 0, 1.0]))
         return float(np.linalg.norm(boresight[0] - boresight[1]))
 
-    return lambda at: np.array([one(number) for number in range(at, at + PEER)])
+    return one
 
 
 def scaling(case: Case) -> dict[str, Any]:

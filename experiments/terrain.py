@@ -27,6 +27,15 @@ import numpy as np
 import one_thread  # noqa: F401  before numpy
 from numpy.typing import NDArray
 
+from startrack.benchmark.mountains import (
+    HEIGHT,
+    RELIEF,
+    STEP,
+    image_rays,
+    mountains,
+    random_rays,
+    towards,
+)
 from startrack.scene.earth import (
     Array,
     Grid,
@@ -39,7 +48,6 @@ from startrack.scene.earth import (
     fractal,
     index,
     survey,
-    up,
 )
 from startrack.scene.earth.surface import Surface
 from startrack.scene.earth.survey import LIFT
@@ -47,8 +55,6 @@ from startrack.scene.earth.trace import blocked, trace
 from startrack.streams import Streams
 
 Floats = NDArray[np.float64]
-STEP = np.radians(1 / 3600)
-HEIGHT, RELIEF = 600e3, 1500.0
 ELEVATIONS = (85, 60, 30, 10)
 PARTS = ("hits", "shadow", "cache", "aliasing", "speed-1k", "speed-4k", "rugged", "grazing")
 RANDOM = np.random.default_rng(20260621)
@@ -86,59 +92,12 @@ def main() -> None:
         options.json.write_text(json.dumps(result, indent=1) + "\n")
 
 
-def mountains(cells: int, relief: float = RELIEF) -> tuple[Grid, NDArray[np.float32]]:
-    grid = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, cells + 1, cells + 1)
-    return grid, fractal(cells + 1, cells + 1, Streams(1, 0), relief)
-
-
-def axes(grid: Grid) -> tuple[Floats, Floats, Floats]:
-    lon = np.array(grid.west + grid.step_x * grid.columns / 2)
-    lat = np.array(grid.north - grid.step_y * grid.rows / 2)
-    rise = up(lon, lat)
-    east = np.array([-np.sin(lon), np.cos(lon), 0.0])
-    return east, np.cross(rise, east), rise
-
-
-def towards(grid: Grid, elevation: float, azimuth: NDArray[Any]) -> Floats:
-    """Unit vectors (n, 3) away from the middle of a grid."""
-    east, north, rise = axes(grid)
-    e, a = np.radians(elevation), np.atleast_1d(azimuth)[:, None]
-    view: Floats = np.sin(e) * rise + np.cos(e) * (np.sin(a) * east + np.cos(a) * north)
-    return view
-
-
-def random_rays(grid: Grid, count: int, elevation: float, share: float = 0.5) -> Rays:
-    """From all sides, at random points of the middle of a grid."""
-    u, v, height, azimuth = RANDOM.random((4, count))
-    low = (1 - share) / 2
-    target = cartesian(
-        grid.west + (low + share * u) * (grid.columns - 1) * grid.step_x,
-        grid.north - (low + share * v) * (grid.rows - 1) * grid.step_y,
-        RELIEF * height,
-    )
-    view = towards(grid, elevation, 2 * np.pi * azimuth)
-    return Rays(target + HEIGHT * view, -view, np.zeros(count))
-
-
-def image_rays(grid: Grid, side: int, elevation: float) -> Rays:
-    """Parallel rays in rows and columns over four fifths of a grid, as of a far camera."""
-    at = np.linspace(0.1, 0.9, side)
-    u, v = np.meshgrid(at, at)
-    target = cartesian(
-        grid.west + u.ravel() * (grid.columns - 1) * grid.step_x,
-        grid.north - v.ravel() * (grid.rows - 1) * grid.step_y,
-        np.full(side**2, RELIEF / 2),
-    )
-    view = np.broadcast_to(towards(grid, elevation, np.zeros(1)), target.shape)
-    return Rays(target + HEIGHT * view, -view.copy(), np.zeros(side**2))
-
-
 def hits() -> dict[str, Any]:
     """Distance from the reference at four elevations."""
     grid, heights = mountains(512)
     surface, errors = index(grid, heights), {}
     for elevation in ELEVATIONS:
-        rays = random_rays(grid, 5000, elevation)
+        rays = random_rays(RANDOM, grid, 5000, elevation)
         expected, _ = Scan(grid, heights, HEIGHT - 3e4, HEIGHT + 3e4).meet(rays)
         found = trace(surface, rays)
         both = found.hit & expected.hit
@@ -156,7 +115,7 @@ def grazing(count: int) -> dict[str, Any]:
     grid, heights = mountains(160)
     surface, wrong, asked = index(grid, heights), 0, 0
     while asked < count:
-        rays = random_rays(grid, min(50_000, count - asked), RANDOM.uniform(2, 10))
+        rays = random_rays(RANDOM, grid, min(50_000, count - asked), RANDOM.uniform(2, 10))
         expected, _ = Scan(grid, heights, HEIGHT - 5e4, HEIGHT + 5e4).meet(rays)
         found = trace(surface, rays)
         both = found.hit & expected.hit
@@ -170,7 +129,7 @@ def grazing(count: int) -> dict[str, Any]:
 def shadow() -> dict[str, Any]:
     """Share of points whose shadow is not the reference's, at four heights of the sun."""
     grid, heights = mountains(300)
-    rays = random_rays(grid, 30_000, 80, 0.9)
+    rays = random_rays(RANDOM, grid, 30_000, 80, 0.9)
     ground, reference = (
         Relief(index(grid, heights)),
         Scan(grid, heights, HEIGHT - 2e4, HEIGHT + 2e4),
@@ -242,49 +201,71 @@ def memory(surface: Surface) -> int:
     return sum(each.nbytes for each in surface if isinstance(each, np.ndarray))
 
 
+class Embree:
+    """The vertices of a grid as triangles, in float32.
+
+    Errors  ImportError where embreex is missing.
+    """
+
+    def __init__(self, grid: Grid, heights: NDArray[np.float32]) -> None:
+        scenes = import_module("embreex.rtcore_scene")
+        meshes = import_module("embreex.mesh_construction")
+        longitude = grid.west + np.arange(grid.columns) * grid.step_x
+        latitude = grid.north - np.arange(grid.rows) * grid.step_y
+        self.middle = cartesian(
+            longitude[grid.columns // 2], latitude[grid.rows // 2], np.zeros(())
+        )
+        corner = np.empty((*heights.shape, 3), np.float32)
+        for j, row in enumerate(heights):
+            at = cartesian(*np.broadcast_arrays(longitude, latitude[j], row.astype(float)))
+            corner[j] = at - self.middle
+        corner = corner.reshape(-1, 3)
+        number = np.arange(heights.size, dtype=np.int32).reshape(heights.shape)
+        a, b = number[:-1, :-1].ravel(), number[:-1, 1:].ravel()
+        c, d = number[1:, :-1].ravel(), number[1:, 1:].ravel()
+        triangles = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+        before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+        self.scene = scenes.EmbreeScene()
+        meshes.TriangleMesh(self.scene, corner, triangles)
+        self.scene.run(corner[:1], np.ones((1, 3), np.float32))
+        self.built = time.process_time() - begin  # second
+        self.grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before  # kB
+
+    def single(self, rays: Rays, lift: float = 0.0) -> tuple[Any, Any]:
+        """Origins, lifted along the rays by so many metres, and directions."""
+        start = rays.origin + lift * rays.direction - self.middle
+        return start.astype(np.float32), rays.direction.astype(np.float32)
+
+    def distance(self, origin: Any, direction: Any) -> Any:
+        return self.scene.run(origin, direction, query="DISTANCE")
+
+    def blocked(self, origin: Any, direction: Any) -> Any:
+        return self.scene.run(origin, direction, query="OCCLUDED")
+
+
 def against_embree(
     grid: Grid, heights: NDArray[np.float32], rays: Rays, shadows: dict[int, Rays],
     distance: Floats, nadir: float, mine: dict[int, float], name: str,
 ) -> dict[str, Any]:  # fmt: skip
     try:
-        scenes = import_module("embreex.rtcore_scene")
-        meshes = import_module("embreex.mesh_construction")
+        embree = Embree(grid, heights)
     except ImportError:
         return {"absent": ["embreex"]}
-    longitude = grid.west + np.arange(grid.columns) * grid.step_x
-    latitude = grid.north - np.arange(grid.rows) * grid.step_y
-    middle = cartesian(longitude[grid.columns // 2], latitude[grid.rows // 2], np.zeros(()))
-    corner = np.empty((*heights.shape, 3), np.float32)
-    for j, row in enumerate(heights):
-        at = cartesian(*np.broadcast_arrays(longitude, latitude[j], row.astype(float)))
-        corner[j] = at - middle
-    corner = corner.reshape(-1, 3)
-    number = np.arange(heights.size, dtype=np.int32).reshape(heights.shape)
-    a, b = number[:-1, :-1].ravel(), number[:-1, 1:].ravel()
-    c, d = number[1:, :-1].ravel(), number[1:, 1:].ravel()
-    triangles = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
-    before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
-    scene = scenes.EmbreeScene()
-    meshes.TriangleMesh(scene, corner, triangles)
-    scene.run(corner[:1], np.ones((1, 3), np.float32))
-    built = time.process_time() - begin
-    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    origin, direction = (rays.origin - middle).astype(np.float32), rays.direction.astype(np.float32)
-    down = best(lambda: scene.run(origin, direction, query="DISTANCE"))
-    error = np.abs(scene.run(origin, direction, query="DISTANCE") - distance)
+    looks = embree.single(rays)
+    down = best(lambda: embree.distance(*looks))
+    error = np.abs(embree.distance(*looks) - distance)
     sunlit = {}
     for elevation, one in shadows.items():
         # A metre off the surface, as its float32 asks for.
-        start = (one.origin + 1.0 * one.direction - middle).astype(np.float32)
-        to = one.direction.astype(np.float32)
-        sunlit[elevation] = best(lambda s=start, t=to: scene.run(s, t, query="OCCLUDED"))  # type: ignore[misc]
+        sunward = embree.single(one, 1.0)
+        sunlit[elevation] = best(lambda s=sunward: embree.blocked(*s))  # type: ignore[misc]
     ratios = {e: sunlit[e] / mine[e] for e in mine}
     result = {
         f"embree_nadir_mray_per_s_{name}": len(rays) / down / 1e6,
         f"embree_error_median_m_{name}": float(np.median(error)),
         f"embree_error_p99_m_{name}": float(np.percentile(error, 99)),
-        f"embree_index_{name}_s": built,
-        f"embree_memory_{name}_mb": grown / 1024,
+        f"embree_index_{name}_s": embree.built,
+        f"embree_memory_{name}_mb": embree.grown / 1024,
         f"nadir_over_embree_{name}": down / nadir,
         f"shadow_over_embree_{name}": float(np.exp(np.mean(np.log(list(ratios.values()))))),
         f"shadow_over_embree_{name}_of_elevation": ratios,
@@ -297,7 +278,7 @@ def rugged(python: str | None) -> dict[str, Any]:
     if not python:
         return {"absent_rugged": True}
     grid, heights = mountains(512)
-    rays = random_rays(grid, 3000, 80, 0.2)
+    rays = random_rays(RANDOM, grid, 3000, 80, 0.2)
     with tempfile.NamedTemporaryFile(suffix=".npz") as file:
         np.savez(
             file.name, heights=heights, grid=np.array([grid.west, grid.south, grid.step_x]),

@@ -30,6 +30,7 @@ campaign         many trials, on disk as they are done, until they say enough
 design           designs as TOML files
 draw, draw_psf, draw_sequence, draw_study   pictures
 report           a campaign as one page
+benchmark        how long each stage takes, and how wrong it is
 commands, cli    the command `startrack`
 """
 

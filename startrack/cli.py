@@ -315,6 +315,13 @@ def _parser() -> argparse.ArgumentParser:
         help="base designs of the Sobol indices, a power of two (default: 64)",
     )  # fmt: skip
     _earth(commands)
+
+    bench = _command(commands, "bench", "CPU time and error of every stage, on this machine")
+    bench.add_argument(
+        "stages", nargs="*", type=_stage, metavar="STAGE",
+        help=f"any of {', '.join(STAGES)} (default: all, in some minutes)",
+    )  # fmt: skip
+    _out(bench, "startrack-bench")
     return parser
 
 
@@ -323,6 +330,10 @@ EARTH_TOO = (
     "MTF, SNR, dynamics and data rate; or a file with a table [goals] (catalogs/scenes/goals.toml) "
     "for focal length, aperture and clock"
 )
+STAGES = (
+    *("psf", "stamping", "noise", "frame", "detection", "centroid", "identification", "attitude"),
+    *("terrain", "radiance", "montecarlo", "optimiser"),
+)  # as startrack.benchmark has them, whose import takes a while
 EARTH = """\
 A scene file names an orbit (or tle), a sensor, a pointing and the terrain; without one, the
 example is taken, a pushbroom camera over mountains from a seed. Terrain of your own: GeoTIFF files
@@ -398,6 +409,12 @@ def _workers(parser: argparse.ArgumentParser) -> None:
         "--workers", type=_whole(1), default=cores or 1,
         help="processes; the results do not depend on it (default: one a core)",
     )  # fmt: skip
+
+
+def _stage(text: str) -> str:
+    if text not in STAGES:
+        raise argparse.ArgumentTypeError(f"must be one of {', '.join(STAGES)}, got {text!r}")
+    return text
 
 
 def _whole(low: int) -> Callable[[str], int]:

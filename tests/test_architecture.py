@@ -48,6 +48,7 @@ ORDER = (
         "draw_budget",
         "report",
         "draw_study",
+        "benchmark",
         "commands",
         "cli",
     ),

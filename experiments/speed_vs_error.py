@@ -1,0 +1,242 @@
+"""How long does each stage take, and how wrong is it, here and in what else one would use?
+
+Every stage of `startrack bench` with its peers: the same work, in turns, in one run, on one thread.
+Peers that are not installed are left out and named; cedar-solve runs in the interpreter that
+STARTRACK_CEDAR names, because it needs an older numpy.
+
+    python experiments/speed_vs_error.py [--out DIR] [STAGE ...]
+
+writes speed_vs_error.md, .json and .png.
+"""
+
+from __future__ import annotations
+
+import one_thread  # noqa: F401  # isort: skip
+
+import argparse
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import psf_peers
+from attitude import scipy_one_by_one
+from detection import peers as finders
+from identification import peers as solvers
+from numpy.typing import NDArray
+from optimiser import by_cmaes, by_tpe
+from radiometry import by_scipy
+from rendering import galsim_noise, galsim_stars, numpy_exact, numpy_normal, opencv_randn, quantise
+from rendering_pyxel import camera, chain
+from speed import peer as galsim_tetra3
+from terrain import Embree
+
+from startrack.benchmark import (
+    STAGES,
+    Clocked,
+    Stage,
+    Way,
+    draw_benchmark,
+    markdown,
+    measure,
+    trials,
+    values,
+    versions,
+)
+from startrack.benchmark import attitude as attitudes
+from startrack.benchmark import detection as spots
+from startrack.benchmark import frame as frames
+from startrack.benchmark import identification as skies
+from startrack.benchmark import noise as noises
+from startrack.benchmark import optimiser as hills
+from startrack.benchmark import psf as patterns
+from startrack.benchmark import stamping as stamps
+from startrack.benchmark import terrain as rays
+from startrack.benchmark.mountains import mountains
+from startrack.saving import save_json, save_text
+
+Floats = NDArray[np.float64]
+PACKAGES = (
+    *("galsim", "sep", "tetra3rs", "hcipy", "prysm", "poppy", "photutils", "pyxel-sim"),
+    *("embreex", "optuna", "cma", "sasktran2"),
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("stages", nargs="*", metavar="STAGE", help="(default: all)")
+    parser.add_argument("--out", type=Path, default=Path(), metavar="DIR")
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    stages, rows, absent = [], [], set[str]()
+    for name in options.stages or STAGES:
+        print(name, "...", file=sys.stderr, flush=True)
+        stage = STAGES[name]()
+        peers = present(PEERS[name], stage, absent)
+        stages.append(stage)
+        rows += measure(stage, peers)
+    left = f"Not installed: {', '.join(sorted(absent))}.\n\n" if absent else ""
+    text = (
+        f"# Speed against error\n\n`python experiments/speed_vs_error.py`, {versions(PACKAGES)}; "
+        "CPU time of one thread, the least of up to five rounds in which all take turns. Ours are "
+        f"bold.\n\n{left}{markdown(stages, rows)}"
+    )
+    out = options.out / "speed_vs_error.md"
+    save_text(out, text)
+    save_json(out.with_suffix(".json"), {"absent": sorted(absent), **values(stages, rows)})
+    draw_benchmark(out.with_suffix(".png"), stages, rows)
+    print(text)
+
+
+Maker = Callable[[], dict[str, Way]]
+
+
+def present(makers: dict[str, Maker], stage: Stage, absent: set[str]) -> dict[str, Way]:
+    """The ways of the peers that are installed; the others are named in `absent`."""
+    ways: dict[str, Way] = {}
+    for name, make in makers.items():
+        try:
+            ways |= make()
+        except (ImportError, AttributeError) as error:
+            print(f"{stage.name}: no {name}: {error}", file=sys.stderr)
+            absent.add(name)
+    return ways
+
+
+def pattern(name: str) -> dict[str, Way]:
+    maker = psf_peers.present()[name] if name in psf_peers.present() else missing(name)
+    made = maker(patterns.FIELD, patterns.NOLL)
+    peak = made.clear().max() / patterns.Pattern().clear().max()
+    return {name: lambda: made.aberrated(patterns.COEFFICIENTS) / peak}
+
+
+def stamper(name: str) -> dict[str, Way]:
+    found = psf_peers.present()
+    draw = (found[name] if name in found else missing(name)).gauss_stamp(stamps.SIGMA, stamps.BOX)
+    return {name: lambda: [draw(x, y) for x, y in stamps.places_of_stars()]}
+
+
+def missing(name: str) -> Any:
+    raise ImportError(f"{name} is not installed")
+
+
+def noise_of(name: str, draw: Callable[..., Any]) -> dict[str, Way]:
+    even = np.full((noises.SIZE, noises.SIZE), noises.SKY)
+    draw(even[:8, :8], noises.CAMERA, 0)
+    return {name: lambda: [draw(even, noises.CAMERA, n) for n in range(noises.FRAMES)]}
+
+
+def pyxel() -> dict[str, Way]:
+    ccd = camera()
+    even = np.full((noises.SIZE, noises.SIZE), noises.SKY)
+    return {"pyxel": lambda: [chain(ccd, even, 0.0, 1 + n) for n in range(noises.FRAMES)]}
+
+
+def galsim_frame() -> dict[str, Way]:
+    stars = frames.scenery()
+
+    def draw() -> Any:
+        electrons = galsim_stars(*stars, frames.SIZE, frames.SKY)
+        return galsim_noise(electrons + frames.DARK, frames.CAMERA, 0)
+
+    draw()
+    return {"galsim": draw}
+
+
+def numpy_frame() -> dict[str, Way]:
+    """Poisson and normal numbers of numpy on GalSim's stars are what many write themselves."""
+    stars = frames.scenery()
+
+    def draw() -> Any:
+        electrons = galsim_stars(*stars, frames.SIZE, frames.SKY) + frames.DARK
+        rng = np.random.default_rng(1)
+        noise = frames.READ_NOISE * rng.standard_normal(electrons.shape)
+        return quantise(rng.poisson(electrons) + noise, frames.CAMERA)
+
+    draw()
+    return {"galsim + numpy": draw}
+
+
+def finder(name: str, snr: float) -> dict[str, Way]:
+    found = finders(spots.SIGMA)
+    frame = spots.sown(snr)[0]
+    # tetra3rs has two finders.
+    ways: dict[str, Way] = {
+        key: partial(find, frame) for key, find in found.items() if key.startswith(name)
+    }
+    return ways or missing(name)
+
+
+def solver(name: str) -> dict[str, Way]:
+    every = skies.skies()
+    ways: dict[str, Way] = {}
+    for key, solve in solvers(skies.REGIME):
+        if key.startswith(name):
+
+            def run(solve: Any = solve) -> Clocked:
+                answers = [solve(seen) for seen in every]
+                return Clocked([one for one, _ in answers], sum(spent for _, spent in answers))
+
+            ways[key] = run
+    return ways or missing(name)
+
+
+def aligner() -> dict[str, Way]:
+    _, b, r = attitudes.fields(attitudes.MANY, attitudes.STARS, np.radians(10), 0.0, 1)
+    return {"scipy": lambda: scipy_one_by_one(b, r, np.ones(b.shape[:2]))}
+
+
+def embree() -> dict[str, Way]:
+    scene = Embree(*mountains(rays.CELLS))
+    looks = scene.single(rays.rays_down())
+    return {"embree": lambda: scene.distance(*looks)}
+
+
+def two_programs() -> dict[str, Way]:
+    one = galsim_tetra3(trials.example())
+    if one is None:
+        return missing("galsim or tetra3rs")
+    return {"galsim + tetra3rs": lambda: np.array([one(n) for n in range(trials.TRIALS)])}
+
+
+def search(name: str, by: Callable[..., Floats], package: str) -> dict[str, Way]:
+    __import__(package)
+    hill = hills.hill()
+
+    def score(place: Floats) -> float:
+        return hills.finite(hill.score(place))
+
+    return {name: lambda: by(score, hill.start, 1, hills.TRIES)}
+
+
+PEERS: dict[str, dict[str, Maker]] = {
+    "psf": {name: partial(pattern, name) for name in psf_peers.PATTERNS},
+    "stamping": {name: partial(stamper, name) for name in ("galsim", "photutils")},
+    "noise": {
+        "numpy": partial(noise_of, "numpy", numpy_exact),
+        "numpy normal": partial(noise_of, "numpy normal", numpy_normal),
+        "opencv": partial(noise_of, "opencv randn", opencv_randn),
+        "galsim": partial(noise_of, "galsim", galsim_noise),
+        "pyxel-sim": pyxel,
+    },
+    "frame": {"galsim": galsim_frame, "galsim ": numpy_frame},
+    "detection": {name: partial(finder, name, spots.FAINT) for name in ("tetra3rs", "sep")},
+    "centroid": {name: partial(finder, name, spots.BRIGHT) for name in ("tetra3rs", "sep")},
+    "identification": {name: partial(solver, name) for name in ("tetra3rs", "cedar-solve")},
+    "attitude": {"scipy": aligner},
+    "terrain": {"embreex": embree},
+    "radiance": {"scipy": by_scipy},
+    "montecarlo": {"tetra3rs": two_programs},
+    "optimiser": {
+        "optuna": partial(search, "optuna TPE", by_tpe, "optuna"),
+        "cma": partial(search, "CMA-ES", by_cmaes, "cma"),
+    },
+}
+
+if __name__ == "__main__":
+    main()

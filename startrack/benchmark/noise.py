@@ -1,0 +1,59 @@
+"""Expected electrons into numbers, against the exact law of Poisson's photons and read noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special, stats
+
+from startrack.benchmark.stage import Stage
+from startrack.detector import Detector, read_out
+from startrack.streams import Streams
+
+Floats = NDArray[np.float64]
+
+SIZE, SKY, READ_NOISE = 1024, 20.0, 8.0  # pixel; electron
+FRAMES = 8
+# A number is one electron, so that the histogram has many cells.
+CAMERA = Detector(SIZE, SIZE, 5e-6, 0.1, full_well=4_095.0, read_noise=READ_NOISE)
+
+
+def noise() -> Stage:
+    """Even frames; the error is Kolmogorov's distance between histogram and law."""
+    even = np.full((SIZE, SIZE), SKY)
+    step = CAMERA.electrons_per_dn
+    laws = [np.cumsum(law(SKY, step, half)) for half in (0.5, 0.0)]
+
+    def judge(frames: Sequence[NDArray[Any]]) -> float:
+        count = sum(np.bincount(f.ravel().astype(np.int64), minlength=4096) for f in frames)
+        share = np.cumsum(count) / np.sum(count)
+        # A converter may round or cut; it is judged by the law that fits it better.
+        return min(float(np.abs(share - one).max()) for one in laws)
+
+    return Stage(
+        "noise",
+        f"a megapixel of {SKY:g} expected electrons, read noise {READ_NOISE:g}, to 12-bit numbers",
+        f"distance of the distribution of {FRAMES} Mpx from the exact law",
+        {"startrack": lambda: [read_out(even, CAMERA, Streams(1, n)) for n in range(FRAMES)]},
+        judge,
+        0.83 / math.sqrt(FRAMES * even.size),
+        "that many pixels (median of Kolmogorov's law)",
+        FRAMES,
+    )
+
+
+def law(mean: float, step: float, half: float) -> Floats:
+    """Probability of each number: Poisson and normal, cut by a converter of this step.
+
+    half  0.5 where the converter rounds, 0 where it cuts off
+    """
+    electrons = np.arange(math.ceil(mean + 12 * math.sqrt(mean) + 40))
+    weight = stats.poisson.pmf(electrons, mean)
+    edge = (np.arange(2**CAMERA.bits) + 1 - half) * step
+    edge[-1] = np.inf
+    z = (edge - electrons[:, None]) / READ_NOISE
+    return np.diff(weight @ special.ndtr(z), prepend=0)

@@ -1,0 +1,56 @@
+"""Whole trials on real skies, from a random attitude to the error of the one that is found."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.benchmark.stage import Stage
+from startrack.case import Case, Fidelity
+from startrack.chain import trials
+from startrack.design import load_design
+from startrack.shipped import shipped
+from startrack.units import arcsec, deg
+
+SEED, TRIALS, SIDE = 5, 32, 1024
+FALSE = 0.5 * deg  # an attitude that is off by more is not counted
+
+
+def example() -> Case:
+    """The design that is shipped, on as many pixels as the peers' examples have."""
+    return sized(load_design(shipped("designs/nanosatellite.toml")).case, SIDE)
+
+
+def sized(case: Case, pixels: int) -> Case:
+    """The same field and lens on so many pixels a side."""
+    instrument = case.instrument
+    detector = instrument.detector
+    pitch = detector.pixel_pitch * detector.columns / pixels
+    detector = replace(detector, columns=pixels, rows=pixels, pixel_pitch=pitch)
+    return replace(case, instrument=replace(instrument, detector=detector))
+
+
+def montecarlo() -> Stage:
+    """The three fidelities on the same skies; answers are angles across the boresight, radian."""
+    case = example()
+
+    def angles(fidelity: Fidelity) -> NDArray[np.float64]:
+        found = trials(case, SEED, range(TRIALS), fidelity)
+        return np.where(found["solved"], np.hypot(found["error_x"], found["error_y"]), np.nan)
+
+    def judge(angle: NDArray[np.float64]) -> float:
+        right = angle[np.isfinite(angle) & (angle < FALSE)]
+        return float(np.sqrt(np.mean(right**2) / 2)) / arcsec if len(right) else math.nan
+
+    return Stage(
+        "montecarlo",
+        f"a trial of the example on {SIDE} x {SIDE} pixels: render, detect, identify, solve, judge",
+        f"rms per axis across the boresight of {TRIALS} trials, arcsec",
+        {fidelity.value: partial(angles, fidelity) for fidelity in Fidelity},
+        judge,
+        pieces=TRIALS,
+    )
