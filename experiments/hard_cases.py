@@ -1,0 +1,70 @@
+"""What becomes of the cases that such programs fail in?
+
+The list is that of `tests/hard`, which the tests run as well.
+
+    python experiments/hard_cases.py [--markdown FILE] [--json FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from startrack.benchmark import versions
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--markdown", type=Path, metavar="FILE")
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    options = parser.parse_args()
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+    rows = [tried(case) for case in import_module("hard").CASES]
+    text = table(rows)
+    print(text)
+    if options.markdown:
+        options.markdown.write_text(text, encoding="utf-8")
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
+def tried(case: Any) -> dict[str, Any]:
+    """One row: what came, and how long it took."""
+    began = time.process_time()
+    came = case.try_()
+    return {
+        "room": case.room,
+        "case": case.name,
+        "expected": case.told,
+        "came": came,
+        "as_expected": bool(case.holds(came)),
+        "fault": case.fault,
+        "seconds": time.process_time() - began,
+    }
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    lines = [
+        "# Hard cases",
+        "",
+        f"`python experiments/hard_cases.py`, {versions()}; {len(rows)} cases, "
+        f"{sum(row['as_expected'] for row in rows)} as expected. They are tests as well.",
+        "",
+        "| room | case | expected | came | |",
+        "|---|---|---|---|---|",
+    ]
+    for row in rows:
+        came = row["came"] if isinstance(row["came"], str) else f"{row['came']:.3g}"
+        mark = "" if row["as_expected"] else f"**no**: {row['fault']}"
+        cells = (row["room"], row["case"], row["expected"], came, mark)
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join([*lines, ""])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,19 @@
+"""Every hard case of `tests/hard` comes out as it is expected to."""
+
+import pytest
+from hard import CASES, ROOMS
+
+
+def marked(case):
+    marks = [pytest.mark.xfail(reason=case.fault)] if case.fault else []
+    return pytest.param(case, marks=marks, id=f"{case.room}: {case.name}")
+
+
+@pytest.mark.parametrize("case", map(marked, CASES))
+def test_it_comes_as_expected(case):
+    came = case.try_()
+    assert case.holds(came), f"came {came}, expected {case.told}"
+
+
+def test_every_room_has_its_cases():
+    assert {case.room for case in CASES} == {room.__name__.split(".")[1] for room in ROOMS}
