@@ -9,7 +9,7 @@ def marked(case):
     return pytest.param(case, marks=marks, id=f"{case.room}: {case.name}")
 
 
-@pytest.mark.parametrize("case", map(marked, CASES))
+@pytest.mark.parametrize("case", [marked(case) for case in CASES])
 def test_it_comes_as_expected(case):
     came = case.try_()
     assert case.holds(came), f"came {came}, expected {case.told}"

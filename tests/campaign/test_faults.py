@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -127,22 +128,30 @@ def test_ctrl_c_ends_clearly_and_nothing_is_lost(tmp_path):
     command = [*COMMAND, "--store", str(store), "--trials", "100000", "--workers", "2"]
     process = subprocess.Popen(
         command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
-        start_new_session=True,
+        start_new_session=True, preexec_fn=as_at_a_terminal,
     )  # fmt: skip
-    while not done(store):
-        time.sleep(0.1)
-    os.killpg(process.pid, 2)
-    _, told = process.communicate(timeout=60)
+    try:
+        while not done(store):
+            time.sleep(0.1)
+        os.killpg(process.pid, signal.SIGINT)
+        _, told = process.communicate(timeout=60)
+    finally:
+        process.kill()
     assert process.returncode == 1
     assert told.strip().endswith("stopped; what is on disk is whole")
     assert "Traceback" not in told
     with Store(store) as held:
         outcomes = held.outcomes()
-        again = run(held.case, 20, held.seed, Serial(), fidelity=held.fidelity)
+        again = run(held.case, 20, held.seed, Serial(), fidelity=held.sampling.fidelity)
     by_number = {int(row["trial"]): row.tobytes() for row in outcomes}
     assert len(by_number) == len(outcomes) > 0
     for row in again:
         assert by_number.get(int(row["trial"]), row.tobytes()) == row.tobytes()
+
+
+def as_at_a_terminal():
+    """Ctrl-C counts, also where the tests themselves run in the background of a shell."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def done(store):
@@ -169,7 +178,7 @@ def test_mpi_gives_the_same_bytes(tmp_path):
     }
     subprocess.run(command, check=True, env=os.environ | allowed, capture_output=True)
     with Store(store) as held:
-        alone = run(held.case, 60, held.seed, Serial(), fidelity=held.fidelity)
+        alone = run(held.case, 60, held.seed, Serial(), fidelity=held.sampling.fidelity)
         assert held.outcomes().tobytes() == alone.tobytes()
 
 
