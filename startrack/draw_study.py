@@ -51,12 +51,17 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
         loc="left",
     )
     error.legend(fontsize=8)
-    cube = np.array([one.place for one in tried])
-    for variable, line in zip(optimum.box.variables, cube.T, strict=True):
-        places.plot(number, line, lw=1.2, label=variable.name.rpartition(".")[2])
-    places.set(xlabel="evaluation", ylabel="place between the bounds", ylim=(-0.03, 1.03))
-    places.legend(fontsize=8, ncols=3)
+    draw_places(places, optimum)
     _save(path, figure)
+
+
+def draw_places(axes: Axes, optimum: Optimum) -> None:
+    """Where each variable of each design that was tried lies between its bounds."""
+    cube = np.array([one.place for one in optimum.evaluations])
+    for variable, line in zip(optimum.box.variables, cube.T, strict=True):
+        axes.plot(np.arange(1, len(line) + 1), line, lw=1.2, label=variable.name.rpartition(".")[2])
+    axes.set(xlabel="evaluation", ylabel="place between the bounds", ylim=(-0.03, 1.25))
+    axes.legend(fontsize=8, ncols=3, loc="upper right")
 
 
 def draw_tolerance(path: Path, tolerance: Tolerance) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from startrack.commands.study import open_study
 from startrack.commands.terminal import finite, progress, summary_values, tell
@@ -10,8 +11,9 @@ from startrack.design import Design, save_design
 from startrack.draw_study import draw_convergence
 from startrack.exits import Exit
 from startrack.saving import save_json, save_text
+from startrack.study.campaign import Campaign
 from startrack.study.objective import Objective
-from startrack.study.optimize import optimize
+from startrack.study.optimize import Optimum, optimize
 from startrack.study.tables import comparison, write_evaluations
 
 
@@ -22,17 +24,22 @@ def command(options: argparse.Namespace) -> int:
         progress("designs", campaign.evaluations) as advance,
     ):
         optimum = optimize(case, campaign, bench, lambda _: advance(1))
-    box = optimum.box
     table = comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
     save_design(out / "best.toml", Design(optimum.best, campaign), note)
     save_text(out / "comparison.md", table + "\n")
     write_evaluations(out / "evaluations.csv", optimum.evaluations)
     draw_convergence(out / "convergence.png", optimum, campaign.objective)
-    factor, optimism = optimum.factor, optimum.optimism
-    result = {
-        "out": str(out),
-        "seed": options.seed,
+    result = {"out": str(out), "seed": options.seed, **optimum_values(optimum, campaign)}
+    save_json(out / "result.json", finite(result))
+    tell(options, result, f"{table}\n\n{optimum.ending}; the folder {out} holds it all")
+    return Exit.DONE if optimum.feasible else Exit.UNSOLVED
+
+
+def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
+    """An optimum for JSON."""
+    box, factor, optimism = optimum.box, optimum.factor, optimum.optimism
+    return {
         "objective": str(Objective.read(campaign.objective)),
         "branch": optimum.branch,
         "start": summary_values(optimum.fresh[0]),
@@ -52,6 +59,3 @@ def command(options: argparse.Namespace) -> int:
         "feasible": optimum.feasible,
         "ending": optimum.ending,
     }
-    save_json(out / "result.json", finite(result))
-    tell(options, result, f"{table}\n\n{optimum.ending}; the folder {out} holds it all")
-    return Exit.DONE if optimum.feasible else Exit.UNSOLVED

@@ -1,0 +1,150 @@
+"""How much better does a design get, and which is it? A first guess, optimised and judged afresh.
+
+python experiments/design.py [DESIGN] --json FILE [--picture FILE.png] [--workers 2] [--seed 1]
+
+DESIGN is a name in catalogs/designs, such as nanosatellite or high_accuracy, or a file.
+The answer is judged on frames that nothing was tuned on; all intervals hold with 95 % confidence.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from numpy.typing import NDArray
+
+from startrack.case import Fidelity
+from startrack.catalog import shipped
+from startrack.commands.optimize import optimum_values
+from startrack.commands.terminal import finite, read_campaign
+from startrack.draw_study import draw_places
+from startrack.error import Interval
+from startrack.study.bench import FRESH, Bench
+from startrack.study.campaign import Campaign
+from startrack.study.evaluate import Evaluation
+from startrack.study.ledger import Ledger
+from startrack.study.montecarlo import pool, warm
+from startrack.study.objective import AXES, Objective
+from startrack.study.optimize import Optimum, optimize
+from startrack.study.tables import comparison
+from startrack.units import arcsec
+from startrack.variance.sampling import Sampling
+
+BEFORE, AFTER, MISSED = "#3567a8", "#2e7d5b", "#c0392b"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("design", nargs="?", default="nanosatellite")
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--picture", type=Path)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--ledger", type=Path, help="file; goes on from what is in it")
+    options = parser.parse_args()
+    path = Path(options.design)
+    if not path.suffix:
+        path = shipped(f"designs/{options.design}.toml")
+    design, campaign = read_campaign(path)
+    began = time.monotonic()
+    if options.workers > 1:
+        for fidelity in (campaign.fidelity, Fidelity.FRAME):
+            warm(design.case, Sampling(fidelity))
+    with Ledger(options.ledger) as ledger, pool(options.workers) as executor:
+        bench = Bench(options.seed, executor, options.workers, ledger)
+        optimum = optimize(design.case, campaign, bench, lambda one: told(one, began))
+        fresh = [
+            bench.run(case, campaign.fresh_trials, Fidelity.FRAME, FRESH)
+            for case in (optimum.start, optimum.best)
+        ]
+    print(f"{optimum.branch}\n{comparison(optimum, campaign)}\n\n{optimum.ending}")
+    figures = {"design": path.stem, "seed": options.seed, **optimum_values(optimum, campaign)}
+    options.json.write_text(json.dumps(finite(figures), indent=1) + "\n")
+    if options.picture:
+        draw(optimum, campaign, fresh, path.stem, options.picture)
+
+
+def told(one: Evaluation, began: float) -> None:
+    """One line a design, for the person who waits."""
+    print(f"{time.monotonic() - began:6.0f} s  {one.trials:4d} trials  {one.error / arcsec:8.3f} "
+          f"arcsec  {'' if one.feasible else 'misses a requirement'}", flush=True)  # fmt: skip
+
+
+def draw(
+    optimum: Optimum, campaign: Campaign, fresh: list[NDArray[np.void]], name: str, path: Path
+) -> None:
+    """The error before and after, and how the search came there."""
+    figure = Figure(figsize=(10, 7.5), layout="constrained")
+    grid = figure.add_gridspec(2, 2)
+    draw_shares(figure.add_subplot(grid[:, 0]), optimum, campaign, fresh)
+    upper = figure.add_subplot(grid[0, 1])
+    draw_path(upper, optimum)
+    draw_places(figure.add_subplot(grid[1, 1], sharex=upper), optimum)
+    branch = f", {optimum.branch}" if optimum.branch else ""
+    figure.suptitle(f"{name}{branch}: better by {told_interval(optimum.factor, 2)}", fontsize=10)
+    figure.savefig(path, dpi=120)
+
+
+def draw_shares(
+    axes: Axes, optimum: Optimum, campaign: Campaign, fresh: list[NDArray[np.void]]
+) -> None:
+    """The share of fresh frames whose error is not longer, before and after."""
+    objective = Objective.read(campaign.objective)
+    for outcomes, label, colour in zip(
+        fresh, ("first guess", "optimised"), (BEFORE, AFTER), strict=True
+    ):
+        squares = objective.squares(outcomes)
+        length = np.sort(np.sqrt(len(AXES[objective.axes]) * squares[np.isfinite(squares)]))
+        ratio = objective.ratio(squares, np.ones(len(squares)), campaign.fresh_trials)
+        error = Interval(*(one / arcsec for one in (ratio.value, ratio.low, ratio.high)))
+        label = f"{label}, rms {told_interval(error, 3)} arcsec"
+        share = np.arange(1, len(length) + 1) / len(outcomes)
+        axes.step(length / arcsec, share, where="post", color=colour, lw=1.4, label=label)
+        axes.axvspan(error.low, error.high, color=colour, alpha=0.2, lw=0)
+    axes.set(xscale="log", ylim=(0, 1.02), ylabel="share of frames whose error is not longer",
+             xlabel=f"length of the error, {objective.axes} (arcsec)")  # fmt: skip
+    axes.set_xlim(
+        left=min(np.quantile(np.asarray(line.get_xdata(), float), 0.005) for line in axes.lines)
+    )
+    title = f"{len(fresh[0])} fresh frames; bands: {objective} per axis, 95 %"
+    axes.set_title(title, fontsize=9, loc="left")
+    axes.legend(fontsize=8, loc="lower right")
+
+
+def draw_path(axes: Axes, optimum: Optimum) -> None:
+    """The error of each design that was looked at, in order."""
+    tried = optimum.evaluations
+    number = np.arange(1, len(tried) + 1)
+    error, expected = (
+        np.array([getattr(one, name) / arcsec for one in tried]) for name in ("error", "expected")
+    )
+    good = np.array([one.feasible for one in tried])
+    spared = np.array([one.trials == 0 for one in tried])
+    axes.plot(number[good], error[good], "o", ms=4, color=AFTER, label="meets the requirements")
+    axes.plot(number[~good & ~spared], error[~good & ~spared], "x", ms=4, color=MISSED,
+              label="misses one on its trials")  # fmt: skip
+    axes.plot(number[spared], expected[spared], ".", ms=4, color="0.6",
+              label="cannot lead: no trials, as the budget expects")  # fmt: skip
+    axes.axhline(optimum.promised / arcsec, color="0.4", lw=0.8, ls=":")
+    axes.set(ylabel="rms error (arcsec)", yscale="log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.yaxis.set_major_formatter(ScalarFormatter())
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    counts = [one.trials for one in tried if one.trials]
+    title = f"{len(tried)} designs, {min(counts)} to {max(counts)} tuning trials each"
+    axes.set_title(title, fontsize=9, loc="left")
+    axes.legend(fontsize=8)
+
+
+def told_interval(one: Interval, digits: int) -> str:
+    return f"{one.value:.{digits}f} [{one.low:.{digits}f}, {one.high:.{digits}f}]"
+
+
+if __name__ == "__main__":
+    main()
