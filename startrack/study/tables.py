@@ -87,12 +87,13 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     )
     factor, optimism, share = optimum.factor, optimum.optimism, optimum.availability
     designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
+    promised = optimum.promised / arcsec
     lines += [
         "",
         f"Better by a factor of {factor.value:.2f} [{factor.low:.2f}, {factor.high:.2f}] in the "
         f"{Objective.read(campaign.objective)}, on {start.trials} fresh frames, paired. {designs} "
         f"designs were tried, with {campaign.trials} to {campaign.most_trials} trials each. The "
-        f"tuning trials promised {optimum.promised / arcsec:.2f} arcsec; fresh frames show "
+        f"tuning trials promised {promised:.{_digits(promised)}f} arcsec; fresh frames show "
         f"{optimism.value:.3f} [{optimism.low:.3f}, {optimism.high:.3f}] of that. {trials} trials "
         f"were done in all. The availability is at least {100 * share.low:.2f} % "
         f"(asked: {100 * needs.min_availability:g} %), a wrong attitude comes in at most "
@@ -187,7 +188,13 @@ def _errors(one: Evaluation) -> tuple[float, float, float]:
 
 def _told(interval: Interval, unit: float = arcsec) -> str:
     value, low, high = (x / unit for x in (interval.value, interval.low, interval.high))
-    return f"{value:.2f} [{low:.2f}, {high:.2f}]"
+    digits = _digits(value)
+    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+def _digits(value: float) -> int:
+    """Decimals that show a value in two digits at least; two for what is none or zero."""
+    return max(2, 1 - math.floor(math.log10(value))) if value > 0 else 2
 
 
 def _write_csv(path: Path, head: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
