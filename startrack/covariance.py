@@ -360,7 +360,7 @@ def _tried(
         there = np.arange(used) < matched[part, None]
         stars = np.where(there, star[part, :used], 0)
         reference = plan.field.believed[stars]
-        noise = np.where(there, variance[part, :used] + plan.field.own[stars], 1.0)
+        noise = np.where(there, variance[part, :used], 1.0) + plan.field.own[stars]
         seen = np.where(there[..., None], place[part, :used], 0.0)
         found, covariance = _solved(case, matrix[part], seen, reference, noise, there)
         solved = (matched[part] >= case.tracker.identification.min_matches) & (

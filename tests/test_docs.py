@@ -16,12 +16,15 @@ def commands() -> list[str]:
 
 def test_the_two_commands():
     assert "python -m pip install . && startrack optimize" in commands()
-    assert "python -m pip install '.[test]' && python -m pytest" in commands()
+    assert "python -m pip install '.[test]' && python -m pytest -n 2" in commands()
 
 
 def test_ci_runs_the_readmes_test_command():
     script = (ROOT / ".ci" / "run").read_text()
-    install, test = "pip install --quiet --disable-pip-version-check '.[test]'", "python -m pytest"
+    install, test = (
+        "pip install --quiet --disable-pip-version-check '.[test]'",
+        "python -m pytest -n 2",
+    )
     assert install in script
     assert test in script.splitlines()[-1]
 
