@@ -137,9 +137,6 @@ def grown(regions: Ints, by: int, columns: int, rows: int) -> Ints:
 def _filter(value, windows, kernel, image, level, mesh):  # type: ignore[no-untyped-def]
     """`matched.filtered` in windows, and which pixels there exceed a level, as `connect.lit`.
 
-    Trap: with liberties in its sums, the last bit would hang on where memory happens to lie, and
-    it decides between the pixels of a saturated star.
-
     Returns  (n,) row * columns + column; where windows overlap, a pixel may come twice
     """
     columns = value.shape[1]
