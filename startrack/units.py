@@ -18,6 +18,8 @@ mm = 1e-3
 deg = math.pi / 180
 arcsec = deg / 3600
 
+GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radian; turns by it fill a disc evenly
+
 NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?)?\s*")
 
 

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from startrack.camera import Camera
 from startrack.catalog import Selection, Sky
 from startrack.single.separate import Separate, separate
+from startrack.units import GOLDEN_ANGLE
 from startrack.values import Floats, Ints
 from startrack.view import rotations
 
@@ -85,10 +86,10 @@ def boresights(count: int) -> Rotation:
     """
     k = np.arange(count) + 0.5
     declination = np.arcsin(1 - 2 * k / count)
-    golden = np.pi * (3 - np.sqrt(5))
     # The boresight is +z: turned to the pole first, then down to the star.
     down = Rotation.from_euler(
-        "ZYZ", np.column_stack([golden * k, np.pi / 2 - declination, golden * k * np.sqrt(2)])
+        "ZYZ",
+        np.column_stack([GOLDEN_ANGLE * k, np.pi / 2 - declination, GOLDEN_ANGLE * k * np.sqrt(2)]),
     )
     return down.inv()
 

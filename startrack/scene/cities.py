@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from startrack.scene.bodies import Earth
 from startrack.scene.ephemeris import EARTH_RADIUS, J2000, Observer
 from startrack.scene.photometry import BIN, WAVELENGTH, blackbody_photons
-from startrack.units import deg, nm
+from startrack.units import GOLDEN_ANGLE, deg, nm
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +42,6 @@ WARM = 2700.0  # kelvin, of lamps
 DENSITY = 4000.0  # heads / km^2
 SPOT = 0.5e6  # heads that make one point
 DUSK = -6 * deg  # elevation of the Sun below which lamps are lit
-GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 
 def cities(earth: Earth, observer: Observer) -> tuple[Floats, Floats]:

@@ -9,11 +9,11 @@ from startrack.checks import whole
 from startrack.scene.earth.ground import Ground, Rays, between
 from startrack.scene.earth.intersector import Intersector, Levels
 from startrack.scene.earth.level import tangent_height
+from startrack.units import GOLDEN_ANGLE
 
 Floats = NDArray[np.float64]
 
 LIFT = 1e-3  # metre on the way to the light, so that a point does not shade itself
-GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
 def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> Ground:
