@@ -4,7 +4,9 @@ Two designs on a quarter of the example's pixels, a bright one and a marginal on
 few and whose noise makes false spots. Whole frames and windows, of different seeds: the number of
 spots, false spots, the centroid of a star, and the error of the attitude by two-sample tests. The
 least of all p-values times their number is to exceed 0.01, which it fails to do by chance once in
-100 runs. Spots drawn from their covariance: the rms of the attitude's error over that of frames.
+100 runs. Spots drawn from their covariance, identified or with matches known: the rms of the
+attitude's error over that of frames. A third design has so few stars that most skies are lost:
+there the share of solved trials is compared.
 
     python experiments/fidelities.py [--trials N] [--json FILE] [--picture FILE]
 """
@@ -39,9 +41,12 @@ from startrack.window import spots_in_windows
 
 Floats = NDArray[np.float64]
 
+Drawn = dict[str, list[Floats]]  # errors of each fidelity by the design's name, radian
+
 EXAMPLE = load_design(shipped("designs/nanosatellite.toml")).case
 TRIALS = 5000
 DRAWN = 20_000
+LOST = 2.5e-3  # second of exposure, that leaves five stars of the marginal design
 NEAR = 3.0  # pixel; a spot farther from all stars is false
 ALONE = 12.0  # pixel, to the next star of one whose centroid is looked at
 ARCSEC = math.pi / 180 / 3600
@@ -121,36 +126,54 @@ def p_values(one: Sample, other: Sample) -> dict[str, float]:
     }
 
 
-def laws(count: int) -> tuple[dict[str, float], dict[str, tuple[Sample, Sample, Floats]]]:
+def laws(count: int) -> tuple[dict[str, float], Drawn]:
     figures: dict[str, float] = {}
-    drawn: dict[str, tuple[Sample, Sample, Floats]] = {}
+    drawn: Drawn = {}
     worst = 1.0
-    print(f"{'':10} {'':12} {'frame':>9} {'window':>9} {'covariance':>11} {'p':>8}")
+    print(f"{'':10} {'':12} {'frame':>9} {'window':>9} {'spots':>9} {'covariance':>10} {'p':>8}")
     for name, case in designs().items():
         frames = sample(case, spots_in_frame, 21, count)
         windows = sample(case, spots_in_windows, 22, count)
-        spots = trials(case, 23, range(DRAWN), Fidelity.COVARIANCE)
-        across = np.where(spots["false"], np.nan, spots["error_x"])
+        spots = trials(case, 24, range(count), Fidelity.SPOTS)
+        known = trials(case, 23, range(DRAWN), Fidelity.COVARIANCE)
+        others = spots, known
+        errors = [np.where(each["false"], np.nan, each["error_x"]) for each in others]
         p = p_values(frames, windows)
         worst = min(worst, *p.values())
-        both = frames, windows
+        both, told = (frames, windows), covariance.plan_of(case).false
+        errors = [frames.across, windows.across, *errors]
         table = {
-            "spots": (*(each.spots.mean() for each in both), spots["spots"].mean()),
-            "false": (*(each.false.mean() for each in both), covariance.plan_of(case).false),
-            "centroid": (*(rms(each.centroid) for each in both), math.nan),
-            "across": tuple(rms(each) / ARCSEC for each in (*(b.across for b in both), across)),
-            "solved": (*(right(each)[0] / count for each in both), spots["solved"].mean()),
+            "spots": [each.spots.mean() for each in both]
+            + [each["spots"].mean() for each in others],
+            "false": [each.false.mean() for each in both] + [told, told],
+            "centroid": [rms(each.centroid) for each in both] + [math.nan, math.nan],
+            "across": [rms(each) / ARCSEC for each in errors],
+            "solved": [float(np.isfinite(each).mean()) for each in errors],
         }
         for key, values in table.items():
             row = "".join(f" {value:9.4f}" for value in values)
             print(f"{name:10} {key:12}{row}   {p[key]:8.4f}", flush=True)
             figures[f"{name}_{key}_p"] = p[key]
-        ratio = rms(across) / rms(frames.across)
-        figures[f"{name}_covariance_vs_frame_rms_ratio"] = ratio
-        drawn[name] = frames, windows, across
+        for fidelity, each in zip(list(Fidelity)[1:], errors[1:], strict=True):
+            figures[f"{name}_{fidelity}_vs_frame_rms_ratio"] = rms(each) / rms(frames.across)
+        drawn[name] = errors
     figures["window_vs_frame_p"] = min(1.0, worst * 10)
     figures["covariance_vs_frame_rms_ratio"] = figures["bright_covariance_vs_frame_rms_ratio"]
     return figures, drawn
+
+
+def lost(count: int) -> dict[str, float]:
+    """Share of right attitudes where most skies are lost, and Fisher's test against frames."""
+    case = with_detector(designs()["marginal"], exposure=LOST)
+    found = {each: trials(case, 25, range(count), each) for each in Fidelity}
+    solved = {kind: int((each["solved"] & ~each["false"]).sum()) for kind, each in found.items()}
+    figures: dict[str, float] = {}
+    for kind, each in solved.items():
+        pair = [[solved[Fidelity.FRAME], count - solved[Fidelity.FRAME]], [each, count - each]]
+        figures |= {f"few_{kind}_solved": each / count}
+        figures |= {f"few_{kind}_solved_p": float(stats.fisher_exact(pair)[1])}
+    print("\n" + "\n".join(f"{name:30} {value:8.4f}" for name, value in figures.items()))
+    return figures
 
 
 def rms(values: Floats) -> float:
@@ -200,15 +223,12 @@ def speeds() -> dict[str, float]:
     return figures
 
 
-def picture(
-    path: Path, drawn: dict[str, tuple[Sample, Sample, Floats]], figures: dict[str, float]
-) -> None:
+def picture(path: Path, drawn: Drawn, figures: dict[str, float]) -> None:
     """Distributions of the attitude's error, and time against error."""
     import matplotlib.pyplot as plt
 
     plot, axes = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
-    for axis, (name, samples) in zip(axes, drawn.items(), strict=False):
-        errors = [samples[0].across, samples[1].across, samples[2]]
+    for axis, (name, errors) in zip(axes, drawn.items(), strict=False):
         for fidelity, each in zip(Fidelity, errors, strict=True):
             size = np.sort(np.abs(known(each))) / ARCSEC
             beyond = 1 - np.arange(len(size)) / len(size)
@@ -219,8 +239,8 @@ def picture(
         axis.legend(frameon=False, fontsize=8)
     for marker, name in (("o", "example"), ("s", "megapixel")):
         rates = np.array([figures[f"{name}_{each}_trials_per_s"] for each in Fidelity])
-        axes[2].semilogx(1e3 / rates, range(3), marker + "-", label=name)
-    axes[2].set(yticks=range(3), yticklabels=list(Fidelity),
+        axes[2].semilogx(1e3 / rates, range(len(rates)), marker + "-", label=name)
+    axes[2].set(yticks=range(len(Fidelity)), yticklabels=list(Fidelity),
                 xlabel="processor time of a trial / ms", title="cost")  # fmt: skip
     axes[2].legend(frameon=False, fontsize=8)
     plot.savefig(path, dpi=110)
@@ -241,7 +261,7 @@ def measure(count: int = TRIALS, path: Path | None = None) -> dict[str, float]:
     """All figures, and the picture."""
     figures = speeds()
     more, drawn = laws(count)
-    figures |= more
+    figures |= more | lost(count)
     print(f"\nwindow_vs_frame_p {figures['window_vs_frame_p']:.3f}")
     if path:
         picture(path, drawn, figures)

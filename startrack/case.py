@@ -26,11 +26,14 @@ class Fidelity(StrEnum):
     frame       the whole image is rendered and searched
     window      only the pixels that the detection could look at: around stars, and where noise
                 alone passes the threshold
-    covariance  spots are drawn from the centroids' bias and covariance; no image
+    spots       spots are drawn from the centroids' bias and covariance, without an image, and are
+                identified and solved as those of a frame
+    covariance  they are drawn, and which star each of them is is taken as known
     """
 
     FRAME = "frame"
     WINDOW = "window"
+    SPOTS = "spots"
     COVARIANCE = "covariance"
 
 

@@ -16,6 +16,7 @@ from startrack.camera import Camera
 from startrack.case import Case, Fidelity, Tracker
 from startrack.catalog import open_sky
 from startrack.covariance import outcomes as drawn_outcomes
+from startrack.covariance import spots_of
 from startrack.detection import detect
 from startrack.detector import expose
 from startrack.error import JUDGED, Outcome, judge
@@ -130,7 +131,8 @@ def attempt(
         alone = Rotation.concatenate([icrs_to_camera])
         drawn = drawn_outcomes(case, streams.seed, [streams.trial], alone)
         return Outcome(*drawn[0].item())
-    spots = spots_in_windows(case, icrs_to_camera, streams)
+    make = spots_in_windows if fidelity is Fidelity.WINDOW else spots_of
+    spots = make(case, icrs_to_camera, streams)
     camera, stars = case.believed_camera, open_sky(case.believed_catalog).stars
     _, estimate = recognise(spots, camera, stars, case.tracker, trust(case))
     return judge(estimate, asked_for(case, icrs_to_camera, streams), len(spots))

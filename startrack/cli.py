@@ -198,9 +198,10 @@ def _parser() -> argparse.ArgumentParser:
     _seed(montecarlo)
     _workers(montecarlo)
     montecarlo.add_argument(
-        "--fidelity", default="frame", choices=("frame", "window", "covariance"),
+        "--fidelity", default="frame", choices=("frame", "window", "spots", "covariance"),
         help="render whole frames (default); only windows around the stars, with the same law, at "
-        "a fifth of the time; or draw the spots from their covariance, without any image",
+        "a fifth of the time; draw the spots from their covariance, without any image, and "
+        "identify them; or draw them and take it as known which star each of them is",
     )  # fmt: skip
     montecarlo.add_argument(
         "--sobol", action="store_true",

@@ -35,7 +35,7 @@ def sized(case: Case, pixels: int) -> Case:
 
 
 def montecarlo() -> Stage:
-    """The three fidelities on the same skies; answers are angles across the boresight, radian."""
+    """All fidelities on the same skies; answers are angles across the boresight, radian."""
     case = example()
 
     def angles(fidelity: Fidelity) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from startrack.commands.terminal import arcsec, tell
 from startrack.exits import Exit, WrongUse
 from startrack.variance.mean_square import combined
 
-COST = (Fidelity.FRAME, Fidelity.WINDOW, Fidelity.COVARIANCE)  # dearest first
+COST = (Fidelity.FRAME, Fidelity.WINDOW, Fidelity.SPOTS, Fidelity.COVARIANCE)  # dearest first
 
 
 def command(options: argparse.Namespace) -> int:

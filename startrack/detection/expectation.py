@@ -25,6 +25,8 @@ class Expectation(NamedTuple):
     """What is to be expected of stars; NaN where no centroid comes of them.
 
     x, y        (n,) pixel, centroid without noise
+    flux        (n,) digital number
+    sigma       (n,) digital number, of the flux, as the centroid itself states it
     covariance  (n, 2, 2) pixel^2, as the centroid itself states it
     above       (n,) sigma, by which the star passes the threshold; negative where it does not
     spread      (n,) sigma of what is compared with the threshold, in the same unit
@@ -32,6 +34,8 @@ class Expectation(NamedTuple):
 
     x: Floats
     y: Floats
+    flux: Floats
+    sigma: Floats
     covariance: Floats
     above: Floats
     spread: Floats
@@ -61,25 +65,26 @@ def expect(
     kernel, gain = kernel_of(settings, star), gain_of(frame, 0.0)
     image = np.ascontiguousarray(frame.image, np.float32)
     known = Pixels(image, 0.0, 1.0, None, gain)
-    x, y = _peaks(filtered(image, kernel), np.rint(place).astype(np.int64))
+    column, row = _peaks(filtered(image, kernel), np.rint(place).astype(np.int64))
     rms, skewness, kurtosis = modelled(np.array([level], np.float32), gain, 1.0, kernel)
     far = sigmas(threshold_over(settings, area, star), skewness, kurtosis)
-    height = _heights(image, x, y, level, bank(star, kernel)) / rms
+    height = _heights(image, column, row, level, bank(star, kernel)) / rms
     # The star's own photons add to the noise of what the filter makes of it.
-    light = _light(image, x, y, level, kernel.whole)
+    light = _light(image, column, row, level, kernel.whole)
     spread = np.sqrt(1 + light / gain.electrons_per_dn / rms**2)
     if settings.sharpest_sigma > 0:
         hot = sharp(
-            image, x, y, ring_half(settings, kernel), largest_share(settings.sharpest_sigma)
+            image, column, row, ring_half(settings, kernel), largest_share(settings.sharpest_sigma)
         )
         height[hot] = -np.inf
-    seen = sample(frame, known, Candidates(x, y, np.ones_like(x)), settings)
+    seen = sample(frame, known, Candidates(column, row, np.ones_like(row)), settings)
     # The ring about a star shows no noise here. So all that a dark pixel has is given as the
     # least noise there is, which the ring then has too.
     dark = float(rms[0]) / kernel.noise
     table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), settings, star)
     covariance = table[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
-    return Expectation(table[:, 0], table[:, 1], covariance, height - far, spread)
+    x, y, flux, sigma = table[:, :4].T
+    return Expectation(x, y, flux, sigma, covariance, height - far, spread)
 
 
 @njit(cache=True, error_model="numpy")

@@ -54,8 +54,8 @@ def combined(levels: Sequence[tuple[Outcomes, Fidelity]], about: bool = False) -
         mean(S0 - b S1) + b (mean(S1 - c S2) + c mean(S2))
 
     where each mean is taken over trials of its own, and b and c come from other trials, so that
-    nothing is biased whatever the cheaper levels leave out. A trial of `covariance` has errors of
-    its own; it helps by the variance that it states for its attitude.
+    nothing is biased whatever the cheaper levels leave out. A trial of `spots` or `covariance`
+    has errors of its own; it helps by the variance that it states for its attitude.
 
     levels  outcomes at random attitudes, finest first, of the same case and seed; those with a
             control are helped by it, too
@@ -96,7 +96,7 @@ def _telescope(levels: Sequence[tuple[Outcomes, Fidelity]], ratio: float, about:
 
 
 def _value(outcomes: Outcomes, fidelity: Fidelity, ratio: float, about: bool) -> Floats:
-    if fidelity is not Fidelity.COVARIANCE:
+    if fidelity in (Fidelity.FRAME, Fidelity.WINDOW):
         return _rest(outcomes, ratio, about)
     axes = "z" if about else "xy"
     stated = sum(outcomes[f"sigma_{axis}"] ** 2 for axis in axes) / len(axes)

@@ -12,7 +12,7 @@ from startrack.variance.mean_square import combined, mean_square
 from startrack.variance.sampling import Sampling
 
 REPETITIONS = 200
-FRAME, WINDOW, COVARIANCE = Fidelity
+FRAME, WINDOW, SPOTS, COVARIANCE = Fidelity
 LOST = 0.1
 
 
@@ -66,6 +66,11 @@ def by_covariance(rng):
     return combined([(fine, FRAME), (cheap, COVARIANCE)], about=True), 9.0
 
 
+def by_spots(rng):
+    fine, _, cheap = campaigns(rng)
+    return combined([(fine, FRAME), (cheap, SPOTS)]), 1.0
+
+
 def by_all(rng):
     fine, window, cheap = campaigns(rng)
     levels = [(fine, FRAME), (window, WINDOW), (cheap, COVARIANCE)]
@@ -74,7 +79,14 @@ def by_all(rng):
 
 @pytest.mark.parametrize(
     ("estimate", "gain"),
-    [(by_ratio, 0.8), (by_control, 1.4), (by_windows, 6.0), (by_covariance, 2.5), (by_all, 6.0)],
+    [
+        (by_ratio, 0.8),
+        (by_control, 1.4),
+        (by_windows, 6.0),
+        (by_covariance, 2.5),
+        (by_spots, 1.8),
+        (by_all, 6.0),
+    ],
 )
 def test_they_are_unbiased_state_their_error_and_help(estimate, gain):
     """200 times: mean within 4 sigma, intervals within 92 % and their binomial bound (1e-4).

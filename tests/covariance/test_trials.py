@@ -6,29 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.camera import Camera
 from startrack.case import Fidelity
-from startrack.catalog import shipped
 from startrack.chain import trial, trials
-from startrack.covariance import REACH, View, _project, _pulled, plan_of
 from startrack.curve import Curve
-from startrack.design import load_design
-from startrack.detector import Defects, Hits
-from startrack.motion import Motion, Tone
-from startrack.scene import Scene
-from startrack.streams import Streams
-from startrack.view import random_attitude
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
-
-
-def changed(**parts):
-    instrument = dataclasses.replace(CASE.instrument, **parts)
-    return dataclasses.replace(CASE, instrument=instrument)
-
-
-def with_detector(**changes):
-    return changed(detector=dataclasses.replace(CASE.instrument.detector, **changes))
+from .designs import CASE, with_detector
 
 
 def rms(outcomes, axis):
@@ -65,28 +47,6 @@ def test_errors_are_those_of_rendered_trials():
     assert drawn["nees"].mean() == pytest.approx(rendered["nees"].mean(), rel=0.15)
 
 
-def test_the_kernel_projects_as_the_camera_does():
-    camera = Camera(800, 600, 900.0, 3.0, -5.0, -0.1, 0.05, 1e-3, -2e-3, 0.01)
-    x, y = camera.centre
-    view = View(800, 600, 900.0, x, y, -0.1, 0.05, 1e-3, -2e-3, 0.01, 2, 0.0)
-    attitude = random_attitude(Streams(1, 0))
-    pixel = np.random.default_rng(1).uniform([0, 0], [799, 599], (50, 2))
-    direction = attitude.inv().apply(camera.unproject(pixel))
-    got = [_project(attitude.as_matrix(), each, view) for each in direction]
-    np.testing.assert_allclose(got, camera.project(attitude.apply(direction)), atol=1e-9)
-
-
-def test_a_companion_pulls_towards_itself_and_far_ones_do_not():
-    pull = plan_of(CASE).pull
-    assert _pulled(REACH + 0.1, 0.0, 1.0, pull) == (0.0, 0.0)
-    x, y = _pulled(2.0, 0.0, -2.0, pull)
-    assert 0.05 < x < 1.0
-    assert abs(y) < 0.2 * x
-    weaker, _ = _pulled(2.0, 0.0, -2.8, pull)
-    assert weaker == pytest.approx(x * np.exp(-0.8), rel=0.2)
-    assert np.isnan(_pulled(1.0, 0.0, 2.0, pull)[0])
-
-
 def test_a_misbelieved_camera_errs_by_its_own():
     """A principal point off by a pixel turns every attitude by a pixel."""
     wrong = dataclasses.replace(CASE.instrument.camera, principal_x=1.0)
@@ -110,20 +70,3 @@ def test_a_sky_without_stars_is_unsolved():
     outcomes = trials(blind, 1, range(5), Fidelity.COVARIANCE)
     assert not outcomes["solved"].any()
     assert np.isnan(outcomes["error_x"]).all()
-
-
-@pytest.mark.parametrize(
-    ("case", "named"),
-    [
-        (with_detector(hits=Hits(1e4)), "hits"),
-        (with_detector(defects=Defects(hot=1e-3, hot_current=100.0)), "defects"),
-        (with_detector(row_delay=1e-5), "row_delay"),
-        (with_detector(blooming=True), "blooming"),
-        (changed(motion=Motion(tones=(Tone(30.0, 1e-5),))), "jitter that each trial draws"),
-        (changed(motion=Motion(rate_z=0.1)), "a rate_z that smears"),
-        (dataclasses.replace(CASE, scene=Scene(lights=("starlight",))), "lights of the scene"),
-    ],
-)
-def test_what_needs_an_image_is_refused_by_name(case, named):
-    with pytest.raises(ValueError, match=f"without {named}"):
-        trial(case, 1, 0, Fidelity.COVARIANCE)

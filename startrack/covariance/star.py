@@ -1,0 +1,157 @@
+"""A star of a drawn trial -> whether it is found, and where; for compiled code."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.covariance.response import PHASES, RATIOS, REACH, STEP
+from startrack.detector.counter import bits, key, uniform
+from startrack.detector.normal import inverse_normal
+from startrack.detector.poisson import drawn
+from startrack.streams import Streams
+
+FALSE = np.uint64(2**63)  # number of the draws of false spots; those of stars are less
+
+
+class Sight(NamedTuple):
+    """What the detection makes of a star in one trial.
+
+    found       whether there is a spot; the rest is of no meaning where there is none
+    x, y        pixel, true place;  dx, dy  from it to the centroid
+    xx, yx, yy  pixel, triangular root of the centroid's covariance
+    flux        digital number, that is to be expected
+    blur        1, its standard deviation over itself
+    surplus     sigma, by which noise makes the star brighter
+    """
+
+    found: bool
+    x: float
+    y: float
+    dx: float
+    dy: float
+    xx: float
+    yx: float
+    yy: float
+    flux: float
+    blur: float
+    surplus: float
+
+
+NOTHING = Sight(False, *[math.nan] * 10)
+
+
+@njit(cache=True, error_model="numpy")
+def sight(a, key, i, response, pull, field, companions, view):  # type: ignore[no-untyped-def]
+    """Star i of the field in the trial of a key, whose camera's attitude is the matrix `a`."""
+    d = field.direction[i]
+    if a[2, 0] * d[0] + a[2, 1] * d[1] + a[2, 2] * d[2] < view.cosine:
+        return NOTHING
+    x, y = _project(a, d, view)
+    column, row = round(x), round(y)
+    if not (
+        view.border <= column < view.columns - view.border
+        and view.border <= row < view.rows - view.border
+    ):
+        return NOTHING
+    seen = _measure(x, y, column, row, field.flux[i], bits(key, field.number[i]), response)
+    if not seen.found:
+        return NOTHING
+    dx, dy = seen.dx, seen.dy
+    for k in range(companions.start[i], companions.start[i + 1]):
+        u, v = _project(a, companions.direction[k], view)
+        more_x, more_y = _pulled(u - x, v - y, companions.flux[k] - field.flux[i], pull)
+        dx, dy = dx + more_x, dy + more_y
+    if np.isnan(dx):
+        return NOTHING
+    return Sight(True, x, y, dx, dy, *seen[5:])
+
+
+def trial_keys(seed: int, numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The keys of what is drawn in some trials of a seed."""
+    return _keys(key(Streams(seed, 0), "covariance"), numbers)
+
+
+@njit(cache=True, error_model="numpy")
+def _keys(start, numbers):  # type: ignore[no-untyped-def]
+    keys = np.empty(len(numbers), np.uint64)
+    for n in range(len(numbers)):
+        keys[n] = bits(start, numbers[n])
+    return keys
+
+
+@njit(cache=True, error_model="numpy")
+def false_spots(key, mean):  # type: ignore[no-untyped-def]
+    """How many spots are of noise alone in the trial of a key."""
+    return int(drawn(mean, uniform(bits(key, FALSE))))
+
+
+@njit(cache=True, error_model="numpy")
+def in_view(a, height, view):  # type: ignore[no-untyped-def]
+    """The first and the last but one of the stars in order of height that can be in the frame.
+
+    height  (n,) last coordinate of their directions
+    """
+    radius, middle = math.acos(view.cosine), math.asin(min(max(a[2, 2], -1.0), 1.0))
+    low, high = max(middle - radius, -math.pi / 2), min(middle + radius, math.pi / 2)
+    first = np.searchsorted(height, math.sin(low))
+    return first, np.searchsorted(height, math.sin(high), side="right")
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _project(a, d, view):  # type: ignore[no-untyped-def]
+    """`Camera.project` of one direction in front of the camera."""
+    z = a[2, 0] * d[0] + a[2, 1] * d[1] + a[2, 2] * d[2]
+    u = (a[0, 0] * d[0] + a[0, 1] * d[1] + a[0, 2] * d[2]) / z
+    v = (a[1, 0] * d[0] + a[1, 1] * d[1] + a[1, 2] * d[2]) / z
+    r = u * u + v * v
+    radial = 1 + r * (view.k1 + r * (view.k2 + r * view.k3))
+    x = u * radial + 2 * view.p1 * u * v + view.p2 * (r + 2 * u * u)
+    y = v * radial + view.p1 * (r + 2 * v * v) + 2 * view.p2 * u * v
+    return view.centre_x + view.focal * x, view.centre_y + view.focal * y
+
+
+@njit(cache=True, error_model="numpy")
+def _measure(x, y, column, row, flux, start, response):  # type: ignore[no-untyped-def]
+    """A star alone, at a place in a pixel: whether it is found, and how it is measured."""
+    i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
+    j = min(int((y - row + 0.5) * PHASES), PHASES - 1)
+    at = (flux - response.first) / STEP
+    k = min(max(int(at), 0), len(response.above) - 2)
+    t = min(max(at - k, 0.0), 1.0)
+    above = (1 - t) * response.above[k, j, i] + t * response.above[k + 1, j, i]
+    surplus = inverse_normal(uniform(bits(start, np.uint64(0))))
+    if not above + surplus > 0:
+        return NOTHING
+    normal_x = inverse_normal(uniform(bits(start, np.uint64(1))))
+    normal_y = inverse_normal(uniform(bits(start, np.uint64(2))))
+    bias = (1 - t) * response.bias[k, j, i] + t * response.bias[k + 1, j, i]
+    root = (1 - t) * response.root[k, j, i] + t * response.root[k + 1, j, i]
+    light = (1 - t) * response.light[k, j, i] + t * response.light[k + 1, j, i]
+    xx, yx, yy = root / math.exp(flux)
+    dx, dy = bias[0] + xx * normal_x, bias[1] + yx * normal_x + yy * normal_y
+    return Sight(True, x, y, dx, dy, xx, yx, yy, light[0] * math.exp(flux), light[1], surplus)
+
+
+@njit(cache=True, error_model="numpy")
+def _pulled(dx, dy, ratio, pull):  # type: ignore[no-untyped-def]
+    """How far a companion pulls a centroid; NaN where it swallows the star."""
+    r, q = (ratio - RATIOS[0]) / (RATIOS[1] - RATIOS[0]), len(RATIOS) - 1
+    if not (abs(dx) < REACH and abs(dy) < REACH) or r < 0:
+        return 0.0, 0.0
+    if np.isnan(pull[min(int(r + 0.5), q), round(dy) + REACH, round(dx) + REACH, 0]):
+        return np.nan, np.nan
+    k, i, j = min(int(r), q - 1), int(dx + REACH), int(dy + REACH)
+    t, u, v = min(r - k, 1.0), dx + REACH - i, dy + REACH - j
+    x = y = total = 0.0
+    for n in range(8):
+        c, b, a = n // 4, (n // 2) % 2, n % 2
+        weight = (t if c else 1 - t) * (v if b else 1 - v) * (u if a else 1 - u)
+        one = pull[k + c, j + b, i + a]
+        if not np.isnan(one[0]):
+            x, y, total = x + weight * one[0], y + weight * one[1], total + weight
+    return x / total, y / total
