@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
 from startrack.saving import whole
@@ -61,6 +61,7 @@ def draw_places(axes: Axes, optimum: Optimum) -> None:
     for variable, line in zip(optimum.box.variables, cube.T, strict=True):
         axes.plot(np.arange(1, len(line) + 1), line, lw=1.2, label=variable.name.rpartition(".")[2])
     axes.set(xlabel="evaluation", ylabel="place between the bounds", ylim=(-0.03, 1.25))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(fontsize=8, ncols=3, loc="upper right")
 
 

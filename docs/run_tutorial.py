@@ -1,0 +1,163 @@
+"""docs/tutorial.md enters; it leaves with what its blocks print today, and with their pictures.
+
+    python docs/run_tutorial.py            says where the page no longer tells the truth
+    python docs/run_tutorial.py --write    writes what came, and the pictures, into the page
+
+A block `toml NAME` is a file, `sh` are commands, each of exit status 0 unless its comment says
+otherwise, `python` is run, all in one folder. A block `text` quotes what the block before it
+printed: the words to the letter, the numbers within the share that it names (`text 30%`; without
+one, a unit of the last digit). Three dots stand for lines that are left out. A picture
+`tutorial/NAME` is the file NAME of that folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import re
+import shlex
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from startrack import cli
+
+PAGE = Path(__file__).parent / "tutorial.md"
+BLOCK = re.compile(r"```(toml|sh|python|text)(?: (\S+))?\n(.*?)```", re.DOTALL)
+NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+STATUS = re.compile(r"# exit status (\d)")
+PICTURE = re.compile(r"\]\(tutorial/([\w/.-]+)\)")
+LEFT_OUT = "..."
+
+
+class Told(NamedTuple):
+    """A block that quotes, and the lines that came.
+
+    span   of the quoted text in the page
+    share  by which its numbers may be off
+    """
+
+    span: tuple[int, int]
+    quoted: list[str]
+    came: list[str]
+    share: float
+
+
+def walk(page: str, folder: Path) -> list[Told]:
+    """Run all blocks of a page in a folder, in their order.
+
+    Errors  AssertionError where a command ends with another exit status than the page says.
+    """
+    told = []
+    came = ""
+    names: dict[str, Any] = {"__name__": "tutorial"}
+    with contextlib.chdir(folder):
+        for block in BLOCK.finditer(page):
+            kind, word, text = block.groups()
+            if kind == "text":
+                share = float(word.rstrip("%")) / 100 if word else 0.0
+                told.append(Told(block.span(3), text.splitlines(), came.splitlines(), share))
+            elif kind == "toml":
+                Path(word).write_text(text, encoding="utf-8")
+            else:
+                with contextlib.redirect_stdout(io.StringIO()) as printed:
+                    _run(text) if kind == "sh" else exec(compile(text, str(PAGE), "exec"), names)
+                came = printed.getvalue()
+    return told
+
+
+def _run(commands: str) -> None:
+    for line in commands.splitlines():
+        words = shlex.split(line, comments=True)
+        assert words[0] == "startrack", line
+        expected = STATUS.search(line)
+        status = cli.main(words[1:])
+        assert status == (int(expected[1]) if expected else 0), f"{line}: exit status {status}"
+
+
+def faults(told: Told) -> list[str]:
+    """What a quotation says that did not come."""
+    found = []
+    for quoted, came in pairs(told):
+        if came is None:
+            found.append(f"did not come: {quoted}")
+        elif not alike(quoted, came, told.share):
+            found.append(f"quoted: {quoted}\n   came: {came}")
+    return found
+
+
+def pairs(told: Told) -> Iterator[tuple[str, str | None]]:
+    """Each quoted line with the one that came in its place, None where there is none."""
+    rest = iter(told.came)
+    skipping = False
+    for line in told.quoted:
+        if line == LEFT_OUT:
+            skipping = True
+            continue
+        came = next(rest, None)
+        while skipping and came is not None and words_of(came) != words_of(line):
+            came = next(rest, None)
+        yield line, came
+        skipping = False
+    surplus = next(rest, None)
+    if surplus is not None and not skipping:
+        yield "", surplus
+
+
+def words_of(line: str) -> list[str]:
+    """What is no number, whatever the spaces."""
+    return NUMBER.sub("#", line).split()
+
+
+def alike(quoted: str, came: str, share: float) -> bool:
+    """Whether two lines have the same words, and numbers that differ by no more than a share."""
+    if words_of(quoted) != words_of(came):
+        return False
+    return all(
+        abs(float(one) - float(other)) <= share * abs(float(one)) + 1.01 * _last_digit(one)
+        for one, other in zip(NUMBER.findall(quoted), NUMBER.findall(came), strict=True)
+    )
+
+
+def _last_digit(number: str) -> float:
+    """
+    >>> _last_digit("-2.50"), _last_digit("17")
+    (0.01, 1.0)
+    """
+    mantissa, _, power = number.partition("e")
+    return 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
+
+
+def rewritten(page: str, told: Sequence[Told]) -> str:
+    """The page with what came in the place of what it quotes."""
+    for one in reversed(told):
+        came = (line if new is None else new for line, new in pairs(one))
+        lines = [line if line == LEFT_OUT else next(came) for line in one.quoted]
+        page = page[: one.span[0]] + "".join(f"{line}\n" for line in lines) + page[one.span[1] :]
+    return page
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--write", action="store_true", help="the page and its pictures anew")
+    options = parser.parse_args()
+    page = PAGE.read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        told = walk(page, Path(folder))
+        if options.write:
+            PAGE.write_text(rewritten(page, told), encoding="utf-8")
+            for name in PICTURE.findall(page):
+                target = PAGE.parent / "tutorial" / name
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(Path(folder, name), target)
+    found = [fault for one in told for fault in faults(one)]
+    print("\n".join(found) or "the page tells the truth")
+    return 1 if found and not options.write else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,72 @@
+"""The tutorial works as it stands: its file, its commands, its Python and all that it quotes."""
+
+from pathlib import Path
+
+import pytest
+from run_tutorial import PAGE, PICTURE, Told, alike, faults, pairs, rewritten, walk
+
+TEXT = PAGE.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory) -> tuple[Path, list[Told]]:
+    folder = tmp_path_factory.mktemp("tutorial")
+    return folder, walk(TEXT, folder)
+
+
+def test_what_the_page_quotes_comes(walked):
+    _, told = walked
+    assert len(told) >= 6
+    assert [fault for one in told for fault in faults(one)] == []
+
+
+def test_every_picture_is_made_on_the_way(walked):
+    folder, _ = walked
+    names = PICTURE.findall(TEXT)
+    assert names
+    for name in names:
+        assert (folder / name).read_bytes().startswith(b"\x89PNG"), name
+        shown = (PAGE.parent / "tutorial" / name).read_bytes()
+        assert shown.startswith(b"\x89PNG"), name
+        assert len(shown) < 200_000, name
+
+
+def test_the_walk_ends_with_a_report(walked):
+    folder, _ = walked
+    assert (folder / "trials" / "campaign.html").read_text().rstrip().endswith("</html>")
+
+
+QUOTED = Told((0, 0), ["a 1.00", "...", "c 10"], ["a 1.01", "b 7", "c 10"], 0.0)
+
+
+@pytest.mark.parametrize(
+    ("quoted", "came", "share", "same"),
+    [
+        ("error 1.00 arcsec", "error  1.01 arcsec", 0.0, True),
+        ("error 1.00 arcsec", "error 1.02 arcsec", 0.0, False),
+        ("error 1.00 arcsec", "error 1.02 arcsec", 0.02, True),
+        ("error -1.0", "error 1.0", 0.5, False),
+        ("solved 3", "lost 3", 0.5, False),
+        ("3 of 4", "3 of", 0.5, False),
+    ],
+)
+def test_lines_are_alike(quoted, came, share, same):
+    assert alike(quoted, came, share) is same
+
+
+def test_lines_may_be_left_out_but_not_made_up():
+    assert faults(QUOTED) == []
+    assert faults(QUOTED._replace(came=["a 1.00", "b 7"])) == ["did not come: c 10"]
+    assert len(faults(QUOTED._replace(quoted=["a 1.00"]))) == 1
+    assert [came for _, came in pairs(QUOTED)] == ["a 1.01", "c 10"]
+
+
+def test_a_page_is_written_anew():
+    page = "before\na 1.00\n...\nc 10\nafter"
+    span = (page.index("a 1"), page.index("after"))
+    assert rewritten(page, [QUOTED._replace(span=span)]) == "before\na 1.01\n...\nc 10\nafter"
+
+
+def test_a_wrong_exit_status_is_a_fault(tmp_path):
+    with pytest.raises(AssertionError, match=r"none\.toml: exit status"):
+        walk("```sh\nstartrack budget none.toml\n```", tmp_path)
