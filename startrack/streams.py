@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from startrack.checks import whole
+from startrack.seeds import Seeds
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Streams:
 
     def __call__(self, cause: str) -> np.random.Generator:
         """The generator of one cause, from its start."""
-        name = int.from_bytes(hashlib.blake2b(cause.encode(), digest_size=8).digest(), "little")
-        sequence = np.random.SeedSequence((self.seed, self.trial, name))
-        return np.random.Generator(np.random.SFC64(sequence))
+        name = hashlib.blake2b(cause.encode(), digest_size=8).digest()
+        seeds = Seeds(self.seed, self.trial, int.from_bytes(name, "little"))
+        # numpy takes any ISeedSequence, which its stubs do not know.
+        return np.random.Generator(np.random.SFC64(seeds))  # type: ignore[arg-type]

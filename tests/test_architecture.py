@@ -17,10 +17,10 @@ ROOMS = (
     "attitude",
     "error",
 )
-BASE = {"units", "checks", "shipped", "streams", "scratch", "curve", "camera", "values"}
+BASE = {"units", "checks", "shipped", "seeds", "streams", "scratch", "curve", "camera", "values"}
 # From top to bottom: a module may import those before it.
 ORDER = (
-    *("units", "checks", "shipped", "streams", "scratch", "curve", "camera", "values"),
+    *("units", "checks", "shipped", "seeds", "streams", "scratch", "curve", "camera", "values"),
     *("exits", "saving", "sqlite", "tables"),
     *ROOMS,
     *(
