@@ -8,6 +8,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from startrack.checks import finite, positive, whole
@@ -102,17 +103,17 @@ class Camera:
         Returns    (n, 2) pixel (x, y); NaN for what lies behind the camera
         Errors     numerical: 1e-12 of the array's width.
         """
-        direction = np.atleast_2d(np.asarray(direction, float))
-        ahead = direction[:, 2] > 0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            plane = np.where(ahead[:, None], direction[:, :2] / direction[:, 2:], np.nan)
-        if self.distorted and len(plane):
+        direction = np.atleast_2d(np.ascontiguousarray(direction, float))
+        if not self.distorted:
+            return np.asarray(_pinhole(direction, self.focal_length_px, *self.centre))
+        plane = _pinhole(direction, 1.0, 0.0, 0.0)
+        if len(plane):
             points = np.column_stack([plane, np.ones(len(plane))])
             pixel, _ = cv2.projectPoints(
                 points, NO_ROTATION, NO_ROTATION, self._matrix, self._coefficients
             )
             return np.asarray(pixel, float).reshape(-1, 2)
-        return plane * self.focal_length_px + self.centre
+        return plane
 
     def unproject(self, pixel: Floats) -> Floats:
         """Which directions fall on these pixels.
@@ -152,3 +153,14 @@ class Camera:
     @property
     def _coefficients(self) -> Floats:
         return np.array([self.k1, self.k2, self.p1, self.p2, self.k3])
+
+
+@njit(cache=True, error_model="numpy")
+def _pinhole(direction: Floats, focal: float, x: float, y: float) -> Floats:
+    """Pixels (n, 2); NaN for what does not lie ahead."""
+    pixel = np.full((len(direction), 2), np.nan)
+    for k in range(len(direction)):
+        if direction[k, 2] > 0:
+            pixel[k, 0] = direction[k, 0] / direction[k, 2] * focal + x
+            pixel[k, 1] = direction[k, 1] / direction[k, 2] * focal + y
+    return pixel

@@ -203,11 +203,21 @@ def reach_of(flux: Floats, noise: float, plan: Plan) -> Ints:
     flux   (n,) digital number
     noise  digital number, of the filtered frame
     """
-    share = plan.share
-    half = len(share) - np.searchsorted(share[::-1], DARKEST * noise / np.maximum(flux, 1e-300))
-    faint = flux * share[0] < (plan.threshold - FAINTEST) * noise
-    half = np.maximum(half + bool(plan.detector.crosstalk), LEAST_HALF)
-    return np.where(faint, -1, half)
+    least = (plan.threshold - FAINTEST) * noise
+    return np.asarray(
+        _reach(flux, plan.share, least, DARKEST * noise, bool(plan.detector.crosstalk))
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _reach(flux, share, least, dark, more):  # type: ignore[no-untyped-def]
+    half = np.empty(len(flux), np.int64)
+    for n in range(len(flux)):
+        reach = len(share)
+        while reach > 0 and flux[n] * share[reach - 1] < dark:
+            reach -= 1
+        half[n] = -1 if flux[n] * share[0] < least else max(reach + more, LEAST_HALF)
+    return half
 
 
 @njit(cache=True, error_model="numpy")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
+from numba import njit
 
 from startrack.catalog.apparent import apparent
 from startrack.catalog.bright import read_bright
@@ -20,6 +20,8 @@ from startrack.catalog.selection import Selection
 from startrack.checks import within
 from startrack.shipped import shipped
 from startrack.values import Floats, Ints, Stars
+
+SLACK = 1e-12  # of a height, so that rounding leaves no star out
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,12 @@ class Sky:
         Returns    (k,) indices into the stars, brightest first
         Errors     ValueError for a direction without length. numerical: 3e-16 rad.
         """
-        return self.cones(np.asarray(direction, float)[None], radius)[0]
+        within(0, np.pi, radius=radius)
+        length = math.hypot(*direction)
+        if not 0 < length < math.inf:
+            raise ValueError("directions must be finite and have a length, got one that has not")
+        unit = np.asarray(direction, float) / length
+        return self._by_brightness[_around(*self._by_height, unit, radius)]
 
     def cones(self, directions: Floats, radius: float) -> list[Ints]:
         """Which stars lie within an angle of each of many directions.
@@ -52,42 +59,49 @@ class Sky:
         Returns     m arrays of indices into the stars, each brightest first
         Errors      as `cone`.
         """
-        within(0, np.pi, radius=radius)
         directions = np.asarray(directions, float)
         if directions.ndim != 2 or directions.shape[1] != 3:
             raise ValueError(f"directions must have the shape (m, 3), got {directions.shape}")
-        length = np.linalg.norm(directions, axis=1, keepdims=True)
-        if not (np.isfinite(length).all() and (length > 0).all()):
-            raise ValueError("directions must be finite and have a length, got one that has not")
-        return list(self._found(directions / length, radius))
-
-    def _found(self, unit: Floats, radius: float) -> Iterator[Ints]:
-        # Chords stand for angles: exact for small ones, blunt close to pi. So a cone of more
-        # than half the sky is what the opposite cone leaves over.
-        small = radius <= np.pi / 2
-        chord = 2 * np.sin((radius if small else np.pi - radius) / 2)
-        for inside in self._tree.query_ball_point(unit if small else -unit, chord):
-            places = np.sort(self._rank[inside])
-            if small:
-                yield self._by_brightness[places]
-            elif radius == np.pi:
-                yield self._by_brightness.copy()
-            else:
-                yield np.delete(self._by_brightness, places)
-
-    @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(self.stars.direction)
+        return [self.cone(each, radius) for each in directions]
 
     @cached_property
     def _by_brightness(self) -> Ints:
         return np.argsort(self.stars.magnitude_g, kind="stable")
 
     @cached_property
-    def _rank(self) -> Ints:
+    def _by_height(self) -> tuple[Floats, Ints]:
+        """Directions in order of their last coordinate, and which star by brightness each is."""
         rank = np.empty(len(self), np.int64)
         rank[self._by_brightness] = np.arange(len(self))
-        return rank
+        order = np.argsort(self.stars.direction[:, 2])
+        return np.ascontiguousarray(self.stars.direction[order]), rank[order]
+
+
+@njit(cache=True, error_model="numpy")
+def _around(direction, rank, centre, radius):  # type: ignore[no-untyped-def]
+    """The ranks of the directions within an angle of a centre, in rising order.
+
+    Only those in the belt of heights that the circle spans are looked at. Chords stand for angles:
+    exact for small ones, blunt close to pi. So beyond a right angle, what counts is how far a star
+    is from the opposite point.
+    """
+    wide = radius > math.pi / 2
+    chord = 2 * math.sin((math.pi - radius if wide else radius) / 2)
+    height = math.asin(min(max(centre[2], -1.0), 1.0))
+    low = math.sin(max(height - radius, -math.pi / 2)) - SLACK
+    high = math.sin(min(height + radius, math.pi / 2)) + SLACK
+    first, last = np.searchsorted(direction[:, 2], low), np.searchsorted(direction[:, 2], high)
+    found = np.empty(last - first, np.int64)
+    count = 0
+    for k in range(first, last):
+        square = 0.0
+        for axis in range(3):
+            apart = direction[k, axis] + centre[axis] if wide else direction[k, axis] - centre[axis]
+            square += apart * apart
+        if (square > chord * chord or radius == math.pi) if wide else square <= chord * chord:
+            found[count] = rank[k]
+            count += 1
+    return np.sort(found[:count])
 
 
 @lru_cache(maxsize=8)

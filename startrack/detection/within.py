@@ -128,9 +128,15 @@ def star_profile(psf: Psf, settings: Detection) -> Floats:
     return np.maximum.accumulate(share[::-1])[::-1].astype(float)
 
 
+@njit(cache=True, error_model="numpy")
 def grown(regions: Ints, by: int, columns: int, rows: int) -> Ints:
     """Regions (w, 4) with so many pixel more on each side, as far as the frame reaches."""
-    return np.clip(regions + np.array([-by, -by, by, by]), 0, [columns, rows, columns, rows])
+    wider = np.empty_like(regions)
+    for k in range(len(regions)):
+        wider[k, 0], wider[k, 1] = max(regions[k, 0] - by, 0), max(regions[k, 1] - by, 0)
+        wider[k, 2] = min(regions[k, 2] + by, columns)
+        wider[k, 3] = min(regions[k, 3] + by, rows)
+    return wider
 
 
 @njit(cache=True, error_model="numpy")
