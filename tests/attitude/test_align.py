@@ -92,6 +92,22 @@ def test_textbook_solvers_on_well_conditioned_cases(cases, solver):
             assert error < 1e4 * EPS * np.sqrt(case["info_cond"]), case["name"]
 
 
+@pytest.mark.parametrize("solver", [svd, davenport, quest, foam, "align"])
+def test_stars_that_disagree_by_half_a_radian_are_fitted_as_scipy_fits_them(solver):
+    """Kabsch's rotation there; the largest eigenvalue is far from where Newton's steps begin."""
+    rng = np.random.default_rng(6)
+    b, r = rng.standard_normal((2, 20, 4, 3))
+    turn = Rotation.from_quat(rng.standard_normal((20, 4))).as_matrix()
+    b /= np.linalg.norm(b, axis=2, keepdims=True)
+    r = np.einsum("mji,mnj->mni", turn, b) + 0.5 * r
+    r /= np.linalg.norm(r, axis=2, keepdims=True)
+    weight = rng.uniform(0.2, 5, (20, 4))
+    got = align(b, r, weight).source_to_target if solver == "align" else solver(b, r, weight)
+    for k in range(20):
+        best, _ = Rotation.align_vectors(b[k], r[k], weights=weight[k])
+        assert (got[k] * best.inv()).magnitude() < 1e-12
+
+
 @pytest.mark.parametrize("solver", [svd, davenport, quest, foam])
 def test_textbook_solvers_never_warn_nor_fail(cases, solver):
     """They lose digits on the hard cases, but give a rotation; a warning fails this test."""

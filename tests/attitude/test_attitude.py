@@ -122,7 +122,89 @@ def test_an_unsolved_match_stays_unsolved():
     none = Matches(Status.NO_MATCH, "why", index, index, np.zeros((0, 3)), CAMERA, None, 1.0)
     got = solve(spots_of(np.zeros((0, 2)), 1.0), none, EXACT)
     assert (got.status, got.reason) == (Status.NO_MATCH, "why")
+    assert got.covariance.shape == (3, 3)
     assert np.isnan(got.covariance).all()
+    assert np.isnan(got.residual_rms)
+    assert (got.icrs_to_camera, got.stars, got.false_probability) == (None, 0, 1.0)
+
+
+def test_the_covariance_is_enlarged_by_what_surprises_alone():
+    """By chi-square over its degrees of freedom where the noise explains it one time in 1000.
+
+    Seeds whose chance, by scipy, lies on both sides of that; a fitted scale takes one more degree.
+    """
+    sides = set()
+    for seed in range(40):
+        _, pixel, direction = sky(5, seed)
+        pixel = pixel + np.random.default_rng(seed).normal(0, 0.1 * 1.12**seed, pixel.shape) / 10
+        for tolerance, freedom in ((0.0, 7), (1e-3, 6)):
+            spots, matches = spots_of(pixel, 0.1), matches_of(direction)
+            wide = Attitude(centroid_floor=0.0, gate=1e3)
+            got = solve(spots, matches, wide, tolerance)
+            best = refine(pixel, spots.covariance, direction, CAMERA, got.icrs_to_camera, tolerance)
+            total = best.chi_square.sum()
+            surprise = stats.chi2.sf(total, freedom) < 1e-3
+            factor = total / freedom if surprise else 1.0
+            np.testing.assert_allclose(got.covariance, best.covariance * factor, rtol=1e-6)
+            residual = CAMERA.scaled(best.scale).project(got.icrs_to_camera.apply(direction))
+            rms = np.sqrt(np.mean((pixel - residual) ** 2))
+            assert got.residual_rms == pytest.approx(rms, rel=1e-6)
+            sides.add(bool(surprise))
+    assert sides == {True, False}
+
+
+def test_mismatched_stars_are_left_out_the_worst_first():
+    """Ten stars of which three lie where they should not; the others are without noise."""
+    attitude, pixel, direction = sky(10, 12)
+    pixel[[2, 5, 9]] += [[40.0, 0], [0, -9.0], [3.0, 3.0]]
+    got = solve(spots_of(pixel, 0.1), matches_of(direction), EXACT)
+    assert got.stars == 7
+    assert (got.icrs_to_camera * attitude.inv()).magnitude() < 3e-15
+
+
+def test_of_four_stars_none_is_left_out():
+    narrow = Attitude(centroid_floor=0.0, gate=2.0)
+    for count in (4, 5):
+        _, pixel, direction = sky(count, 7)
+        pixel[0] += 50.0
+        assert solve(spots_of(pixel, 0.1), matches_of(direction), narrow).stars == 4
+
+
+def test_half_of_the_stars_stay_however_wrong_they_are():
+    """Each star is wrong by four times as much as the one before: the worst stands out always."""
+    for count, left in ((12, 6), (13, 6)):
+        _, pixel, direction = sky(count, 7)
+        pixel[:, 0] += 1e-5 * 4.0 ** np.arange(count)
+        narrow = Attitude(centroid_floor=0.0, gate=2.0)
+        assert solve(spots_of(pixel, 1e-6), matches_of(direction), narrow).stars == left
+
+
+def test_a_star_on_the_gate_stays():
+    """The gate is in standard deviations of one star's residual: sqrt(chi-square)."""
+    _, pixel, direction = sky(40, 9)
+    pixel[3, 0] += 0.55
+    spots, matches = spots_of(pixel, 0.1), matches_of(direction)
+    everything = solve(spots, matches, Attitude(centroid_floor=0.0, gate=1e3)).icrs_to_camera
+    off = np.linalg.norm(pixel[3] - CAMERA.project(everything.apply(direction[3])))
+    for share, left in ((0.999, 39), (1.001, 40)):
+        settings = Attitude(centroid_floor=0.0, gate=share * off / 0.1)
+        assert solve(spots, matches, settings).stars == left
+
+
+def test_what_stars_err_by_beside_their_noise_adds_in_squares():
+    """A floor for all, one of each, and a noise that holds it already; unknown is 0.015 pixel."""
+    _, pixel, direction = sky(6, 8)
+    matches = matches_of(direction)
+
+    def stated(sigma, floor, own=None):
+        return solve(
+            spots_of(pixel, sigma), matches, Attitude(centroid_floor=floor), own=own
+        ).covariance
+
+    wanted = stated(0.05, 0.0)
+    np.testing.assert_allclose(stated(0.03, 0.04), wanted, rtol=1e-9)
+    np.testing.assert_allclose(stated(0.03, None, np.full(6, 0.04**2)), wanted, rtol=1e-9)
+    np.testing.assert_allclose(stated(0.02, None), stated(0.025, 0.0), rtol=1e-9)
 
 
 def test_a_fitted_scale_is_found_with_the_attitude():
