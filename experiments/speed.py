@@ -31,7 +31,7 @@ from startrack.case import Case, Fidelity
 from startrack.catalog import open_sky, shipped
 from startrack.chain import index_of, trials
 from startrack.design import load_design
-from startrack.detector import arriving
+from startrack.detector.expose import arriving
 from startrack.error import summarise
 from startrack.scene import illuminate
 from startrack.streams import Streams

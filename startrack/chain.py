@@ -19,8 +19,10 @@ from startrack.covariance import outcomes as drawn_outcomes
 from startrack.covariance import spots_of
 from startrack.detection import detect
 from startrack.detector import expose
-from startrack.error import JUDGED, Outcome, judge
-from startrack.identification import PatternIndex, cache_folder, cached_index, identify
+from startrack.error import Outcome, judge
+from startrack.error.judge import JUDGED
+from startrack.identification import PatternIndex, cached_index, identify
+from startrack.identification.cache import cache_folder
 from startrack.single import trust
 from startrack.streams import Streams
 from startrack.sweep import straighten, sweep

@@ -14,7 +14,9 @@ from scipy.spatial.transform import Rotation
 from startrack.camera import Camera
 from startrack.case import Case, Instrument
 from startrack.catalog import Sky, open_sky
-from startrack.detector import Turn, arriving, expected
+from startrack.detector import expected
+from startrack.detector.expose import arriving
+from startrack.detector.shutter import Turn
 from startrack.motion import shake, turn
 from startrack.optics import focus, veil
 from startrack.scene import WAVELENGTH, Sight, blackbody_photons, illuminate

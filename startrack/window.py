@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from startrack.case import Case
 from startrack.catalog import open_sky
-from startrack.detection import (
+from startrack.detection import threshold_of
+from startrack.detection.within import (
     Ground,
     detect_within,
     grown,
@@ -22,26 +23,19 @@ from startrack.detection import (
     peak_border,
     star_filter,
     star_profile,
-    threshold_of,
 )
-from startrack.detector import (
-    Detector,
+from startrack.detector import Detector, frame_of
+from startrack.detector.excess import (
     Numbers,
     Rates,
     Tilt,
-    arriving,
     excesses,
-    expose_within,
-    frame_of,
-    lone_pixels,
     numbers_of,
-    odd_pixels,
-    only_lone_pixels,
-    put,
     rates_for,
-    seen,
     tilt_for,
 )
+from startrack.detector.expose import arriving, seen
+from startrack.detector.windows import expose_within, lone_pixels, odd_pixels, only_lone_pixels, put
 from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.values import Floats, Ints, Psf, Spots

@@ -27,15 +27,13 @@ from startrack.attitude.davenport import davenport
 from startrack.attitude.foam import foam
 from startrack.attitude.follow import Gyroscope, State, correct, predict, start
 from startrack.attitude.mounting import Mounting
-from startrack.attitude.parameters import UNKNOWN_FLOOR, Attitude
+from startrack.attitude.parameters import Attitude
 from startrack.attitude.quest import quest
 from startrack.attitude.refine import Refinement, refine
-from startrack.attitude.scale import scale_unknown
 from startrack.attitude.solve import solve
 from startrack.attitude.svd import svd
 
 __all__ = [
-    "UNKNOWN_FLOOR",
     "Alignment",
     "Attitude",
     "Gyroscope",
@@ -51,7 +49,6 @@ __all__ = [
     "predict",
     "quest",
     "refine",
-    "scale_unknown",
     "solve",
     "start",
     "svd",

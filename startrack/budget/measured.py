@@ -24,7 +24,7 @@ from startrack.detection.pixels import pixels
 from startrack.detection.smear import star_image
 from startrack.detector import electron_rate, frame_of
 from startrack.detector.digitise import shot
-from startrack.identification import refit
+from startrack.identification.refit import refit
 from startrack.scene import illuminate
 from startrack.single import trust
 from startrack.single.chart import cell, images, measure, scale

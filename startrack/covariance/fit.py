@@ -7,7 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.attitude import Alignment, align, scale_unknown
+from startrack.attitude import Alignment, align
+from startrack.attitude.scale import scale_unknown
 from startrack.case import Case
 from startrack.values import Floats
 

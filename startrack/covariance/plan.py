@@ -13,8 +13,10 @@ from scipy.spatial import cKDTree
 from startrack.case import Case
 from startrack.catalog import Selection, open_sky
 from startrack.covariance.response import RATIOS, REACH, Grid, Response, pull_of, response_of
-from startrack.detection import false_alarms, peak_border, star_filter, star_profile, threshold_of
-from startrack.detector import arriving, only_lone_pixels
+from startrack.detection import false_alarms, threshold_of
+from startrack.detection.within import peak_border, star_filter, star_profile
+from startrack.detector.expose import arriving
+from startrack.detector.windows import only_lone_pixels
 from startrack.scene import Scene, illuminate
 from startrack.single import trust
 from startrack.values import Floats, Ints, Light

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.case import Case
-from startrack.detection import Expectation, expect, margin
-from startrack.detector import star_grid
+from startrack.detection.expectation import Expectation, expect
+from startrack.detection.within import margin
+from startrack.detector.grid import star_grid
 from startrack.streams import Streams
 from startrack.values import Floats
 from startrack.view import path_of, psf_of

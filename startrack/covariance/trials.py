@@ -14,7 +14,7 @@ from startrack.case import Case
 from startrack.covariance.fit import fitted
 from startrack.covariance.plan import Plan, plan_of, refuse
 from startrack.covariance.star import false_spots, in_view, sight, trial_keys
-from startrack.error import JUDGED, judge_all
+from startrack.error.judge import JUDGED, judge_all
 from startrack.streams import Streams
 from startrack.view import asked_for, random_attitudes
 

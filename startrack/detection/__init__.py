@@ -35,44 +35,21 @@ expectation Frame without noise -> what to expect of its stars
 
 from startrack.detection.dark import subtract_dark
 from startrack.detection.detect import detect
-from startrack.detection.expectation import Expectation, expect
 from startrack.detection.flat import divide_flat, without_pixels
 from startrack.detection.parameters import Detection
 from startrack.detection.psf_table import gaussian_psf
 from startrack.detection.rate import false_alarms, threshold_of
 from startrack.detection.smear import smeared
 from startrack.detection.windows import detect_near
-from startrack.detection.within import (
-    Ground,
-    detect_within,
-    grown,
-    kernel_half,
-    margin,
-    measure_ground,
-    peak_border,
-    star_filter,
-    star_profile,
-)
 
 __all__ = [
     "Detection",
-    "Expectation",
-    "Ground",
     "detect",
     "detect_near",
-    "detect_within",
     "divide_flat",
-    "expect",
     "false_alarms",
     "gaussian_psf",
-    "grown",
-    "kernel_half",
-    "margin",
-    "measure_ground",
-    "peak_border",
     "smeared",
-    "star_filter",
-    "star_profile",
     "subtract_dark",
     "threshold_of",
     "without_pixels",

@@ -32,73 +32,32 @@ Below them: counter (random bits of a pixel), normal and poisson (quantiles), ta
 
 from startrack.detector.collect import electron_rate
 from startrack.detector.defects import Defects
-from startrack.detector.excess import (
-    Numbers,
-    Rates,
-    Tilt,
-    excesses,
-    numbers_of,
-    rates_for,
-    tilt_for,
-)
-from startrack.detector.expose import arriving, expected, expose, frame_of, seen
-from startrack.detector.grid import star_grid
-from startrack.detector.ground import ground, ground_tables
+from startrack.detector.expose import expected, expose, frame_of
 from startrack.detector.hits import Hits
 from startrack.detector.lines import Line, Scan, staggered, tdi
-from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector, Region
 from startrack.detector.pattern import Pattern
 from startrack.detector.poisson import poisson_quantile
 from startrack.detector.readout import read_out
-from startrack.detector.scan import scan, scanned
-from startrack.detector.shutter import Turn
+from startrack.detector.scan import scan
 from startrack.detector.thermal import Thermal
-from startrack.detector.windows import (
-    expose_within,
-    lone_pixels,
-    odd_pixels,
-    only_lone_pixels,
-    put,
-)
 
 __all__ = [
     "Defects",
     "Detector",
     "Hits",
     "Line",
-    "Numbers",
     "Pattern",
-    "Rates",
     "Region",
     "Scan",
     "Thermal",
-    "Tilt",
-    "Turn",
-    "arriving",
-    "dark",
     "electron_rate",
-    "excesses",
     "expected",
     "expose",
-    "expose_within",
     "frame_of",
-    "ground",
-    "ground_tables",
-    "lone_pixels",
-    "numbers_of",
-    "odd_pixels",
-    "only_lone_pixels",
     "poisson_quantile",
-    "put",
-    "rates_for",
     "read_out",
-    "response",
     "scan",
-    "scanned",
-    "seen",
     "staggered",
-    "star_grid",
     "tdi",
-    "tilt_for",
 ]

@@ -14,7 +14,7 @@ attitude_bound  field of view, stars and centroid error -> attitude error
 from startrack.error.attitude_bound import attitude_bound
 from startrack.error.centroid_bound import Star, centre_of_gravity_error, centroid_bound
 from startrack.error.indices import Indices, indices, reproducibility
-from startrack.error.judge import JUDGED, Outcome, judge, judge_all
+from startrack.error.judge import Outcome, judge
 from startrack.error.levels import (
     LEVELS,
     Interpretation,
@@ -26,7 +26,6 @@ from startrack.error.levels import (
 from startrack.error.summary import Interval, Summary, rms_interval, share_interval, summarise
 
 __all__ = [
-    "JUDGED",
     "LEVELS",
     "Indices",
     "Interpretation",
@@ -40,7 +39,6 @@ __all__ = [
     "fewest_trials",
     "indices",
     "judge",
-    "judge_all",
     "level",
     "level_interval",
     "levels",

@@ -29,12 +29,11 @@ cache       an index that stays on disk from one run to the next
 
 from startrack.identification.batch import identify_all
 from startrack.identification.blind import identify_blind
-from startrack.identification.cache import cache_folder, cached_index
+from startrack.identification.cache import cached_index
 from startrack.identification.calibrate import Calibrated, Calibration, calibrate
 from startrack.identification.identify import identify
 from startrack.identification.index import PatternIndex, build_index
 from startrack.identification.parameters import Identification
-from startrack.identification.refit import refit
 from startrack.identification.track import track
 
 __all__ = [
@@ -43,12 +42,10 @@ __all__ = [
     "Identification",
     "PatternIndex",
     "build_index",
-    "cache_folder",
     "cached_index",
     "calibrate",
     "identify",
     "identify_all",
     "identify_blind",
-    "refit",
     "track",
 ]

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.detector import Detector, dark, read_out, response
+from startrack.detector import Detector, read_out
+from startrack.detector.maps import dark, response
 from startrack.imager.blur import blurred, weights_of
 from startrack.imager.parameters import Channel, Survey, exposure_of, smear
 from startrack.imager.through import Band, band_of

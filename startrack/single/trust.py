@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from startrack.attitude import UNKNOWN_FLOOR
+from startrack.attitude.parameters import UNKNOWN_FLOOR
 from startrack.case import Case
 from startrack.catalog import open_sky
 from startrack.single.dimming import dimming

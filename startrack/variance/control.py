@@ -16,11 +16,12 @@ from startrack.camera import Camera
 from startrack.case import Case
 from startrack.catalog import open_sky
 from startrack.chain import index_of
-from startrack.detection import peak_border
 from startrack.detection.response import Response, half_of, joined, response
 from startrack.detection.smear import star_image
-from startrack.detector import Detector, only_lone_pixels
+from startrack.detection.within import peak_border
+from startrack.detector import Detector
 from startrack.detector.law import law_of
+from startrack.detector.windows import only_lone_pixels
 from startrack.single import trust
 from startrack.values import Frame, Ints, Stars
 from startrack.view import psf_of

@@ -3,7 +3,8 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import Attitude, refine, scale_unknown, solve
+from startrack.attitude import Attitude, refine, solve
+from startrack.attitude.scale import scale_unknown
 from startrack.camera import Camera
 from startrack.values import Matches, Spots, Status
 

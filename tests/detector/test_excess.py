@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.detector import Detector, excesses, frame_of, ground, ground_tables
-from startrack.detector.excess import numbers_of, rates_for, tilt_for
+from startrack.detector import Detector, frame_of
+from startrack.detector.excess import excesses, numbers_of, rates_for, tilt_for
+from startrack.detector.ground import ground, ground_tables
 from startrack.detector.windows import odd_pixels
 from startrack.streams import Streams
 

@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
 from startrack.detection import Detection, detect
-from startrack.detector import Detector, expected, scan, scanned, staggered, tdi
+from startrack.detector import Detector, expected, scan, staggered, tdi
 from startrack.detector.lines import Line
+from startrack.detector.scan import scanned
 from startrack.streams import Streams
 from startrack.values import Light, Path, Psf
 

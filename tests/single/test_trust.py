@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from startrack.attitude import UNKNOWN_FLOOR, Attitude
+from startrack.attitude import Attitude
+from startrack.attitude.parameters import UNKNOWN_FLOOR
 from startrack.case import Case, Fidelity
 from startrack.catalog import open_sky, shipped
 from startrack.chain import trials
