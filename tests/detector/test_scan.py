@@ -13,7 +13,7 @@ from startrack.detector import Detector, expected, scan, staggered, tdi
 from startrack.detector.lines import Line
 from startrack.detector.scan import scanned
 from startrack.streams import Streams
-from startrack.values import Light, Path, Psf
+from startrack.values import Glow, Light, Path, Psf
 
 FOCAL = 4e5  # pixel, so long that a turn is a shift
 PERIOD = 1e-3
@@ -145,6 +145,38 @@ def test_staggered_lines_sample_twice_as_finely():
 def test_a_stages_gain_and_the_dark_current_count():
     image = lines_image((Line(0.0, gain=0.5), Line(0.0, gain=2.0)), rate=0.0, dark_current=1000.0)
     np.testing.assert_allclose(image, 2.5 * 1000 * PERIOD)
+
+
+def test_each_line_sees_its_own_part_of_the_sky():
+    """Radiance by solid angle by time, the glow of the line's row, dark current, times its gain."""
+    lines = (Line(0.0, gain=0.5), Line(3.0, gain=2.0), Line(1.0, phase=1))
+    camera = Camera(7, 3, 2000.0)
+    one = Detector(7, 3, 5e-6, 2e-3, dark_current=30.0)
+    glow = Glow(np.array([4e9]), np.array([[1.0, 1.0], [3.0, 3.0]]))  # 1, 2, 3 on the three rows
+    light = Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 1)), np.array([6e9]), glow=(glow,))
+    image = scanned(
+        light, gaussian(), Rotation.identity(), walking(1.0), camera, lines, 4, one, THROUGHPUT
+    )
+    first, second, third = (6e9 + 4e9 * np.array([1, 2, 3])) / 2000**2 * 2e-3 + 30 * 2e-3
+    np.testing.assert_allclose(image[:, ::2], 0.5 * first + 2 * second, rtol=1e-12)
+    np.testing.assert_allclose(image[:, 1::2], third, rtol=1e-12)
+
+
+def test_the_pixels_of_a_line_keep_their_response():
+    """Unequal by 5 %, the same in every row of the image; that of a TDI is averaged over stages."""
+    sky = Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 1)), np.array([1e12]))
+    spread = {}
+    for stages in (1, 16):
+        camera, one = Camera(400, stages, 1e4), Detector(400, stages, 5e-6, PERIOD, prnu=0.05)
+        image = scanned(
+            sky, gaussian(), Rotation.identity(), walking(1.0), camera, tdi(stages), 3, one,
+            THROUGHPUT,
+        )  # fmt: skip
+        assert (image == image[0]).all()
+        spread[stages] = image[0].std() / image[0].mean()
+    # Of 400 pixels, the deviation is known to 3.5 %.
+    assert spread[1] == pytest.approx(0.05, rel=0.14)
+    assert spread[16] == pytest.approx(0.05 / 4, rel=0.14)
 
 
 def test_a_tdi_star_is_detected_where_it_is():
