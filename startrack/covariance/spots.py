@@ -46,11 +46,10 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 @njit(cache=True, error_model="numpy")
 def _draw(a, key, response, pull, field, companions, view, gate, false):  # type: ignore[no-untyped-def]
     """The table of all that is found, stars first; the gate is the tracker's matter."""
-    first, last = in_view(a, field.direction[:, 2], view)
-    noise = false_spots(key, false)
-    table = np.empty((last - first + noise, ROW))
+    stars, noise = in_view(a, field.direction, view), false_spots(key, false)
+    table = np.empty((len(stars) + noise, ROW))
     count = 0
-    for i in range(first, last):
+    for i in stars:
         seen = sight(a, key, i, response, pull, field, companions, view)
         if not seen.found:
             continue

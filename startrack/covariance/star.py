@@ -45,13 +45,10 @@ class Sight(NamedTuple):
 NOTHING = Sight(False, *[math.nan] * 10)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def sight(a, key, i, response, pull, field, companions, view):  # type: ignore[no-untyped-def]
-    """Star i of the field in the trial of a key, whose camera's attitude is the matrix `a`."""
-    d = field.direction[i]
-    if a[2, 0] * d[0] + a[2, 1] * d[1] + a[2, 2] * d[2] < view.cosine:
-        return NOTHING
-    x, y = _project(a, d, view)
+    """Star i of the field, which lies ahead of a camera of attitude `a`, in the trial of a key."""
+    x, y = _project(a, field.direction[i], view)
     column, row = round(x), round(y)
     if not (
         view.border <= column < view.columns - view.border
@@ -91,15 +88,20 @@ def false_spots(key, mean):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def in_view(a, height, view):  # type: ignore[no-untyped-def]
-    """The first and the last but one of the stars in order of height that can be in the frame.
-
-    height  (n,) last coordinate of their directions
-    """
+def in_view(a, direction, view):  # type: ignore[no-untyped-def]
+    """Which stars (k,) lie in the cone about the frame, of those in order of height (n, 3)."""
     radius, middle = math.acos(view.cosine), math.asin(min(max(a[2, 2], -1.0), 1.0))
     low, high = max(middle - radius, -math.pi / 2), min(middle + radius, math.pi / 2)
-    first = np.searchsorted(height, math.sin(low))
-    return first, np.searchsorted(height, math.sin(high), side="right")
+    first = np.searchsorted(direction[:, 2], math.sin(low))
+    last = np.searchsorted(direction[:, 2], math.sin(high), side="right")
+    found = np.empty(last - first, np.int64)
+    count = 0
+    for i in range(first, last):
+        d = direction[i]
+        if a[2, 0] * d[0] + a[2, 1] * d[1] + a[2, 2] * d[2] >= view.cosine:
+            found[count] = i
+            count += 1
+    return found[:count]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -129,12 +131,20 @@ def _measure(x, y, column, row, flux, start, response):  # type: ignore[no-untyp
         return NOTHING
     normal_x = inverse_normal(uniform(bits(start, np.uint64(1))))
     normal_y = inverse_normal(uniform(bits(start, np.uint64(2))))
-    bias = (1 - t) * response.bias[k, j, i] + t * response.bias[k + 1, j, i]
-    root = (1 - t) * response.root[k, j, i] + t * response.root[k + 1, j, i]
-    light = (1 - t) * response.light[k, j, i] + t * response.light[k + 1, j, i]
-    xx, yx, yy = root / math.exp(flux)
-    dx, dy = bias[0] + xx * normal_x, bias[1] + yx * normal_x + yy * normal_y
-    return Sight(True, x, y, dx, dy, xx, yx, yy, light[0] * math.exp(flux), light[1], surplus)
+    electrons = math.exp(flux)
+    xx = _between(response.root, k, t, j, i, 0) / electrons
+    yx = _between(response.root, k, t, j, i, 1) / electrons
+    yy = _between(response.root, k, t, j, i, 2) / electrons
+    dx = _between(response.bias, k, t, j, i, 0) + xx * normal_x
+    dy = _between(response.bias, k, t, j, i, 1) + yx * normal_x + yy * normal_y
+    light = _between(response.light, k, t, j, i, 0) * electrons
+    blur = _between(response.light, k, t, j, i, 1)
+    return Sight(True, x, y, dx, dy, xx, yx, yy, light, blur, surplus)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _between(table, k, t, j, i, c):  # type: ignore[no-untyped-def]
+    return (1 - t) * table[k, j, i, c] + t * table[k + 1, j, i, c]
 
 
 @njit(cache=True, error_model="numpy")

@@ -97,9 +97,8 @@ def _draw(  # type: ignore[no-untyped-def]
     most = place.shape[1]
     flux = np.empty(most)
     for n in range(len(attitude)):
-        first, last = in_view(attitude[n], field.direction[:, 2], view)
         count = others = 0
-        for i in range(first, last):
+        for i in in_view(attitude[n], field.direction, view):
             seen = sight(attitude[n], keys[n], i, response, pull, field, companions, view)
             if not seen.found:
                 continue
