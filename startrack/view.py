@@ -55,37 +55,18 @@ def _quaternion(streams: Streams) -> NDArray[np.float64]:
 
 def look(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
     """The stars that can reach the frame, brightest first."""
-    return sky.stars[_near(sky, icrs_to_camera, camera)]
+    return sky.stars[nearby(sky, icrs_to_camera, camera)]
 
 
-def _near(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Ints:
+def nearby(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Ints:
     """Which they are."""
     boresight = icrs_to_camera.as_matrix()[2]
     return sky.cone(boresight, camera.half_diagonal + math.radians(EDGE))
 
 
-def arrive(
-    case: Case, icrs_to_camera: Rotation, streams: Streams
-) -> tuple[Floats, Floats, Light | None]:
-    """What reaches the detector in an exposure: directions (n, 3) and electrons (n,) of points.
-
-    Stars alone send what they always send, which is computed once.
-
-    Returns  besides, the light of a scene that holds more than stars
-    """
-    sky, camera = open_sky(case.catalog), case.instrument.camera
-    if not case.scene.lights:
-        near = _near(sky, icrs_to_camera, camera)
-        return sky.stars.direction[near], _electrons(case)[near], None
-    light = light_of(case, look(sky, icrs_to_camera, camera), icrs_to_camera, streams)
-    instrument = case.instrument
-    star, _ = arriving(light, camera, instrument.detector, throughput(instrument))
-    return light.direction, star, light
-
-
 @lru_cache(maxsize=4)
-def _electrons(case: Case) -> Floats:
-    """Electrons of each star of the sky in an exposure."""
+def electrons_of(case: Case) -> Floats:
+    """Electrons of each star of the sky in an exposure, computed once per design."""
     stars, instrument = open_sky(case.catalog).stars, case.instrument
     camera, detector, through = instrument.camera, instrument.detector, throughput(instrument)
     # In parts, for their spectra take hundreds of bytes a star.

@@ -11,7 +11,7 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 from startrack.case import Case
-from startrack.catalog import open_sky
+from startrack.catalog import Sky, open_sky
 from startrack.detection import threshold_of
 from startrack.detection.within import (
     Ground,
@@ -40,8 +40,10 @@ from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.values import Floats, Ints, Psf, Spots
 from startrack.view import (
-    arrive,
+    electrons_of,
+    light_of,
     look,
+    nearby,
     noiseless,
     path_of,
     psf_of,
@@ -72,11 +74,7 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     """
     plan, instrument = plan_of(case), case.instrument
     detector, sky, psf, settings = plan.detector, plan.sky, plan.psf, case.tracker.detection
-    direction, star, light = arrive(case, icrs_to_camera, streams)
-    if light and light.glow:
-        raise ValueError(
-            "fidelity must be frame where the light of the sky varies over the field, got window"
-        )
+    direction, star = arrive(case, plan, icrs_to_camera, streams)
     path, turn = path_of(instrument, streams), turn_of(instrument, streams)
     parts = zip(
         *seen(direction, path, icrs_to_camera, instrument.camera, detector, turn), strict=True
@@ -105,10 +103,27 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     return merged(spots, detect_within(frame, lone, ground, settings, psf), settings.max_spots)
 
 
+def arrive(
+    case: Case, plan: Plan, icrs_to_camera: Rotation, streams: Streams
+) -> tuple[Floats, Floats]:
+    """Directions (n, 3) of the points that reach the detector, and their electrons (n,)."""
+    camera, detector = case.instrument.camera, case.instrument.detector
+    if plan.star is not None:
+        near = nearby(plan.catalog, icrs_to_camera, camera)
+        return plan.catalog.stars.direction[near], plan.star[near]
+    light = light_of(case, look(plan.catalog, icrs_to_camera, camera), icrs_to_camera, streams)
+    if light.glow:
+        raise ValueError(
+            "fidelity must be frame where the light of the sky varies over the field, got window"
+        )
+    return light.direction, arriving(light, camera, detector, throughput(case.instrument))[0]
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """All that the trials of a case share.
 
+    catalog    the sky;  star  (n,) electron of each in it, None where a scene holds more light
     sky        electron in a pixel of mean response
     grounds    what some frames compare with, and how often noise is to be tried there
     numbers    the laws of the numbers of a frame without stars
@@ -120,6 +135,8 @@ class Plan:
     """
 
     detector: Detector
+    catalog: Sky
+    star: Floats | None
     sky: float
     psf: Psf
     grounds: tuple[tuple[Ground, Rates], ...]
@@ -147,6 +164,8 @@ def plan_of(case: Case) -> Plan:
     tilt = tilt_for(numbers, star_filter(settings, psf), level, mesh, border)
     return Plan(
         detector,
+        open_sky(case.catalog),
+        None if case.scene.lights else electrons_of(case),
         sky,
         psf,
         tuple((one, rates_for(numbers, tilt, one.lowest, mesh)) for one in grounds),
@@ -231,8 +250,18 @@ def around_paths(x: Floats, y: Floats, half: Ints, columns: int, rows: int) -> I
             regions[count, 0], regions[count, 1] = max(math.floor(left), 0), max(math.floor(top), 0)
             regions[count, 2] = min(math.ceil(right), columns)
             regions[count, 3] = min(math.ceil(bottom), rows)
-            count += 1
+            # A star beside a brighter one often has no region of its own.
+            count += not _held(regions[count], regions[:count])
     return regions[:count]
+
+
+@njit(cache=True, error_model="numpy")
+def _held(region, others):  # type: ignore[no-untyped-def]
+    for other in others:
+        begins = region[0] >= other[0] and region[1] >= other[1]
+        if begins and region[2] <= other[2] and region[3] <= other[3]:
+            return True
+    return False
 
 
 @njit(cache=True, error_model="numpy")

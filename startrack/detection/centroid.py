@@ -38,16 +38,7 @@ def centroid(
     """
     table = measured(sample(frame, pixels, candidates, settings), settings, psf)
     order = np.argsort(-table[:, 2], kind="stable")  # NaN goes last
-    chosen = order[_apart(table, order, settings.max_spots)]
-    x, y, flux, sigma, xx, xy, yy = table[chosen, :7].T
-    return Spots(
-        x=x,
-        y=y,
-        flux=flux,
-        covariance=np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2),
-        snr=flux / sigma,
-        area=candidates.area[chosen],
-    )
+    return Spots(*_kept(table, order, candidates.area, settings.max_spots))
 
 
 def measured(stars: Sample, settings: Detection, psf: Psf) -> Floats:
@@ -65,6 +56,20 @@ def measured(stars: Sample, settings: Detection, psf: Psf) -> Floats:
     if settings.compensation == "psf":
         compensate(table, s_curve(psf, stars.half))
     return table
+
+
+@njit(cache=True, error_model="numpy")
+def _kept(table, order, area, most):  # type: ignore[no-untyped-def]
+    """The columns of Spots, of the rows that `_apart` keeps."""
+    chosen = order[_apart(table, order, most)]
+    x, y, flux, snr = np.empty((4, len(chosen)))
+    covariance = np.empty((len(chosen), 2, 2))
+    for k in range(len(chosen)):
+        row = table[chosen[k]]
+        x[k], y[k], flux[k], snr[k] = row[0], row[1], row[2], row[2] / row[3]
+        covariance[k, 0, 0], covariance[k, 1, 1] = row[4], row[6]
+        covariance[k, 0, 1] = covariance[k, 1, 0] = row[5]
+    return x, y, flux, covariance, snr, area[chosen]
 
 
 @njit(cache=True, error_model="numpy")

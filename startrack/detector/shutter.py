@@ -29,8 +29,8 @@ def at_once(
     for start in range(0, len(attitude), together):
         some = slice(start, start + together)
         towards = direction @ attitude[some].transpose(0, 2, 1)
-        pixel = camera.project(towards.reshape(-1, 3)).reshape(*towards.shape[:2], 2)
-        yield path.weight[some], *pixel.transpose(2, 0, 1).copy()
+        pixel = np.ascontiguousarray(camera.project(towards.reshape(-1, 3)).T)
+        yield path.weight[some], *pixel.reshape(2, *towards.shape[:2])
 
 
 @lru_cache(maxsize=4)

@@ -14,12 +14,13 @@ from startrack.detector.digitise import digitise_row, digitised, keys
 from startrack.detector.expose import told
 from startrack.detector.ground import ground, ground_tables
 from startrack.detector.hits import tracks
-from startrack.detector.law import law_of
+from startrack.detector.law import Law, law_of
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import in_steps
 from startrack.detector.shutter import Places
 from startrack.detector.stamp import ONE, Shape, add, room_for, shape_of
+from startrack.detector.tables import Tables
 from startrack.scratch import canvas
 from startrack.streams import Streams
 from startrack.values import Frame, Psf
@@ -100,18 +101,23 @@ def expose_within(
     sky      electron in a pixel of mean response
     Returns  Frame of float32, which holds all numbers of 24 bits; the next call overwrites it
     """
-    shape, law = (detector.rows, detector.columns), law_of(detector)
-    level = (sky + detector.dark_rate * detector.exposure) / detector.electrons_per_dn
-    image = canvas("digital numbers", shape, detector.offset + level, windows)
-    gain, hits = response(detector), NO_HITS
+    level, pixels, law, tables = _device(detector, sky)
+    shape, hits = (detector.rows, detector.columns), NO_HITS
+    image = canvas("digital numbers", shape, level, windows)
     if detector.hits:
         hits = tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)
-    dark_electrons = np.atleast_2d(dark(detector)) * detector.exposure
-    pixels = Pixels(sky, ONE if gain is None else gain, detector.crosstalk, dark_electrons)
     points = Points(shape_of(psf), *places, star)
-    tables = ground_tables(detector, sky)
     _render(image, windows, pixels, points, *hits, *keys(law, streams), law, tables)
     return told(image, detector)
+
+
+@lru_cache(maxsize=4)
+def _device(detector: Detector, sky: float) -> tuple[float, Pixels, Law, Tables]:
+    """What all exposures under an even sky share; first the digital number of an empty pixel."""
+    gain, electrons = response(detector), np.atleast_2d(dark(detector)) * detector.exposure
+    empty = (sky + detector.dark_rate * detector.exposure) / detector.electrons_per_dn
+    pixels = Pixels(sky, ONE if gain is None else gain, detector.crosstalk, electrons)
+    return detector.offset + empty, pixels, law_of(detector), ground_tables(detector, sky)
 
 
 def put(frame: Frame, pixel: Ints, numbers: Ints) -> None:
