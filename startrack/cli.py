@@ -41,8 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     # The rooms are imported by the command that needs them, so that --help is quick.
     command = import_module(f"startrack.commands.{options.name}").command
+    told_of_compiling = import_module("startrack.commands.compiling").told_of_compiling
     try:
-        return int(command(options))
+        with told_of_compiling():
+            return int(command(options))
     except WrongUse as error:
         status, message = Exit.WRONG_USE, str(error)
     except (ValueError, OSError, ImportError) as error:
