@@ -82,7 +82,8 @@ class Record:
     path: Path
 
 
-OUTCOMES = np.dtype([("trial", np.int64), *JUDGED.descr])
+# A row of the table of trials: its number, and the fields of Outcome.
+OUTCOMES: np.dtype[np.void] = np.dtype([("trial", np.int64), *JUDGED.descr])
 
 
 def trials(

@@ -12,11 +12,11 @@ PLANCK = 6.62607015e-34  # J s, exact in the SI of 2019
 LIGHT_SPEED = 299792458.0  # m / s, exact in the SI of 2019
 BOLTZMANN = 1.380649e-23  # J / K, exact in the SI of 2019
 
-nm = 1e-9
-um = 1e-6
-mm = 1e-3
-deg = math.pi / 180
-arcsec = deg / 3600
+nm = 1e-9  # metre
+um = 1e-6  # metre
+mm = 1e-3  # metre
+deg = math.pi / 180  # radian
+arcsec = deg / 3600  # radian
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radian; turns by it fill a disc evenly
 

@@ -1,6 +1,7 @@
 """Imports point up the page, rooms are strangers, and each heavy package has its one place."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -46,8 +47,8 @@ ORDER = (
         "draw_earth",
         "draw_sequence",
         "draw_budget",
-        "report",
         "draw_study",
+        "report",
         "benchmark",
         "commands",
         "cli",
@@ -99,6 +100,12 @@ def test_imports_point_up_the_page(path):
 
 def test_every_module_has_its_place():
     assert {place(path) for path in FILES} - {"__init__"} == set(ORDER)
+
+
+def test_the_packages_map_names_every_module_in_this_order():
+    lines = (ast.get_docstring(ast.parse((ROOT / "__init__.py").read_text())) or "").splitlines()
+    named = [re.match(r"(\w+(?:, \w+)*)(?:  |$)", line) for line in lines]
+    assert [name for one in named if one for name in one[1].split(", ")] == list(ORDER)
 
 
 @pytest.mark.parametrize("package", ["nlopt", "emcee", "rich"])

@@ -14,7 +14,7 @@ from startrack.sequence import Sequence, fly
 
 # A star tracker's output is knowledge; of a platform that points by it the same are APE, MPE, RPE
 # and PDE (ECSS-E-ST-60-10C, 3.2).
-INDICES = {
+INDICES: dict[str, str] = {
     "AKE": "absolute knowledge error: the error itself",
     "MKE": "mean knowledge error over each window",
     "RKE": "relative knowledge error: the error less its window's mean",

@@ -7,3 +7,7 @@ watch      how far it is and what it knows, while it runs
 resume     do what a store still lacks
 export     the trials as CSV or Parquet
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

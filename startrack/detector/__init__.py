@@ -40,6 +40,7 @@ from startrack.detector.pattern import Pattern
 from startrack.detector.poisson import poisson_quantile
 from startrack.detector.readout import read_out
 from startrack.detector.scan import scan
+from startrack.detector.tables import Tables
 from startrack.detector.thermal import Thermal
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "Pattern",
     "Region",
     "Scan",
+    "Tables",
     "Thermal",
     "electron_rate",
     "expected",

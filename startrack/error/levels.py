@@ -14,7 +14,8 @@ from startrack.error.summary import Interval
 
 Floats = NDArray[np.float64]
 
-LEVELS = (0.68, 0.9545, 0.9973)  # what specifications ask for; 1, 2, 3 sigma of a normal error
+# What specifications ask for: 1, 2 and 3 sigma of a normal error.
+LEVELS: tuple[float, ...] = (0.68, 0.9545, 0.9973)
 
 
 class Interpretation(StrEnum):

@@ -14,7 +14,8 @@ from startrack.scene.air import Terms
 
 BLOCK = 2880  # bytes, to which a part of a FITS file is filled up
 POINTS = 9  # along each side of the image, that tie a GeoTIFF to the ground
-ABOUT = {
+# The terms of the radiance in a picture's file, each with what its header says of it.
+ABOUT: dict[str, str] = {
     "direct": "sunlight that the ground reflects",
     "indirect": "light of sky and slopes that the ground reflects",
     "scattered": "light that the air scatters",

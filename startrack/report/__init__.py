@@ -11,6 +11,6 @@ worst      the trials that went worst, with their frames
 rungs      speed against error of the fidelities
 """
 
-from startrack.report.write import write_report
+from startrack.report.write import Depth, write_report
 
-__all__ = ["write_report"]
+__all__ = ["Depth", "write_report"]

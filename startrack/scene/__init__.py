@@ -16,16 +16,6 @@ earth         rays at the Earth -> Ground, where it fills the field; imported by
 land          Ground -> what it reflects and how warm it is; likewise
 """
 
-from startrack.scene.illuminate import Sight, illuminate
-from startrack.scene.parameters import Orbit, Scene
-from startrack.scene.photometry import WAVELENGTH, blackbody_photons, colour_temperature
+import lazy_loader
 
-__all__ = [
-    "WAVELENGTH",
-    "Orbit",
-    "Scene",
-    "Sight",
-    "blackbody_photons",
-    "colour_temperature",
-    "illuminate",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

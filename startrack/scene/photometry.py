@@ -12,9 +12,8 @@ from startrack.units import BOLTZMANN, LIGHT_SPEED, PLANCK, nm
 Floats = NDArray[np.float64]
 
 BIN = 10 * nm
-WAVELENGTH: Floats = (
-    np.arange(325.0, 1100.0, 10.0, dtype=np.float64) * nm
-)  # centres of the bins that span Gaia's G band
+# Metre, centres of the bins that span Gaia's G band.
+WAVELENGTH: Floats = np.arange(325.0, 1100.0, 10.0, dtype=np.float64) * nm
 WAVELENGTH.flags.writeable = False
 
 # Gaia EDR3, Vega system: Riello et al. (2021), A&A 649, A3, table 3 and section 5.

@@ -52,7 +52,8 @@ class Mode(IntEnum):
     COASTED = 3  # not found; the prediction alone
 
 
-FRAMES = np.dtype(
+# A row of the table of a sequence: one frame.
+FRAMES: np.dtype[np.void] = np.dtype(
     [
         ("sequence", np.int64),
         ("time", float),

@@ -9,3 +9,7 @@ estimate     values and what is known beside them -> a mean with its standard er
 mean_square  outcomes, and those of cheaper campaigns -> the mean square of the errors
 rare         how often something rare happens, by looking more often where it is likelier
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

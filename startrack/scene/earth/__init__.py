@@ -37,7 +37,7 @@ from startrack.scene.earth.image import Strip, observe_earth
 from startrack.scene.earth.intersector import Intersector, Level, Relief, Scan
 from startrack.scene.earth.mosaic import Mosaic
 from startrack.scene.earth.orbit import Carrier, Flight, Orbit, TwoLines, fly, sun_direction
-from startrack.scene.earth.parameters import EarthScene
+from startrack.scene.earth.parameters import EarthScene, Fractal, MapFile, Sensor, Terrain
 from startrack.scene.earth.pyramid import Pyramid
 from startrack.scene.earth.raster import Raster
 from startrack.scene.earth.sensor import (
@@ -49,8 +49,8 @@ from startrack.scene.earth.sensor import (
     tdi_elements,
 )
 from startrack.scene.earth.sight import Fixed, Pointing, ground_rate, scan_lines, sight
-from startrack.scene.earth.source import Array
-from startrack.scene.earth.surface import Grid, index
+from startrack.scene.earth.source import Array, Source
+from startrack.scene.earth.surface import Grid, Surface, index
 from startrack.scene.earth.survey import survey
 
 __all__ = [
@@ -63,10 +63,12 @@ __all__ = [
     "Elements",
     "Fixed",
     "Flight",
+    "Fractal",
     "Grid",
     "Ground",
     "Intersector",
     "Level",
+    "MapFile",
     "Mosaic",
     "Orbit",
     "Pointing",
@@ -75,7 +77,11 @@ __all__ = [
     "Rays",
     "Relief",
     "Scan",
+    "Sensor",
+    "Source",
     "Strip",
+    "Surface",
+    "Terrain",
     "TwoLines",
     "cartesian",
     "fly",

@@ -123,7 +123,7 @@ class Flight:
     icrs_to_itrs: Rotation
 
 
-Carrier = Orbit | TwoLines | Aircraft
+Carrier = Orbit | TwoLines | Aircraft  # what a camera flies on
 
 
 def fly(orbit: Carrier, second: Floats) -> Flight:

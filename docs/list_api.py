@@ -1,0 +1,227 @@
+"""The package enters; docs/api.md leaves: each public name with its types and one line.
+
+    python docs/list_api.py
+
+What is public stands in startrack/__init__.pyi, and in the `__all__` of the packages named there.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator
+from enum import Enum
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import startrack
+
+PAGE = Path(__file__).parent / "api.md"
+HEAD = """\
+# The public API
+What a script may build on: the names of `startrack`, and those of the packages below. Each is \
+loaded when it is asked for, so that `import startrack` costs next to nothing.
+
+```python
+from startrack import Streams, arcsec, budget, load_design, observe, pointing, shipped
+
+case = load_design(shipped("designs/nanosatellite.toml")).case
+record = observe(case, pointing(84, -1, 0), Streams(seed=1, trial=0))
+print(record.outcome.stars, "stars matched;", budget.analytic(case).whole.across / arcsec)
+```
+
+All else is the house's own and may change without notice: the files inside a package, and \
+modules that are not named here. Type checkers read the same list, `startrack/__init__.pyi` and \
+`py.typed`. Units are SI; `Floats` and `Ints` are NumPy arrays of float64 and int64. Each name's \
+equation, source, shapes and errors are in its docstring, which `docs/build_api.py` makes pages \
+of. `python docs/list_api.py` writes this list from the code.
+"""
+
+
+class Name(NamedTuple):
+    """A public name: where it is listed, where it is written, and what it is."""
+
+    package: str
+    name: str
+    home: str
+    thing: Any
+
+
+def public() -> Iterator[tuple[ModuleType, list[Name]]]:
+    """Each public module with its names, the package first and then as its map has them."""
+    waiting = [startrack]
+    while waiting:
+        module = waiting.pop(0)
+        things = {name: getattr(module, name) for name in module.__all__}
+        inner = [thing for thing in things.values() if isinstance(thing, ModuleType)]
+        waiting += sorted(inner, key=lambda one: _place(module, one))
+        homes = _homes(module)
+        yield (
+            module,
+            [
+                Name(module.__name__, name, homes[name], thing)
+                for name, thing in things.items()
+                if not isinstance(thing, ModuleType)
+            ],
+        )
+
+
+def _place(module: ModuleType, inner: ModuleType) -> int:
+    """Where the map in a package's docstring has a module."""
+    return (module.__doc__ or "").index("\n" + inner.__name__.rpartition(".")[2])
+
+
+def _homes(module: ModuleType) -> dict[str, str]:
+    """From which file a package has each of its names."""
+    source = Path(module.__file__ or "")
+    stub = source.with_suffix(".pyi")
+    tree = ast.parse((stub if stub.exists() else source).read_text(encoding="utf-8"))
+    return {
+        alias.name: f"{module.__name__}.{node.module}" if node.level else str(node.module)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+
+
+def function_of(thing: Any) -> Any:
+    """What was written, below caches and compilers."""
+    return inspect.unwrap(getattr(thing, "py_func", thing))
+
+
+def signature(one: Name) -> str:
+    """As it was written, on one line, without the units that files know."""
+    thing = function_of(one.thing)
+    if inspect.isclass(thing):
+        return one.name + _fields(thing)
+    if inspect.isfunction(thing):
+        written = _written(thing)
+        assert isinstance(written, ast.FunctionDef)
+        assert written.returns, one
+        returns = _plain(written.returns, thing.__module__)
+        return f"{one.name}({', '.join(_arguments(written, thing.__module__))}) -> {returns}"
+    return f"{one.name}: {_kind(one)}"
+
+
+def _fields(kind: type) -> str:
+    if issubclass(kind, Enum):
+        return ": " + ", ".join(member.name for member in kind)
+    written = _written(kind)
+    assert isinstance(written, ast.ClassDef)
+    for node in written.body:
+        if isinstance(node, ast.FunctionDef) and node.name == "__init__":
+            return f"({', '.join(_arguments(node, kind.__module__)[1:])})"
+    fields = [
+        _field(ast.unparse(node.target), node.annotation, node.value, kind.__module__)
+        for node in written.body
+        if isinstance(node, ast.AnnAssign) and not ast.unparse(node.target).startswith("_")
+    ]
+    return f"({', '.join(fields)})"
+
+
+def _arguments(function: ast.FunctionDef, module: str) -> list[str]:
+    taken = function.args
+    defaults = [None] * (len(taken.args) - len(taken.defaults)) + taken.defaults
+    places = [
+        _field(one.arg, one.annotation, default, module)
+        for one, default in zip(taken.args, defaults, strict=True)
+    ]
+    if taken.vararg:
+        places.append(_field(f"*{taken.vararg.arg}", taken.vararg.annotation, None, module))
+    elif taken.kwonlyargs:
+        places.append("*")
+    return places + [
+        _field(one.arg, one.annotation, default, module)
+        for one, default in zip(taken.kwonlyargs, taken.kw_defaults, strict=True)
+    ]
+
+
+def _field(name: str, kind: ast.expr | None, default: ast.expr | None, module: str) -> str:
+    text = f"{name}: {_plain(kind, module)}" if kind else name
+    return f"{text} = {_plain(default, module)}" if default else text
+
+
+def _written(thing: Any) -> ast.stmt:
+    return ast.parse(textwrap.dedent(inspect.getsource(thing))).body[0]
+
+
+def _plain(node: ast.AST, module: str) -> str:
+    return ast.unparse(_Plainer(import_module(module)).visit(node))
+
+
+class _Plainer(ast.NodeTransformer):
+    """`Annotated[float, Unit("m")]` is a float, `field(default_factory=Motion)` a Motion()."""
+
+    def __init__(self, module: ModuleType) -> None:
+        self.module = module
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
+        self.generic_visit(node)
+        if ast.unparse(node.value) == "Annotated" and isinstance(node.slice, ast.Tuple):
+            return node.slice.elts[0]
+        return node
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        if ast.unparse(node.func) == "field":
+            made = {word.arg: word.value for word in node.keywords}.get("default_factory")
+            if made is not None:
+                return ast.Call(made, [], [])
+        return node
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        """The path of a file is told apart from that of a line of sight."""
+        if getattr(self.module, node.id, None) is Path:
+            return ast.Name("pathlib.Path")
+        return node
+
+
+def _kind(one: Name) -> str:
+    """The type of a constant; of a union, what it is made of."""
+    for node in ast.parse(_source(one.home)).body:
+        if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == one.name:
+            return ast.unparse(node.annotation)
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == one.name:
+            return type(one.thing).__name__ if isinstance(one.thing, float) else _union(node.value)
+    raise AssertionError(one)
+
+
+def _union(node: ast.expr) -> str:
+    assert isinstance(node, ast.BinOp), "must have an annotation"
+    return f"TypeAlias = {ast.unparse(node)}"
+
+
+def line(one: Name) -> str:
+    """The first line of its docstring; of a constant, the comment beside or above it."""
+    thing = function_of(one.thing)
+    if inspect.isclass(thing) or inspect.isfunction(thing):
+        return (vars(thing).get("__doc__") or thing.__doc__ or "").strip().partition("\n")[0]
+    found = re.search(
+        rf"((?:^# .*\n)*)^{one.name}\b[^#\n]*(?:  # (.+))?$", _source(one.home), re.MULTILINE
+    )
+    assert found, one
+    return found[2] or " ".join(found[1].replace("# ", "").split())
+
+
+@cache
+def _source(module: str) -> str:
+    return inspect.getsource(import_module(module))
+
+
+def page() -> str:
+    """The text of docs/api.md."""
+    parts = [HEAD]
+    for module, names in public():
+        about = (module.__doc__ or "").strip().partition("\n")[0]
+        parts.append(f"## `{module.__name__}`\n{about}\n")
+        parts.append("".join(f"- `{signature(one)}`  \n  {line(one)}\n" for one in names))
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    print(f"wrote {PAGE}")

@@ -1,0 +1,12 @@
+from . import air as air
+from . import earth as earth
+from .illuminate import Sight as Sight
+from .illuminate import illuminate as illuminate
+from .land import Cover as Cover
+from .land import HotSpot as HotSpot
+from .land import Land as Land
+from .parameters import Orbit as Orbit
+from .parameters import Scene as Scene
+from .photometry import WAVELENGTH as WAVELENGTH
+from .photometry import blackbody_photons as blackbody_photons
+from .photometry import colour_temperature as colour_temperature

@@ -1,0 +1,17 @@
+from .attitudes import at_random as at_random
+from .attitudes import by_regions as by_regions
+from .attitudes import by_sobol as by_sobol
+from .estimate import Mean as Mean
+from .estimate import controlled as controlled
+from .estimate import plain as plain
+from .estimate import replicated as replicated
+from .estimate import stratified as stratified
+from .estimate import two_levels as two_levels
+from .mean_square import combined as combined
+from .mean_square import mean_square as mean_square
+from .rare import chances as chances
+from .rare import probability as probability
+from .rare import where_likely as where_likely
+from .regions import Regions as Regions
+from .sample import sample_controlled as sample_controlled
+from .sampling import Sampling as Sampling

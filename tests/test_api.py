@@ -1,0 +1,103 @@
+"""What is public is listed once, has types and a docstring, and the page of it is that list."""
+
+import ast
+import inspect
+import re
+import typing
+from enum import Enum
+from types import ModuleType
+
+import list_api
+import pytest
+from list_api import Name, function_of, line, public, signature
+
+import startrack
+
+MODULES = list(public())
+NAMES = [one for _, names in MODULES for one in names]
+CLASSES = {one.thing for one in NAMES if inspect.isclass(one.thing)}
+# What a large index holds inside, which nobody is meant to take out.
+INSIDE = {"Cache", "CodeTable", "SkyGrid", "Voters"}
+
+
+def told(one: Name) -> str:
+    return f"{one.package}.{one.name}"
+
+
+def test_the_page_is_of_today():
+    assert list_api.PAGE.read_text(encoding="utf-8") == list_api.page(), (
+        "python docs/list_api.py writes it anew"
+    )
+
+
+def test_the_pages_example_runs(capsys):
+    (block,) = re.findall(r"```python\n(.*?)```", list_api.PAGE.read_text(), re.DOTALL)
+    exec(compile(block, "api.md", "exec"), {})
+    assert re.fullmatch(r"\d+ stars matched; 0\.\d+\n", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("module", [module for module, _ in MODULES], ids=lambda one: one.__name__)
+def test_a_module_shows_its_list_and_nothing_else(module):
+    names: dict[str, object] = {}
+    exec(f"from {module.__name__} import *", names)
+    assert set(names) - {"__builtins__"} == set(module.__all__)
+    assert module.__doc__
+
+
+def test_the_package_shows_its_list_alone():
+    assert set(dir(startrack)) == set(startrack.__all__)
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = startrack.nothing  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("one", NAMES, ids=told)
+def test_a_public_name_says_what_it_is(one):
+    assert len(line(one)) > 4, f"{told(one)} must have a docstring, or a comment as a constant"
+    assert ":" in signature(one) or "()" in signature(one)
+
+
+@pytest.mark.parametrize("one", NAMES, ids=told)
+def test_a_public_name_has_all_its_types(one):
+    thing = function_of(one.thing)
+    if inspect.isfunction(thing):
+        parts = inspect.signature(thing)
+        assert parts.return_annotation is not inspect.Signature.empty
+        for name, part in parts.parameters.items():
+            assert part.annotation is not inspect.Parameter.empty, name
+    elif inspect.isclass(thing) and not issubclass(thing, Enum):
+        for name, method in inspect.getmembers(thing, inspect.isfunction):
+            if method.__module__.startswith("startrack") and not name.startswith("_"):
+                bare = set(inspect.signature(method).parameters) - {"self"}
+                assert bare | {"return"} <= set(method.__annotations__), name
+
+
+@pytest.mark.parametrize("one", NAMES, ids=told)
+def test_what_a_public_name_takes_and_gives_is_public(one):
+    """Else one could neither make its arguments nor name its result."""
+    thing = function_of(one.thing)
+    if not (inspect.isfunction(thing) or inspect.isclass(thing)):
+        return
+    late = _for_type_checkers(inspect.getmodule(thing))
+    for name, kind in typing.get_type_hints(thing, localns=late).items():
+        if not name.startswith("_"):
+            hidden = {of.__name__ for of in _ours(kind)} - INSIDE
+            assert not hidden, f"{name}: {hidden}"
+
+
+def _for_type_checkers(module: ModuleType | None) -> dict[str, type]:
+    """Names that a module imports for its annotations alone, such as astropy's WCS."""
+    names = {}
+    for node in ast.parse(inspect.getsource(module)).body if module else ():
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            for inner in ast.walk(node):
+                if isinstance(inner, ast.ImportFrom):
+                    names |= {alias.name: object for alias in inner.names}
+    return names
+
+
+def _ours(kind: object) -> set[type]:
+    """The classes of the package that a type is made of, but for those that are public."""
+    found = {inner for part in typing.get_args(kind) for inner in _ours(part)}
+    if inspect.isclass(kind) and kind.__module__.startswith("startrack"):
+        found.add(kind)
+    return found - CLASSES
