@@ -38,10 +38,19 @@ def divide_flat(frame: Frame, flat: Frame) -> Frame:
 def without_pixels(frame: Frame, x: Ints, y: Ints) -> Frame:
     """Mark known hot or dead pixels, columns x and rows y (n,), as NaN, which `detect` fills.
 
-    Errors  IndexError where a pixel lies outside the frame.
+    Errors  ValueError where a pixel lies outside the frame.
     """
+    rows, columns = frame.image.shape
+    x, y = np.asarray(x), np.asarray(y)
+    outside = (x < 0) | (x >= columns) | (y < 0) | (y >= rows)
+    if outside.any():
+        first = int(np.argmax(outside))
+        raise ValueError(
+            f"pixels must lie within {columns} columns and {rows} rows, got column {x[first]}, "
+            f"row {y[first]}"
+        )
     image: NDArray[np.floating] = np.array(
         frame.image, np.float32 if frame.image.dtype.itemsize <= 2 else np.float64
     )
-    image[np.asarray(y), np.asarray(x)] = np.nan
+    image[y, x] = np.nan
     return replace(frame, image=image)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.checks import positive
+
 Floats = NDArray[np.float64]
 
 
@@ -41,8 +43,10 @@ def indices(error: Floats, step: float, window: float, lag: int = 1) -> Indices:
     window   second; a whole number of steps is taken
     lag      windows from the first to the second of a drift
     Returns  Indices; what is left after the last whole window counts in `absolute` alone
-    Errors   ValueError where a window holds less than one step or more than the sequence.
+    Errors   ValueError where the step or the lag is not positive, or a window holds less than one
+             step or more than the sequence.
     """
+    positive(step=step, window=window)
     each = round(window / step)
     count = len(error) // each if each else 0
     if count < 1:

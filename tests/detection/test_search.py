@@ -180,6 +180,12 @@ def test_known_hot_pixels_are_no_stars(sky):
     assert len(detect(without_pixels(frame, x, y), Detection())) == 1
 
 
+@pytest.mark.parametrize(("x", "y"), [(-1, 3), (5, 3), (2, 4)])
+def test_a_hot_pixel_beyond_the_frame_is_refused(x, y):
+    with pytest.raises(ValueError, match=f"got column {x}, row {y}"):
+        without_pixels(Frame(np.zeros((4, 5))), np.array([1, x]), np.array([1, y]))
+
+
 def test_a_cosmic_ray_through_a_star_spoils_no_other(sky):
     x, y = np.array([60.2, 90.0]), np.array([70.4, 30.3])
     image = Streams(10, 0)("shot noise").poisson(sky((128, 128), x, y, 20000.0, 0.9) + 50)

@@ -97,6 +97,8 @@ def test_reproducibility_is_the_change_of_the_mean():
 def test_what_makes_no_sense_is_refused():
     with pytest.raises(ValueError, match="window must last from one step"):
         indices(np.zeros(10), 1.0, 11.0)
+    with pytest.raises(ValueError, match="step must be positive, got 0"):
+        indices(np.zeros(10), 0.0, 1.0)
     with pytest.raises(ValueError, match="lag must be at least one window"):
         indices(np.zeros(10), 1.0, 2.0, lag=0)
     with pytest.raises(ValueError, match=r"must lie in \(0, 1\), got 1.0"):
