@@ -18,10 +18,13 @@ ROOMS = (
     "attitude",
     "error",
 )
-BASE = {"units", "checks", "shipped", "seeds", "streams", "scratch", "curve", "camera", "values"}
+BASE = (
+    *("units", "checks", "shipped", "seeds", "streams"),
+    *("scratch", "curve", "turns", "camera", "values"),
+)
 # From top to bottom: a module may import those before it.
 ORDER = (
-    *("units", "checks", "shipped", "seeds", "streams", "scratch", "curve", "camera", "values"),
+    *BASE,
     *("exits", "saving", "sqlite", "tables"),
     *ROOMS,
     *(

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude.jacobi import best_rotation
 from startrack.attitude.least_squares import invert, largest_eigenvalue, least_squares
+from startrack.turns import rotation_of
 
 Floats = NDArray[np.float64]
 
@@ -81,7 +82,7 @@ def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:
     matrix, covariance = np.empty((many, 3, 3)), np.empty((many, 3, 3))
     condition, loss, status = np.empty(many), np.empty(many), np.empty(many, np.int64)
     _align(b, r, w, matrix, covariance, condition, loss, status)
-    return Alignment(Rotation.from_matrix(matrix), covariance, condition, loss, status)
+    return Alignment(rotation_of(matrix), covariance, condition, loss, status)
 
 
 @njit(cache=True, error_model="numpy")

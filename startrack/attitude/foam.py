@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude.products import Array, products
+from startrack.turns import rotation_of
 
 STEPS = 8  # two do, but for stars that do not belong together
 
@@ -42,4 +43,4 @@ def foam(observed: Array, reference: Array, weight: Array) -> Rotation:
     scale = np.cbrt(np.linalg.det(matrix))[..., None, None]
     none = np.broadcast_to(np.eye(3, dtype=b.dtype), b.shape).copy()
     matrix = np.divide(matrix, scale, out=none, where=scale > 0)
-    return Rotation.from_matrix(matrix)
+    return rotation_of(matrix)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from startrack.attitude.align import turn_by
 from startrack.attitude.least_squares import invert, least_squares
 from startrack.camera import Camera
+from startrack.turns import rotation_of
 
 Floats = NDArray[np.float64]
 
@@ -77,7 +78,7 @@ def refine(
     if np.isnan(scale):
         raise ValueError("the stars must lie in at least two directions to fix an attitude")
     return Refinement(
-        Rotation.from_matrix(matrix),
+        rotation_of(matrix),
         inverse @ inverse.T,
         residual * camera.focal_length_px,
         chi_square,

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude.products import Array, products
+from startrack.turns import rotation_of
 
 
 def svd(observed: Array, reference: Array, weight: Array) -> Rotation:
@@ -25,4 +26,4 @@ def svd(observed: Array, reference: Array, weight: Array) -> Rotation:
     u, _, vt = np.linalg.svd(products(observed, reference, weight))
     sign = np.sign(np.linalg.det(u) * np.linalg.det(vt))
     u[..., 2] *= sign[..., None]
-    return Rotation.from_matrix(u @ vt)
+    return rotation_of(u @ vt)

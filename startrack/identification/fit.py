@@ -111,28 +111,6 @@ def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:  #
 
 
 @njit(cache=True, error_model="numpy")
-def quaternion(rotation: Floats) -> Floats:  # pragma: no cover
-    """The quaternion (4,), scalar last, of a rotation matrix, from its largest component."""
-    trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
-    i = 0
-    for k in range(1, 3):
-        if rotation[k, k] > rotation[i, i]:
-            i = k
-    j, k = (i + 1) % 3, (i + 2) % 3
-    q = np.empty(4)
-    if trace > rotation[i, i]:
-        for m in range(3):
-            q[m] = rotation[(m + 2) % 3, (m + 1) % 3] - rotation[(m + 1) % 3, (m + 2) % 3]
-        q[3] = 1 + trace
-    else:
-        q[i] = 1 - trace + 2 * rotation[i, i]
-        q[j] = rotation[j, i] + rotation[i, j]
-        q[k] = rotation[k, i] + rotation[i, k]
-        q[3] = rotation[k, j] - rotation[j, k]
-    return q / math.sqrt(np.sum(q**2))
-
-
-@njit(cache=True, error_model="numpy")
 def turned(rotation: Floats, d: Floats) -> tuple[float, float, float]:  # pragma: no cover
     """A direction (3,) after a rotation (3, 3)."""
     return (

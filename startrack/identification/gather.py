@@ -9,10 +9,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.identification.agree import REACH, agree
-from startrack.identification.fit import quaternion
 from startrack.identification.predict import predict
 from startrack.identification.seen import Seen
 from startrack.identification.sky import SkyGrid
+from startrack.turns import quaternion
 from startrack.values import Floats
 
 Places = NDArray[np.int64]

@@ -10,7 +10,7 @@ from startrack.identification import Identification
 from startrack.identification.brightness import log_brightness
 from startrack.identification.code import place, separation
 from startrack.identification.evidence import log_evidence
-from startrack.identification.fit import align, derivatives, fit, quaternion
+from startrack.identification.fit import align, derivatives, fit
 from startrack.identification.index import LENGTHS, UPRIGHT, along, column, upright
 from startrack.identification.merge import merged
 from startrack.identification.pair import pair
@@ -175,15 +175,6 @@ def test_the_sieve_finds_what_a_scan_finds():
     found = hits(screen, plane, places)
     assert 0.98 * truly <= found <= truly
     assert hits(screen, plane, np.empty((0, 2))) == 0
-
-
-def test_a_quaternion_is_its_matrix():
-    """Halves of turns about all axes, where one component is largest and others vanish."""
-    rng = np.random.default_rng(14)
-    turns = [Rotation.from_rotvec(np.pi * axis) for axis in np.eye(3)]
-    for turn in [*turns, Rotation.identity(), *Rotation.random(40, rng=rng)]:
-        found = Rotation.from_quat(quaternion(turn.as_matrix()))
-        assert (found * turn.inv()).magnitude() < 1e-14
 
 
 def test_derivatives_are_differences():
