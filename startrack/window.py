@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -57,6 +59,9 @@ SAMPLE_SEED = 2**63 - 1
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
 DARKEST = 0.1  # sigma of the filtered frame; a star that adds less moves no false spot
 LEAST_HALF = 3  # pixel
+# Standard deviations of a pixel, by which an odd pixel's expectation lies off. Each costs a window;
+# those that are no odd ones make noise pass the level more often, and so cost more tries.
+ODD = (4.0, 0.6)
 
 
 def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
@@ -80,15 +85,16 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
         *seen(direction, path, icrs_to_camera, instrument.camera, detector, turn), strict=True
     )
     weight, x, y = (np.concatenate(each) for each in parts)
-    ground, rates = plan.grounds[int(streams("sample of the sky").integers(SAMPLES))]
+    noise = plan.noise
+    ground, rates = noise.grounds[int(streams("sample of the sky").integers(SAMPLES))]
     half = reach_of(star / detector.electrons_per_dn, ground.noise, plan)
     size = detector.columns, detector.rows
     regions = around_paths(x, y, half, *size)
-    odd = lone_pixels(detector, sky, streams)
+    odd = lone_pixels(detector, noise.odd, streams)
     if len(odd):
         regions = np.concatenate([regions, around_pixels(odd, plan.spread, *size)])
     pixel, numbers = excesses(
-        plan.numbers, plan.tilt, rates, ground.sky.mesh, plan.border, regions, streams
+        noise.numbers, noise.tilt, rates, ground.sky.mesh, plan.border, regions, streams
     )
     lone = around_pixels(pixel, 0, *size)
     every = np.concatenate([regions, lone])
@@ -119,15 +125,28 @@ def arrive(
     return light.direction, arriving(light, camera, detector, throughput(case.instrument))[0]
 
 
+class Noise(NamedTuple):
+    """Where noise alone passes the level of the search.
+
+    odd      (k,) row * columns + column of the pixels that no law of these holds for
+    numbers  the laws of the numbers of a frame without stars
+    tilt     those in which the detection's filter passes its level
+    grounds  what some frames compare with, and how often noise is to be tried there
+    """
+
+    odd: Ints
+    numbers: Numbers
+    tilt: Tilt
+    grounds: tuple[tuple[Ground, Rates], ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """All that the trials of a case share.
 
     catalog    the sky;  star  (n,) electron of each in it, None where a scene holds more light
     sky        electron in a pixel of mean response
-    grounds    what some frames compare with, and how often noise is to be tried there
-    numbers    the laws of the numbers of a frame without stars
-    tilt       those in which the detection's filter passes its level
+    noise      what makes false spots
     threshold  sigma
     share      (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
     spread     pixel, that the filter reaches;  far  that the detection looks from a peak
@@ -139,9 +158,7 @@ class Plan:
     star: Floats | None
     sky: float
     psf: Psf
-    grounds: tuple[tuple[Ground, Rates], ...]
-    numbers: Numbers
-    tilt: Tilt
+    noise: Noise
     threshold: float
     share: Floats
     spread: int
@@ -157,26 +174,43 @@ def plan_of(case: Case) -> Plan:
     only_lone_pixels(detector)
     light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
     _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
-    numbers = numbers_of(detector, sky, odd_pixels(detector, sky).tobytes())
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]
-    level = float(np.median([one.lowest for one in grounds]))
-    border, mesh = peak_border(settings), grounds[0].sky.mesh
-    tilt = tilt_for(numbers, star_filter(settings, psf), level, mesh, border)
+    border = peak_border(settings)
     return Plan(
         detector,
         open_sky(case.catalog),
         None if case.scene.lights else electrons_of(case),
         sky,
         psf,
-        tuple((one, rates_for(numbers, tilt, one.lowest, mesh)) for one in grounds),
-        numbers,
-        tilt,
+        noise_of(detector, sky, grounds, star_filter(settings, psf), border),
         threshold_of(settings, detector.columns, detector.rows, psf),
         star_profile(psf, settings),
         kernel_half(settings, psf),
         margin(settings, psf),
         border,
     )
+
+
+def noise_of(
+    detector: Detector, sky: float, grounds: Sequence[Ground], weight: Floats, border: int
+) -> Noise:
+    """The widest laws that serve: of noise that is seldom looked at, and of few odd pixels.
+
+    weight, border  as `tilt_for` takes them
+    Errors          ValueError where noise passes the level so often that whole frames are cheaper.
+    """
+    level, mesh = float(np.median([one.lowest for one in grounds])), grounds[0].sky.mesh
+    for limit in ODD:
+        odd = odd_pixels(detector, sky, limit)
+        try:
+            numbers = numbers_of(detector, sky, odd.tobytes())
+            tilt = tilt_for(numbers, weight, level, mesh, border)
+            rates = [rates_for(numbers, tilt, one.lowest) for one in grounds]
+        except ValueError as reason:
+            refusal = reason
+            continue
+        return Noise(odd, numbers, tilt, tuple(zip(grounds, rates, strict=True)))
+    raise refusal
 
 
 def ground_of(case: Case, streams: Streams) -> Ground:

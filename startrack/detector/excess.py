@@ -20,7 +20,6 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -35,7 +34,7 @@ from startrack.streams import Streams
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SLACK = 0.02  # in K, by which a tile's bound exceeds what its pixels were found to have
+LEAST = -1e9  # of K, where no pixel of a tile is asked for
 MOST_PROPOSALS = 0.05  # of the pixels; beyond, the whole frame is cheaper
 STEPS = 30  # of the search for theta
 
@@ -78,51 +77,39 @@ class Tilt(NamedTuple):
     """What the drawing of excesses needs of a frame, a filter and a typical level.
 
     theta   1 / digital number
-    bound   (down, across) K of the pixels of each tile, at most
+    most    (tiles,) the largest K of a pixel in each tile, row by row
+    among   (tiles, mesh^2) sums of exp(K - most) over the pixels of a tile up to each, row by row
     weight  (2 m + 1, 2 n + 1) of the filter
     kind    (2 m + 1, 2 n + 1) which of the weights that differ each is
     sums    (kinds, levels, n) of the tilted law, of the numbers up to the lowest, lowest + 1, ...
     """
 
     theta: float
-    bound: Floats
+    most: Floats
+    among: Floats
     weight: Floats
     kind: Ints
     sums: Floats
 
 
 def tilt_for(numbers: Numbers, weight: Floats, level: float, mesh: int, border: int) -> Tilt:
-    """The theta that makes the level typical, and the bounds of tiles.
+    """The theta that makes the level typical, and K of each pixel, whatever is about it.
 
     weight  of the filter, which is mirrored at the frame's border
     level   digital number, in the filtered frame
     mesh    pixel, side of a tile
     border  pixel; nearer to the frame's border no excess is asked for
     """
-    shape = numbers.place.shape
     middle = float(np.median(numbers.place))
     theta = _theta(numbers, weight, level - numbers.lowest * weight.sum(), middle)
-    count = len(numbers.probability)
-    cumulant = np.array([_cumulant(numbers.probability, k, theta * weight) for k in range(count)])
-    # K is nearly linear in each pixel's level, with the slopes that K has by each of them.
-    slope = _slopes(numbers.probability, middle, theta * weight)
-    mean = cv2.filter2D(
-        numbers.place, cv2.CV_32F, slope / slope.sum(), borderType=cv2.BORDER_REFLECT
-    )
-    down, across = -(-shape[0] // mesh), -(-shape[1] // mesh)
-    highest = np.full((down * mesh, across * mesh), -np.inf)
-    highest[: shape[0], : shape[1]] = np.interp(mean, np.arange(count), cumulant)
-    bound = highest.reshape(down, mesh, across, mesh).max(axis=(1, 3)) + SLACK
-    # Where the filter is mirrored, some of its weights fall on one pixel.
-    folded = _folded(weight, border, border, (10**6, 10**6))
-    more = _cumulant(numbers.probability, middle, theta * folded)
-    more -= _cumulant(numbers.probability, middle, theta * weight)
-    for edge in (bound[0], bound[-1], bound[:, 0], bound[:, -1]):
-        edge += max(more, 0.0)
     each, kind = np.unique(weight, return_inverse=True)
+    kind = kind.reshape(weight.shape)
     tilted = np.exp(theta * np.outer(each, np.arange(numbers.probability.shape[1])))
     sums = np.cumsum(numbers.probability * tilted[:, None], axis=2)
-    return Tilt(theta, bound, weight, kind.reshape(weight.shape), sums)
+    tiles = _tiles(*numbers[:2], theta, weight, kind, sums, mesh, border)
+    most = np.maximum(tiles.max(axis=1), LEAST)
+    among = np.cumsum(np.exp(tiles - most[:, None]), axis=1)
+    return Tilt(theta, most, among, weight, kind, sums)
 
 
 class Rates(NamedTuple):
@@ -138,21 +125,21 @@ class Rates(NamedTuple):
     total: float
 
 
-def rates_for(numbers: Numbers, tilt: Tilt, level: Floats, mesh: int) -> Rates:
+def rates_for(numbers: Numbers, tilt: Tilt, level: Floats) -> Rates:
     """What the levels of tiles ask for.
 
     level   (down, across) digital number, of each tile
     Errors  ValueError where the levels are so low that whole frames are cheaper.
     """
-    shift = level - numbers.lowest * tilt.weight.sum()
-    rate = np.exp(tilt.bound - tilt.theta * shift) * mesh**2
+    shift = level.ravel() - numbers.lowest * tilt.weight.sum()
+    rate = np.exp(tilt.most - tilt.theta * shift) * tilt.among[:, -1]
     total = float(rate.sum())
     if not total < max(MOST_PROPOSALS * numbers.place.size, 100.0):
         raise ValueError(
             "windows need a detection threshold that noise seldom passes, and here it is looked at "
             f"{total:.0f} times a frame; choose the fidelity frame"
         )
-    return Rates(shift.ravel(), np.cumsum(rate) / total, total)
+    return Rates(shift, np.cumsum(rate) / total, total)
 
 
 def excesses(
@@ -174,10 +161,7 @@ def excesses(
     count = int(streams("false spots").poisson(rates.total))
     start = key(streams, "numbers of false spots")
     pixel, drawn = np.empty(count, np.int64), np.empty((count, *tilt.weight.shape), np.int64)
-    kept = _propose(
-        *(pixel, drawn, start, rates.share, rates.level, mesh, border, regions, tilt.theta),
-        *(tilt.bound.ravel(), tilt.weight, tilt.kind, tilt.sums, *numbers[:2]),
-    )
+    kept = _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, *numbers[:2])
     return pixel[:kept], drawn[:kept] + numbers.lowest
 
 
@@ -199,16 +183,6 @@ def _theta(numbers: Numbers, weight: Floats, level: float, middle: float) -> flo
         middle_theta = (low + high) / 2
         low, high = (middle_theta, high) if typical(middle_theta) < level else (low, middle_theta)
     return (low + high) / 2
-
-
-def _slopes(probability: Floats, place: float, tilts: Floats) -> Floats:
-    """How K changes with the level of each pixel under the filter."""
-    below, above = max(place - 1, 0.0), min(place + 1, len(probability) - 1.0)
-    if below == above:
-        return np.ones_like(tilts)
-    one = np.array([_moment(probability, above, s) for s in tilts.ravel()])
-    other = np.array([_moment(probability, below, s) for s in tilts.ravel()])
-    return np.maximum(np.log(one / other), 1e-12).reshape(tilts.shape)
 
 
 @njit(cache=True, error_model="numpy")
@@ -250,40 +224,93 @@ def _folded(weight, x, y, shape):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _propose(  # type: ignore[no-untyped-def]
-    pixel, drawn, start, share, level, mesh, border, regions, theta, bound, weight,
-    kind, sums, probability, place,
-):  # fmt: skip
+def _tiles(probability, place, theta, weight, kind, sums, mesh, border):  # type: ignore[no-untyped-def]
+    """K of each pixel, (tiles, mesh^2); minus infinity where none is asked for."""
+    rows, columns = place.shape
+    down, across = -(-rows // mesh), -(-columns // mesh)
+    tiles = np.full((down * across, mesh * mesh), -np.inf)
+    # Moments over those of a middling level, so that their product stays within numbers.
+    middle = probability.shape[0] // 2
+    moment, usual = sums[:, :, -1].copy(), 0.0
+    for j in range(len(moment)):
+        usual += (kind == j).sum() * math.log(moment[j, middle])
+        moment[j] /= moment[j, middle]
+    for y in range(border, rows - border):
+        for x in range(border, columns - border):
+            tile, at = (y // mesh) * across + x // mesh, (y % mesh) * mesh + x % mesh
+            if _inside(x, y, place, weight):
+                tiles[tile, at] = usual + math.log(_product(x, y, moment, kind, place))
+            else:
+                folded = _folded(weight, x, y, place.shape)
+                tiles[tile, at] = _at_border(probability, place, x, y, theta * folded)
+    return tiles
+
+
+@njit(cache=True, error_model="numpy")
+def _product(x, y, moment, kind, place):  # type: ignore[no-untyped-def]
+    """The product of the moments (kinds, levels) of the pixels about one."""
+    height, width = kind.shape
+    product = 1.0
+    for j in range(height):
+        for i in range(width):
+            level = place[y + j - height // 2, x + i - width // 2]
+            k = min(int(level), moment.shape[1] - 1)
+            t, above = level - k, min(k + 1, moment.shape[1] - 1)
+            product *= (1 - t) * moment[kind[j, i], k] + t * moment[kind[j, i], above]
+    return product
+
+
+@njit(cache=True, error_model="numpy")
+def _at_border(probability, place, x, y, tilts):  # type: ignore[no-untyped-def]
+    """K of a pixel, whose filter ends where the frame does."""
+    rows, columns = place.shape
+    total = 0.0
+    for j in range(tilts.shape[0]):
+        for i in range(tilts.shape[1]):
+            v, u = y + j - tilts.shape[0] // 2, x + i - tilts.shape[1] // 2
+            if 0 <= v < rows and 0 <= u < columns:
+                total += math.log(_moment(probability, place[v, u], tilts[j, i]))
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probability, place):  # type: ignore[no-untyped-def]
     """Write the proposals that are kept; returns how many."""
     rows, columns = place.shape
     across = -(-columns // mesh)
-    size = np.uint64(4 + weight.size)
+    size = np.uint64(3 + tilt.weight.size)
     kept = 0
     for n in range(len(pixel)):
         at = np.uint64(n) * size
-        tile = min(np.searchsorted(share, uniform(bits(start, at)), side="right"), len(share) - 1)
-        x = (tile % across) * mesh + int(uniform(bits(start, at + np.uint64(1))) * mesh)
-        y = (tile // across) * mesh + int(uniform(bits(start, at + np.uint64(2))) * mesh)
+        tile = _picked_of(rates.share, uniform(bits(start, at)))
+        among = tilt.among[tile]
+        inside = _picked_of(among, uniform(bits(start, at + np.uint64(1))) * among[-1])
+        x = (tile % across) * mesh + inside % mesh
+        y = (tile // across) * mesh + inside // mesh
         if not (border <= x < columns - border and border <= y < rows - border):
-            continue
+            continue  # by rounding
         if _held(x, y, regions):
             continue
-        chance = uniform(bits(start, at + np.uint64(3)))
-        first = at + np.uint64(4)
-        if _inside(x, y, place, weight):
-            cumulant, filtered = _look_up(
-                drawn[kept], start, first, x, y, weight, kind, sums, place
-            )
+        first = at + np.uint64(3)
+        if _inside(x, y, place, tilt.weight):
+            filtered = _look_up(drawn[kept], start, first, x, y, tilt, place)
         else:
-            folded = _folded(weight, x, y, place.shape)
-            cumulant, filtered = _draw(
-                drawn[kept], start, first, x, y, theta, folded, probability, place
+            folded = _folded(tilt.weight, x, y, place.shape)
+            filtered = _draw(
+                drawn[kept], start, first, x, y, tilt.theta, folded, probability, place
             )
-        over = filtered - level[tile]
-        if over > 0 and chance < math.exp(cumulant - bound[tile] - theta * over):
+        over = filtered - rates.level[tile]
+        chance = uniform(bits(start, at + np.uint64(2)))
+        if over > 0 and chance < math.exp(-tilt.theta * over):
             pixel[kept] = y * columns + x
             kept += 1
     return kept
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _picked_of(sums, wanted):  # type: ignore[no-untyped-def]
+    """The first of rising sums that exceeds a number."""
+    return min(np.searchsorted(sums, wanted, side="right"), len(sums) - 1)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -302,18 +329,18 @@ def _inside(x, y, place, weight):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _look_up(numbers, start, at, x, y, weight, kind, sums, place):  # type: ignore[no-untyped-def]
+def _look_up(numbers, start, at, x, y, tilt, place):  # type: ignore[no-untyped-def]
     """As `_draw`, by the sums that are known already where no weight is folded."""
-    height, width = weight.shape
-    moment, filtered = 1.0, 0.0
+    height, width = tilt.weight.shape
+    filtered = 0.0
     for j in range(height):
         for i in range(width):
             level = place[y + j - height // 2, x + i - width // 2]
-            k = min(int(level), sums.shape[1] - 1)
-            t = level - k
-            low, high = sums[kind[j, i], k], sums[kind[j, i], min(k + 1, sums.shape[1] - 1)]
-            total = (1 - t) * low[-1] + t * high[-1]
-            wanted = total * uniform(bits(start, at + np.uint64(j * width + i)))
+            kind, k = tilt.kind[j, i], min(int(level), tilt.sums.shape[1] - 1)
+            t, above = level - k, min(k + 1, tilt.sums.shape[1] - 1)
+            low, high = tilt.sums[kind, k], tilt.sums[kind, above]
+            share = uniform(bits(start, at + np.uint64(j * width + i)))
+            wanted = share * ((1 - t) * low[-1] + t * high[-1])
             least, most = 0, len(low) - 1
             while least < most:
                 middle = (least + most) // 2
@@ -321,18 +348,17 @@ def _look_up(numbers, start, at, x, y, weight, kind, sums, place):  # type: igno
                     most = middle
                 else:
                     least = middle + 1
-            moment *= total
-            filtered += weight[j, i] * least
+            filtered += tilt.weight[j, i] * least
             numbers[j, i] = least
-    return math.log(moment), filtered
+    return filtered
 
 
 @njit(cache=True, error_model="numpy")
 def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type: ignore[no-untyped-def]
-    """Write numbers of the tilted law about a pixel; returns K and the filtered number."""
+    """Write numbers of the tilted law about a pixel; returns the filtered number."""
     rows, columns = place.shape
     down, across = folded.shape[0] // 2, folded.shape[1] // 2
-    cumulant = filtered = 0.0
+    filtered = 0.0
     for j in range(folded.shape[0]):
         v = y + j - down
         for i in range(folded.shape[1]):
@@ -344,10 +370,9 @@ def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type:
             moment = _moment(probability, place[v, u], tilt)
             wanted = uniform(bits(start, at + np.uint64(j * folded.shape[1] + i))) * moment
             number = _picked(probability, place[v, u], tilt, wanted)
-            cumulant += math.log(moment)
             filtered += folded[j, i] * number
             numbers[j, i] = number
-    return cumulant, filtered
+    return filtered
 
 
 @njit(cache=True, error_model="numpy")

@@ -29,7 +29,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 NO_HITS = np.empty(0, np.int64), np.empty(0)
-ODD = 0.6  # standard deviations of a pixel, by which an odd pixel's expectation lies off
 
 
 class Pixels(NamedTuple):
@@ -128,12 +127,11 @@ def put(frame: Frame, pixel: Ints, numbers: Ints) -> None:
     _put(frame.image, pixel, numbers)
 
 
-def lone_pixels(detector: Detector, sky: float, streams: Streams) -> Ints:
-    """The pixels that are unlike their neighbours: hit, hot or dead.
+def lone_pixels(detector: Detector, odd: Ints, streams: Streams) -> Ints:
+    """The pixels that a trial looks at wherever they are: odd ones, and those that are hit.
 
     Returns  (k,) row * columns + column
     """
-    odd = odd_pixels(detector, sky)
     if not detector.hits:
         return odd
     shape = (detector.rows, detector.columns)
@@ -141,13 +139,16 @@ def lone_pixels(detector: Detector, sky: float, streams: Streams) -> Ints:
     return np.concatenate([odd, pixel])
 
 
-@lru_cache(maxsize=4)
-def odd_pixels(detector: Detector, sky: float) -> Ints:
-    """The hot and the dead ones, (k,) row * columns + column."""
+@lru_cache(maxsize=8)
+def odd_pixels(detector: Detector, sky: float, limit: float) -> Ints:
+    """The pixels unlike most others, (k,) row * columns + column: hot, dead, or far off the mean.
+
+    limit  standard deviations of a pixel, by which an odd pixel's expectation lies off
+    """
     level = ground(detector, sky)
     middle = float(np.median(level[:: max(1, level.shape[0] // 256)]))
     spread = math.hypot(math.sqrt(middle), law_of(detector).noise)
-    return np.flatnonzero(np.abs(level - middle) > ODD * spread)
+    return np.flatnonzero(np.abs(level - middle) > limit * spread)
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,11 +1,13 @@
 """Excesses drawn by a tilted law against those of whole frames."""
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.detector import Detector, frame_of
+from startrack.detector import Defects, Detector, frame_of
 from startrack.detector.excess import excesses, numbers_of, rates_for, tilt_for
 from startrack.detector.ground import ground, ground_tables
 from startrack.detector.windows import odd_pixels
@@ -30,30 +32,42 @@ def bell(sigma, half):
 WEIGHT = bell(1.0, 3)
 
 
-@pytest.fixture(scope="module")
-def frames():
-    level, tables = ground(DETECTOR, SKY), ground_tables(DETECTOR, SKY)
-    return [frame_of(level, DETECTOR, Streams(7, n), tables).image for n in range(FRAMES)]
+# So uneven that a pixel in ten lies off by more than its noise.
+UNEVEN = dataclasses.replace(DETECTOR, defects=Defects(dsnu=15.0))
 
 
-@pytest.fixture(scope="module")
-def filtered(frames):
+def images(detector):
+    level, tables = ground(detector, SKY), ground_tables(detector, SKY)
+    return [frame_of(level, detector, Streams(7, n), tables).image for n in range(FRAMES)]
+
+
+def passed_through(frames):
     return np.array([
         cv2.filter2D(one.astype(float), -1, WEIGHT, borderType=cv2.BORDER_REFLECT)
         for one in frames
     ])  # fmt: skip
 
 
-def drawn(level, regions=NONE, trials=FRAMES):
+@pytest.fixture(scope="module")
+def frames():
+    return images(DETECTOR)
+
+
+@pytest.fixture(scope="module")
+def filtered(frames):
+    return passed_through(frames)
+
+
+def drawn(level, regions=NONE, trials=FRAMES, detector=DETECTOR):
     """All excesses of many trials: row, column, numbers about it."""
-    numbers = numbers_of(DETECTOR, SKY, odd_pixels(DETECTOR, SKY).tobytes())
+    numbers = numbers_of(detector, SKY, odd_pixels(detector, SKY, 4.0).tobytes())
     tilt = tilt_for(numbers, WEIGHT, level, MESH, BORDER)
-    rates = rates_for(numbers, tilt, np.full(tilt.bound.shape, level), MESH)
+    rates = rates_for(numbers, tilt, np.full(len(tilt.most), level))
     found = [
         excesses(numbers, tilt, rates, MESH, BORDER, regions, Streams(8, n)) for n in range(trials)
     ]
     pixel = np.concatenate([each[0] for each in found])
-    return (*np.divmod(pixel, DETECTOR.columns), np.concatenate([each[1] for each in found]))
+    return (*np.divmod(pixel, detector.columns), np.concatenate([each[1] for each in found]))
 
 
 @pytest.mark.parametrize("sigmas", [3.5, 4.5])
@@ -100,6 +114,25 @@ def test_numbers_about_an_excess_have_its_shape(frames, filtered):
     error = np.hypot(np.std(seen, axis=0) * np.sqrt(3 / len(seen)),
                      numbers[inside].std(axis=0) / np.sqrt(inside.sum()))  # fmt: skip
     assert (np.abs(wanted - got) < 4.5 * error).all()
+
+
+def test_an_uneven_device_makes_them_where_its_pixels_are_high():
+    """As often as in frames, 4 standard deviations, and in the same places, whose counts are told
+    from each other: the correlation of two halves of the frames is reached."""
+    filtered = passed_through(images(UNEVEN))[:, BORDER:-BORDER, BORDER:-BORDER]
+    level = filtered.mean() + 3.5 * filtered.std()
+    over = filtered > level
+    counts = over.sum(axis=(1, 2))
+    row, column, _ = drawn(level, detector=UNEVEN)
+    spread = np.hypot(counts.std() * np.sqrt(FRAMES), np.sqrt(len(row)))
+    assert abs(len(row) - counts.sum()) < 4 * spread
+    place = np.zeros((130, 140))
+    np.add.at(place, (row, column), 1)
+    halves = over[::2].sum(axis=0), over[1::2].sum(axis=0)
+    whole = over.sum(axis=0), place[BORDER:-BORDER, BORDER:-BORDER]
+    alike, got = (np.corrcoef(*(each.ravel() for each in pair))[0, 1] for pair in (halves, whole))
+    assert alike > 0.3
+    assert got > alike
 
 
 def test_regions_are_left_out():
