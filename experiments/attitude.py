@@ -27,17 +27,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from validation import show, validation
 
+from startrack import Case, Fidelity, arcsec, deg, load_design, shipped
+from startrack import trials as outcomes_of
 from startrack.attitude import Observability, align
 from startrack.benchmark.attitude import SOLVERS as OURS
 from startrack.benchmark.attitude import Solver, aligned, fields
 from startrack.budget import analytic, measured
-from startrack.case import Case, Fidelity
-from startrack.catalog import shipped
-from startrack.chain import trials as outcomes_of
-from startrack.design import load_design
 from startrack.error import attitude_bound
-from startrack.study.workers import Serial
-from startrack.units import arcsec, deg
+from startrack.study import Serial
 
 Floats = NDArray[np.float64]
 

@@ -19,18 +19,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.case import Case
-from startrack.catalog import open_sky, shipped
-from startrack.chain import observe
-from startrack.design import load_design
+from startrack import Case, Streams, deg, light_of, load_design, look, observe, shipped, throughput
+from startrack.catalog import open_sky
 from startrack.detector.glow import glow_of
 from startrack.optics import Baffle
 from startrack.scene import Scene
 from startrack.scene.ephemeris import observer_of
 from startrack.scene.zodiacal import zodiacal
-from startrack.streams import Streams
-from startrack.units import deg
-from startrack.view import light_of, look, throughput
 
 DATE = "2026-03-20T12:00:00"
 ANGLES = (30, 35, 40, 45, 50, 60, 90, 135, 180)  # degree from the Sun

@@ -23,16 +23,11 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
-from startrack.case import Tracker
+from startrack import Camera, Frame, Matches, Spots, Status, Tracker, read_image, track
 from startrack.catalog import Selection, open_sky
-from startrack.chain import track
 from startrack.detection import Detection
 from startrack.identification import Identification
-from startrack.images import read_image
-from startrack.study.ensemble import Ensembles
-from startrack.study.posterior import CameraPosterior, Prior, sample_camera
-from startrack.values import Frame, Matches, Spots, Status
+from startrack.study import CameraPosterior, Ensembles, Prior, sample_camera
 
 Floats = NDArray[np.float64]
 CAMERA = Camera(1024, 1024, 2000.0)

@@ -18,12 +18,8 @@ import numpy as np
 import one_thread  # noqa: F401
 from numpy.typing import NDArray
 
-from startrack.chain import observe
-from startrack.design import load_design
+from startrack import Streams, load_design, observe, pointing, shipped
 from startrack.imager import Picture, load_survey, render
-from startrack.shipped import shipped
-from startrack.streams import Streams
-from startrack.wcs import pointing
 
 SCENES = ("waoss", "hsrs", "mertis", "ads40")
 PRAESEPE = (130.1, 19.67)  # right ascension and declination, degree: an open cluster

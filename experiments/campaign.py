@@ -25,17 +25,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack import OUTCOMES, Case, Design, Fidelity, load_design, save_design, shipped
 from startrack.benchmark.trials import sized
-from startrack.campaign.precision import Precision
-from startrack.campaign.resume import resume
-from startrack.campaign.store import Store
-from startrack.case import Case, Fidelity
-from startrack.catalog import shipped
-from startrack.design import Design, load_design, save_design
+from startrack.campaign import Precision, Store, resume
 from startrack.error import summarise
-from startrack.study.cluster import dask_pool
-from startrack.study.montecarlo import OUTCOMES, Serial, pool, run
-from startrack.variance.sampling import Sampling
+from startrack.study import Serial, dask_pool, pool, run
+from startrack.variance import Sampling
 
 SEED = 7
 TRIAL = 0.01  # second, of a trial that only waits

@@ -19,22 +19,26 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
-from startrack.case import Fidelity
-from startrack.catalog import shipped
+from startrack import Fidelity, arcsec, shipped
 from startrack.commands.optimize import optimum_values
 from startrack.commands.terminal import finite, read_campaign
 from startrack.draw_study import draw_places
 from startrack.error import Interval
-from startrack.study.bench import FRESH, Bench
-from startrack.study.campaign import Campaign
-from startrack.study.evaluate import Evaluation
-from startrack.study.ledger import Ledger
-from startrack.study.montecarlo import pool, warm
-from startrack.study.objective import AXES, Objective
-from startrack.study.optimize import Optimum, optimize
-from startrack.study.tables import comparison
-from startrack.units import arcsec
-from startrack.variance.sampling import Sampling
+from startrack.study import (
+    Bench,
+    Campaign,
+    Evaluation,
+    Ledger,
+    Objective,
+    Optimum,
+    comparison,
+    optimize,
+    pool,
+    warm,
+)
+from startrack.study.bench import FRESH
+from startrack.study.objective import AXES
+from startrack.variance import Sampling
 
 BEFORE, AFTER, MISSED = "#3567a8", "#2e7d5b", "#c0392b"
 

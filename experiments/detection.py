@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from startrack import Frame, Streams, read_image
 from startrack.benchmark.detection import Finder
 from startrack.benchmark.detection import finders as ours
 from startrack.benchmark.detection_limit import limit
@@ -40,9 +41,6 @@ from startrack.benchmark.starfield import (
     snr_of,
 )
 from startrack.detection import Detection, detect, subtract_dark
-from startrack.images import read_image
-from startrack.streams import Streams
-from startrack.values import Frame
 
 Floats = NDArray[np.float64]
 

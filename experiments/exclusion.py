@@ -19,11 +19,9 @@ import numpy as np
 import one_thread  # noqa: F401
 from numpy.typing import NDArray
 
+from startrack import arcsec, deg, load_design, shipped
 from startrack.budget import Exclusion, exclusions
-from startrack.design import load_design
 from startrack.optics import Baffle
-from startrack.shipped import shipped
-from startrack.units import arcsec, deg
 
 # Of the usual shape for a two-stage baffle; an assumption, not a product's.
 BAFFLE = Baffle(

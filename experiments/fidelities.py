@@ -28,15 +28,22 @@ from scipy import stats
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from startrack import covariance, window
-from startrack.case import Case, Fidelity
-from startrack.catalog import open_sky, shipped
-from startrack.chain import observe, recognise, trials
-from startrack.design import load_design
+from startrack import (
+    Case,
+    Fidelity,
+    Spots,
+    Streams,
+    covariance,
+    load_design,
+    observe,
+    random_attitude,
+    recognise,
+    shipped,
+    trials,
+    window,
+)
+from startrack.catalog import open_sky
 from startrack.error import judge
-from startrack.streams import Streams
-from startrack.values import Spots
-from startrack.view import random_attitude
 from startrack.window import spots_in_windows
 
 Floats = NDArray[np.float64]

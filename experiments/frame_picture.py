@@ -7,12 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from startrack.catalog import open_sky, shipped
-from startrack.chain import observe
-from startrack.design import load_design
-from startrack.draw import draw_solution
-from startrack.streams import Streams
-from startrack.wcs import pointing
+from startrack import Streams, draw_solution, load_design, observe, pointing, shipped
+from startrack.catalog import open_sky
 
 ORION = (83.8, -1.5, 0.0)  # degree: right ascension, declination, roll
 PICTURE = Path(__file__).parents[1] / "docs" / "frame.png"

@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from startrack import Spots, deg
 from startrack.attitude import Attitude, solve
 from startrack.benchmark.skies import (
     LIMIT_G,
@@ -46,16 +47,9 @@ from startrack.benchmark.skies import (
     spots_at,
     wrong,
 )
-from startrack.identification import (
-    build_index,
-    cached_index,
-    identify,
-    track,
-)
+from startrack.identification import build_index, cached_index, identify, track
 from startrack.identification.seen import first, see, usable
 from startrack.identification.verify import weigh
-from startrack.units import deg
-from startrack.values import Spots
 
 Floats = NDArray[np.float64]
 

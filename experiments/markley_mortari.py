@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from startrack import arcsec, deg
 from startrack.attitude import align
 from startrack.benchmark.attitude import unit
-from startrack.units import arcsec, deg
 
 Floats = NDArray[np.float64]
 

@@ -19,10 +19,8 @@ from pathlib import Path as File
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.camera import Camera
+from startrack import Camera, Path, Streams
 from startrack.motion import Broadband, Motion, Tone, image_path, nyquist_mtf, shake, slew, turn
-from startrack.streams import Streams
-from startrack.values import Path
 
 Floats = NDArray[np.float64]
 

@@ -25,15 +25,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from startrack.case import Case, Fidelity
-from startrack.catalog import shipped
-from startrack.chain import psf_of
-from startrack.design import load_design
+from startrack import Case, Fidelity, arcsec, deg, load_design, psf_of, shipped, um
 from startrack.motion import Tone, wander
-from startrack.study.bench import Bench
-from startrack.study.objective import Objective
-from startrack.study.parameter import replaced
-from startrack.units import arcsec, deg, um
+from startrack.study import Bench, Objective, replaced
 
 Floats = NDArray[np.float64]
 

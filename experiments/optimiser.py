@@ -22,30 +22,25 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from startrack.case import Case
-from startrack.catalog import shipped
-from startrack.design import load_design
+from startrack import Case, arcsec, load_design, shipped
 from startrack.error import Star, centre_of_gravity_error, summarise
-from startrack.study.assure import availability
-from startrack.study.bench import FRESH, Bench
-from startrack.study.box import Box
-from startrack.study.campaign import Campaign
-from startrack.study.correction import correct
-from startrack.study.evaluate import (
-    LOST,
-    PENALTY,
+from startrack.study import (
+    Bench,
+    Box,
+    Campaign,
     Evaluation,
+    Ledger,
+    Objective,
+    Search,
     evaluate,
-    forecast,
-    measured,
-    missed,
+    least,
 )
-from startrack.study.ledger import Ledger
-from startrack.study.objective import Objective
+from startrack.study.assure import availability
+from startrack.study.bench import FRESH
+from startrack.study.correction import correct
+from startrack.study.evaluate import LOST, PENALTY, forecast, measured, missed
 from startrack.study.prospect import prospect
 from startrack.study.refine import refine
-from startrack.study.search import Search, least
-from startrack.units import arcsec
 
 Floats = NDArray[np.float64]
 JUDGE = 1000  # seed of the trials that all designs are judged on; no search has it

@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from startrack.optics import pupil_transfer
 from startrack.optics.kirchhoff import ThinLens, on_axis, path_defect
-from startrack.optics.transfer import pupil_transfer
 from startrack.optics.validity import fresnel_error, fresnel_radius, paper_radius
 
 Floats = NDArray[np.float64]

@@ -29,13 +29,13 @@ import psf_figures
 import psf_peers
 from numpy.typing import NDArray
 
+from startrack import Psf
 from startrack.benchmark.psf import FIELD, NOLL, WAVELENGTH, Pattern, by_rings
 from startrack.benchmark.stamping import centroid, exact, lens
 from startrack.detector.stamp import stamp
 from startrack.optics import focus
 from startrack.optics.airy import airy
 from startrack.optics.kirchhoff import ThinLens, on_axis
-from startrack.values import Psf
 
 Floats = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]

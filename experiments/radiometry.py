@@ -29,9 +29,8 @@ import one_thread  # noqa: F401
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from startrack import Streams, arcsec, deg, load_design, nm, observe, shipped, um
 from startrack.benchmark.radiance import ALBEDO, image, scenery
-from startrack.chain import observe
-from startrack.design import load_design
 from startrack.scene import Orbit, Scene
 from startrack.scene.air import (
     Air,
@@ -52,10 +51,7 @@ from startrack.scene.air.solver import TOP
 from startrack.scene.air.solver import radiance as solve
 from startrack.scene.earth import EarthScene, observe_earth
 from startrack.scene.ephemeris import EARTH_RADIUS, observer_of
-from startrack.shipped import shipped
-from startrack.streams import Streams
 from startrack.tables import from_table
-from startrack.units import arcsec, deg, nm, um
 
 Floats = NDArray[np.float64]
 

@@ -30,12 +30,10 @@ from numpy.typing import NDArray
 from scipy import special, stats
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack import Camera, Light, Path, Streams
 from startrack.detector import Detector, expose, read_out
 from startrack.detector.maps import dark, response
 from startrack.optics import Optics, focus
-from startrack.streams import Streams
-from startrack.values import Light, Path
 
 Floats = NDArray[np.float64]
 Image = NDArray[Any]

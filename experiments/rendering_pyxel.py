@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from startrack import Streams
 from startrack.benchmark.noise import law
 from startrack.detector import Detector, read_out
-from startrack.streams import Streams
 
 Floats = NDArray[np.float64]
 

@@ -28,16 +28,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from startrack.case import Case
-from startrack.catalog import shipped
-from startrack.design import load_design
+from startrack import Case, Path, arcsec, deg, load_design, shipped
 from startrack.motion import Motion, Tone, image_path, nyquist_mtf, slew, stability
 from startrack.motion.transfer import NYQUIST
-from startrack.study.bench import Bench
-from startrack.study.montecarlo import pool
+from startrack.study import Bench, pool
 from startrack.sweep import duration
-from startrack.units import arcsec, deg
-from startrack.values import Path
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

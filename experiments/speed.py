@@ -26,21 +26,28 @@ import one_thread  # noqa: F401  # isort: skip
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
+from startrack import (
+    Case,
+    Fidelity,
+    Streams,
+    arcsec,
+    deg,
+    index_of,
+    load_design,
+    look,
+    random_attitude,
+    shipped,
+    throughput,
+    trials,
+)
 from startrack.benchmark.trials import sized
-from startrack.case import Case, Fidelity
-from startrack.catalog import open_sky, shipped
-from startrack.chain import index_of, trials
-from startrack.design import load_design
+from startrack.catalog import open_sky
 from startrack.detector.expose import arriving
 from startrack.error import summarise
 from startrack.scene import illuminate
-from startrack.streams import Streams
-from startrack.study.montecarlo import run, warm
+from startrack.study import pool, run, warm
 from startrack.study.workers import one_thread as one_opencv_thread
-from startrack.study.workers import pool
-from startrack.units import arcsec, deg
-from startrack.variance.sampling import Sampling
-from startrack.view import look, random_attitude, throughput
+from startrack.variance import Sampling
 
 SEED = 5
 REPEATS = 3

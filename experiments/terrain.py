@@ -27,6 +27,7 @@ import numpy as np
 import one_thread  # noqa: F401  before numpy
 from numpy.typing import NDArray
 
+from startrack import Streams
 from startrack.benchmark.mountains import (
     HEIGHT,
     RELIEF,
@@ -44,15 +45,14 @@ from startrack.scene.earth import (
     Rays,
     Relief,
     Scan,
+    Surface,
     cartesian,
     fractal,
     index,
     survey,
 )
-from startrack.scene.earth.surface import Surface
 from startrack.scene.earth.survey import LIFT
 from startrack.scene.earth.trace import blocked, trace
-from startrack.streams import Streams
 
 Floats = NDArray[np.float64]
 ELEVATIONS = (85, 60, 30, 10)

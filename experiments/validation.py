@@ -21,13 +21,12 @@ import one_thread  # noqa: F401  # isort: skip
 import numpy as np
 from markley_mortari import SCENARIOS, scenario
 
+from startrack import Case, arcsec, deg, load_design, shipped
 from startrack.budget import analytic, circles
-from startrack.case import Case
-from startrack.catalog import Selection, Sky, earth, open_sky, shipped, v_from_g
-from startrack.design import load_design
+from startrack.catalog import Selection, Sky, earth, open_sky, v_from_g
 from startrack.error import attitude_bound
 from startrack.single import errors
-from startrack.units import LIGHT_SPEED, arcsec, deg
+from startrack.units import LIGHT_SPEED
 
 PLACES = 20_000  # circles over the sky
 CHANDRA = np.arange(7.0, 9.6, 0.5)  # magnitudes of guide stars

@@ -21,17 +21,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from startrack.case import Case, Fidelity
-from startrack.catalog import shipped
-from startrack.chain import OUTCOMES, trials
-from startrack.design import load_design
+from startrack import OUTCOMES, Case, Fidelity, load_design, shipped, trials
 from startrack.study.workers import one_thread as one_opencv_thread
-from startrack.variance.attitudes import REPLICATES, by_regions
-from startrack.variance.estimate import Mean, plain, stratified
-from startrack.variance.mean_square import combined, mean_square
-from startrack.variance.regions import Regions
+from startrack.variance import (
+    Mean,
+    Regions,
+    Sampling,
+    by_regions,
+    combined,
+    mean_square,
+    plain,
+    stratified,
+)
+from startrack.variance.attitudes import REPLICATES
 from startrack.variance.sample import squares
-from startrack.variance.sampling import Sampling
 
 Outcomes = NDArray[np.void]
 

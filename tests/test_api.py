@@ -4,7 +4,10 @@ import ast
 import inspect
 import re
 import typing
+from contextlib import suppress
 from enum import Enum
+from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 
 import list_api
@@ -18,6 +21,7 @@ NAMES = [one for _, names in MODULES for one in names]
 CLASSES = {one.thing for one in NAMES if inspect.isclass(one.thing)}
 # What a large index holds inside, which nobody is meant to take out.
 INSIDE = {"Cache", "CodeTable", "SkyGrid", "Voters"}
+EXPERIMENTS = sorted((Path(__file__).parents[1] / "experiments").glob("*.py"))
 
 
 def told(one: Name) -> str:
@@ -82,6 +86,20 @@ def test_what_a_public_name_takes_and_gives_is_public(one):
         if not name.startswith("_"):
             hidden = {of.__name__ for of in _ours(kind)} - INSIDE
             assert not hidden, f"{name}: {hidden}"
+
+
+@pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: path.name)
+def test_an_experiment_takes_a_public_name_from_where_it_is_public(path):
+    listed = {id(one.thing) for one in NAMES}
+    packages = {module.__name__ for module, _ in MODULES}
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("startrack."):
+            if node.module in packages:
+                continue
+            with suppress(ImportError):  # of what an extra would bring
+                module = import_module(str(node.module))
+                for alias in node.names:
+                    assert id(getattr(module, alias.name, None)) not in listed, alias.name
 
 
 def _for_type_checkers(module: ModuleType | None) -> dict[str, type]:
