@@ -1,0 +1,223 @@
+"""A model with everything on -> what leaving each effect out of it does, and which are needed."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Change = Callable[[Any], Any]
+Observe = Callable[[Any, int], Floats]
+
+
+@dataclass(frozen=True)
+class View:
+    """A scene with everything on, and how to leave out each effect alone.
+
+    name     of the scene
+    text     what is seen, by what, and what a trial is, for people
+    full     the model
+    effects  name -> a change that leaves the effect out of any model
+    observe  a model and the number of a trial -> (p, k) values of k kinds at p places, NaN where
+             there is none; two models meet the same sky and noise in the same trial
+    own      a model, n trials, their values (n, p, k) -> (k,) the scene's own error
+    kinds    name of each of the k, with its unit
+    faster   another, cheaper way to observe; None where there is none
+    """
+
+    name: str
+    text: str
+    full: Any
+    effects: Mapping[str, Change]
+    observe: Observe
+    own: Callable[[Any, Sequence[int], Floats], Floats]
+    kinds: tuple[str, ...]
+    faster: Observe | None = None
+
+    def without(self, names: Iterable[str]) -> Any:
+        """The model without some effects, left out in the order in which they are listed."""
+        model, left = self.full, set(names)
+        for name, change in self.effects.items():
+            if name in left:
+                model = change(model)
+        return model
+
+
+class Gap(NamedTuple):
+    """How far two models are apart on the same trials.
+
+    error    (k,) rms of the difference
+    sigma    (k,) its standard error, from the spread over trials
+    changed  trials in which one has an answer and the other has none
+    """
+
+    error: Floats
+    sigma: Floats
+    changed: int
+
+
+class Effect(NamedTuple):
+    """What leaving out one effect does.
+
+    share    1, the error that it makes over the scene's own, of the kind where that is largest
+    seconds  of CPU that the effect costs in a trial, median of differences
+    """
+
+    name: str
+    gap: Gap
+    share: float
+    seconds: float
+    kept: bool
+
+
+class Way(NamedTuple):
+    """One way through the whole scene, on trials that no choice was made on.
+
+    seconds  of CPU of a trial, the median
+    answers  trials with an answer
+    error    (k,) the scene's own error, by this way
+    gap      to the full model
+    """
+
+    name: str
+    seconds: float
+    answers: int
+    error: Floats
+    gap: Gap
+
+
+class Found(NamedTuple):
+    """A scene's effects, and the chain that is left.
+
+    own      (k,) the scene's own error
+    bound    (k,) the errors of all that is spared, in quadrature
+    refused  why the chain that is left cannot be observed faster, or nothing
+    """
+
+    view: View
+    trials: int
+    own: Floats
+    effects: list[Effect]
+    bound: Floats
+    ways: list[Way]
+    refused: str
+
+
+def leave_out(
+    view: View, trials: int, timed: int, share: float, tell: Callable[[str], None]
+) -> Found:
+    """Leave out every effect alone, then all at once that can be spared; judge that afresh.
+
+    timed  how many trials are repeated in turns with the full model, for the time
+    share  1, of the scene's own error, that all that is left out may make in quadrature
+    tell   is called with what is being done
+    """
+    numbers = range(trials)
+    full = observed(view.observe, view.full, numbers)
+    own = view.own(view.full, numbers, full)
+    effects = []
+    for name, change in view.effects.items():
+        tell(f"{view.name}: without {name}")
+        model = change(view.full)
+        found = gap(observed(view.observe, model, numbers), full)
+        cost = extra_time(view, model, numbers[:timed])
+        effects.append(Effect(name, found, float(np.max(found.error / own)), cost, True))
+    effects = choose(effects, share)
+    spared = [effect for effect in effects if not effect.kept]
+    bound = np.sqrt(sum((effect.gap.error**2 for effect in spared), np.zeros_like(own)))
+    tell(f"{view.name}: only what it needs")
+    lean = view.without(effect.name for effect in spared)
+    fresh = range(trials, 2 * trials)
+    refused = why_not(view, lean, fresh[0])
+    return Found(view, trials, own, effects, bound, judge(view, lean, fresh, not refused), refused)
+
+
+def observed(observe: Observe, model: Any, numbers: Sequence[int]) -> Floats:
+    """(n, p, k) the values of n trials."""
+    return np.array([observe(model, number) for number in numbers])
+
+
+def gap(one: Floats, other: Floats) -> Gap:
+    """The difference of two models' values (n, p, k); trials are independent, places are not."""
+    both = np.isfinite(one) & np.isfinite(other)
+    square = np.where(both, one - other, 0.0) ** 2
+    weight = both.sum(1)
+    mean = square.sum((0, 1)) / np.maximum(weight.sum(0), 1)
+    # Standard error of a ratio of sums over trials.
+    rest = square.sum(1) - weight * mean
+    sigma = np.sqrt((rest**2).sum(0)) / np.maximum(weight.sum(0), 1)
+    error = np.sqrt(mean)
+    changed = (np.isfinite(one) != np.isfinite(other)).any((1, 2)).sum()
+    return Gap(error, sigma / np.maximum(2 * error, 1e-300), int(changed))
+
+
+def choose(effects: Sequence[Effect], share: float) -> list[Effect]:
+    """Spare the least effects, while all spared ones make at most `share` in quadrature.
+
+    What turns a trial from solved to unsolved, or back, is kept.
+    """
+    spent, spared = 0.0, set()
+    for effect in sorted(effects, key=lambda effect: effect.share):
+        if not effect.gap.changed and spent + effect.share**2 <= share**2:
+            spent += effect.share**2
+            spared.add(effect.name)
+    return [effect._replace(kept=effect.name not in spared) for effect in effects]
+
+
+def extra_time(view: View, model: Any, numbers: Sequence[int]) -> float:
+    """Seconds of CPU that the full model takes more than another, in turns on the same trials."""
+    return statistics.median(
+        clocked(view.observe, view.full, number)[1] - clocked(view.observe, model, number)[1]
+        for number in numbers
+    )
+
+
+def why_not(view: View, lean: Any, number: int) -> str:
+    """Why a model cannot be observed the faster way; nothing where it can."""
+    if view.faster is None:
+        return "there is no other way"
+    try:
+        view.faster(lean, number)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def judge(view: View, lean: Any, numbers: Sequence[int], faster: bool) -> list[Way]:
+    """The full model, the lean one and perhaps its faster way, in turns."""
+    ways = {"everything": (view.observe, view.full), "what is needed": (view.observe, lean)}
+    if view.faster and faster:
+        ways["the same, in windows"] = (view.faster, lean)
+    for way in ways.values():
+        clocked(*way, numbers[0])  # what is computed once for a design
+    turns = [[clocked(*way, number) for way in ways.values()] for number in numbers]
+    everything = np.array([values for (values, _), *_ in turns])
+    found = []
+    for (name, (_, model)), each in zip(ways.items(), zip(*turns, strict=True), strict=True):
+        values, seconds = np.array([v for v, _ in each]), statistics.median(s for _, s in each)
+        answers = int(np.isfinite(values).any((1, 2)).sum())
+        own = view.own(model, numbers, values)
+        found.append(Way(name, seconds, answers, own, gap(values, everything)))
+    return found
+
+
+def clocked(observe: Observe, model: Any, number: int) -> tuple[Floats, float]:
+    """The values of a trial, and its seconds of CPU."""
+    began = time.process_time()
+    values = observe(model, number)
+    return values, time.process_time() - began
+
+
+def rms(values: Floats) -> Floats:
+    """(k,) of errors (n, p, k), as far as there are any."""
+    known = np.isfinite(values).any()
+    return (
+        np.sqrt(np.nanmean(values**2, axis=(0, 1))) if known else np.full(values.shape[2], math.nan)
+    )

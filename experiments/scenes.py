@@ -1,0 +1,219 @@
+"""Which effects does a scene need, what does each cost, and what error makes leaving it out?
+
+Four scenes of the nanosatellite's tracker (in the dark, slewing, with the Moon, with the limb) and
+an Earth imager, each with everything that the chain can model. Every effect is left out alone, on
+the same skies and noise; then, from the least on, all at once whose errors together, in quadrature,
+stay below a share of the scene's own error. What turns a solved trial into an unsolved one is kept.
+The chain that is left is judged on trials that the choice has not seen.
+
+    python experiments/scenes.py [--trials N] [--out DIR] [SCENE ...]
+
+writes scenes.md, scenes.json and scenes.png; six minutes of CPU for 16 trials of each.
+"""
+
+from __future__ import annotations
+
+import one_thread  # noqa: F401  # isort: skip
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import scenes_imager
+import scenes_tracker
+from leaving_out import Effect, Found, Gap, View, Way, leave_out
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from startrack.benchmark import versions
+from startrack.benchmark.table import figure, spent
+from startrack.saving import save_json, save_text, whole
+
+SHARE = 1 / 3
+TIMED = 3  # trials that are repeated in turns with everything, for the time
+IMAGES = 4  # trials of a tracker for one of the imager, which has thousands of pixels
+KEPT, SPARED = "#1f6f43", "#999999"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    views = {view.name: view for view in (*scenes_tracker.views(), scenes_imager.view())}
+    names = ", ".join(views)
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {names} (default: all)")
+    parser.add_argument("--trials", type=int, default=16, help="of a tracker (default: 16)")
+    parser.add_argument("--out", type=Path, default=Path(), metavar="DIR")
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    found = [study(views[name], options.trials) for name in options.scenes or views]
+    text = markdown(found, options.trials)
+    out = options.out / "scenes.md"
+    save_text(out, text)
+    save_json(out.with_suffix(".json"), {"versions": versions(), **values(found)})
+    draw(out.with_suffix(".png"), found)
+    print(text)
+
+
+def study(view: View, trials: int) -> Found:
+    if view.faster is None:
+        trials = max(trials // IMAGES, 1)
+    return leave_out(view, trials, min(TIMED, trials), SHARE, tell)
+
+
+def tell(what: str) -> None:
+    print(what, file=sys.stderr, flush=True)
+
+
+def markdown(found: Sequence[Found], trials: int) -> str:
+    """A table of the chains, then one of the effects of each scene."""
+    command = f"python experiments/scenes.py --trials {trials}"
+    lines = [
+        "# What a scene needs",
+        "",
+        "![The error that leaving out each effect makes, and the time of the chains](scenes.png)",
+        "",
+        f"`{command}`, {versions()}; CPU time of one thread, median.",
+        "",
+        "Each scene has everything that the chain can model. Every effect is left out alone, on "
+        "the same skies and noise: its error is the rms of the difference, with its standard "
+        "error. From the least on, effects are spared as long as the errors of all spared, in "
+        f"quadrature, stay below {SHARE:.2g} of the scene's own error in each kind; what turns a "
+        "solved trial into an unsolved one is kept. The chains are judged on as many other trials.",
+        "",
+        "| scene | chain | CPU time | answers | own error | gap to everything | spared, in "
+        "quadrature |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for one in found:
+        for way in one.ways:
+            spared = "" if way is one.ways[0] else joined(one.bound)
+            gap = "" if way is one.ways[0] else measured(way.gap)
+            lines.append(
+                f"| {one.view.name} | {way.name} | {spent(way.seconds)} | {way.answers} of "
+                f"{one.trials} | {joined(way.error)} | {gap} | {spared} |"
+            )
+    for one in found:
+        lines += ["", *effects_of(one)]
+    return "\n".join([*lines, ""])
+
+
+def effects_of(found: Found) -> list[str]:
+    view = found.view
+    kept = sum(effect.kept for effect in found.effects)
+    lines = [
+        f"## {view.name}",
+        f"{view.text[0].upper()}{view.text[1:]}; {found.trials} trials. Errors are "
+        f"{' and '.join(view.kinds)}; the scene's own: {joined(found.own)}. It needs {kept} of "
+        f"{len(found.effects)} effects.",
+        "",
+        "| effect | error when left out | of the scene's own | answers changed | CPU time | kept |",
+        "|---|---|---|---|---|---|",
+    ]
+    for effect in sorted(found.effects, key=lambda effect: -effect.share):
+        lines.append(
+            f"| {effect.name} | {measured(effect.gap)} | {effect.share:.2f} | "
+            f"{effect.gap.changed} | {1e3 * effect.seconds:+.1f} ms | "
+            f"{'yes' if effect.kept else ''} |"
+        )
+    if found.refused:
+        lines += ["", f"No faster way: {found.refused}."]
+    return lines
+
+
+def joined(values: Any) -> str:
+    return "; ".join(figure(value) for value in values)
+
+
+def measured(gap: Gap) -> str:
+    return "; ".join(
+        f"{figure(error)} ± {figure(sigma)}" if error else "0"
+        for error, sigma in zip(gap.error, gap.sigma, strict=True)
+    )
+
+
+def values(found: Sequence[Found]) -> dict[str, Any]:
+    """What the tables say, for machines; times in seconds."""
+    return {
+        one.view.name: {
+            "kinds": one.view.kinds,
+            "trials": one.trials,
+            "own": list(one.own),
+            "bound": list(one.bound),
+            "refused": one.refused,
+            "effects": {effect.name: plain(effect) for effect in one.effects},
+            "ways": {way.name: plain(way) for way in one.ways},
+        }
+        for one in found
+    }
+
+
+def plain(row: Effect | Way) -> dict[str, Any]:
+    """A row without its name."""
+    known = {name: value for name, value in row._asdict().items() if name not in ("name", "gap")}
+    if "error" in known:
+        known["error"] = [float(error) for error in known["error"]]
+    gap = {"error": list(row.gap.error), "sigma": list(row.gap.sigma), "changed": row.gap.changed}
+    return {**known, "gap": gap}
+
+
+def draw(path: Path, found: Sequence[Found]) -> None:
+    """A panel a scene: effects by their share; one of the chains' time and error."""
+    down = math.ceil((len(found) + 1) / 2)
+    picture = Figure(figsize=(13, 5.2 * down), layout="constrained")
+    for n, one in enumerate(found):
+        draw_effects(picture.add_subplot(down, 2, n + 1), one)
+    draw_ways(picture.add_subplot(down, 2, len(found) + 1), found)
+    picture.suptitle("Every effect left out alone, on the same skies and noise")
+    with whole(path) as draft:
+        picture.savefig(draft, dpi=90)
+
+
+def draw_effects(axes: Axes, found: Found) -> None:
+    effects = sorted(found.effects, key=lambda effect: effect.share)
+    least = 1e-3
+    for row, effect in enumerate(effects):
+        worst = (effect.gap.error / found.own).argmax()
+        sigma = effect.gap.sigma[worst] / found.own[worst]
+        colour = KEPT if effect.kept else SPARED
+        axes.errorbar(
+            max(effect.share, least), row, xerr=sigma if effect.share > least else 0.0,
+            fmt="o" if effect.share > least else "<", color=colour, ms=5,
+        )  # fmt: skip
+        axes.annotate(
+            f"{1e3 * effect.seconds:+.1f} ms", (1.01, row), xycoords=("axes fraction", "data"),
+            fontsize=7, va="center", color=colour,
+        )  # fmt: skip
+    axes.set(
+        xscale="log", xlim=(least / 1.5, None), ylim=(-0.7, len(effects) - 0.3),
+        xlabel="error when left out, over the scene's own (1); right: CPU time of a trial",
+        title=f"{found.view.name}, {found.trials} trials",
+    )  # fmt: skip
+    axes.set_yticks(range(len(effects)), [effect.name for effect in effects], fontsize=7)
+    axes.axvline(SHARE, color="#b4442f", ls="--", lw=1)
+    axes.grid(lw=0.3, axis="x")
+
+
+def draw_ways(axes: Axes, found: Sequence[Found]) -> None:
+    for n, one in enumerate(found):
+        time = [1e3 * way.seconds for way in one.ways]
+        error = [float(way.error[0] / one.ways[0].error[0]) for way in one.ways]
+        axes.plot(time, error, "-", color=f"C{n}", lw=0.8)
+        for t, e, mark in zip(time, error, "so^", strict=False):
+            axes.plot(t, e, mark, color=f"C{n}", ms=6)
+        axes.annotate(one.view.name, (time[0], error[0]), (5, 4 + 9 * n),
+                      textcoords="offset points", color=f"C{n}", fontsize=8)  # fmt: skip
+    axes.set(
+        xscale="log", xlabel="CPU time of a trial (ms)",
+        ylabel="the scene's own error by a chain, over that by everything (1)",
+        title="square: everything; circle: what is needed; triangle: in windows",
+    )  # fmt: skip
+    axes.grid(lw=0.3)
+
+
+if __name__ == "__main__":
+    main()
