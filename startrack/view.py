@@ -161,17 +161,25 @@ def frame_before(
     detector = instrument.detector
     if not detector.lag:
         return None
-    motion, late = turn(instrument.motion, detector.exposure, streams), 1 / detector.update_rate
+    earlier, turned = motion_before(instrument, path, streams)
     return expected(
         light,
         psf_of(instrument),
-        replace(path, rotation=motion.at(path.time - late)),
+        earlier,
         icrs_to_camera,
         instrument.camera,
         replace(detector, lag=0.0),
         throughput(instrument),
-        lambda time: motion.at(time - late),
+        turned,
     )
+
+
+def motion_before(instrument: Instrument, path: Path, streams: Streams) -> tuple[Path, Turn]:
+    """The path in the exposure of the frame before, and the same motion at any time."""
+    detector = instrument.detector
+    motion, late = turn(instrument.motion, detector.exposure, streams), 1 / detector.update_rate
+    earlier = replace(path, rotation=motion.at(path.time - late))
+    return earlier, lambda time: motion.at(time - late)
 
 
 def throughput(instrument: Instrument) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation
 
-from startrack.case import Case
+from startrack.case import Case, Instrument
 from startrack.catalog import Sky, open_sky
 from startrack.detection import threshold_of
 from startrack.detection.within import (
@@ -45,6 +45,7 @@ from startrack.view import (
     electrons_of,
     light_of,
     look,
+    motion_before,
     nearby,
     noiseless,
     path_of,
@@ -80,11 +81,7 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     plan, instrument = plan_of(case), case.instrument
     detector, sky, psf, settings = plan.detector, plan.sky, plan.psf, case.tracker.detection
     direction, star = arrive(case, plan, icrs_to_camera, streams)
-    path, turn = path_of(instrument, streams), turn_of(instrument, streams)
-    parts = zip(
-        *seen(direction, path, icrs_to_camera, instrument.camera, detector, turn), strict=True
-    )
-    weight, x, y = (np.concatenate(each) for each in parts)
+    weight, x, y = places_of(instrument, direction, icrs_to_camera, streams)
     noise = plan.noise
     ground, rates = noise.grounds[int(streams("sample of the sky").integers(SAMPLES))]
     half = reach_of(star / detector.electrons_per_dn, ground.noise, plan)
@@ -125,6 +122,29 @@ def arrive(
     return light.direction, arriving(light, camera, detector, throughput(case.instrument))[0]
 
 
+def places_of(
+    instrument: Instrument, direction: Floats, icrs_to_camera: Rotation, streams: Streams
+) -> tuple[Floats, Floats, Floats]:
+    """Weights (m,), x and y (m, n) of the points of the stars' paths.
+
+    What the frame before left is a fainter star, where the star was then.
+    """
+    path, lag = path_of(instrument, streams), instrument.detector.lag
+    views = [(1 - lag, path, turn_of(instrument, streams))]
+    if lag:
+        views.append((lag, *motion_before(instrument, path, streams)))
+    camera, detector = instrument.camera, instrument.detector
+    parts = [
+        (share * weight, x, y)
+        for share, path, turn in views
+        for weight, x, y in seen(direction, path, icrs_to_camera, camera, detector, turn)
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    weight, x, y = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return weight, x, y
+
+
 class Noise(NamedTuple):
     """Where noise alone passes the level of the search.
 
@@ -144,6 +164,7 @@ class Noise(NamedTuple):
 class Plan:
     """All that the trials of a case share.
 
+    detector   without its lag, which stars alone show: it leaves an even sky as it is
     catalog    the sky;  star  (n,) electron of each in it, None where a scene holds more light
     sky        electron in a pixel of mean response
     noise      what makes false spots
@@ -170,7 +191,7 @@ class Plan:
 def plan_of(case: Case) -> Plan:
     """Render and measure some frames, once per design."""
     instrument, settings = case.instrument, case.tracker.detection
-    detector, psf = instrument.detector, psf_of(instrument)
+    detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
     only_lone_pixels(detector)
     light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
     _, sky = arriving(light, instrument.camera, detector, throughput(instrument))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +44,9 @@ def expose(
         light, psf, path, icrs_to_camera, camera, detector, throughput, turn, before
     )
     _, sky = arriving(light, camera, detector, throughput)
-    even = before is None and not light.glow
-    tables = ground_tables(detector, sky) if even else None
+    # Of an even sky, the frame before leaves as much as this one keeps back.
+    evened = detector if before is None else replace(detector, lag=0.0)
+    tables = None if light.glow else ground_tables(evened, sky)
     return frame_of(electrons, detector, streams, tables)
 
 
