@@ -6,7 +6,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, vectorize
+from numba import njit
 from numpy.typing import NDArray
 
 from startrack.detector.parameters import Detector
@@ -76,14 +76,19 @@ def number(level, gain, offset, bow, largest):  # type: ignore[no-untyped-def]
     return min(max(math.floor(x + 4.0 * bow * y * (1.0 - y) + 0.5), 0.0), largest)
 
 
-@vectorize(["float64(float64, float64, float64, float64, float64)"], cache=True)
-def _numbers(level, gain, offset, bow, largest):  # type: ignore[no-untyped-def]
-    return number(level, gain, offset, bow, largest)
-
-
 def converted(level: Floats, law: Law) -> Floats:
     """The numbers of signals that hold their noise already, element by element."""
-    return np.asarray(_numbers(level, law.gain, law.offset, law.bow, law.largest))
+    level = np.asarray(level, dtype=float)
+    flat = _numbers(level.ravel(), law.gain, law.offset, law.bow, law.largest)
+    return flat.reshape(level.shape)
+
+
+@njit(cache=True, error_model="numpy")
+def _numbers(level, gain, offset, bow, largest):  # type: ignore[no-untyped-def]
+    numbers = np.empty(len(level))
+    for i in range(len(level)):
+        numbers[i] = number(level[i], gain, offset, bow, largest)
+    return numbers
 
 
 def mean_numbers(electrons: Floats, law: Law) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, vectorize
+from numba import njit
 from scipy import special
 
 CELLS = 128  # per factor of two in the share, so that the tail is as exact as the middle
@@ -37,9 +37,3 @@ def inverse_normal(share):  # type: ignore[no-untyped-def]
     left, right = RISE_AFTER[i] - rise, rise - RISE_BEFORE[i + 1]
     below = QUANTILE[i] + t * (rise + (1 - t) * (left * (1 - t) + right * t))
     return below if share <= 0.5 else -below
-
-
-@vectorize(["float64(float64)"], cache=True)
-def normal_quantile(share: float) -> float:
-    """`inverse_normal`, element by element."""
-    return inverse_normal(share)

@@ -130,7 +130,7 @@ def drawn(mean, share):  # type: ignore[no-untyped-def]
     return float(k)
 
 
-@vectorize(["float64(float64, float64)"], cache=True)
+@vectorize(cache=True)  # without types, so that nothing is built before it is called
 def poisson_quantile(mean: float, normal: float) -> float:
     """Poisson numbers as quantiles of standard normal ones, element by element.
 
