@@ -3,6 +3,8 @@
 import ast
 import inspect
 import re
+import subprocess
+import sys
 import typing
 from contextlib import suppress
 from enum import Enum
@@ -100,6 +102,27 @@ def test_an_experiment_takes_a_public_name_from_where_it_is_public(path):
                 module = import_module(str(node.module))
                 for alias in node.names:
                     assert id(getattr(module, alias.name, None)) not in listed, alias.name
+
+
+SCRIPT = """
+from startrack import budget, load_design, shipped, trials
+case = load_design(shipped("designs/nanosatellite.toml")).case
+reveal_type(budget.analytic(case).whole.across)
+reveal_type(trials)
+trials(case, "one", [1])
+"""
+
+
+@pytest.mark.slow
+def test_a_type_checker_knows_what_a_script_takes(tmp_path):
+    """The stub stands for the package: a type that it did not give would be Any, and no fault."""
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    checker = [sys.executable, "-m", "mypy", "--cache-dir", str(tmp_path), str(script)]
+    found = subprocess.run(checker, capture_output=True, text=True, cwd=tmp_path).stdout
+    assert re.search(r"script.py:4: note: Revealed type is .*float", found), found
+    assert re.search(r"script.py:5: note: .*def \(case: startrack.case.Case, seed:", found), found
+    assert re.search(r'script.py:6: error: Argument 2 to "trials" has incompatible', found), found
 
 
 def _for_type_checkers(module: ModuleType | None) -> dict[str, type]:

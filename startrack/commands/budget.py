@@ -128,7 +128,7 @@ def _line(line: Line[Spread], ways: Iterable[Interpretation]) -> dict[str, Any]:
 def _table(expected: Budget[Any], found: Budget[Any] | None) -> str:
     """For a person: one line a cause, analytic beside measured."""
     beside = {line.name: line for line in found.lines} if found else {}
-    head = f"{'arcsec, rms per axis':<20}{'term':<18}{'across':>9}{'about':>9}"
+    head = f"{'arcsec rms per axis':<20}{'term':<18}{'across':>9}{'about':>9}"
     if found:
         head += f"   {'measured':>9}{'':>9}"
     rows = [head]
