@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from leaving_out import Change, Floats, View
 
+from startrack import shipped
 from startrack.detector import Defects, Pattern
 from startrack.imager import Channel, Picture, Survey, load_survey, render
-from startrack.shipped import shipped
 
 SIZE, CELLS = 48, 256  # pixel of the image, and cells of the terrain, along a side
 

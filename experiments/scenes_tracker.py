@@ -14,18 +14,24 @@ from backgrounds import BAFFLE, around
 from leaving_out import Change, Floats, View, rms
 from scipy.spatial.transform import Rotation
 
-from startrack.case import Case, Fidelity
-from startrack.chain import attempt
-from startrack.design import load_design
+from startrack import (
+    Case,
+    Fidelity,
+    Streams,
+    arcsec,
+    attempt,
+    deg,
+    load_design,
+    nm,
+    random_attitude,
+    shipped,
+    um,
+)
 from startrack.detector import Defects, Hits, Pattern
 from startrack.motion import Broadband, Tone
 from startrack.optics import Aberration
 from startrack.scene import Orbit, Scene
 from startrack.scene.ephemeris import EARTH_RADIUS, Observer, observer_of
-from startrack.shipped import shipped
-from startrack.streams import Streams
-from startrack.units import arcsec, deg, nm, um
-from startrack.view import random_attitude
 
 SEED = 11
 FAR = 30 * deg  # from the edges of all bodies, in a dark field
