@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy import fft, special
 
+from startrack.checks import non_negative, positive, within
 from startrack.optics.band import gauss_band
 from startrack.optics.choose import AIRY_SIGMA, choose
 from startrack.optics.fraunhofer import intensity, pupil_samples
@@ -53,15 +54,25 @@ def focus(
                  table is divided by it, because whoever counts photons has counted it already
     diffusion    metre, sigma of the Gaussian that charge diffusion adds per axis
     Errors       model: see `choose`; the share outside the table is 1 - Psf.energy.
-                 numerical: 1e-5 of the peak; see `pixel_response`, `pixel_average`, `stamp`.
+                 numerical: 1e-5 of the peak; see `pixel_response`, `pixel_average`, `stamp`. What
+                 is finer than a sigma of 1/64 pixel is blurred to that, lest shares become
+                 negative between the samples. So, where a pixel holds more than ten wavelength *
+                 f-number, a star within 1/32 pixel of its edge is divided wrongly by some of its
+                 light: 7e-4 at twenty, 0.01 at thirty, 0.08 at forty, 0.26 at 122.
                  ValueError where the wavefront needs more samples than MOST_SAMPLES.
     """
+    positive(pitch=pitch, fill_factor=fill_factor)
+    within(0, 1, fill_factor=fill_factor)
+    non_negative(diffusion=diffusion)
     wavelength, weight = gauss_band(wavelength, weight, BAND_NODES)
     mean_wavelength = float(weight @ wavelength)
     side = pitch * math.sqrt(fill_factor)
     blur = math.hypot(optics.total_blur, diffusion)
     disk = mean_wavelength * optics.working_f_number
     core = math.hypot(AIRY_SIGMA * disk, blur)
+    least = pitch / FINEST
+    if core < least:  # what is finer than the samples would ring between them
+        blur, core = math.sqrt(blur**2 + least**2 - core**2), least
     model = optics.psf
     if model == "auto":
         model = choose(optics, pitch, mean_wavelength, side).model
@@ -124,9 +135,11 @@ def pixel_response(
     side = side or pitch
     oversampling = _oversampling(finest)
     half = _half(half_width, oversampling)
-    samples = fft.next_fast_len(8 * half, real=True)
-    fx = fft.rfftfreq(samples, pitch / oversampling)
-    fy = fft.fftfreq(samples, pitch / oversampling)
+    # What varies within one and a half samples has frequencies beyond theirs.
+    fine = 2 if finest * oversampling < 1.5 else 1
+    samples = fft.next_fast_len(8 * half * fine, real=True)
+    spacing = pitch / oversampling / fine
+    fx, fy = fft.rfftfreq(samples, spacing), fft.fftfreq(samples, spacing)
     radius = np.hypot(fx, fy[:, None])
     # A transfer function of one variable is costly to evaluate on the plane, cheap on a line.
     line = np.linspace(0, radius.max(), 4 * samples)
@@ -134,9 +147,9 @@ def pixel_response(
     wings = cusp / decay * np.exp(-decay * line)
     spectrum = scipy.interpolate.CubicSpline(line, transfer(line) - wings)(radius)
     spectrum *= pixel_transfer(fx, side) * pixel_transfer(fy, side)[:, None]
-    plane = fft.irfft2(spectrum, s=(samples, samples)) * oversampling**2
+    plane = fft.irfft2(spectrum, s=(samples, samples)) * (pitch / spacing) ** 2
     around = np.r_[-half : half + 1]
-    table = plane[np.ix_(around, around)]
+    table = plane[np.ix_(around * fine, around * fine)]
     if cusp > 0:
         shape = _wings(around / oversampling, decay / (2 * math.pi * pitch), side / pitch)
         table = table + cusp / decay * shape
@@ -200,8 +213,10 @@ def irradiance(
     samples = pupil_samples(half_width, slope / shortest)
     if samples > MOST_SAMPLES:
         raise ValueError(
-            f"the pupil must need at most {MOST_SAMPLES} samples, got {samples}: the wavefront is "
-            f"as steep as {slope / shortest:.0f} waves per radius; let `blur` stand for it"
+            f"the pupil must need at most {MOST_SAMPLES} samples, got {samples} for a field of "
+            f"{2 * half_width:.0f} wavelength * f-number and a wavefront as steep as "
+            f"{slope / shortest:.0f} waves per radius: let `blur` stand for it or, where the pupil "
+            "is clear, take the model airy"
         )
     wave = wavefront(optics, model, samples)
     cell = wave.place[1] - wave.place[0]

@@ -132,3 +132,41 @@ def test_growing_aberrations_vanish_on_the_axis_and_turn_with_the_field():
         Optics(0.05, 4.0, aberrations=(Aberration(6, 1e-8, 2),), field_edge=0.1), 0.0, 0.1
     ).aberrations
     assert (astigmatism.noll, astigmatism.rms) == (6, pytest.approx(-1e-8))
+
+
+@pytest.mark.parametrize("disks", [20, 40, 62, 122, 1000])
+def test_a_pixel_of_many_disks_holds_what_its_circles_do(disks):
+    """The share of a square lies between those of its inner and its outer circle; all is counted.
+
+    Whatever the phase, its pixels add up to the energy, less what passes the box of the table.
+    """
+    psf = focus(Optics(0.05, 2.0, psf="airy"), disks * 1.1e-6, GREEN, ONE)
+    half = disks * 0.55e-6
+    inner, outer = airy_encircled(half * np.array([1, math.sqrt(2)]), 550e-9, 2.0)
+    assert inner < psf.table.max() < outer
+    assert psf.table.min() > -1e-9
+    middle, step = psf.table.shape[0] // 2, psf.oversampling
+    sums = [psf.table[(middle + k) % step :: step].sum() / step for k in range(0, step, 7)]
+    np.testing.assert_allclose(sums, psf.energy, atol=1e-3)
+
+
+def test_two_ways_to_a_pixel_of_many_disks():
+    one, two = (
+        focus(Optics(0.05, 2.0, psf=model), 62 * 1.1e-6, GREEN, ONE)
+        for model in ("airy", "fraunhofer")
+    )
+    np.testing.assert_allclose(one.table, two.table, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"pitch": 0.0}, "pitch must be positive"),
+        ({"fill_factor": 1.5}, r"fill_factor must lie in \[0, 1\]"),
+        ({"diffusion": -1e-6}, "diffusion must not be negative"),
+    ],
+)
+def test_pixels_that_cannot_be_are_named(change, words):
+    usual = {"pitch": 5e-6, "fill_factor": 1.0, "diffusion": 0.0} | change
+    with pytest.raises(ValueError, match=words):
+        focus(Optics(0.05, 4.0), wavelength=GREEN, weight=ONE, **usual)
