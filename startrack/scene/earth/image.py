@@ -52,8 +52,8 @@ def observe_earth(scene: EarthScene, folder: Path, turn: Turn | None = None) -> 
     terrain, charts = scene.terrain.open(folder), scene.terrain.charts(folder)
     cell = terrain.terrain.grid.step_y
     sensor, orbit = scene.sensor, scene.flight
-    elements, dating = sensor.elements(), sensor.dating(orbit)
-    sun = sun_direction(orbit.epoch)
+    elements, dating = sensor.elements(orbit), sensor.dating(orbit)
+    sun = sun_direction(orbit.epoch, sensor.delay)
     rays_of_line = elements[0].x.size * sensor.rays**2
     step = max(1, BATCH // rays_of_line)
     for first in range(0, sensor.lines, step):

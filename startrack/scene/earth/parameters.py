@@ -78,13 +78,15 @@ class Sensor:
         width = self.columns // 2 if self.detector == "staggered" else self.columns
         return Camera(width, rows, self.focal_length / self.pixel_pitch)
 
-    def elements(self) -> list[Elements]:
+    def elements(self, orbit: Carrier) -> list[Elements]:
         """Of each line of the image; one for all lines but for a matrix."""
         middle = self.camera.centre[1]
         if self.detector == "matrix":
             return matrix_elements(self.columns, self.lines)
         if self.detector == "staggered":
-            return [staggered_elements(self.columns, middle - self.stages / 2, self.stages)]
+            pace = self._square(orbit) / self.dating(orbit).period
+            first = middle - self.stages / 2
+            return [staggered_elements(self.columns, first, self.stages, lines_a_pixel=pace)]
         if self.detector == "tdi":
             return [tdi_elements(self.columns, middle, self.stages)]
         return [line_elements(self.columns, middle)]
@@ -95,10 +97,12 @@ class Sensor:
             return Dating(self.delay)
         period = self.period
         if period is None:
-            period = self.pixel_pitch / self.focal_length / ground_rate(orbit)
-            if self.detector == "staggered":
-                period /= 2
+            period = self._square(orbit) / (2 if self.detector == "staggered" else 1)
         return Dating(self.delay - 0.5 * (self.lines - 1) * period, period)
+
+    def _square(self, orbit: Carrier) -> float:
+        """Second in which the ground below moves on by a pixel."""
+        return self.pixel_pitch / self.focal_length / ground_rate(orbit)
 
 
 @dataclass(frozen=True)

@@ -59,22 +59,27 @@ def line_elements(columns: int, y: float) -> Elements:
     return Elements(x, np.full_like(x, y), np.zeros_like(x))
 
 
-def staggered_elements(columns: int, y: float, rows_apart: float, forwards: int = -1) -> Elements:
+def staggered_elements(
+    columns: int, y: float, rows_apart: float, forwards: int = -1, lines_a_pixel: float = 2.0
+) -> Elements:
     """Two rows, the second shifted by half a pixel, whose pixels alternate in the image.
 
-    The second row sees a place on the ground `rows_apart` lines after the first; the image is put
-    together so that both see it in the same line.
+    The rows see a place on the ground at different times; the image is put together so that both
+    see it in the same line.
 
-    columns     of the image, twice those of a row
-    rows_apart  pixel from the first row to the second
-    forwards    1 where the ground moves to larger rows, -1 where it moves to smaller ones, as it
-                does below a Pointing
+    columns        of the image, twice those of a row
+    rows_apart     pixel from the first row to the second
+    forwards       1 where the ground moves to larger rows, -1 where it moves to smaller ones, as it
+                   does below a Pointing
+    lines_a_pixel  in which the ground moves on by a pixel: 2 where the image samples both ways
+                   alike
     """
     whole(2, 2**20, columns=columns)
     finite(y=y, rows_apart=rows_apart)
+    positive(lines_a_pixel=lines_a_pixel)
     odd = np.arange(float(columns))[:, None] % 2
     x = np.arange(float(columns))[:, None] / 2
-    return Elements(x, y + rows_apart * odd, forwards * rows_apart * odd)
+    return Elements(x, y + rows_apart * odd, forwards * rows_apart * lines_a_pixel * odd)
 
 
 def tdi_elements(columns: int, y: float, stages: int, forwards: int = -1) -> Elements:

@@ -1,5 +1,7 @@
 """Each element looks along its own line of sight at its own time."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -7,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from startrack.camera import Camera
 from startrack.scene.earth import (
     Dating,
+    EarthScene,
     Fixed,
     Level,
     Orbit,
@@ -16,12 +19,14 @@ from startrack.scene.earth import (
     ground_rate,
     line_elements,
     matrix_elements,
+    observe_earth,
     scan_lines,
     sight,
     staggered_elements,
     tdi_elements,
     up,
 )
+from startrack.scene.earth.parameters import Fractal, Sensor, Terrain
 
 pytest.importorskip("sgp4")
 
@@ -89,13 +94,37 @@ def test_the_stages_of_tdi_see_one_place():
 def test_staggered_rows_mesh():
     """Columns that alternate between two rows lie on one line, half a pixel apart."""
     elements = staggered_elements(40, 46.0, 8.0)
-    rays = scan_lines(CAMERA, elements, np.zeros(1), Dating(0.0, PERIOD), ORBIT, DOWN)
+    rays = scan_lines(CAMERA, elements, np.zeros(1), Dating(0.0, PERIOD / 2), ORBIT, DOWN)
     at = ground(rays)
     step = np.diff(at, axis=0)
     # The Earth turns below: one step is longer and the next one shorter.
     assert np.linalg.norm(step, axis=1).mean() == pytest.approx(3.0, rel=0.03)
     velocity = fly(ORBIT, np.zeros(1)).inertial[0]
     assert np.abs(step @ velocity / np.linalg.norm(velocity)).max() < 0.1 * 6
+
+
+@pytest.mark.parametrize("period", [None, 0.3e-3, 2e-3])
+def test_staggered_rows_of_a_scene_mesh_at_any_pace(period):
+    """Whatever the period, all pixels of a line see one line of the ground, to a tenth of them."""
+    sensor = Sensor("staggered", 40, 5, 1.0, 10e-6, period, 8)
+    (elements,) = sensor.elements(ORBIT)
+    line = np.array([2.0])  # the middle one
+    at = ground(scan_lines(sensor.camera, elements, line, sensor.dating(ORBIT), ORBIT, DOWN))
+    velocity = fly(ORBIT, np.zeros(1)).inertial[0]
+    along = at @ velocity / np.linalg.norm(velocity)
+    assert np.ptp(along) < 0.1 * 6
+
+
+def test_the_sun_is_that_of_the_middle_line():
+    """What is taken an hour after the epoch has the Sun 15 degrees further west."""
+    terrain = Terrain(fractal=Fractal(0.1, 0.1, cells=16))
+    suns = [
+        next(observe_earth(EarthScene(terrain, Sensor("line", 2, 1, delay=late), ORBIT), Path()))
+        .ground.sun
+        for late in (0.0, 3600.0)
+    ]  # fmt: skip
+    west = [np.degrees(np.arctan2(sun[1], sun[0])) for sun in suns]
+    assert (west[0] - west[1]) % 360 == pytest.approx(15, abs=0.01)
 
 
 def test_a_matrix_sees_all_at_once():
