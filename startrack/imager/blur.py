@@ -26,11 +26,11 @@ def weights_of(psf: Psf, side: int, across: float, along: float, smear: float) -
     Each of the rays of a pixel belongs to a lattice with its like in all other pixels; over each
     lattice the weights have the same sum, and over all one, so that an even scene stays as it is.
 
-    psf     of the pixels, its square included
-    side    rays along each side of a pixel
-    across  pixel between columns of the image: 1, or 1/2 for staggered lines
-    along   pixel between its lines
-    smear   pixel that the ground moves along the track in an exposure
+    psf      of the pixels, its square included
+    side     rays along each side of a pixel
+    across   pixel between columns of the image: 1, or 1/2 for staggered lines
+    along    pixel between its lines
+    smear    pixel that the ground moves along the track in an exposure
     Returns  (side^2, k, k) 1, k odd; lines first
     Errors   model: what the table of the PSF does not hold, and what is cut, is given to the rest:
              1e-3 of the light and haze. numerical: 1 % of the modulation at Nyquist with two rays
@@ -44,7 +44,8 @@ def weights_of(psf: Psf, side: int, across: float, along: float, smear: float) -
     out = np.empty((side**2, len(step), len(step)))
     for n, (x, y) in enumerate(inside_pixel(side)):
         down, right = np.meshgrid(step * along + y, step * across + x, indexing="ij")
-        out[n] = sum(look(np.stack([down + each, right], -1)) for each in late)
+        # The table counts from the point's image to the pixel, the weights from there to the ray.
+        out[n] = sum(look(np.stack([-down - each, -right], -1)) for each in late)
         out[n] = np.maximum(out[n], 0)
     return out / out.sum((1, 2), keepdims=True) / side**2
 

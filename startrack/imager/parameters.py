@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.checks import finite, positive, whole
+from startrack.checks import finite, positive, whole, within
 from startrack.curve import ALL, Curve
 from startrack.detector import Detector
 from startrack.optics import Optics
@@ -20,9 +20,9 @@ from startrack.scene.earth import (
     EarthScene,
     Orbit,
     Pointing,
-    TwoLines,
     ground_rate,
 )
+from startrack.scene.earth.orbit import the_carrier
 from startrack.scene.earth.parameters import Sensor, Terrain
 from startrack.scene.land import Land
 from startrack.units import LIGHT_SPEED, PLANCK, Unit
@@ -75,18 +75,20 @@ class Channel:
         """Of the image."""
         return self.detector.columns * (2 if self.kind == "staggered" else 1)
 
-    def sensor(self, rays: int, rate: float) -> Sensor:
+    def sensor(self, rays: int, rate: float, pitch: float = 0.0) -> Sensor:
         """The channel as the geometry takes it: what looks ahead is early, to see the same ground.
 
-        rate  radian / second of the ground below
+        rate   radian / second of the ground below
+        pitch  radian by which the camera's axis looks ahead
         """
         detector = self.detector
+        late = (math.tan(pitch) - math.tan(pitch + self.forwards)) / rate
         stages = 1
         if detector.scan:
             stages = detector.scan.stages if self.kind == "tdi" else round(detector.scan.distance)
         return Sensor(
             self.kind, self.columns, detector.rows, self.optics.image_distance, detector.pitch,
-            self.period, max(stages, 1), rays, -math.tan(self.forwards) / rate,
+            self.period, max(stages, 1), rays, late,
         )  # fmt: skip
 
     def cropped(self, columns: int | None, lines: int | None) -> Channel:
@@ -146,14 +148,16 @@ class Survey:
         for name in ("lines", "columns"):
             if getattr(self, name) is not None:
                 whole(2, 2**16, **{name: getattr(self, name)})
+        whole(0, 2**12, sky_rays=self.sky_rays)
+        if self.surroundings is not None:
+            within(0, 1, surroundings=self.surroundings)
         positive(sun_distance=self.sun_distance)
-        if (self.orbit is not None) + bool(self.tle) + (self.aircraft is not None) != 1:
-            raise ValueError("one of orbit, tle and aircraft must be given, and no other")
+        _ = self.carrier
 
     @property
     def carrier(self) -> Carrier:
         """What flies the camera."""
-        return self.orbit or self.aircraft or TwoLines(*self.tle)
+        return the_carrier(self.orbit, self.tle, self.aircraft)
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -165,8 +169,8 @@ class Survey:
         turned = replace(self.pointing, pitch=self.pointing.pitch + channel.forwards)
         rate = ground_rate(self.carrier)
         return EarthScene(
-            self.terrain, channel.sensor(self.rays, rate), self.orbit, self.tle, self.aircraft,
-            turned, self.sky_rays,
+            self.terrain, channel.sensor(self.rays, rate, self.pointing.pitch), self.orbit,
+            self.tle, self.aircraft, turned, self.sky_rays,
         )  # fmt: skip
 
 

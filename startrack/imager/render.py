@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,16 +18,28 @@ from startrack.imager.parameters import Channel, Survey, exposure_of, smear
 from startrack.imager.through import Band, band_of
 from startrack.optics import focus
 from startrack.scene.air import Terms, at_sensor
-from startrack.scene.earth import EarthScene, Ground, fly, geodetic, ground_rate, observe_earth
+from startrack.scene.earth import (
+    Carrier,
+    EarthScene,
+    Ground,
+    fly,
+    geodetic,
+    ground_rate,
+    observe_earth,
+)
 from startrack.scene.earth.image import Strip
+from startrack.scene.earth.parameters import Sensor
 from startrack.scene.land import Land, burning, reflectance, temperature
 from startrack.streams import Streams
-from startrack.units import um
+from startrack.units import deg, um
 from startrack.values import Psf
 
 Floats = NDArray[np.float64]
 
-COARSE = 24  # lines and columns by which the surroundings are looked at beforehand
+COARSE = 24  # lines or columns, at most, by which the surroundings are looked at beforehand
+FAINT = 1e-12  # share of a pixel below which a fire does not count
+BLACK = np.zeros(1)  # reflectance
+MOST_LINES = 2**20  # of an image, so that no two channels share their noise
 
 
 class Picture(NamedTuple):
@@ -35,8 +48,8 @@ class Picture(NamedTuple):
     numbers    (lines, columns) digital number
     terms      (lines, columns) each, watt / m^2 / sr / um: mean spectral radiance in the band, as
                the detector weighs it, before the lens
-    longitude, latitude  (lines, columns) degree, of the ground in the middle of each pixel; NaN
-               for the sky
+    longitude, latitude  (lines, columns) degree, of the ground that each pixel sees, in the mean of
+               its rays; NaN for the sky
     """
 
     numbers: NDArray[np.integer]
@@ -126,10 +139,12 @@ def render(
         _lines_apart(channel, setting), setting.smear,
     )  # fmt: skip
     strips = _strips(survey, channel, folder, setting, picture, advance)
-    first = 0
+    names = [each.name for each in survey.camera.channels]
+    first, own = 0, names.index(channel.name) * MOST_LINES
     for light in blurred(strips, weights):
         electrons = gathered(channel, setting, light)
-        numbers = read_out(electrons, _as_matrix(channel, len(light)), Streams(seed, first))
+        streams = Streams(seed, own + first)
+        numbers = read_out(electrons, _as_matrix(channel, len(light)), streams)
         picture.numbers[first : first + len(light)] = numbers
         first += len(light)
     return setting
@@ -166,8 +181,8 @@ def _strips(
         terms = lights(survey.land, strip.ground, setting, spread)
         for whole, part in zip(picture.terms, terms, strict=True):
             whole[here] = part.reshape(strip.shape).mean(2) * um
-        picture.longitude[here] = np.degrees(_middle(strip, strip.ground.longitude))
-        picture.latitude[here] = np.degrees(_middle(strip, strip.ground.latitude))
+        longitude, latitude = _place(strip)
+        picture.longitude[here], picture.latitude[here] = longitude / deg, latitude / deg
         stages = rays // survey.rays**2
         total = terms.total.reshape(lines, columns, stages, survey.rays**2)
         yield total.mean(2)
@@ -187,38 +202,49 @@ def lights(land: Land, ground: Ground, setting: Setting, spread: float) -> Terms
     terms = Terms(*(each[:, 0] for each in found))
     if band.heat is None or not land.hot_spots:
         return terms
-    cold = np.maximum((1 - rho) * band.heat(warm)[:, 0], 1e-300)
-    emitted, reflects = terms.emitted.copy(), np.ones(len(ground), np.float32)
-    for spot in land.hot_spots:
-        share = burning(spot, ground, spread)
-        hot = band.heat(np.array([spot.temperature]))[0, 0]
-        emitted += (share * (hot / cold - 1)).astype(np.float32) * terms.emitted
-        reflects -= share.astype(np.float32)  # what burns is black
-    reflects = np.maximum(reflects, np.float32(0))
+    shares = [burning(spot, ground, spread) for spot in land.hot_spots]
+    emitted = terms.emitted.copy()
+    for spot, share in zip(land.hot_spots, shares, strict=True):
+        burns = np.flatnonzero(share > FAINT)
+        flame = np.full(len(burns), spot.temperature)
+        black = at_sensor(ground[burns], band.table, BLACK, around, band.heat, flame)
+        emitted[burns] += share[burns] * (black.emitted[:, 0] - terms.emitted[burns])
+    left = np.maximum(1 - sum(shares), 0).astype(np.float32)  # what burns is black
     return terms._replace(
-        direct=terms.direct * reflects, indirect=terms.indirect * reflects, emitted=emitted
+        direct=terms.direct * left, indirect=terms.indirect * left, emitted=emitted
     )
 
 
-def _middle(strip: Strip, values: Floats) -> Floats:
-    return values.reshape(strip.shape)[:, :, strip.shape[2] // 2]
+def _place(strip: Strip) -> tuple[Floats, Floats]:
+    """Longitude and latitude, (lines, columns) radian, of the mean point that each pixel sees."""
+    point = np.stack([strip.mean(along) for along in strip.ground.point.T], -1)
+    return geodetic(point)[:2]
 
 
 def _mean_reflectance(land: Land, scene: EarthScene, folder: Path, band: Band) -> float:
     """Of the image, seen by a few rays."""
-    sensor = scene.sensor
-    lines, columns = min(COARSE, sensor.lines), min(COARSE, sensor.columns)
-    coarse = replace(
-        sensor, detector="matrix" if sensor.detector == "matrix" else "line", lines=lines,
-        columns=columns, pixel_pitch=sensor.pixel_pitch * sensor.columns / columns, rays=1,
-        period=None if sensor.period is None else sensor.period * sensor.lines / lines,
-    )  # fmt: skip
+    coarse = replace(scene, sensor=_coarse(scene.sensor, scene.flight), sky_rays=0)
     seen = [
         reflectance(land, strip.ground, band.wavelength, band.weight)[strip.ground.hit]
-        for strip in observe_earth(replace(scene, sensor=coarse, sky_rays=0), folder)
+        for strip in observe_earth(coarse, folder)
     ]
     values = np.concatenate(seen)
     return float(values.mean()) if len(values) else 0.0
+
+
+def _coarse(sensor: Sensor, flight: Carrier) -> Sensor:
+    """One of a few pixels that sees the same ground."""
+    across, lines = sensor.camera.columns, min(COARSE, sensor.lines)
+    columns = min(COARSE, sensor.columns)
+    period = sensor.dating(flight).period * sensor.lines / lines or None
+    if sensor.detector == "matrix":  # its pixels stay square
+        larger = max(1.0, max(across, sensor.lines) / COARSE)
+        columns, lines = math.ceil(across / larger), math.ceil(sensor.lines / larger)
+    return replace(
+        sensor, detector="matrix" if sensor.detector == "matrix" else "line", lines=lines,
+        columns=max(columns, 2), pixel_pitch=sensor.pixel_pitch * across / max(columns, 2), rays=1,
+        period=period,
+    )  # fmt: skip
 
 
 def _lines_apart(channel: Channel, setting: Setting) -> float:

@@ -56,7 +56,8 @@ def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: fl
 
         L = Int R L(lambda) dlambda / Int R dlambda,   R = lambda / (h c) filter tau QE
 
-    air       None: a planet without any
+    air       None: a planet without any; beyond 3 micrometre one table stands for all, that of
+              mid-latitude summer
     altitude  metre above the ground
     Errors    ValueError where no shipped table has this air, or holds this band.
     """

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from startrack.checks import finite, non_negative, positive, whole, within
 from startrack.curve import Curve
-from startrack.scene.earth import Ground, cartesian, fractal
+from startrack.scene.earth import Ground, cartesian, fractal, up
 from startrack.scene.earth.ellipsoid import EQUATORIAL
 from startrack.streams import Streams
 from startrack.units import Unit
@@ -123,10 +123,10 @@ def burning(spot: HotSpot, ground: Ground, spread: float) -> Floats:
     spread   radian between rays
     Returns  (n,) 1, in [0, 1]
     """
-    place = cartesian(*(np.array([one]) for one in (spot.longitude, spot.latitude, 0.0)))[0]
+    here = np.array(spot.longitude), np.array(spot.latitude)
+    normal = up(*here)
     # Along the ellipsoid, so that the spot lies on the ground whatever its height.
-    normal = place / np.linalg.norm(place)
-    aside = ground.point - place
+    aside = ground.point - cartesian(*here, np.array(0.0))
     aside = aside - (aside @ normal)[:, None] * normal
     variance = np.maximum((ground.distance * spread) ** 2, spot.area / (2 * math.pi))
     with np.errstate(invalid="ignore"):

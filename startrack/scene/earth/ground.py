@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,16 @@ class Ground:
 
     def __len__(self) -> int:
         return len(self.hit)
+
+    def __getitem__(self, choice: Flags | NDArray[np.intp] | slice) -> Ground:
+        maps = {name: values[choice] for name, values in self.maps.items()}
+        apart = ("sun", "maps")
+        of_rays = {
+            one.name: getattr(self, one.name)[choice]
+            for one in fields(self)
+            if one.name not in apart
+        }
+        return replace(self, **of_rays, maps=maps)
 
     @property
     def view_zenith(self) -> Floats:

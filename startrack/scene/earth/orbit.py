@@ -126,6 +126,15 @@ class Flight:
 Carrier = Orbit | TwoLines | Aircraft  # what a camera flies on
 
 
+def the_carrier(orbit: Orbit | None, tle: tuple[str, ...], aircraft: Aircraft | None) -> Carrier:
+    """The one of the three that a scene gives; ValueError where it gives none or several."""
+    if (orbit is not None) + bool(tle) + (aircraft is not None) != 1:
+        raise ValueError("one of orbit, tle and aircraft must be given, and no other")
+    if tle and len(tle) != 2:
+        raise ValueError(f"tle must be two lines, got {len(tle)}")
+    return orbit or aircraft or TwoLines(*tle)
+
+
 def fly(orbit: Carrier, second: Floats) -> Flight:
     """Where a satellite or an aircraft is at (n,) seconds after its epoch.
 

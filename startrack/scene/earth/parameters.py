@@ -15,7 +15,7 @@ from startrack.scene.earth.chart import Chart
 from startrack.scene.earth.ellipsoid import EQUATORIAL
 from startrack.scene.earth.fractal import fractal
 from startrack.scene.earth.mosaic import Mosaic
-from startrack.scene.earth.orbit import Carrier, Orbit, TwoLines
+from startrack.scene.earth.orbit import Carrier, Orbit, the_carrier
 from startrack.scene.earth.pyramid import Pyramid
 from startrack.scene.earth.raster import Raster
 from startrack.scene.earth.sensor import (
@@ -235,16 +235,12 @@ class EarthScene:
 
     def __post_init__(self) -> None:
         whole(0, 2**12, sky_rays=self.sky_rays)
-        if (self.orbit is not None) + bool(self.tle) + (self.aircraft is not None) != 1:
-            raise ValueError("one of orbit, tle and aircraft must be given, and no other")
-        if self.tle and len(self.tle) != 2:
-            raise ValueError(f"tle must be two lines, got {len(self.tle)}")
         _ = self.flight
 
     @property
     def flight(self) -> Carrier:
         """What flies the camera."""
-        return self.orbit or self.aircraft or TwoLines(*self.tle)
+        return the_carrier(self.orbit, self.tle, self.aircraft)
 
 
 def find(folder: Path, patterns: tuple[str, ...]) -> list[Path]:

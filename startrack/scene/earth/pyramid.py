@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.checks import finite, positive
+from startrack.checks import finite
 from startrack.scene.earth.cache import Cache
 from startrack.scene.earth.ellipsoid import EQUATORIAL
 from startrack.scene.earth.ground import Rays
@@ -51,7 +51,10 @@ class Pyramid:
 
     def __post_init__(self) -> None:
         finite(sea=self.sea, lowest=self.lowest, highest=self.highest, sharpness=self.sharpness)
-        positive(height_range=self.highest - self.lowest)
+        if self.lowest >= self.highest:
+            raise ValueError(
+                f"highest must be above lowest, got {self.highest:g} and {self.lowest:g} metre"
+            )
         object.__setattr__(self, "cache", Cache(self._read, self.tiles))
 
     def meet(self, rays: Rays) -> tuple[Hits, Levels]:

@@ -126,6 +126,8 @@ def test_heights_beyond_their_bounds_are_refused():
     rays = ray(grid.west + 20 * STEP, grid.north - 20 * STEP, 0.0, 90)
     with pytest.raises(ValueError, match=r"heights must lie in \[-500, 150\]"):
         ground.meet(rays)
+    with pytest.raises(ValueError, match="highest must be above lowest, got -500 and -500 metre"):
+        Pyramid(ground.terrain, highest=-500.0)
 
 
 def test_maps_lie_on_the_same_footing():
