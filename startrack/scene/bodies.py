@@ -21,6 +21,7 @@ MOON_RADIUS = 1_737_400.0  # metre, IAU mean
 MOON_DISTANCE = 384_400e3  # metre, at which its magnitude is given
 EARTH_ALBEDO = 0.30  # Stephens et al. (2015), Reviews of Geophysics 53, 141
 RINGS, SPOKES = 16, 48  # of the quadrature over the Earth's disc
+FINEST = 128  # points to a disc's radius, at which a crescent is no longer sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +43,28 @@ class Disc:
         """Which of (n, 3) directions it hides."""
         return direction @ self.direction > math.cos(self.radius)
 
-    def glare(self) -> Glare:
-        """Its light, from its centre."""
-        return Glare(self.direction[None], np.ones(1), self.photon_rate)
+    def hides(self, other: Disc) -> float:
+        """Share of another disc, behind it, that it covers.
+
+        The lens between two circles R and r at a distance d, over the circle r: the sectors of both
+        less their triangles.
+
+        Errors  model: circles in a plane, as they are where one of them is small.
+        """
+        outer, inner = self.radius, other.radius
+        apart = 2 * math.asin(min(float(np.linalg.norm(self.direction - other.direction)) / 2, 1.0))
+        if apart >= outer + inner:
+            return 0.0
+        if apart <= abs(outer - inner):
+            return min(outer / inner, 1.0) ** 2
+        along = (apart**2 + inner**2 - outer**2) / (2 * apart)  # of the common chord, from r
+        half = math.sqrt(inner**2 - along**2)
+        lens = inner**2 * math.atan2(half, along) + outer**2 * math.atan2(half, apart - along)
+        return (lens - apart * half) / (math.pi * inner**2)
+
+    def glare(self, share: float = 1.0) -> Glare:
+        """A share of its light, from its centre."""
+        return Glare(self.direction[None], np.full(1, share), self.photon_rate)
 
 
 def sun_of(observer: Observer) -> Disc:
@@ -150,31 +170,40 @@ def _disc_quadrature(centre: Floats, radius: float) -> tuple[Floats, Floats]:
 
 
 def disc_points(disc: Disc, spacing: float) -> tuple[Floats, Floats]:
-    """A disc as points, close enough to look even.
+    """A disc as points, close enough to look even, and to hit a crescent.
 
     A lit body's brightness is that of Lommel and Seeliger, m0 / (m0 + m), of the cosines of the
     Sun's and the observer's angle to the normal; it is even at full phase, as the Moon's is.
 
     spacing  radian between points
-    Returns  (n, 3) unit vectors and (n,) shares of the light, which sum to one
+    Returns  (n, 3) unit vectors and (n,) shares of the light, which sum to one; none of a crescent
+             thinner than some 1/128 of the radius, as the Moon's are no more, 7 degrees from new
     """
     count = max(math.ceil(disc.radius / spacing), 2)
+    x, y, share = _lit(disc, count)
+    while not len(share) and count < FINEST:
+        count *= 2
+        x, y, share = _lit(disc, count)
+    first, second = _across(disc.direction)
+    place = disc.direction + math.tan(disc.radius) * (np.outer(x, first) + np.outer(y, second))
+    return place / np.linalg.norm(place, axis=1)[:, None], share
+
+
+def _lit(disc: Disc, count: int) -> tuple[Floats, Floats, Floats]:
+    """Points (x, y) of a lattice of `count` to the radius that are lit, and their shares."""
     step = (np.arange(-count, count) + 0.5) / count
     x, y = (each.ravel() for each in np.meshgrid(step, step))
     inside = x**2 + y**2 < 1
     x, y = x[inside], y[inside]
+    if disc.sun is None:
+        return x, y, np.full(len(x), 1 / len(x))
+    seen = np.sqrt(1 - x**2 - y**2)
     first, second = _across(disc.direction)
-    offset = math.tan(disc.radius) * (np.outer(x, first) + np.outer(y, second))
-    place = disc.direction + offset
-    share = np.ones(len(x))
-    if disc.sun is not None:
-        seen = np.sqrt(1 - x**2 - y**2)
-        normal = np.outer(x, first) + np.outer(y, second) - np.outer(seen, disc.direction)
-        lit = np.maximum(normal @ disc.sun, 0.0)
-        share = lit / (lit + seen)
+    normal = np.outer(x, first) + np.outer(y, second) - np.outer(seen, disc.direction)
+    bright = np.maximum(normal @ disc.sun, 0.0)
+    share = bright / (bright + seen)
     kept = share > 0
-    total = share.sum() or 1.0  # a new Moon has no lit part
-    return place[kept] / np.linalg.norm(place[kept], axis=1)[:, None], share[kept] / total
+    return x[kept], y[kept], share[kept] / share.sum() if kept.any() else share[kept]
 
 
 def _across(direction: Floats) -> tuple[Floats, Floats]:

@@ -13,14 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
 from startrack.scene.airglow import HIGHEST, airglow
-from startrack.scene.bodies import (
-    Disc,
-    Earth,
-    disc_points,
-    earth_of,
-    moon_of,
-    sun_of,
-)
+from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, Observer, observer_of
 from startrack.scene.limb import limb_light
@@ -37,7 +30,7 @@ from startrack.scene.starlight import starlight, starlight_spectrum
 from startrack.scene.zodiacal import zodiacal, zodiacal_spectrum
 from startrack.streams import Streams
 from startrack.units import arcsec
-from startrack.values import Glow, Light, Stars
+from startrack.values import Glare, Glow, Light, Stars
 
 Floats = NDArray[np.float64]
 
@@ -77,10 +70,10 @@ def illuminate(scene: Scene, stars: Stars, sight: Sight | None = None) -> Light:
 
     sight    where the camera looks; None: only stars and the even background, which are the same
             everywhere
-    Errors  those of `photometry.photon_rate`, `zodiacal`, `starlight`, `planets`, `bodies`.
-            model: what hides a star hides it whole; discs are those of the middle of the
-            exposure. numerical: glow 1 % between the places of its map, the Earth's limb 1/128 of
-            the frame.
+    Errors   those of `photometry.photon_rate`, `zodiacal`, `starlight`, `planets`, `bodies`.
+             model: what hides a star hides it whole; discs are those of the middle of the
+             exposure. numerical: glow 1 % between the places of its map, the Earth's limb 1/128 of
+             the frame.
     """
     rate = photon_rate(stars.magnitude_g, colour_temperature(stars.colour))
     light = Light(stars.direction, WAVELENGTH, rate, _even(scene.background_g))
@@ -141,19 +134,28 @@ def _with_bodies(
     """From the farthest to the nearest, as each hides what is behind it."""
     if "planets" in scene.lights:
         light = _added(light, *_planets(observer, scene))
-    if "sun" in scene.lights:
-        light = _with_disc(light, sun_of(observer), sight)
-    if "moon" in scene.lights:
-        light = _with_disc(light, moon_of(observer), sight)
+    known = ("sun", sun_of), ("moon", moon_of)
+    discs = [body_of(observer) for name, body_of in known if name in scene.lights]
+    for disc in discs:
+        light = _with_disc(light, disc, sight)
+    light = replace(light, glare=tuple(_glares(discs, earth)))
     if earth is None:
         return light
-    glare = tuple(one for one in light.glare if not earth.disc.covers(one.direction).any())
-    if earth.glare.share.any():
-        glare = (*glare, earth.glare)
-    light = replace(_behind(light, earth.disc), glare=glare)
+    light = _behind(light, earth.disc)
     if "cities" in scene.lights and sight.sees(earth.disc):
         light = _added(light, *cities(earth, observer))
     return light
+
+
+def _glares(discs: list[Disc], earth: Earth | None) -> Iterator[Glare]:
+    """Of discs, the farthest first, and of the Earth: as much as those before them leave."""
+    before = [*discs, earth.disc] if earth else discs
+    for n, disc in enumerate(discs):
+        share = math.prod(1 - nearer.hides(disc) for nearer in before[n + 1 :])
+        if share > 0:
+            yield disc.glare(share)
+    if earth and len((glare := earth.glare).share):
+        yield glare
 
 
 def _planets(observer: Observer, scene: Scene) -> tuple[Floats, Floats]:
@@ -168,12 +170,12 @@ def _planets(observer: Observer, scene: Scene) -> tuple[Floats, Floats]:
 
 
 def _with_disc(light: Light, disc: Disc, sight: Sight) -> Light:
-    """A body before what is there already: in the field as a disc, and its glare."""
+    """A body before what is there already, in the field."""
     light = _behind(light, disc)
-    if sight.sees(disc):
-        place, share = disc_points(disc, 1 / sight.camera.focal_length_px / POINTS)
-        light = _added(light, place, np.outer(share, disc.photon_rate))
-    return replace(light, glare=(*light.glare, disc.glare()))
+    if not sight.sees(disc):
+        return light
+    place, share = disc_points(disc, 1 / sight.camera.focal_length_px / POINTS)
+    return _added(light, place, np.outer(share, disc.photon_rate))
 
 
 def _added(light: Light, direction: Floats, photon_rate: Floats) -> Light:

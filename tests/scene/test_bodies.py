@@ -87,6 +87,30 @@ def test_a_moon_is_lit_from_the_side_of_the_sun(phase):
         assert share @ x > 0.1
 
 
+@pytest.mark.parametrize("spacing", [0.1, 0.05, 0.01])
+@pytest.mark.parametrize("phase", [150.0, 160.0, 165.0, 170.0])
+def test_a_thin_crescent_keeps_its_light(phase, spacing):
+    """However coarse the pixels: all of it, at the limb towards the Sun, on the Sun's side."""
+    sun = np.array([np.sin(phase * deg), 0.0, -np.cos(phase * deg)])
+    disc = Disc(np.array([0.0, 0.0, 1.0]), 0.25 * deg, np.ones(1), sun)
+    place, share = disc_points(disc, spacing * deg)
+    assert share.sum() == pytest.approx(1)
+    x, y = place[:, :2].T / np.tan(0.25 * deg)
+    assert np.hypot(x, y).min() > -np.cos(phase * deg) - 1e-3
+    assert share @ x > 0.3
+
+
+@pytest.mark.parametrize("radius", [0.5, 0.9, 1.0, 1.3, 60.0])
+def test_how_much_a_disc_hides(radius):
+    """Against counts of points of the disc behind, from touching outside to one in the other."""
+    behind = Disc(np.array([0.0, 0.0, 1.0]), 1e-3, np.ones(1))
+    place, _ = disc_points(behind, 2e-6)
+    for along in np.linspace(abs(radius - 1) - 0.2, radius + 1.2, 9):
+        way = np.array([np.sin(along * 1e-3), 0.0, np.cos(along * 1e-3)])
+        front = Disc(way, radius * 1e-3, np.ones(1))
+        assert front.hides(behind) == pytest.approx(front.covers(place).mean(), abs=2e-3)
+
+
 def test_a_new_moon_has_no_light():
     dark = Disc(np.array([0.0, 0.0, 1.0]), 0.004, np.ones(1), np.array([0.0, 0.0, 1.0]))
     place, share = disc_points(dark, 0.001)

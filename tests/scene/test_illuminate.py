@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
 from startrack.scene import Orbit, Scene, Sight, illuminate
-from startrack.scene.ephemeris import AU, observer_of
+from startrack.scene.bodies import MOON_RADIUS, SUN_RADIUS
+from startrack.scene.ephemeris import AU, EARTH_RADIUS, observer_of
 from startrack.scene.planets import PLANETS
 from startrack.scene.zodiacal import zodiacal
 from startrack.streams import Streams
@@ -147,6 +149,40 @@ def test_in_the_earths_shadow_there_is_no_sun():
     wanted = np.arccos(min(edge / (a * np.cos(above)), 1.0)) / np.pi
     assert wanted > 0.1
     assert np.mean(dark) == pytest.approx(wanted, abs=2 / 72)
+
+
+@pytest.mark.parametrize("nearer", [0.9, 1.0, 1.3])
+def test_the_moon_takes_the_suns_glare(nearer):
+    """None in the core of the Moon's shadow, a ring beyond its tip: by the ratio of the discs."""
+    observer = observer_of(Scene(lights=("sun",), date=DATE), None)
+    to_sun, to_moon = (
+        body.direction * body.distance for body in (observer.see("sun"), observer.see("moon"))
+    )
+    away = to_moon - to_sun
+    core = MOON_RADIUS / (SUN_RADIUS - MOON_RADIUS) * np.linalg.norm(away)
+    place = observer.position + to_moon + nearer * core * away / np.linalg.norm(away)
+    covered = MOON_RADIUS / SUN_RADIUS * (np.linalg.norm(away) / (nearer * core) + 1)
+    scene = Scene(lights=("sun", "moon"), date=DATE, place=tuple(place))
+    glare = illuminate(scene, stars_at(), sight_of(np.array([0.0, 1.0, 0.2]))).glare
+    assert glare[-1].share.sum() == 1  # the Moon's own
+    left = sum(one.share.sum() for one in glare[:-1])
+    assert left == pytest.approx(max(1 - covered**2, 0), abs=1e-3)
+
+
+def test_half_a_sun_above_the_limb_has_half_its_glare():
+    def scene(phase: float) -> Scene:
+        return Scene(lights=("sun", "earth"), date=DATE, orbit=Orbit(600e3, 98 * deg, 4.0, phase))
+
+    def above(phase: float) -> float:
+        observer = observer_of(scene(phase), None)
+        cosine = observer.see("sun").direction @ observer.earth / np.linalg.norm(observer.earth)
+        return np.arccos(cosine) - np.arcsin(EARTH_RADIUS / np.linalg.norm(observer.earth))
+
+    phases = np.linspace(0, 2 * np.pi, 13)
+    dark = int(np.argmin([above(phase) for phase in phases]))
+    sunrise = brentq(above, phases[dark], phases[dark] + np.pi / 2)
+    glare = illuminate(scene(sunrise), stars_at(), sight_of(np.array([0.0, 1.0, 0.2]))).glare
+    assert glare[0].share.sum() == pytest.approx(0.5, abs=0.01)
 
 
 def test_nothing_is_drawn_for_what_is_fixed():
