@@ -28,8 +28,8 @@ def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float =
     time, offset = np.asarray(time, float), np.asarray(offset, float)
     whole(1, 2**15, columns=columns, rows=rows)
     positive(cell=cell)
-    if len(time) < 2 or not (np.diff(time) > 0).all():
-        raise ValueError("time must hold two or more increasing values")
+    if len(time) < 2 or not np.isfinite(time).all() or not (np.diff(time) > 0).all():
+        raise ValueError("time must hold two or more increasing, finite values")
     if offset.shape != (len(time), 2) or not np.isfinite(offset).all():
         raise ValueError(
             f"offset must hold finite (x, y) for {len(time)} times, got shape {offset.shape}"

@@ -50,10 +50,13 @@ def at_field(optics: Optics, x: float, y: float) -> Optics:
 
 def over_field(
     optics: Optics, places: Sequence[tuple[float, float]], pitch: float,
-    wavelength: Floats, weight: Floats,
+    wavelength: Floats, weight: Floats, fill_factor: float = 1.0, diffusion: float = 0.0,
 ) -> tuple[Psf, ...]:  # fmt: skip
     """One table per place; the other arguments are those of `focus`.
 
     places  radian, field angles (x, y)
     """
-    return tuple(focus(at_field(optics, x, y), pitch, wavelength, weight) for x, y in places)
+    return tuple(
+        focus(at_field(optics, x, y), pitch, wavelength, weight, fill_factor, diffusion)
+        for x, y in places
+    )

@@ -115,7 +115,7 @@ def _logarithms() -> Floats:
 def _ring(turn: Floats) -> Floats:
     """Brightness at 15 degrees from the Sun, over the angle from the ecliptic.
 
-    From those six values of the table that lie about it.
+    From those seven values of the table that lie about it.
     """
     near = [(15, 0), (15, 5), (15, 10), (10, 10), (10, 15), (5, 15), (0, 15)]
     angle = [np.arctan2(b, a) for a, b in near]

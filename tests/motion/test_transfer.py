@@ -140,6 +140,8 @@ def test_density_and_transfer_function_are_one_thing():
 def test_what_is_no_path_is_refused():
     with pytest.raises(ValueError, match="time must hold two or more increasing"):
         density(np.zeros(2), np.zeros((2, 2)), 3, 3)
+    with pytest.raises(ValueError, match="increasing, finite"):
+        density(np.array([0.0, np.inf]), np.zeros((2, 2)), 3, 3)
     with pytest.raises(ValueError, match="offset must hold finite"):
         density(np.arange(2.0), np.full((2, 2), np.nan), 3, 3)
     with pytest.raises(ValueError, match="cell must be positive, got 0"):
