@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.case import Case
 from startrack.covariance.plan import plan_of, refuse
-from startrack.covariance.star import FALSE, false_spots, in_view, sight, trial_keys
+from startrack.covariance.star import FALSE, false_spots, sights, trial_keys
 from startrack.detector.counter import bits, uniform
 from startrack.streams import Streams
 from startrack.values import Spots
@@ -46,18 +46,14 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 @njit(cache=True, error_model="numpy")
 def _draw(a, key, response, pull, field, companions, view, gate, false):  # type: ignore[no-untyped-def]
     """The table of all that is found, stars first; the gate is the tracker's matter."""
-    stars, noise = in_view(a, field.direction, view), false_spots(key, false)
+    stars = sights(a, key, response, pull, field, companions, view)
+    noise = false_spots(key, false)
     table = np.empty((len(stars) + noise, ROW))
-    count = 0
-    for i in stars:
-        seen = sight(a, key, i, response, pull, field, companions, view)
-        if not seen.found:
-            continue
-        _write(table[count], seen)
-        count += 1
+    for n in range(len(stars)):
+        _write(table[n], stars[n])
     for n in range(noise):
-        _strew(table[count + n], bits(key, FALSE + np.uint64(1 + n)), response.least, view)
-    return table[: count + noise]
+        _strew(table[len(stars) + n], bits(key, FALSE + np.uint64(1 + n)), response.least, view)
+    return table
 
 
 @njit(cache=True, error_model="numpy")

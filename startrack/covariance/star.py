@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,54 +17,45 @@ from startrack.streams import Streams
 FALSE = np.uint64(2**63)  # number of the draws of false spots; those of stars are less
 
 
-class Sight(NamedTuple):
-    """What the detection makes of a star in one trial.
-
-    found       whether there is a spot; the rest is of no meaning where there is none
-    x, y        pixel, true place;  dx, dy  from it to the centroid
-    xx, yx, yy  pixel, triangular root of the centroid's covariance
-    flux        digital number, that is to be expected
-    blur        1, its standard deviation over itself
-    surplus     sigma, by which noise makes the star brighter
-    """
-
-    found: bool
-    x: float
-    y: float
-    dx: float
-    dy: float
-    xx: float
-    yx: float
-    yy: float
-    flux: float
-    blur: float
-    surplus: float
+# What the detection makes of a star in one trial:
+# star        index into the field
+# x, y        pixel, true place;  dx, dy  from it to the centroid
+# xx, yx, yy  pixel, triangular root of the centroid's covariance
+# flux        digital number, that is to be expected;  blur  1, its standard deviation over itself
+# surplus     sigma, by which noise makes the star brighter
+SIGHT = np.dtype([
+    ("star", np.int64),
+    *((name, np.float64) for name in ("x", "y", "dx", "dy", "xx", "yx", "yy")),
+    *((name, np.float64) for name in ("flux", "blur", "surplus")),
+])  # fmt: skip
 
 
-NOTHING = Sight(False, *[math.nan] * 10)
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def sight(a, key, i, response, pull, field, companions, view):  # type: ignore[no-untyped-def]
-    """Star i of the field, which lies ahead of a camera of attitude `a`, in the trial of a key."""
-    x, y = _project(a, field.direction[i], view)
-    column, row = round(x), round(y)
-    if not (
-        view.border <= column < view.columns - view.border
-        and view.border <= row < view.rows - view.border
-    ):
-        return NOTHING
-    seen = _measure(x, y, column, row, field.flux[i], bits(key, field.number[i]), response)
-    if not seen.found:
-        return NOTHING
-    dx, dy = seen.dx, seen.dy
-    for k in range(companions.start[i], companions.start[i + 1]):
-        u, v = _project(a, companions.direction[k], view)
-        more_x, more_y = _pulled(u - x, v - y, companions.flux[k] - field.flux[i], pull)
-        dx, dy = dx + more_x, dy + more_y
-    if np.isnan(dx):
-        return NOTHING
-    return Sight(True, x, y, dx, dy, *seen[5:])
+@njit(cache=True, error_model="numpy")
+def sights(a, key, response, pull, field, companions, view):  # type: ignore[no-untyped-def]
+    """The stars (k,) that are found in the trial of a key, by a camera whose attitude is `a`."""
+    near = in_view(a, field.direction, view)
+    found = np.empty(len(near), SIGHT)
+    count = 0
+    for i in near:
+        x, y = _project(a, field.direction[i], view)
+        column, row = round(x), round(y)
+        if not (
+            view.border <= column < view.columns - view.border
+            and view.border <= row < view.rows - view.border
+        ):
+            continue
+        start, seen = bits(key, field.number[i]), found[count]
+        if not _measure(x, y, column, row, field.flux[i], start, response, seen):
+            continue
+        for k in range(companions.start[i], companions.start[i + 1]):
+            u, v = _project(a, companions.direction[k], view)
+            dx, dy = _pulled(u - x, v - y, companions.flux[k] - field.flux[i], pull)
+            seen.dx += dx
+            seen.dy += dy
+        if not np.isnan(seen.dx):
+            seen.star, seen.x, seen.y = i, x, y
+            count += 1
+    return found[:count]
 
 
 def trial_keys(seed: int, numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
@@ -118,28 +108,28 @@ def _project(a, d, view):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _measure(x, y, column, row, flux, start, response):  # type: ignore[no-untyped-def]
-    """A star alone, at a place in a pixel: whether it is found, and how it is measured."""
+def _measure(x, y, column, row, flux, start, response, seen):  # type: ignore[no-untyped-def]
+    """Whether a star alone, at a place in a pixel, is found; writes how it is measured."""
     i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
     j = min(int((y - row + 0.5) * PHASES), PHASES - 1)
     at = (flux - response.first) / STEP
     k = min(max(int(at), 0), len(response.above) - 2)
     t = min(max(at - k, 0.0), 1.0)
     above = (1 - t) * response.above[k, j, i] + t * response.above[k + 1, j, i]
-    surplus = inverse_normal(uniform(bits(start, np.uint64(0))))
-    if not above + surplus > 0:
-        return NOTHING
+    seen.surplus = inverse_normal(uniform(bits(start, np.uint64(0))))
+    if not above + seen.surplus > 0:
+        return False
     normal_x = inverse_normal(uniform(bits(start, np.uint64(1))))
     normal_y = inverse_normal(uniform(bits(start, np.uint64(2))))
     electrons = math.exp(flux)
-    xx = _between(response.root, k, t, j, i, 0) / electrons
-    yx = _between(response.root, k, t, j, i, 1) / electrons
-    yy = _between(response.root, k, t, j, i, 2) / electrons
-    dx = _between(response.bias, k, t, j, i, 0) + xx * normal_x
-    dy = _between(response.bias, k, t, j, i, 1) + yx * normal_x + yy * normal_y
-    light = _between(response.light, k, t, j, i, 0) * electrons
-    blur = _between(response.light, k, t, j, i, 1)
-    return Sight(True, x, y, dx, dy, xx, yx, yy, light, blur, surplus)
+    seen.xx = _between(response.root, k, t, j, i, 0) / electrons
+    seen.yx = _between(response.root, k, t, j, i, 1) / electrons
+    seen.yy = _between(response.root, k, t, j, i, 2) / electrons
+    seen.dx = _between(response.bias, k, t, j, i, 0) + seen.xx * normal_x
+    seen.dy = _between(response.bias, k, t, j, i, 1) + seen.yx * normal_x + seen.yy * normal_y
+    seen.flux = _between(response.light, k, t, j, i, 0) * electrons
+    seen.blur = _between(response.light, k, t, j, i, 1)
+    return True
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -13,7 +13,7 @@ from startrack.attitude import Observability
 from startrack.case import Case
 from startrack.covariance.fit import fitted
 from startrack.covariance.plan import Plan, plan_of, refuse
-from startrack.covariance.star import false_spots, in_view, sight, trial_keys
+from startrack.covariance.star import false_spots, sights, trial_keys
 from startrack.error.judge import JUDGED, judge_all
 from startrack.streams import Streams
 from startrack.view import asked_for, random_attitudes
@@ -98,10 +98,8 @@ def _draw(  # type: ignore[no-untyped-def]
     flux = np.empty(most)
     for n in range(len(attitude)):
         count = others = 0
-        for i in in_view(attitude[n], field.direction, view):
-            seen = sight(attitude[n], keys[n], i, response, pull, field, companions, view)
-            if not seen.found:
-                continue
+        for seen in sights(attitude[n], keys[n], response, pull, field, companions, view):
+            i = seen.star
             spread = (seen.xx * seen.xx + seen.yx * seen.yx + seen.yy * seen.yy) / 2
             reach = gate * gate * 2 * (spread + field.own[i])
             if not field.known[i] or seen.dx * seen.dx + seen.dy * seen.dy > reach:
