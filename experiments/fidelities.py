@@ -255,13 +255,17 @@ def picture(path: Path, drawn: Drawn, figures: dict[str, float]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--trials", type=int, default=TRIALS, help=f"(default: {TRIALS})")
     parser.add_argument("--json", type=Path, help="write the figures here")
-    parser.add_argument("--picture", type=Path, help="draw them here")
+    add_options(parser)
     options = parser.parse_args()
     figures = measure(options.trials, options.picture)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--trials", type=int, default=TRIALS, help=f"(default: {TRIALS})")
+    parser.add_argument("--picture", type=Path, help="draw the fidelities here")
 
 
 def measure(count: int = TRIALS, path: Path | None = None) -> dict[str, float]:

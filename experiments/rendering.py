@@ -6,7 +6,7 @@ with 100 stars, sky, PRNU, dark current and noise. Camera: what EMVA 1288 measur
 Fidelities: what `fidelities.py` measures.
 Times are the least of several, one thread, all taking turns in one run.
 
-    python experiments/rendering.py [--json FILE]
+    python experiments/rendering.py [--json FILE] [--trials N] [--picture FILE]
 """
 
 from __future__ import annotations
@@ -261,9 +261,11 @@ def camera_test() -> dict[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=File, help="write the figures here")
+    fidelities.add_options(parser)
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    figures = noise() | frame() | camera_test() | fidelities.measure()
+    measured = fidelities.measure(options.trials, options.picture)
+    figures = noise() | frame() | camera_test() | measured
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n")
 
