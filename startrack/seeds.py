@@ -8,11 +8,12 @@ Source: O'Neill (2015), Developing a seed_seq alternative, with the constants of
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.random.bit_generator import ISeedSequence
+from numpy.random.bit_generator import ISpawnableSeedSequence
 from numpy.typing import NDArray
 
 POOL = 4  # words of 32 bits
@@ -24,11 +25,19 @@ HALF = np.uint32(16)
 WORD = np.uint64(32)
 
 
-class Seeds(ISeedSequence):
+class Seeds(ISpawnableSeedSequence):
     """`numpy.random.SeedSequence` of whole numbers below 2^64, for an SFC64 alone."""
 
     def __init__(self, *entropy: int) -> None:
         self.entropy = np.array(entropy, np.uint64)
+
+    @cached_property
+    def _numpys(self) -> np.random.SeedSequence:
+        return np.random.SeedSequence(self.entropy.tolist())
+
+    def spawn(self, n_children: int) -> list[Any]:
+        """Its children, which scipy's sequences of low discrepancy ask for: numpy's own."""
+        return self._numpys.spawn(n_children)
 
     def generate_state(self, n_words: int, dtype: Any = np.uint64) -> NDArray[np.uint64]:
         """The numbers (3,) that SFC64 asks for."""

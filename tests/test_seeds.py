@@ -40,6 +40,16 @@ def test_a_generator_of_them_is_numpys():
     assert ours.standard_normal(100).tolist() == numpys.standard_normal(100).tolist()
 
 
+def test_children_are_numpys():
+    ours, numpys = (
+        np.random.Generator(np.random.SFC64(each))
+        for each in (Seeds(1, 2, 3), np.random.SeedSequence((1, 2, 3)))
+    )
+    for _ in range(2):  # the second time, others
+        one, other = ours.spawn(2)[1], numpys.spawn(2)[1]
+        assert one.random(5).tolist() == other.random(5).tolist()
+
+
 def test_other_generators_are_refused():
     with pytest.raises(ValueError, match="n_words must be 3 of uint64, got 4"):
         np.random.PCG64(Seeds(1, 2, 3))
