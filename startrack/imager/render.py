@@ -99,9 +99,11 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     """
     scene = survey.scene(channel)
     flight = scene.flight
+    glimpse = _glimpse(scene, folder)
     start = fly(flight, np.zeros(1)).position
-    altitude = float(geodetic(start)[2][0])
-    band = band_of(channel, survey.air, altitude, survey.sun_distance)
+    ground = np.concatenate([seen.height for seen in glimpse])
+    above = float(geodetic(start)[2][0]) - (float(ground.mean()) if len(ground) else 0.0)
+    band = band_of(channel, survey.air, max(above, 1.0), survey.sun_distance)
     period = scene.sensor.dating(flight).period
     exposure = exposure_of(channel, period)
     detector = channel.detector
@@ -111,7 +113,7 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     )  # fmt: skip
     around = survey.surroundings
     if around is None:
-        around = _mean_reflectance(survey.land, scene, folder, band)
+        around = _mean_reflectance(survey.land, glimpse, band)
     electrons = channel.etendue() * exposure * band.electrons
     drift = smear(channel, period, ground_rate(flight))
     return Setting(period, exposure, drift, psf, band, around, electrons)
@@ -221,13 +223,14 @@ def _place(strip: Strip) -> tuple[Floats, Floats]:
     return geodetic(point)[:2]
 
 
-def _mean_reflectance(land: Land, scene: EarthScene, folder: Path, band: Band) -> float:
-    """Of the image, seen by a few rays."""
+def _glimpse(scene: EarthScene, folder: Path) -> list[Ground]:
+    """The ground of the image, seen by a few rays."""
     coarse = replace(scene, sensor=_coarse(scene.sensor, scene.flight), sky_rays=0)
-    seen = [
-        reflectance(land, strip.ground, band.wavelength, band.weight)[strip.ground.hit]
-        for strip in observe_earth(coarse, folder)
-    ]
+    return [strip.ground[strip.ground.hit] for strip in observe_earth(coarse, folder)]
+
+
+def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
+    seen = [reflectance(land, ground, band.wavelength, band.weight) for ground in glimpse]
     values = np.concatenate(seen)
     return float(values.mean()) if len(values) else 0.0
 

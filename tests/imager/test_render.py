@@ -186,6 +186,19 @@ def test_the_surroundings_are_what_the_image_shows(tmp_path, kind, columns, line
     assert setting.surroundings == pytest.approx(np.concatenate(shown).mean(), abs=0.03)
 
 
+def test_the_air_of_an_aircraft_is_that_between_it_and_the_ground(tmp_path):
+    """At 3 km above the sea, 1 to 2 km above hills, it is seen through that much air only."""
+    hills = Terrain(fractal=Fractal(10 * deg, 47 * deg, 5.0, 128, 2500.0), highest=2500.0)
+    one = channel(flat_band(500 * nm, 600 * nm))
+    seen = replace(survey(one, air=Air(), rays=1), terrain=hills)
+    (strip,) = observe_earth(seen.scene(one), tmp_path)
+    above = 3000 - float(strip.ground.height.mean())
+    wanted = band_of(one, Air(), above, 1.0).table.path
+    found = prepare(seen, one, tmp_path).band.table.path
+    np.testing.assert_allclose(found, wanted, rtol=0.02)
+    assert (band_of(one, Air(), 3e3, 1.0).table.path[0] > 1.2 * wanted[0]).all()
+
+
 def test_lines_that_look_ahead_see_the_same_ground(tmp_path):
     """A camera pitched by 15 degrees, with one channel ahead by 20 more: within 10 of 1,100 m."""
     one = channel(flat_band(500 * nm, 600 * nm))

@@ -65,6 +65,8 @@ def in_bands(
     distance  astronomical unit, of the Sun
     Returns   BandTable; its unit is watt / m^2 / sr times that of `response` times metre
     Errors    ValueError where no response lies inside the table's spectrum.
+              model: under the table's lowest altitude the air below the sensor is less in
+              proportion; at 500 m of 2 km its light is 10 to 20 % low, as haze is densest there.
               numerical: a cubic spline over the logarithm of wavelength and altitude.
     """
     flat = response * np.gradient(table.spectrum)
@@ -73,6 +75,7 @@ def in_bands(
     used = np.flatnonzero(weights.any(0))
     weights, flat, at = weights[:, used], flat[:, used], np.log(table.spectrum[used])
     position = np.log(np.clip(altitude, *table.altitude[[0, -1]]))
+    thin = min(max(altitude, 0.0) / float(table.altitude[0]), 1.0)
 
     def fine(values: Floats, has_altitude: bool) -> Floats:
         """(k, h, [a,] ...) -> (h, ..., f), at the altitude asked for."""
@@ -81,14 +84,14 @@ def in_bands(
         return np.moveaxis(_along(np.log(table.wavelength), values, 0, at), 0, -1)
 
     gas = table.gas[:, used]
-    seen, around = fine(table.seen, True), fine(table.around, True)
+    seen, around = fine(table.seen, True) ** thin, fine(table.around, True) * thin
     beam, skylight = fine(table.beam, False), fine(table.skylight, False)
     cosine = np.cos(table.sun)
     shape = len(table.height), len(table.sensor), len(table.sun)
     direct, sky, spread = np.empty((3, *shape, len(weights)))
     path = np.empty((*shape, len(table.azimuth), len(weights)))
-    spectral_path = table.path
-    spectral_path = _along(np.log(table.altitude), spectral_path, 2, np.array([position]))[:, :, 0]
+    spectral_path = _along(np.log(table.altitude), table.path, 2, np.array([position]))[:, :, 0]
+    spectral_path *= thin
     for h, v, s in np.ndindex(shape):
         through, halfway = _gases(table, gas, h, v, s, altitude)
         lit = weights * through / math.pi

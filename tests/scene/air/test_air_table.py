@@ -158,6 +158,24 @@ def test_pixels_beyond_the_reach_are_refused(bands):
         refine(bands, EVERYWHERE._replace(sun=(0.0, 89 * deg)))
 
 
+def test_a_low_sensor_sees_less_air(table):
+    """Against the solver itself at 500 m, a quarter of the lowest altitude; none at 1 m."""
+    pytest.importorskip("sasktran2")
+    from startrack.scene.air.solver import radiance as solved
+
+    rays = [(1.0, np.pi, 500.0), (1.0, np.pi, 2000.0)]
+    low, high = solved(Air(), np.array([550 * nm]), 0.0, np.cos(40 * deg), rays, (0.0,), 8)[0][0, 0]
+    paths = []
+    for altitude in (1.0, 500.0, 2000.0):
+        found = in_bands(table, response(table, [550]), altitude)
+        paths.append(found.path[0, 0, 4, 0, 0])  # nadir, Sun at 40 degrees
+    assert paths[1] / paths[2] == pytest.approx(low / high, rel=0.25)
+    assert paths[0] < 1e-3 * paths[2]
+    white = in_bands(table, response(table, [550]), 1.0)
+    assert white.around[0, 0, 4, 0] < 1e-3 * white.direct[0, 0, 4, 0]
+    assert white.through[0, 0, 0] == pytest.approx(1, abs=1e-3)
+
+
 def test_a_band_outside_the_spectrum_is_refused(table):
     with pytest.raises(ValueError, match="every band must have a response between 350 and 4000 nm"):
         in_bands(table, np.zeros((1, len(table.spectrum))), 600e3)
