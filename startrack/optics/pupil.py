@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations
 from typing import Annotated
 
 import numpy as np
@@ -18,6 +19,7 @@ Floats = NDArray[np.float64]
 
 EDGE = 0.75  # cell, width of the soft edge: 3e-6 of the peak at twice the critical sampling
 MARGIN = 3  # cells beyond the rim, where the soft edge has died out
+SIDES = (math.pi / 6, math.pi / 2, 5 * math.pi / 6)  # radian, normals of a hexagon's sides
 FINE = 512  # cells across the aperture in which areas are counted
 
 
@@ -46,6 +48,19 @@ class Segment:
                 f"({self.x:g}, {self.y:g}) of size {self.size:g}"
             )
 
+    def overlaps(self, other: Segment) -> bool:
+        """Whether it lies over another one, by more than rounding.
+
+        A segment of both sizes together would hold the other's centre. A circle beside the corner
+        of a hexagon is kept a little too far from it.
+        """
+        x, y = other.x - self.x, other.y - self.y
+        if self.shape == other.shape == "circle":
+            apart = math.hypot(x, y)
+        else:
+            apart = max(abs(x * math.cos(turn) + y * math.sin(turn)) for turn in SIDES)
+        return apart < self.size + other.size - 1e-9
+
 
 @dataclass(frozen=True)
 class Pupil:
@@ -55,7 +70,7 @@ class Pupil:
     vanes         how many arms hold it, evenly spaced
     vane_width    1, over the radius of the aperture
     vane_angle    radian, of the first arm, from +x towards +y
-    segments      the pieces of a segmented or sparse aperture; none: the whole circle
+    segments      the pieces of a segmented or sparse aperture, side by side; none: the whole circle
     """
 
     obscuration: float = 0.0
@@ -75,6 +90,9 @@ class Pupil:
                 "vanes and vane_width must both be zero or both not, got "
                 f"{self.vanes} and {self.vane_width}"
             )
+        for one, other in combinations(self.segments, 2):
+            if one.overlaps(other):
+                raise ValueError(f"segments must not overlap, got {one} and {other}")
 
     @property
     def clear(self) -> bool:
@@ -154,6 +172,6 @@ def _segment(segment: Segment, x: Floats, y: Floats, cell: float) -> Floats:
     if segment.shape == "circle":
         return soft_step((np.hypot(x, y) - segment.size) / cell)
     mask = np.ones(np.broadcast_shapes(x.shape, y.shape))
-    for turn in (math.pi / 6, math.pi / 2, 5 * math.pi / 6):
+    for turn in SIDES:
         mask *= _strip(x * math.cos(turn) + y * math.sin(turn), segment.size, cell)
     return mask

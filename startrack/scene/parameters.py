@@ -106,8 +106,8 @@ class Scene:
         """
         try:
             date = datetime.fromisoformat(self.date or "")
-        except ValueError:
+            return date.astimezone(UTC) if date.tzinfo else date.replace(tzinfo=UTC)
+        except (ValueError, OverflowError):
             raise ValueError(
                 f"date must be written as 2026-03-20T12:00:00, got {self.date!r}"
             ) from None
-        return date.astimezone(UTC) if date.tzinfo else date.replace(tzinfo=UTC)

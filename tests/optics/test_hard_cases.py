@@ -103,6 +103,11 @@ def test_too_many_waves_are_refused():
         (lambda: Pupil(obscuration=1.0), r"obscuration must lie in \[0, 0.95\], got 1.0"),
         (lambda: Pupil(vanes=3), "vanes and vane_width must both be zero or both not"),
         (lambda: Segment(0.9, 0, 0.3), "segment must lie inside the aperture"),
+        (lambda: Pupil(segments=(Segment(0, 0, 0.3), Segment(0.2, 0.4, 0.3))), "must not overlap"),
+        (
+            lambda: Pupil(segments=(Segment(0, 0, 0.3, "circle"), Segment(0.5, 0, 0.21, "circle"))),
+            "segments must not overlap, got Segment",
+        ),
         (lambda: Segment(0, 0, 0.3, "square"), "shape must be one of circle, hexagon"),
         (lambda: Aberration(0, 1e-9), r"noll must be a whole number in \[1, 231\], got 0"),
         (lambda: Optics(0.05, 4, psf="airy", defocus=1e-6), "psf must be auto, fraunhofer"),

@@ -102,6 +102,7 @@ def test_a_date_of_another_zone_is_the_same_instant():
     ("changes", "words"),
     [
         ({"date": "yesterday"}, "date must be written as 2026-03-20T12:00:00, got 'yesterday'"),
+        ({"date": "0001-01-01T00:00+05:00"}, "date must be written as 2026-03-20T12:00:00"),
         ({"date": "1812-01-01"}, "year of date must lie in"),
         ({"lights": ("stars",)}, "lights must be one of zodiacal, "),
         ({"lights": ("planets",)}, "date must be given for planets, got none"),

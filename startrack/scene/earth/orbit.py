@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.checks import positive, within
+from startrack.checks import finite, positive, within
 from startrack.scene.earth.aircraft import Aircraft
 from startrack.scene.earth.ellipsoid import EQUATORIAL
 from startrack.units import Unit
@@ -50,6 +50,7 @@ class Orbit:
         positive(altitude=self.altitude)
         within(0, math.pi, inclination=self.inclination)
         within(0, 0.9, eccentricity=self.eccentricity)
+        finite(node=self.node, anomaly=self.anomaly, perigee=self.perigee)
         if (EQUATORIAL + self.altitude) * (1 - self.eccentricity) < EQUATORIAL + 80e3:
             raise ValueError(
                 "altitude and eccentricity must keep the perigee above 80 km, got "

@@ -79,6 +79,8 @@ def test_elements_that_cannot_be():
         Orbit("yesterday")
     with pytest.raises(ValueError, match="perigee above 80 km"):
         Orbit("2026-06-21T10:00:00", altitude=600e3, eccentricity=0.2)
+    with pytest.raises(ValueError, match="anomaly must be finite, got nan"):
+        Orbit("2026-06-21T10:00:00", anomaly=float("nan"))
     with pytest.raises(ValueError, match="line 1 must end in its checksum 1"):
         TwoLines(FIRST[:-1] + "5", SECOND)
     with pytest.raises(ValueError, match="line 2 must be 69 characters"):
