@@ -7,9 +7,9 @@ import pytest
 
 from startrack.scene import Orbit, Scene, illuminate
 from startrack.scene.airglow import RAYLEIGH, SHELLS, airglow, spectrum
-from startrack.scene.bodies import Disc, Earth
+from startrack.scene.bodies import Disc, Earth, earth_of
 from startrack.scene.cities import CITIES, cities
-from startrack.scene.ephemeris import EARTH_RADIUS, J2000, Observer
+from startrack.scene.ephemeris import EARTH_RADIUS, J2000, Observer, observer_of
 from startrack.scene.photometry import WAVELENGTH
 from startrack.units import deg, nm
 
@@ -121,15 +121,25 @@ def test_the_earth_turns_under_the_stars():
 
 
 def test_a_scene_has_them_where_it_names_them():
-    scene = Scene(
-        lights=("earth", "airglow", "cities"), date="2026-03-20T12:00:00",
-        orbit=Orbit(600e3, phase=np.pi),
-    )  # fmt: skip
-    down = sight_of(np.array([1.0, 0.05, 0.05]))
-    plain = illuminate(replace(scene, lights=("earth",)), stars_at([0, 0, 1]), down)
-    full = illuminate(scene, stars_at([0, 0, 1]), down)
+    """From over the city of an orbit's night that has most of them in sight."""
+
+    def scene(phase: float) -> Scene:
+        return Scene(
+            lights=("earth", "airglow", "cities"), date="2026-03-20T12:00:00",
+            orbit=Orbit(600e3, 40 * deg, phase=phase),
+        )  # fmt: skip
+
+    def lamps(phase: float) -> int:
+        observer = observer_of(scene(phase), None)
+        return len(cities(earth_of(observer), observer)[0])
+
+    lit = max(np.linspace(0, 2 * np.pi, 24), key=lamps)
+    nadir = sight_of(observer_of(scene(lit), None).earth)
+    plain = illuminate(replace(scene(lit), lights=("earth",)), stars_at([0, 0, 1]), nadir)
+    full = illuminate(scene(lit), stars_at([0, 0, 1]), nadir)
     assert len(full.glow) == len(plain.glow) + 2
-    assert len(full.direction) >= len(plain.direction)
+    assert lamps(lit) > 20
+    assert len(full.direction) == len(plain.direction) + lamps(lit)
 
 
 def test_they_need_an_earth():

@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from startrack.scene.air.bands import BandTable, require_response
 from startrack.scene.air.checked import open_checked
 from startrack.scene.air.heat import planck
+from startrack.scene.bodies import SUN_RADIUS
+from startrack.scene.ephemeris import AU
+from startrack.scene.photometry import SUN
 from startrack.units import deg, um
 
 Floats = NDArray[np.float64]
 
 FORMAT = 1  # of the file
-SUN, SUN_RADIUS, AU = 5772.0, 6.957e8, 1.495978707e11  # kelvin, metre: IAU 2015, 2012
 WARM = 300.0  # kelvin
 DIFFUSE = 53.13 * deg  # zenith angle whose path is 5/3 of the vertical one: Elsasser's diffusivity
 HEIGHT: Floats = np.array([0.0, 1e3, 2e3, 4e3, 8e3, 9e3])
