@@ -234,14 +234,14 @@ def picture(path: Path, drawn: Drawn, figures: dict[str, float]) -> None:
     """Distributions of the attitude's error, and time against error."""
     import matplotlib.pyplot as plt
 
-    plot, axes = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
+    plot, axes = plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained")
     for axis, (name, errors) in zip(axes, drawn.items(), strict=False):
         for fidelity, each in zip(Fidelity, errors, strict=True):
             size = np.sort(np.abs(known(each))) / ARCSEC
             beyond = 1 - np.arange(len(size)) / len(size)
             axis.plot(size, beyond, label=f"{fidelity}, {len(size)} trials")
         axis.set(yscale="log", ylim=(1e-3, 1.2), ylabel="share of trials beyond",
-                 xlabel="error about one axis across the boresight / arcsec",
+                 xlabel="error across the boresight, one axis / arcsec",
                  title=f"{name} design")  # fmt: skip
         axis.legend(frameon=False, fontsize=8)
     for marker, name in (("o", "example"), ("s", "megapixel")):

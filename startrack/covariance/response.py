@@ -32,6 +32,7 @@ class Response(NamedTuple):
     root   (l, p, p, 3) pixel electron, triangular root xx, yx, yy of the covariance, times flux
     light  (l, p, p, 2) digital number, flux that is measured, over electron; its noise over itself
     above  (l, p, p) sigma, by which a star passes the threshold
+    kept   (l, p, p) 1, chance that it is not taken for a hot pixel then
     least  (5,) flux in digital number, its sigma, covariance xx, xy, yy of a star at the threshold
     """
 
@@ -40,6 +41,7 @@ class Response(NamedTuple):
     root: Floats
     light: Floats
     above: Floats
+    kept: Floats
     least: Floats
 
 
@@ -89,6 +91,7 @@ def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
         np.where(good[:, None], root, 0.0).reshape(*shape, 3),
         np.where(good[:, None], light, 0.0).reshape(*shape, 2),
         np.where(good, seen.above / seen.spread, -np.inf).reshape(shape),
+        np.where(good, seen.kept, 0.0).reshape(shape),
         _at_threshold(seen, good.reshape(count, -1)),
     )
 

@@ -117,7 +117,8 @@ def _measure(x, y, column, row, flux, start, response, seen):  # type: ignore[no
     t = min(max(at - k, 0.0), 1.0)
     above = (1 - t) * response.above[k, j, i] + t * response.above[k + 1, j, i]
     seen.surplus = inverse_normal(uniform(bits(start, np.uint64(0))))
-    if not above + seen.surplus > 0:
+    kept = (1 - t) * response.kept[k, j, i] + t * response.kept[k + 1, j, i]
+    if not above + seen.surplus > 0 or uniform(bits(start, np.uint64(3))) > kept:
         return False
     normal_x = inverse_normal(uniform(bits(start, np.uint64(1))))
     normal_y = inverse_normal(uniform(bits(start, np.uint64(2))))

@@ -27,11 +27,10 @@ def outcomes(
 ) -> NDArray[np.void]:
     """The outcomes of some trials, matches taken as known.
 
-        place = projection + bias + root N(0, 1),   found with the probability Phi(above)
+        place = projection + bias + root N(0, 1),   found with the probability kept Phi(above)
 
-    Bias, root and above come from the detection itself, which measures stars of half-magnitude
-    steps at 36 places in the pixel, rendered without noise but with smear and with the response
-    of the pixels.
+    All these come from the detection itself, which measures stars of half-magnitude steps at 36
+    places in the pixel, rendered without noise but with smear and with the response of the pixels.
 
     icrs_to_camera  a true attitude for each; None: those of the same trials of other fidelities
     Returns  (n,) structured array, as `startrack.error.judge_all` gives it, in the order asked for

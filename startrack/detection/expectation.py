@@ -9,8 +9,8 @@ from numba import njit
 
 from startrack.detection.between import bank, highest_between
 from startrack.detection.centroid import measured
-from startrack.detection.examine import largest_share, sharp
-from startrack.detection.find import Candidates, ring_half
+from startrack.detection.examine import chance_to_pass, largest_share
+from startrack.detection.find import Candidates
 from startrack.detection.law import modelled, sigmas
 from startrack.detection.matched import filtered, kernel_of
 from startrack.detection.parameters import Detection
@@ -30,6 +30,7 @@ class Expectation(NamedTuple):
     covariance  (n, 2, 2) pixel^2, as the centroid itself states it
     above       (n,) sigma, by which the star passes the threshold; negative where it does not
     spread      (n,) sigma of what is compared with the threshold, in the same unit
+    kept        (n,) 1, chance that noise does not make a hot pixel of it
     """
 
     x: Floats
@@ -39,6 +40,7 @@ class Expectation(NamedTuple):
     covariance: Floats
     above: Floats
     spread: Floats
+    kept: Floats
 
 
 def expect(
@@ -51,7 +53,7 @@ def expect(
 ) -> Expectation:
     """Search and measure a frame without noise.
 
-    A star is found with the probability Phi(above / spread).
+    A star is found with the probability kept Phi(above / spread).
 
     frame  whose image holds expected numbers, not rounded, and whose gain and noise are known
     place  (n, 2) pixel, where the stars are; no two so near that one sees the other
@@ -59,7 +61,6 @@ def expect(
     area   pixel, of the frames that are searched, on which the threshold may depend
     Errors model: the best of the filters between the pixels is that of the mean; that noise may
            make another one better lets some percent more of the stars at the threshold through.
-           Stars whose light passes for that of a hot pixel are none.
     """
     star = star_image(settings, psf)
     kernel, gain = kernel_of(settings, star), gain_of(frame, 0.0)
@@ -72,19 +73,17 @@ def expect(
     # The star's own photons add to the noise of what the filter makes of it.
     light = _light(image, column, row, level, kernel.whole)
     spread = np.sqrt(1 + light / gain.electrons_per_dn / rms**2)
+    dark, kept = float(rms[0]) / kernel.noise, np.ones(len(row))
     if settings.sharpest_sigma > 0:
-        hot = sharp(
-            image, column, row, ring_half(settings, kernel), largest_share(settings.sharpest_sigma)
-        )
-        height[hot] = -np.inf
+        shot, share = 1 / gain.electrons_per_dn, largest_share(settings.sharpest_sigma)
+        kept = chance_to_pass(image, column, row, level, dark, shot, share)
     seen = sample(frame, known, Candidates(column, row, np.ones_like(row)), settings)
     # The ring about a star shows no noise here. So all that a dark pixel has is given as the
     # least noise there is, which the ring then has too.
-    dark = float(rms[0]) / kernel.noise
     table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), settings, star)
     covariance = table[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
     x, y, flux, sigma = table[:, :4].T
-    return Expectation(x, y, flux, sigma, covariance, height - far, spread)
+    return Expectation(x, y, flux, sigma, covariance, height - far, spread, kept)
 
 
 @njit(cache=True, error_model="numpy")

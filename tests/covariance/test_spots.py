@@ -11,21 +11,13 @@ from startrack.case import Fidelity
 from startrack.chain import trial, trials
 from startrack.covariance import plan_of, spots_of
 from startrack.curve import Curve
-from startrack.detection import Detection
 from startrack.streams import Streams
 from startrack.view import random_attitude
 from startrack.window import spots_in_windows
 
-from .designs import CASE, with_detector
+from .designs import CASE, marginal
 
-
-def marginal():
-    """A quarter of the pixels and a thirtieth of the light: five stars, and false ones."""
-    case = with_detector(columns=256, rows=256, pixel_pitch=22e-6, exposure=2.5e-3)
-    tracker = dataclasses.replace(CASE.tracker, detection=Detection(threshold=4.6))
-    optics = dataclasses.replace(CASE.instrument.optics, blur=10e-6)
-    instrument = dataclasses.replace(case.instrument, optics=optics)
-    return dataclasses.replace(case, instrument=instrument, tracker=tracker)
+FEW = 2.5e-3  # second: five stars, and some of noise
 
 
 def drawn(case, number, seed=4):
@@ -83,7 +75,7 @@ def test_spots_are_brightest_first_and_no_more_than_the_tracker_keeps():
 def test_noise_alone_makes_as_many_spots_as_are_told_and_strews_them():
     """Poisson's count within 4 standard deviations; places even by Kolmogorov and Smirnov, 1e-3."""
     blind = Curve((300e-9, 1200e-9), (1e-9, 1e-9))
-    case = marginal()
+    case = marginal(FEW)
     detector = dataclasses.replace(case.instrument.detector, quantum_efficiency=blind)
     instrument = dataclasses.replace(case.instrument, detector=detector)
     case = dataclasses.replace(case, instrument=instrument)
@@ -100,13 +92,13 @@ def test_noise_alone_makes_as_many_spots_as_are_told_and_strews_them():
 def test_as_many_are_right_as_of_rendered_trials():
     """300 of each, of different seeds; Fisher's test fails by chance once in 1000 runs."""
     one, other = (
-        counts(trials(marginal(), seed, range(300), fidelity))
+        counts(trials(marginal(FEW), seed, range(300), fidelity))
         for seed, fidelity in ((7, Fidelity.WINDOW), (8, Fidelity.SPOTS))
     )
     assert 40 < one[0] < 260
     assert stats.fisher_exact([one, other])[1] > 1e-3
     # And where the matches are taken as known, more are solved than can be identified.
-    known = counts(trials(marginal(), 8, range(300), Fidelity.COVARIANCE))
+    known = counts(trials(marginal(FEW), 8, range(300), Fidelity.COVARIANCE))
     assert known[0] > other[0] + 30
 
 
@@ -126,7 +118,7 @@ def test_an_attitude_of_other_stars_counts_as_wrong(monkeypatch):
 def test_as_many_are_right_as_of_many_rendered_trials():
     """As above, 3000 of each, by chi-square."""
     table = [
-        counts(trials(marginal(), seed, range(3000), fidelity))
+        counts(trials(marginal(FEW), seed, range(3000), fidelity))
         for seed, fidelity in ((7, Fidelity.WINDOW), (8, Fidelity.SPOTS))
     ]
     assert stats.chi2_contingency(table).pvalue > 1e-3
