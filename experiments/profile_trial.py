@@ -1,0 +1,219 @@
+"""Where does the time of a trial go, in each fidelity, and that of a fresh process?
+
+The shipped design, on random attitudes: CPU time of a trial without a profiler, and with one, which
+share each file of startrack has. What a file calls outside startrack (numpy, OpenCV, compiled
+kernels) counts as its own. The profiler makes many small calls look dearer than few large ones.
+Fresh processes are timed from their start to their end, with kernels compiled before.
+
+    python experiments/profile_trial.py [--trials N] [--out DIR]
+
+writes profile_trial.md and .json.
+"""
+
+from __future__ import annotations
+
+import one_thread  # noqa: F401  # isort: skip
+
+import argparse
+import cProfile
+import os
+import pstats
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+
+import startrack
+from startrack.benchmark import versions
+from startrack.benchmark.table import spent
+from startrack.case import Case, Fidelity
+from startrack.chain import trials
+from startrack.design import load_design
+from startrack.saving import save_json, save_text
+from startrack.shipped import shipped
+
+HOME = Path(startrack.__file__).parent
+DESIGN = "designs/nanosatellite.toml"
+ROUNDS = 5
+AT_ONCE = 50  # spots are drawn by the thousand, frames are not
+FILES = 5  # of a fidelity, that are named
+LEAST = 0.01  # share of a room that has a row
+
+OUTCOME = f"""
+from startrack.chain import trial
+from startrack.design import load_design
+from startrack.shipped import shipped
+trial(load_design(shipped("{DESIGN}")).case, 1, 0)
+"""
+STARTS = {
+    "import startrack": ("-c", "import startrack"),
+    "import startrack.chain": ("-c", "import startrack.chain"),
+    "outcome of a first trial": ("-c", OUTCOME),
+    "startrack simulate": ("-m", "startrack.cli", "simulate"),
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--trials", type=int, default=100, help="of a fidelity (default: 100)")
+    parser.add_argument("--out", type=Path, default=Path(), metavar="DIR")
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    case = load_design(shipped(DESIGN)).case
+    profiles = {each: profile(case, each, options.trials) for each in Fidelity}
+    starts = {name: start(call) for name, call in STARTS.items()}
+    text = markdown(profiles, starts, options.trials)
+    out = options.out / "profile_trial.md"
+    save_text(out, text)
+    fidelities = {str(each): found._asdict() for each, found in profiles.items()}
+    fresh = {name: each._asdict() for name, each in starts.items()}
+    values = {"versions": versions(), "fidelities": fidelities, "fresh": fresh}
+    save_json(out.with_suffix(".json"), values)
+    print(text)
+
+
+class Profile(NamedTuple):
+    """One fidelity.
+
+    seconds  of CPU of a trial, without the profiler
+    shares   1, of each file, the largest first
+    """
+
+    seconds: float
+    shares: dict[str, float]
+
+
+def profile(case: Case, fidelity: Fidelity, count: int) -> Profile:
+    if fidelity is Fidelity.COVARIANCE:
+        count *= AT_ONCE
+    run(case, fidelity, count)  # what is computed once for a design
+    seconds = min(clocked(lambda: run(case, fidelity, count)) for _ in range(ROUNDS)) / count
+    profiler = cProfile.Profile(time.process_time)
+    profiler.runcall(run, case, fidelity, count)
+    return Profile(seconds, shares(pstats.Stats(profiler).stats))  # type: ignore[attr-defined]
+
+
+def run(case: Case, fidelity: Fidelity, count: int) -> Any:
+    return trials(case, 1, range(count), fidelity)
+
+
+def clocked(call: Callable[[], Any]) -> float:
+    """Seconds of CPU."""
+    began = time.process_time()
+    call()
+    return time.process_time() - began
+
+
+Function = tuple[str, int, str]
+
+
+def shares(stats: Mapping[Function, tuple[Any, ...]]) -> dict[str, float]:
+    """Of each file, what its functions spend themselves and in what they call outside."""
+    found = summed(spendings(stats))
+    total = sum(found.values())
+    return {name: own / total for name, own in found.items()}
+
+
+def summed(parts: Iterable[tuple[str, float]]) -> dict[str, float]:
+    """The sum of each name, the largest first."""
+    found: defaultdict[str, float] = defaultdict(float)
+    for name, part in parts:
+        found[name] += part
+    return dict(sorted(found.items(), key=lambda each: -each[1]))
+
+
+def rooms(found: Profile) -> dict[str, float]:
+    """The shares of the files of each room together."""
+    return summed((Path(name).parts[0], share) for name, share in found.shares.items())
+
+
+def spendings(stats: Mapping[Function, tuple[Any, ...]]) -> Iterator[tuple[str, float]]:
+    """Files and seconds."""
+    for function, (_, _, own, _, callers) in stats.items():
+        if file := ours(function):
+            yield file, own
+            continue
+        for caller, (_, _, _, within) in callers.items():
+            if file := ours(caller):
+                yield file, within
+
+
+def ours(function: Function) -> str:
+    """The file of a function of startrack, or nothing."""
+    path = Path(function[0])
+    return str(path.relative_to(HOME)) if path.is_relative_to(HOME) else ""
+
+
+class Start(NamedTuple):
+    """A fresh process: seconds of CPU and of the clock, the least of some."""
+
+    cpu: float
+    wall: float
+
+
+def start(call: tuple[str, ...]) -> Start:
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, *call]
+        found = [once(command, folder) for _ in range(ROUNDS + 1)][1:]
+    return Start(min(each.cpu for each in found), min(each.wall for each in found))
+
+
+def once(command: list[str], folder: str) -> Start:
+    before, began = children(), time.perf_counter()
+    subprocess.run(
+        command, cwd=folder, env=os.environ | {"PYTHONPATH": str(HOME.parent)}, check=True,
+        stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    return Start(children() - before, time.perf_counter() - began)
+
+
+def children() -> float:
+    """Seconds of CPU of all processes that have ended."""
+    times = os.times()
+    return times.children_user + times.children_system
+
+
+def markdown(profiles: Mapping[Fidelity, Profile], starts: Mapping[str, Start], count: int) -> str:
+    lines = [
+        f"`python experiments/profile_trial.py --trials {count}`, {versions()}; one thread, the "
+        f"least of {ROUNDS} rounds.",
+        "",
+        "## A trial",
+        "The shipped design on 512 x 512 pixels, random attitudes; what is computed once for a "
+        "design left out. Shares by a profiler, which overrates many small calls.",
+        "",
+        row("room", profiles),
+        "|---" * (len(profiles) + 1) + "|",
+        row("**a trial**", (f"**{spent(found.seconds)}**" for found in profiles.values())),
+    ]
+    columns = [rooms(found) for found in profiles.values()]
+    for name in summed(part for column in columns for part in column.items()):
+        cells = [column.get(name, 0.0) for column in columns]
+        if max(cells) >= LEAST:
+            lines.append(row(name, (f"{100 * cell:.0f} %" for cell in cells)))
+    lines += ["", "The files that take most:", ""]
+    for fidelity, found in profiles.items():
+        most = list(found.shares.items())[:FILES]
+        named = ", ".join(f"{name} {100 * share:.0f} %" for name, share in most)
+        lines.append(f"- {fidelity}: {named}")
+    lines += ["", "## A fresh process", "| until | CPU time | by the clock |", "|---|---|---|"]
+    for name, each in starts.items():
+        lines.append(f"| {name} | {each.cpu:.2f} s | {each.wall:.2f} s |")
+    return "\n".join([*lines, ""])
+
+
+def row(name: str, cells: Iterable[str]) -> str:
+    """Of a table."""
+    return f"| {name} | {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    main()
