@@ -28,13 +28,14 @@ import scenes_tracker
 from leaving_out import Effect, Found, Gap, View, Way, leave_out
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from startrack.benchmark import versions
 from startrack.benchmark.table import figure, spent
 from startrack.saving import save_json, save_text, whole
 
 SHARE = 1 / 3
-TIMED = 3  # trials that are repeated in turns with everything, for the time
+TIMED = 4  # trials that are repeated in turns with everything, for the time
 IMAGES = 4  # trials of a tracker for one of the imager, which has thousands of pixels
 KEPT, SPARED = "#1f6f43", "#999999"
 
@@ -111,13 +112,14 @@ def effects_of(found: Found) -> list[str]:
         f"{' and '.join(view.kinds)}; the scene's own: {joined(found.own)}. It needs {kept} of "
         f"{len(found.effects)} effects.",
         "",
-        "| effect | error when left out | of the scene's own | answers changed | CPU time | kept |",
-        "|---|---|---|---|---|---|",
+        "| effect | error when left out | of the scene's own | the scene's without it | answers "
+        "changed | CPU time | kept |",
+        "|---|---|---|---|---|---|---|",
     ]
     for effect in sorted(found.effects, key=lambda effect: -effect.share):
         lines.append(
             f"| {effect.name} | {measured(effect.gap)} | {effect.share:.2f} | "
-            f"{effect.gap.changed} | {1e3 * effect.seconds:+.1f} ms | "
+            f"{joined(effect.error)} | {effect.gap.changed} | {1e3 * effect.seconds:+.1f} ms | "
             f"{'yes' if effect.kept else ''} |"
         )
     if found.refused:
@@ -154,17 +156,15 @@ def values(found: Sequence[Found]) -> dict[str, Any]:
 
 def plain(row: Effect | Way) -> dict[str, Any]:
     """A row without its name."""
-    known = {name: value for name, value in row._asdict().items() if name not in ("name", "gap")}
-    if "error" in known:
-        known["error"] = [float(error) for error in known["error"]]
+    known = {name: value for name, value in row._asdict().items() if name != "name"}
     gap = {"error": list(row.gap.error), "sigma": list(row.gap.sigma), "changed": row.gap.changed}
-    return {**known, "gap": gap}
+    return {**known, "error": list(row.error), "gap": gap}
 
 
 def draw(path: Path, found: Sequence[Found]) -> None:
     """A panel a scene: effects by their share; one of the chains' time and error."""
     down = math.ceil((len(found) + 1) / 2)
-    picture = Figure(figsize=(13, 5.2 * down), layout="constrained")
+    picture = Figure(figsize=(14, 5.4 * down), layout="constrained")
     for n, one in enumerate(found):
         draw_effects(picture.add_subplot(down, 2, n + 1), one)
     draw_ways(picture.add_subplot(down, 2, len(found) + 1), found)
@@ -190,8 +190,8 @@ def draw_effects(axes: Axes, found: Found) -> None:
         )  # fmt: skip
     axes.set(
         xscale="log", xlim=(least / 1.5, None), ylim=(-0.7, len(effects) - 0.3),
-        xlabel="error when left out, over the scene's own (1); right: CPU time of a trial",
-        title=f"{found.view.name}, {found.trials} trials",
+        xlabel="error when left out, over the scene's own (1)",
+        title=f"{found.view.name}, {found.trials} trials; right: CPU time of a trial",
     )  # fmt: skip
     axes.set_yticks(range(len(effects)), [effect.name for effect in effects], fontsize=7)
     axes.axvline(SHARE, color="#b4442f", ls="--", lw=1)
@@ -202,17 +202,18 @@ def draw_ways(axes: Axes, found: Sequence[Found]) -> None:
     for n, one in enumerate(found):
         time = [1e3 * way.seconds for way in one.ways]
         error = [float(way.error[0] / one.ways[0].error[0]) for way in one.ways]
-        axes.plot(time, error, "-", color=f"C{n}", lw=0.8)
+        axes.plot(time, error, "-", color=f"C{n}", lw=0.8, label=one.view.name)
         for t, e, mark in zip(time, error, "so^", strict=False):
             axes.plot(t, e, mark, color=f"C{n}", ms=6)
-        axes.annotate(one.view.name, (time[0], error[0]), (5, 4 + 9 * n),
-                      textcoords="offset points", color=f"C{n}", fontsize=8)  # fmt: skip
     axes.set(
         xscale="log", xlabel="CPU time of a trial (ms)",
-        ylabel="the scene's own error by a chain, over that by everything (1)",
-        title="square: everything; circle: what is needed; triangle: in windows",
+        ylabel="the scene's own error, over that with everything (1)",
+        title="square: everything; circle: what is needed;\ntriangle: in windows",
     )  # fmt: skip
-    axes.grid(lw=0.3)
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.margins(0.15, 0.2)
+    axes.legend(fontsize=8)
+    axes.grid(lw=0.3, which="both")
 
 
 if __name__ == "__main__":

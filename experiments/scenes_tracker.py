@@ -137,8 +137,8 @@ def everything(plain: Case) -> Case:
     )
     case = with_optics(case, psf="kirchhoff", k1=-0.02, aberrations=(Aberration(6, 40 * nm),))
     hum = Tone(30.0, rms_x=0.3 * arcsec, rms_y=0.3 * arcsec)
-    level = (1e-3 * arcsec**2, 1e-3 * arcsec**2)  # 0.3 arcsec rms
-    rumble = tuple(Broadband(axis, (1.0, 100.0), level) for axis in "xy")
+    level = (4.5e-3 * arcsec**2, 4.5e-3 * arcsec**2)  # 0.3 arcsec rms
+    rumble = tuple(Broadband(axis, (20.0, 40.0), level) for axis in "xy")
     case = with_motion(case, tones=(hum,), broadband=rumble)
     case = replace(case, scene=NIGHT, instrument=replace(case.instrument, baffle=BAFFLE))
     faint = replace(case.catalog, limit_g=8.0)
@@ -180,16 +180,16 @@ def without_baffle(case: Case) -> Case:
 
 EFFECTS: dict[str, Change] = {
     "zodiacal light": lambda case: without_lights(case, "zodiacal"),
-    "light of stars below the catalogue": lambda case: without_lights(case, "starlight"),
+    "starlight below the catalogue": lambda case: without_lights(case, "starlight"),
     "planets": lambda case: without_lights(case, "planets"),
     "Sun": lambda case: without_lights(case, "sun"),
     "Moon": lambda case: without_lights(case, "moon"),
     "airglow and cities": lambda case: without_lights(case, "airglow", "cities"),
     "Earth and all of its lights": lambda case: without_lights(case, "airglow", "cities", "earth"),
-    "stray light through the baffle": without_baffle,
+    "stray light": without_baffle,
     "stars of G 7 to 8": without_faint_stars,
     "distortion": lambda case: with_optics(case, k1=0.0),
-    "Kirchhoff's integral (Fraunhofer instead)": lambda case: with_optics(case, psf="fraunhofer"),
+    "Kirchhoff (Fraunhofer instead)": lambda case: with_optics(case, psf="fraunhofer"),
     "wavefront error of 40 nm": lambda case: with_optics(case, aberrations=()),
     "slew": lambda case: with_motion(case, rate_x=0.0, rate_y=0.0),
     "jitter of 0.4 arcsec": lambda case: with_motion(case, tones=(), broadband=()),
