@@ -78,7 +78,8 @@ class Tilt(NamedTuple):
 
     theta   1 / digital number
     most    (tiles,) the largest K of a pixel in each tile, row by row
-    among   (tiles, mesh^2) sums of exp(K - most) over the pixels of a tile up to each, row by row
+    among   (tiles, mesh^2) sums of exp(K - most) over the pixels of a tile up to each, row by row;
+            rounding them moves an excess by a pixel once in some thousand times
     weight  (2 m + 1, 2 n + 1) of the filter
     kind    (2 m + 1, 2 n + 1) which of the weights that differ each is
     sums    (kinds, levels, n) of the tilted law, of the numbers up to the lowest, lowest + 1, ...
@@ -86,7 +87,7 @@ class Tilt(NamedTuple):
 
     theta: float
     most: Floats
-    among: Floats
+    among: NDArray[np.float32]
     weight: Floats
     kind: Ints
     sums: Floats
@@ -108,8 +109,9 @@ def tilt_for(numbers: Numbers, weight: Floats, level: float, mesh: int, border: 
     sums = np.cumsum(numbers.probability * tilted[:, None], axis=2)
     tiles = _tiles(*numbers[:2], theta, weight, kind, sums, mesh, border)
     most = np.maximum(tiles.max(axis=1), LEAST)
-    among = np.cumsum(np.exp(tiles - most[:, None]), axis=1)
-    return Tilt(theta, most, among, weight, kind, sums)
+    tiles -= most[:, None]
+    np.cumsum(np.exp(tiles, out=tiles), axis=1, out=tiles)
+    return Tilt(theta, most, tiles.astype(np.float32), weight, kind, sums)
 
 
 class Rates(NamedTuple):
@@ -284,7 +286,7 @@ def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probabilit
         at = np.uint64(n) * size
         tile = _picked_of(rates.share, uniform(bits(start, at)))
         among = tilt.among[tile]
-        inside = _picked_of(among, uniform(bits(start, at + np.uint64(1))) * among[-1])
+        inside = _picked_of(among, among[-1] * uniform(bits(start, at + np.uint64(1))))
         x = (tile % across) * mesh + inside % mesh
         y = (tile // across) * mesh + inside // mesh
         if not (border <= x < columns - border and border <= y < rows - border):
