@@ -29,10 +29,18 @@ from startrack.units import LIGHT_SPEED, PLANCK, Unit
 
 Floats = NDArray[np.float64]
 
+UNKNOWN = {
+    "optics": ("principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3"),
+    "detector": ("region", "row_delay", "crosstalk", "lag"),
+}
+
 
 @dataclass(frozen=True)
 class Channel:
     """One image that a camera makes: a lens, a filter, a detector of one kind.
+
+    What its pictures would leave out is refused: distortion and a lens off the middle, and what
+    passes from row to row, from frame to frame or between pixels of an array.
 
     band      what the filter lets through, 1 over wavelength
     forwards  radian by which it looks ahead of the camera's axis; stereo lines differ in it
@@ -54,6 +62,13 @@ class Channel:
             raise ValueError("detector.scan.kind must be line, staggered or tdi, got lines")
         if not self.name or "/" in self.name:
             raise ValueError(f"name must be a name for a file, got {self.name!r}")
+        for part, names in UNKNOWN.items():
+            for name in names:
+                if value := getattr(getattr(self, part), name):
+                    raise ValueError(
+                        f"{part}.{name} must be left out: the pictures of a channel know none, "
+                        f"got {value}"
+                    )
 
     def photoelectrons(self, wavelength: Floats) -> Floats:
         """(f,) electron / joule that arrives at the lens: equation (4)'s brackets, tau and QE."""

@@ -238,6 +238,14 @@ def test_surveys_that_cannot_be(change, words):
         replace(survey(channel(flat_band(500 * nm, 600 * nm))), **change)
 
 
+def test_what_no_picture_would_show_is_refused():
+    one = channel(flat_band(500 * nm, 600 * nm))
+    with pytest.raises(ValueError, match=r"optics.k1 must be left out: .* know none, got -0.1"):
+        replace(one, optics=replace(one.optics, k1=-0.1))
+    with pytest.raises(ValueError, match=r"detector.crosstalk must be left out: .*, got 0.02"):
+        replace(one, detector=replace(one.detector, crosstalk=0.02))
+
+
 @pytest.mark.parametrize(("area", "share"), [(1.0, None), (9.0, None), (400.0, 1.0)])
 def test_a_fire_keeps_its_power_however_small(tmp_path, area, share):
     """Pixels are 0.3 m: what burns adds up to its area, or fills the pixel."""
