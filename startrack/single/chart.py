@@ -224,7 +224,7 @@ def _shaken(instrument: Instrument) -> tuple[Psf, Floats, Floats, float]:
     camera, detector, motion = instrument.camera, instrument.detector, instrument.motion
     pixel = 1 / camera.focal_length_px
     still = replace(motion, rate_x=0.0, rate_y=0.0, rate_z=0.0)
-    x, y, _ = blur(still, detector.exposure, pixel)
+    x, y, _ = blur(still, detector.exposure)
     if x or y:
         wide = math.hypot(x, y) / math.sqrt(2) * instrument.optics.image_distance
         lens = replace(instrument.optics, blur=math.hypot(instrument.optics.blur, wide))

@@ -155,7 +155,7 @@ def limiting_magnitude(case: Case) -> float:
     # place with each other place along the path.
     psf = psf_of(case.instrument)
     sharpness = float((psf.table**2).sum()) / psf.oversampling**2
-    smear = blur(case.instrument.motion, detector.exposure, np.sqrt(pixel))
+    smear = blur(case.instrument.motion, detector.exposure)
     # A straight line of this length has the same blur.
     length = np.sqrt(12) * float(np.hypot(smear[0], smear[1])) / np.sqrt(pixel)
     sharpness /= np.sqrt(1 + length**2 * sharpness)

@@ -21,7 +21,7 @@ def test_a_slew():
     assert found.end == pytest.approx([-0.001, 0, 0])
     assert found.mean == pytest.approx([0, 0, 0], abs=1e-17)
     assert found.rms == pytest.approx([0.002 / 12**0.5, 0, 0])
-    np.testing.assert_allclose(blur(Motion(rate_x=0.02), EXPOSURE, PIXEL), found.rms, rtol=1e-12)
+    np.testing.assert_allclose(blur(Motion(rate_x=0.02), EXPOSURE), found.rms, rtol=1e-12)
 
 
 def test_drift_and_blur_of_a_spectrum_are_its_weighted_integrals():
@@ -45,7 +45,7 @@ def test_drift_and_blur_of_a_spectrum_are_its_weighted_integrals():
         error = square.std() / np.sqrt(len(square))
         assert abs(square.mean() - np.trapezoid(s * weight, f)) < 4 * error, name
     expected = np.sqrt(np.trapezoid(s * (1 - sinc**2), f))
-    np.testing.assert_allclose(blur(motion, EXPOSURE, PIXEL), [0, expected, 0], rtol=1e-6)
+    np.testing.assert_allclose(blur(motion, EXPOSURE), [0, expected, 0], rtol=1e-6)
 
 
 def test_slow_components_drift_and_fast_ones_blur():
@@ -53,21 +53,33 @@ def test_slow_components_drift_and_fast_ones_blur():
     fast = Broadband("x", (1e4, 1e5), (1e-12, 1e-12))
     power = 9e-4
     # 1 - sinc^2 -> (pi f T)^2 / 3, whose mean over the band is 3.7e-7 (pi T)^2 / 3
-    assert blur(Motion(broadband=(slow,)), EXPOSURE, PIXEL)[0] == pytest.approx(
+    assert blur(Motion(broadband=(slow,)), EXPOSURE)[0] == pytest.approx(
         np.sqrt(power * 3.7e-7 * (np.pi * EXPOSURE) ** 2 / 3), rel=1e-6
     )
-    assert blur(Motion(broadband=(fast,)), EXPOSURE, PIXEL)[0] == pytest.approx(3e-4, rel=1e-4)
+    assert blur(Motion(broadband=(fast,)), EXPOSURE)[0] == pytest.approx(3e-4, rel=1e-4)
+
+
+@pytest.mark.parametrize("rms", [1e-4, 1e-7, 1e-12, 1e-16])
+@pytest.mark.parametrize("frequency", [0.5, 7.0, 73.0, 730.0])
+def test_a_known_tone_blurs_by_its_deviation_however_small(frequency, rms):
+    """Against 200,000 equal steps in time, from a pixel down to what no pixel sees."""
+    tone = Tone(frequency, rms_x=rms, phase=0.4)
+    time = (np.arange(200_000) + 0.5) / 200_000 * EXPOSURE - EXPOSURE / 2
+    wave = np.sqrt(2) * rms * np.cos(2 * np.pi * frequency * time + 0.4)
+    found = blur(Motion(tones=(tone,)), EXPOSURE)
+    assert found[0] == pytest.approx(wave.std(), rel=2e-6)
+    assert found[1] == found[2] == 0
 
 
 def test_tones_blur_as_their_trials_do():
     """A drawn phase: the mean over evenly spaced given phases."""
     tone = Tone(7.0, rms_x=1e-4, rms_z=5e-5)
     given = [
-        blur(Motion(tones=(dataclasses.replace(tone, phase=p),)), EXPOSURE, PIXEL) ** 2
+        blur(Motion(tones=(dataclasses.replace(tone, phase=p),)), EXPOSURE) ** 2
         for p in np.arange(16) / 16 * 2 * np.pi
     ]
     np.testing.assert_allclose(
-        blur(Motion(tones=(tone,)), EXPOSURE, PIXEL) ** 2, np.mean(given, axis=0), rtol=1e-6
+        blur(Motion(tones=(tone,)), EXPOSURE) ** 2, np.mean(given, axis=0), rtol=1e-6
     )
 
 
