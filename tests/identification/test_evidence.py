@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.identification.evidence import DEPTHS, EXCESSES, log_evidence
+from startrack.identification.evidence import DEPTHS, EXCESSES, LOG_ATTITUDES, log_evidence
 
 SHIFT = np.tile(np.eye(2), (3, 1, 1))  # (k, 2, 2): the unknowns move all places alike
 FLAT = np.zeros((2, 2))
@@ -132,3 +132,10 @@ def test_evidence_by_chance_is_one_in_the_mean():
     mean, error = np.mean(sums), np.std(sums) / np.sqrt(len(sums))
     assert mean < 1 + 3.1 * error
     assert mean > 0.3
+
+
+def test_random_attitudes_are_as_dense_as_stated():
+    """Closer than an angle a to a given one are (a - sin a) / pi of them: a ball of radius a."""
+    angle = 1e-2
+    share = (angle - np.sin(angle)) / np.pi
+    assert np.exp(-LOG_ATTITUDES) * 4 / 3 * np.pi * angle**3 == pytest.approx(share, rel=1e-5)
