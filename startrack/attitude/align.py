@@ -139,7 +139,8 @@ def _multiply(b, r, w, products):  # type: ignore[no-untyped-def]
 def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
     """Turn a about the axis to where the loss is least, from the parts across the axis.
 
-    In a narrow field the products have lost these parts; the vectors have not.
+    In a narrow field the products have lost these parts; the vectors have not. Of each pair, one
+    vector without its part along the axis is enough.
     """
     sine = cosine = 0.0
     for i in range(len(w)):
@@ -147,8 +148,6 @@ def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
         bx, by, bz = b[i]
         along = px * axis[0] + py * axis[1] + pz * axis[2]
         px, py, pz = px - along * axis[0], py - along * axis[1], pz - along * axis[2]
-        along = bx * axis[0] + by * axis[1] + bz * axis[2]
-        bx, by, bz = bx - along * axis[0], by - along * axis[1], bz - along * axis[2]
         cosine += w[i] * (px * bx + py * by + pz * bz)
         sine += w[i] * (
             axis[0] * (py * bz - pz * by)

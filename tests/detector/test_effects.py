@@ -179,6 +179,18 @@ def test_hits_are_as_many_and_as_bright_as_they_should():
     assert np.mean(sums) == pytest.approx(16_000, rel=0.12)
 
 
+def test_every_pixel_is_hit_as_often_as_the_next():
+    """Chi-square over a dozen pixels and 400 frames, a layer so thin that one hit is one pixel."""
+    thin, frames = Hits(rate=1.4e11, depth=1e-9), 400
+    counts = np.zeros(12)
+    for trial in range(frames):
+        pixel, _ = tracks(thin, (3, 4), 5e-6, 0.2, Streams(2, trial))
+        counts[pixel] += 1
+    share = 1 - math.exp(-1.4e11 * 0.2 * 25e-12)  # of the frames in which a pixel is hit
+    deviation = (counts - frames * share) / math.sqrt(frames * share * (1 - share))
+    assert stats.chi2.sf((deviation**2).sum(), 12) > 1e-4
+
+
 def test_hits_show_in_both_ways_of_reading():
     """At once and in steps: the same tracks on the same sky."""
     flat = np.full((100, 200), 20.0)

@@ -19,6 +19,19 @@ def test_quantiles_are_scipys(mean):
     )
 
 
+@pytest.mark.parametrize("mean", [7.0, 40.0, 300.0, 5e3, 1e5])
+def test_a_number_gives_way_to_the_next_where_the_sum_says(mean):
+    """Three billionths of a deviation before the step and after it, out to six sigma."""
+    k = np.unique(np.round(mean + np.sqrt(mean) * np.linspace(-6, 6.5, 800)))
+    k = k[k >= 0]
+    lower = special.ndtri(special.pdtr(k, mean))
+    step = np.where(k < mean, lower, -special.ndtri(special.pdtrc(k, mean)))
+    near = np.abs(step) < 6.5
+    k, step = k[near], step[near]
+    np.testing.assert_array_equal(poisson_quantile(mean, step - 3e-9), k)
+    np.testing.assert_array_equal(poisson_quantile(mean, step + 3e-9), k + 1)
+
+
 @pytest.mark.parametrize("mean", [0.5, 5.0, 50.0, 5000.0])
 def test_the_law_is_poissons(mean):
     """Chi-square of a histogram of a million draws; false alarm 1e-4 each."""
