@@ -8,13 +8,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from startrack.budget.budget import Budget, Law, Line
-from startrack.budget.causes import (
-    NEIGHBOURS,
-    Cause,
-    Term,
-    causes,
-    refuse_scans,
-)
+from startrack.budget.causes import NEIGHBOURS, Cause, Term, causes, refuse_scans
 from startrack.budget.fields import FIELDS, Attitudes, Fields, attitudes, fields, propagate
 from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera
 from startrack.budget.response import response
@@ -26,6 +20,7 @@ from startrack.single.errors import METHOD, READ, SHOT
 from startrack.values import Floats
 
 LEAST = 1e-3  # chance of a star to count at all
+BLIND = "the case must see enough stars somewhere in the sky, it does not"
 
 
 def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
@@ -52,6 +47,9 @@ def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes]:
     """The budget over some fields, and what the errors of stars do in each of them."""
     refuse_scans(case)
     star, gate = errors(case), case.tracker.attitude.gate
+    table = response(case, star)
+    if not table.share.any():
+        raise ValueError(BLIND)
     faint = dimming(case, view.sky.stars.colour)
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), faint)
     own = trust_in(case, view.sky.stars)[view.star[inside]]
@@ -66,13 +64,13 @@ def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes]:
     displacement = [mean, near, *(moved(case, cause, view, inside) for cause in fixed)]
     identification = case.tracker.identification
     found = propagate(
-        view, inside, magnitude, chance[kept], own, np.stack(displacement), response(case, star),
+        view, inside, magnitude, chance[kept], own, np.stack(displacement), table,
         case.believed_camera.focal_length_px, identification.focal_tolerance,
         identification.min_matches, case.tracker.detection.max_spots,
     )  # fmt: skip
     total = float(found.solved.sum())
     if not total > 0:
-        raise ValueError("the case must see enough stars somewhere in the sky, it does not")
+        raise ValueError(BLIND)
     weight = found.solved / total
     lines = tuple(_lines(case, found, weight, list(star.random), fixed))
     sigma = np.sqrt(np.sum([line.spread.sigma**2 for line in lines], axis=0))

@@ -11,14 +11,10 @@ from numpy.typing import NDArray
 
 from startrack.budget.analytic import analytic
 from startrack.case import Case
-from startrack.detector import electron_rate
-from startrack.scene import illuminate
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, Disc, Earth, sunlight
 from startrack.scene.ephemeris import AU, EARTH_RADIUS
 from startrack.scene.photometry import SUN_G_MINUS_V
 from startrack.units import arcsec
-from startrack.values import Stars
-from startrack.view import throughput
 
 Floats = NDArray[np.float64]
 
@@ -122,26 +118,12 @@ def _budgets(case: Case, skies: Floats, own: float) -> tuple[Floats, Floats]:
     across, share = np.full(len(skies), math.nan), np.zeros(len(skies))
     for i, sky in enumerate(skies):
         veiled = replace(case, scene=replace(case.scene, background_g=added((sky, own))))
-        if _fills_the_well(veiled):
-            continue
         try:
             budget = analytic(veiled)
-        except ValueError:  # not a single star: as bright as that
+        except ValueError:  # not a single star, or the sky fills the wells: as bright as that
             continue
         across[i], share[i] = budget.across, budget.availability
     return across, share
-
-
-def _fills_the_well(case: Case) -> bool:
-    """Whether the sky alone saturates the pixels."""
-    none = np.zeros(0)
-    light = illuminate(
-        replace(case.scene, lights=()), Stars(np.zeros(0, np.int64), np.zeros((0, 3)), none, none)
-    )
-    detector = case.instrument.detector
-    _, sky = electron_rate(light, detector, throughput(case.instrument))
-    pixel = case.instrument.camera.focal_length_px**-2
-    return bool(sky * pixel * detector.integration > detector.full_well)
 
 
 def _straight(values: Floats, at: Floats) -> Floats:

@@ -80,7 +80,7 @@ def attitudes(count: int) -> Rotation:
 
 
 def boresights(count: int) -> Rotation:
-    """Attitudes whose boresights lie evenly over the sphere, their rolls at random.
+    """Attitudes whose boresights lie evenly over the sphere, and their rolls over the circle.
 
     On a spiral of golden turns: Gonzalez (2010), Mathematical Geosciences 42, 49.
     """

@@ -55,11 +55,13 @@ class Scale(NamedTuple):
     star        of a sunlike star of G = 0
     background  in a pixel, of sky and dark current
     noise       rms of a pixel's own noise, the converter's steps included
+    largest     in a pixel, that its well holds and the converter tells
     """
 
     star: float
     background: float
     noise: float
+    largest: float
 
     @property
     def pixel(self) -> float:
@@ -79,6 +81,10 @@ def scale(case: Case) -> Scale:
         float(star[0]) * detector.exposure,
         float(sky) * solid_angle * detector.exposure + dark(detector)[0],
         math.hypot(detector.noise, detector.electrons_per_dn / math.sqrt(12)),
+        min(
+            detector.full_well,
+            (2**detector.bits - 1 - detector.offset) * detector.electrons_per_dn,
+        ),
     )
 
 
@@ -147,10 +153,14 @@ def detected(case: Case, magnitude: Floats) -> Floats:
 
         share = mean over places of Phi(peak / noise - threshold)
 
+    None is where the sky alone fills the pixels.
+
     Errors  model: the noise of the peak is that of an empty sky; neighbours, and the tests that
             tell a star from a hot pixel, are left out.
     """
     size, detection = scale(case), case.tracker.detection
+    if size.background >= size.largest:
+        return np.zeros(len(magnitude))
     point = lone(case)
     star = star_image(detection, psf_of(case.instrument))
     kernel = kernel_of(detection, star)

@@ -65,10 +65,19 @@ def errors(case: Case) -> Errors:
 
 
 def _mean(values: Floats) -> Floats:
-    """Over the places (second axis) at which a star was kept; large where none was."""
+    """Over the places (second axis) at which a star was kept.
+
+    Where none was, of the nearest magnitude that has some, for what lies between two magnitudes
+    is read from both; zero where no star of any magnitude was kept, which counts nowhere.
+    """
     kept = np.isfinite(values)
-    total = np.where(kept, values, 0).sum(axis=1)
-    return total / np.maximum(kept.sum(axis=1), 1)
+    total, count = np.where(kept, values, 0).sum(axis=1), kept.sum(axis=1)
+    mean = total / np.maximum(count, 1)
+    row = np.arange(len(mean))
+    some = np.flatnonzero(count.reshape(len(mean), -1).any(axis=1))
+    if len(some):
+        mean = mean[some[np.abs(row[:, None] - some).argmin(axis=1)]]
+    return np.asarray(mean)
 
 
 def _moment(offset: Floats) -> Floats:

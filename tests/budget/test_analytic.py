@@ -11,6 +11,7 @@ from startrack.case import Case
 from startrack.chain import path_of, trial
 from startrack.error import Interpretation
 from startrack.motion import Broadband, Motion, Tone, wander
+from startrack.single import errors
 from startrack.single.chart import BRIGHTEST, chart, detected, scale
 from startrack.streams import Streams
 from startrack.study.requirements import limiting_magnitude
@@ -140,3 +141,33 @@ def test_a_dark_design_is_refused(case):
     dark = replace(case, instrument=replace(case.instrument, detector=detector))
     with pytest.raises(ValueError, match="must see enough stars somewhere"):
         analytic(dark)
+
+
+@pytest.mark.parametrize("floor", [None, 0.0])
+def test_a_sky_that_fills_the_wells_leaves_no_star(case, floor):
+    """At G 11 and 10 a square arcsecond all pixels are full, and trials find no spot."""
+    tracker = replace(case.tracker, attitude=replace(case.tracker.attitude, centroid_floor=floor))
+    for sky in (11.0, 10.0):
+        scene = replace(case.scene, background_g=sky)
+        bright = replace(case, scene=scene, tracker=tracker)
+        assert trial(bright, 1, 0).spots == 0
+        with pytest.raises(ValueError, match="must see enough stars somewhere"):
+            analytic(bright)
+
+
+def test_stars_that_the_tracker_drops_are_not_taken_for_exact(case):
+    """Sharp stars in a bright sky: of the faintest magnitude the fit keeps none of its places.
+
+    What is read between that magnitude and the next must not be better than the next.
+    """
+    optics = replace(case.instrument.optics, blur=1e-6)
+    detection = replace(case.tracker.detection, centroid="likelihood")
+    sharp = replace(
+        case,
+        scene=replace(case.scene, background_g=12.5),
+        instrument=replace(case.instrument, optics=optics),
+        tracker=replace(case.tracker, detection=detection),
+    )
+    found = errors(sharp)
+    assert found.kept[-2] > 0 == found.kept[-1]
+    np.testing.assert_array_equal(found.stated[-1], found.stated[-2])
