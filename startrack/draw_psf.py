@@ -20,6 +20,7 @@ COLOURS = {
     "optics": "#3567a8",
     "blur in optics": "#8a6fb0",
     "pixel": "#2e7d5b",
+    "diffusion": "#c0392b",
     "motion": "#d08a2e",
     "total": "#222222",
 }

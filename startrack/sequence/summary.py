@@ -21,8 +21,10 @@ class Tracking:
     across, about    radian, rms of the filter's error in these frames, per axis across and about
                      the boresight
     single           radian, rms per axis across the boresight of such frames alone
-    losses_per_hour  times that a known attitude was given up or contradicted, per hour
-    reacquisition    second, mean time from a loss to the next attitude of the frames
+    losses_per_hour  times that a known attitude was given up or contradicted, per hour; NaN where
+                     sequences of one frame tell no time
+    reacquisition    second, mean time from a loss to the next attitude of the frames; losses that
+                     last to the end of their sequence are left out
     sequences        number of sequences; the intervals of errors and shares take them, not the
                      frames, as independent
     """
@@ -48,7 +50,7 @@ def summarise(table: NDArray[np.void]) -> Tracking:
         rms_interval(_means(apart, "filtered_z")),
         rms_interval(_means(apart, "error_x", "error_y")),
         _share(apart),
-        Interval(count / hours, *(bound / hours for bound in _poisson(count))),
+        _rate(count, hours),
         _mean(waits[np.isfinite(waits)]),
         len(apart),
     )
@@ -107,7 +109,10 @@ def _mean(values: NDArray[np.float64]) -> Interval:
     return Interval(mean, mean - float(half), mean + float(half))
 
 
-def _poisson(count: int) -> tuple[float, float]:
-    """Exact interval of a Poisson count's mean (Garwood 1936)."""
+def _rate(count: int, hours: float) -> Interval:
+    """Of a Poisson process, with its exact interval (Garwood 1936); unknown after no time."""
+    if not hours > 0:
+        return Interval(float("nan"), 0.0, np.inf)
     low = scipy.stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
-    return float(low), float(scipy.stats.chi2.ppf(0.975, 2 * count + 2) / 2)
+    high = scipy.stats.chi2.ppf(0.975, 2 * count + 2) / 2
+    return Interval(count / hours, float(low) / hours, float(high) / hours)

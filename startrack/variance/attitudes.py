@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.streams import Streams
 from startrack.variance.regions import Regions
-from startrack.view import random_attitude, rotations
+from startrack.view import random_attitudes, rotations
 
 Floats = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ REPLICATES = 16  # independent scrambles, whose scatter gives the error
 
 def at_random(seed: int, numbers: Sequence[int]) -> Rotation:
     """Attitudes icrs_to_camera, independent and uniform over all rotations: those of `trial`."""
-    return Rotation.concatenate([random_attitude(Streams(seed, number)) for number in numbers])
+    return random_attitudes(seed, numbers)
 
 
 def by_sobol(seed: int, numbers: Sequence[int]) -> Rotation:

@@ -80,6 +80,8 @@ def control(
         float(detector.offset),
         detector.noise,
     )
+    if not len(pixel):
+        return None
     answer = _apart(
         pixel, 2 * side + 2, lambda part: response(frame, x[part], y[part], sigma, settings, psf)
     )

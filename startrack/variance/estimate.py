@@ -34,10 +34,15 @@ class Mean(NamedTuple):
         return Interval(self.value, self.value - half, self.value + half)
 
     def root(self, confidence: float = 0.95) -> Interval:
-        """The interval of the root: of an rms, where the mean is one of squares."""
+        """The interval of the root: of an rms, where the mean is one of squares.
+
+        Few values with a control may estimate a square below zero; its root is taken as zero.
+        """
         square = self.interval(confidence)
-        low, high = (math.sqrt(max(bound, 0.0)) for bound in (square.low, square.high))
-        return Interval(math.sqrt(self.value), low, high)
+        value, low, high = (
+            math.sqrt(max(each, 0.0)) for each in (square.value, square.low, square.high)
+        )
+        return Interval(value, low, high)
 
 
 def plain(values: Floats) -> Mean:

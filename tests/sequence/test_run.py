@@ -110,3 +110,10 @@ def test_corrections_that_are_not_followed_are_refused(small):
     late = dataclasses.replace(small.case, tracker=tracker)
     with pytest.raises(ValueError, match="lateness 0"):
         run(late, Sequence((CALM,)), 1, 0)
+
+
+def test_sequences_of_one_frame_tell_no_rate_of_losses(small):
+    table = fly(small.case, Sequence((Leg(0.1),)), 2, 3, Serial())
+    rate = summarise(table).losses_per_hour
+    assert np.isnan(rate.value)
+    assert (rate.low, rate.high) == (0, np.inf)

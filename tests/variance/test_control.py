@@ -5,15 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from startrack.catalog import shipped
-from startrack.chain import random_attitude
+from startrack.catalog import Sky, open_sky, shipped
+from startrack.chain import look, random_attitude
 from startrack.design import load_design
 from startrack.streams import Streams
 from startrack.variance.attitudes import at_random
+from startrack.variance.control import control
 from startrack.variance.estimate import controlled, plain
 from startrack.variance.sample import sample_controlled, squares, surplus
 
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CAMERA = CASE.instrument.camera
 
 
 def with_centroid(name):
@@ -83,3 +85,11 @@ def test_a_sky_without_bright_stars_has_no_control():
     assert not outcomes["solved"].any()
     assert surplus(controls).tolist() == [0, 0]
     assert squares(outcomes).tolist() == [0, 0]
+
+
+def test_a_frame_without_any_star_has_no_control():
+    """A narrow field of a sparse catalogue: nothing to linearise, and no error either."""
+    size = CASE.instrument.detector.rows, CASE.instrument.detector.columns
+    none = look(Sky(open_sky(CASE.catalog).stars[:0]), random_attitude(Streams(1, 1)), CAMERA)
+    electrons, image = np.full(size, 30.0), np.full(size, 70.0)
+    assert control(CASE, random_attitude(Streams(1, 1)), none, electrons, image) is None

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from startrack.variance.estimate import (
+    Mean,
     best_share,
     controlled,
     plain,
@@ -103,6 +104,13 @@ def test_the_root_of_a_mean_square_is_an_rms():
     rms = plain(np.array([1.0, 2.0, 3.0, 2.0])).root()
     assert rms.value == pytest.approx(2**0.5)
     assert 0 < rms.low < rms.value < rms.high
+
+
+def test_a_mean_square_below_zero_has_a_root_of_zero():
+    """Which a control may leave of few values that are nearly zero."""
+    rms = Mean(-1.0, 2.0, 9.0).root()
+    assert (rms.low, rms.value) == (0, 0)
+    assert rms.high == pytest.approx((2 * stats.t.ppf(0.975, 9) - 1) ** 0.5)
 
 
 def test_too_few_values_are_refused():
