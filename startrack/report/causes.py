@@ -11,11 +11,19 @@ from startrack.report.page import Section, paragraph, table
 from startrack.study.workers import Serial
 from startrack.units import arcsec
 
+TITLE = "Error budget"
+
 
 def budget(case: Case, seed: int, members: int, advance: Callable[[int], None]) -> Section:
-    """Each cause in the terms of ECSS-E-ST-60-20C, by formula and by trials."""
-    expected = analytic(case)
-    found = measured(case, members, seed, Serial(), progress=advance)
+    """Each cause in the terms of ECSS-E-ST-60-20C, by formula and by trials; or why there is none.
+
+    A detector that scans has no budget, nor has a design that finds no attitude.
+    """
+    try:
+        expected = analytic(case)
+        found = measured(case, members, seed, Serial(), progress=advance)
+    except ValueError as error:
+        return Section(TITLE, paragraph(f"There is none for this design: {error}."))
     beside = {line.name: line for line in found.lines}
     named = {line.name: line for line in expected.lines}
     rows = []
@@ -27,7 +35,7 @@ def budget(case: Case, seed: int, members: int, advance: Callable[[int], None]) 
     rows.append(["end to end", "", *_cells(expected.whole), *_cells(found.whole)])
     head = ["cause", "term", "across", "about", "across, measured", "about, measured"]
     return Section(
-        "Error budget",
+        TITLE,
         table("Rms per axis, arcsec", head, rows)
         + paragraph(
             f"By formula the attitude is available in {100 * expected.availability:.2f} % of the "

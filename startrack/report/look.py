@@ -11,9 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from startrack.case import Case
-from startrack.chain import Record, observe, random_attitude
+from startrack.chain import Record, observe
 from startrack.error import Interval, rms_interval, summarise
 from startrack.motion import stability
 from startrack.report.inline import BLUE, RED
@@ -59,13 +60,19 @@ class Slew(NamedTuple):
 
 
 def look_again(
-    case: Case, seed: int, numbers: Sequence[int], progress: Callable[[int], None]
+    case: Case,
+    seed: int,
+    numbers: Sequence[int],
+    icrs_to_camera: Rotation,
+    progress: Callable[[int], None],
 ) -> Seen:
-    """Do trials once more, and keep what `Outcome` does not: each star's own error."""
+    """Do trials once more, and keep what `Outcome` does not: each star's own error.
+
+    icrs_to_camera  the true attitude of each
+    """
     rows = [np.empty((0, 4))]
-    for number in numbers:
-        streams = Streams(seed, number)
-        rows.append(_stars(case, observe(case, random_attitude(streams), streams)))
+    for number, attitude in zip(numbers, icrs_to_camera, strict=True):
+        rows.append(_stars(case, observe(case, attitude, Streams(seed, number))))
         progress(1)
     magnitude, radius, x, y = np.concatenate(rows).T
     return Seen(magnitude, radius, np.column_stack([x, y]), len(numbers))
@@ -135,13 +142,16 @@ def draw_slews(slewed: Sequence[Slew], own: float) -> Figure:
             np.array([getattr(getattr(one, name), part) for one in slewed]) / unit
             for part in ("value", "low", "high")
         )
-        axes.errorbar(rate, value, yerr=[value - low, high - value], fmt="o-", ms=4, color=BLUE)
+        # One trial, or none, bounds no error.
+        bars = [np.where(np.isfinite(end), end, 0) for end in (value - low, high - value)]
+        axes.errorbar(rate, value, yerr=bars, fmt="o-", ms=4, color=BLUE)
         axes.axvline(own / deg, color=RED, lw=0.8, label="of the design")
         axes.set_xlabel("slew rate (deg / s)")
         axes.set_xscale("symlog", linthresh=max(rate[1], 1e-9))
         axes.set_xlim(-0.2 * rate[1], 1.3 * rate[-1])
         axes.grid(lw=0.3)
-    error.set(ylabel="error across, rms per axis (arcsec)", yscale="log")
+    solved = any(one.across.value > 0 for one in slewed)
+    error.set(ylabel="error across, rms per axis (arcsec)", yscale="log" if solved else "linear")
     share.set(ylabel="trials with a right attitude (%)", ylim=(-3, 103))
     error.legend(fontsize=8)
     return figure

@@ -39,7 +39,8 @@ def spread(outcomes: NDArray[np.void]) -> Figure:
     _exceedance(right, about, scipy.stats.halfnorm(scale=_rms(about)))
     left.set(xlabel="angle across the boresight (arcsec)", ylabel="share of trials beyond")
     right.set(xlabel="size of the error about the boresight (arcsec)")
-    left.legend(fontsize=8)
+    if len(across):
+        left.legend(fontsize=8)
     return figure
 
 

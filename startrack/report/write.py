@@ -91,7 +91,7 @@ def write_report(
         budget(case, seed, depth.budget, advance),
         _distributions(outcomes),
         _sky(outcomes, store.sampling, seed),
-        *_closer(case, seed, outcomes, depth, advance),
+        *_closer(store, outcomes, depth, advance),
         _worst(store, outcomes, depth, advance),
         _fidelities(case, seed, depth, advance),
         _inputs(store),
@@ -163,14 +163,14 @@ def _sky(outcomes: NDArray[np.void], sampling: Sampling, seed: int) -> Section:
 
 
 def _closer(
-    case: Case,
-    seed: int,
+    store: Store,
     outcomes: NDArray[np.void],
     depth: Depth,
     advance: Callable[[int], None],
 ) -> list[Section]:
-    numbers = [int(number) for number in outcomes["trial"][: depth.stars]]
-    seen = look_again(case, seed, numbers, advance)
+    case, seed = store.case, store.seed
+    numbers = outcomes["trial"][: depth.stars].tolist()
+    seen = look_again(case, seed, numbers, store.sampling.look(seed, numbers), advance)
     stars = inline(draw_stars(seen, half_diagonal(case)), "stars", "Centroid error of the stars")
     slewed = slews(case, seed, depth.slews, advance)
     own = case.instrument.motion.rate

@@ -11,27 +11,38 @@ import pytest
 from report.browser import browser
 from startrack.campaign.store import Store
 from startrack.catalog import shipped
+from startrack.chain import observe
 from startrack.cli import main
 from startrack.design import load_design
 from startrack.error import summarise
+from startrack.report import write_report
+from startrack.report.causes import budget
 from startrack.report.page import Section, code, page, paragraph, table
+from startrack.report.write import Depth
+from startrack.streams import Streams
 from startrack.study.montecarlo import Serial, run
 from startrack.units import arcsec
+from startrack.variance.sampling import Sampling
 
 TITLE = "<script>alert('x')</script> & \"quotes\""
 TRIALS, SEED = 80, 11
 
 
 @pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    """A small tracker's campaign, one trial of which is made to look wrong and one to fail."""
+def case():
+    """A small tracker: its trials take milliseconds."""
     case = load_design(shipped("designs/nanosatellite.toml")).case
     instrument = case.instrument
     pitch = 2 * instrument.detector.pixel_pitch
     detector = dataclasses.replace(instrument.detector, columns=256, rows=256, pixel_pitch=pitch)
     optics = dataclasses.replace(instrument.optics, blur=2 * instrument.optics.blur)
     instrument = dataclasses.replace(instrument, detector=detector, optics=optics)
-    case = dataclasses.replace(case, instrument=instrument)
+    return dataclasses.replace(case, instrument=instrument)
+
+
+@pytest.fixture(scope="module")
+def campaign(case, tmp_path_factory):
+    """A small tracker's campaign, one trial of which is made to look wrong and one to fail."""
     outcomes = run(case, TRIALS, SEED, Serial())
     path = tmp_path_factory.mktemp("campaign") / "of <b>.sqlite"
     with Store(path, case, SEED) as store:
@@ -91,6 +102,37 @@ def test_the_page_needs_nothing_else_and_runs_nothing(written):
     for address in read.addresses:
         if address.startswith("#"):
             assert address[1:] in read.ids, address
+
+
+def test_a_campaign_that_solved_nothing_has_a_page_all_the_same(case):
+    """An exposure of a microsecond: no attitude, and no budget."""
+    detector = dataclasses.replace(case.instrument.detector, exposure=1e-6)
+    instrument = dataclasses.replace(case.instrument, detector=detector)
+    dark = dataclasses.replace(case, instrument=instrument)
+    with Store(None, dark, SEED) as store:
+        store.keep(0, run(dark, 3, SEED, Serial()))
+        text = write_report(store, TITLE, Depth(2, 2, 2, 2, 1))
+    assert "There is none for this design: the case must see enough stars somewhere" in text
+    assert "no attitude: " in text
+
+
+def test_a_detector_that_scans_has_no_budget_and_the_page_says_why():
+    lines = load_design(shipped("designs/scanner.toml")).case
+    section = budget(lines, SEED, 2, lambda _: None)
+    assert "There is none for this design: detector.scan must be absent" in section.body
+
+
+def test_stars_are_looked_at_where_the_campaign_looked(case):
+    """Sobol's attitudes are not those of random trials of the same numbers."""
+    sampling, numbers = Sampling(attitudes="sobol"), range(3)
+    with Store(None, case, SEED, sampling) as store:
+        store.keep(0, sampling.trials(case, SEED, numbers))
+        text = write_report(store, TITLE, Depth(3, 1, 2, 2, 0))
+    matched = [
+        len(observe(case, look, Streams(SEED, number)).matches)
+        for number, look in zip(numbers, sampling.look(SEED, numbers), strict=True)
+    ]
+    assert f"{sum(matched)} matched stars of 3 trials" in text
 
 
 def test_all_inputs_are_there_and_read_back(written, campaign):
