@@ -149,7 +149,7 @@ class Store:
             try:
                 row = (first, len(outcomes), outcomes.tobytes())
                 self._base.execute("INSERT INTO blocks VALUES (?, ?, ?)", row)
-                self._base.execute("DELETE FROM failures WHERE first = ?", (first,))
+                self._forget_failures(range(first, first + len(outcomes)))
                 self._base.execute("COMMIT")
             except BaseException:
                 if self._base.in_transaction:
@@ -157,34 +157,47 @@ class Store:
                 raise
 
     def keep_failure(self, numbers: range, report: str) -> None:
-        """Commit that a block failed, and how."""
+        """Commit that a block failed, and how; in place of what failed in it before."""
         with sqlite.told(self.path, WHAT):
+            self._base.execute("BEGIN")
+            self._forget_failures(numbers)
             row = (numbers.start, len(numbers), self.seed, report)
-            self._base.execute("INSERT OR REPLACE INTO failures VALUES (?, ?, ?, ?)", row)
+            self._base.execute("INSERT INTO failures VALUES (?, ?, ?, ?)", row)
+            self._base.execute("COMMIT")
+
+    def _forget_failures(self, numbers: range) -> None:
+        # Blocks are cut anew for another number of workers: one may hold several that failed.
+        self._base.execute(
+            "DELETE FROM failures WHERE first < ? AND first + trials > ?",
+            (numbers.stop, numbers.start),
+        )
 
     def done(self) -> list[range]:
         """The trials that are kept, a range a block, in order."""
-        rows = self._base.execute("SELECT first, trials FROM blocks ORDER BY first")
+        rows = self._read("SELECT first, trials FROM blocks ORDER BY first")
         return [range(first, first + trials) for first, trials in rows]
 
     def failures(self) -> list[tuple[range, str]]:
         """The blocks that failed each time, with their tracebacks."""
-        rows = self._base.execute("SELECT first, trials, report FROM failures ORDER BY first")
+        rows = self._read("SELECT first, trials, report FROM failures ORDER BY first")
         return [(range(first, first + trials), report) for first, trials, report in rows]
 
     def sessions(self) -> list[tuple[str, Mapping[str, str]]]:
         """When this store was worked on (UTC), and by which software and machine."""
-        rows = self._base.execute("SELECT began, origin FROM sessions ORDER BY rowid")
+        rows = self._read("SELECT began, origin FROM sessions ORDER BY rowid")
         return [(began, json.loads(text)) for began, text in rows]
 
     def outcomes(self, trials: int | None = None) -> NDArray[np.void]:
         """What is kept of the first `trials` trials (None: of all), in order of trial."""
         end = 2**63 - 1 if trials is None else trials
-        rows = self._base.execute(
-            "SELECT outcomes FROM blocks WHERE first < ? ORDER BY first", (end,)
-        )
+        rows = self._read("SELECT outcomes FROM blocks WHERE first < ? ORDER BY first", end)
         table = np.frombuffer(b"".join(row[0] for row in rows), self.dtype)
         return table[: np.searchsorted(table["trial"], end)]
+
+    def _read(self, query: str, *values: Any) -> list[Any]:
+        """All rows; errors as when the store was opened."""
+        with sqlite.told(self.path, WHAT):
+            return self._base.execute(query, values).fetchall()
 
     def close(self) -> None:
         """Fold the log into the one file."""

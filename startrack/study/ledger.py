@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,9 +60,7 @@ class Ledger:
 
     def held(self, key: bytes) -> NDArray[np.void]:
         """The outcomes kept under a key, in the order in which they came."""
-        rows = self._base.execute(
-            "SELECT outcomes FROM trials WHERE key = ? ORDER BY first", (key,)
-        )
+        rows = self._read("SELECT outcomes FROM trials WHERE key = ? ORDER BY first", key)
         return np.frombuffer(b"".join(row[0] for row in rows), OUTCOMES)
 
     def keep(self, key: bytes, first: int, outcomes: NDArray[np.void]) -> None:
@@ -72,8 +71,8 @@ class Ledger:
 
     def refusal(self, key: bytes) -> str:
         """Why what the key stands for cannot be tried; empty where it can."""
-        row = self._base.execute("SELECT reason FROM refused WHERE key = ?", (key,)).fetchone()
-        return row[0] if row else ""
+        rows = self._read("SELECT reason FROM refused WHERE key = ?", key)
+        return rows[0][0] if rows else ""
 
     def keep_refusal(self, key: bytes, reason: str) -> None:
         """Keep that what the key stands for cannot be tried."""
@@ -82,15 +81,19 @@ class Ledger:
 
     def stretch(self, key: bytes, number: int) -> bytes | None:
         """A stretch of a chain, None where it is not done yet."""
-        row = self._base.execute(
-            "SELECT steps FROM stretches WHERE key = ? AND number = ?", (key, number)
-        ).fetchone()
-        return row[0] if row else None
+        query = "SELECT steps FROM stretches WHERE key = ? AND number = ?"
+        rows = self._read(query, key, number)
+        return rows[0][0] if rows else None
 
     def keep_stretch(self, key: bytes, number: int, steps: bytes) -> None:
         """Keep a stretch of a chain."""
         with sqlite.told(self.path, WHAT):
             self._base.execute("INSERT INTO stretches VALUES (?, ?, ?)", (key, number, steps))
+
+    def _read(self, query: str, *values: Any) -> list[Any]:
+        """All rows; errors as when the ledger was opened."""
+        with sqlite.told(self.path, WHAT):
+            return self._base.execute(query, values).fetchall()
 
     def close(self) -> None:
         """Fold the log into the one file."""

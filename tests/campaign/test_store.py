@@ -75,6 +75,18 @@ def test_a_failure_ends_when_its_block_is_done(path, case, outcomes):
         assert store.failures() == []
 
 
+def test_failures_do_not_outlive_their_trials_when_blocks_are_cut_anew(path, case, outcomes):
+    """Two blocks fail; with other workers their trials come in blocks of another size."""
+    with Store(path, case, 3) as store:
+        store.keep_failure(range(25, 50), "one")
+        store.keep_failure(range(50, 75), "two")
+        store.keep_failure(range(25, 64), "again")
+        assert store.failures() == [(range(25, 64), "again")]
+        store.keep_failure(range(64, 75), "the rest")
+        store.keep(25, outcomes(50, first=25))
+        assert store.failures() == []
+
+
 def test_another_case_seed_version_or_format_is_refused(path, case):
     Store(path, case, 3).close()
     slower = dataclasses.replace(
