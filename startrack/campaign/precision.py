@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from startrack.checks import one_of, within
-from startrack.error import Interval, rms_interval, share_interval
+from startrack.error import Interval, level_interval, rms_interval, share_interval
 from startrack.variance.mean_square import mean_square
 
 STATISTICS = ("across", "about", "availability", "across-99.73")
@@ -82,29 +81,15 @@ def half_width(interval: Interval) -> float:
 def quantile_interval(
     values: NDArray[np.float64], share: float, confidence: float = 0.95
 ) -> Interval:
-    """A quantile of values that are not negative, with an interval free of any law.
+    """A quantile of values that are not negative, with the interval of `level_interval`.
 
-    The interval lies between two order statistics X_(r) and X_(s): the number of values below
-    the true quantile is binomial, so that
-
-        P(X_(r) > q) = P(B < r) <= tail,   P(X_(s) < q) = P(B >= s) <= tail,   B ~ Bin(n, share)
-
-    Source: David and Nagaraja (2003), Order Statistics, section 7.1.
-
-    Returns  the quantile; its interval is open above where there are too few values to close it
+    share    in (0, 1)
+    Returns  the least value that so many do not exceed; its interval is open above where there
+             are too few values to close it
     Errors   NaN where there is no value. The coverage is at least the confidence.
     """
-    within(0, 1, share=share)
-    n = len(values)
-    if n == 0:
+    if len(values) == 0:
         return Interval(math.nan, math.nan, math.nan)
-    tail = (1 - confidence) / 2
-    low = int(scipy.stats.binom.ppf(tail, n, share))
-    high = int(scipy.stats.binom.isf(tail, n, share)) + 1
-    ordered = np.sort(values)
-    middle = min(max(math.ceil(n * share), 1), n)
-    return Interval(
-        float(ordered[middle - 1]),
-        float(ordered[low - 1]) if low > 0 else 0.0,
-        float(ordered[high - 1]) if high <= n else math.inf,
-    )
+    bounds = level_interval(values, share, confidence)
+    rank = max(math.ceil(len(values) * share), 1) - 1
+    return Interval(float(np.partition(values, rank)[rank]), bounds.low, bounds.high)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 
 from startrack.commands.study import open_study
 from startrack.commands.terminal import finite, tell
@@ -51,7 +52,7 @@ def _table(found: list[Sensitivity], objective: str) -> str:
         "|---|---|---|---|---|",
     ]
     lines += [
-        f"| {one.name.split('.', 1)[1]} | {one.low:.3f} to {one.high:.3f} | {one.slope:+.2f} "
+        f"| {one.name.split('.', 1)[1]} | {_told(one.low)} to {_told(one.high)} | {one.slope:+.2f} "
         f"| {one.first.value:.2f} [{one.first.low:.2f}, {one.first.high:.2f}] "
         f"| {one.total.value:.2f} [{one.total.low:.2f}, {one.total.high:.2f}] |"
         for one in found
@@ -59,3 +60,7 @@ def _table(found: list[Sensitivity], objective: str) -> str:
     lines += ["", "Sobol indices of ln(error) over the box, by the analytic budget, with their "
               "95 % bootstrap intervals."]  # fmt: skip
     return "\n".join(lines)
+
+
+def _told(error: float) -> str:
+    return f"{error:.3f}" if math.isfinite(error) else "no attitude"

@@ -78,9 +78,12 @@ class Box:
         for variable, (low, high) in zip(self.variables, self._bounds, strict=True):
             self._check(variable, low, high)
         for link in self.links:
-            if number(self.case, link.to) <= 0 or number(self.case, link.name) == 0:
-                raise ValueError(f"{link.name}: a link needs values that are not zero at the start")
-        self._replaced(np.zeros(len(self))), self._replaced(np.ones(len(self)))
+            for name in (link.to, link.name):
+                if not (value := number(self.case, name)) > 0:
+                    shown = text(self.case, name, value)
+                    raise ValueError(f"{name} must be positive where a link holds it, got {shown}")
+        for corner in (np.zeros(len(self)), np.ones(len(self))):
+            self._replaced(corner)  # which refuses bounds that the parameters refuse
 
     def _check(self, variable: Variable, low: float, high: float) -> None:
         if not low < high:

@@ -25,7 +25,8 @@ class Campaign:
     fidelity       of the trials that a search is done with; the winner is verified on frames
     trials         of each design at first
     most_trials    of each design at last; the number doubles between
-    evaluations    designs that an optimiser may try
+    evaluations    designs that an optimiser may try, in all branches together; each branch has two
+                   and one a round of their race at least
     prospects      designs that the analytic budget is asked about before; 0 to begin at the design
     sample_trials  trials for each design that the tolerance region is computed from
     fresh_trials   frames on which start and best are compared at the end

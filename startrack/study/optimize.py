@@ -111,9 +111,8 @@ def optimize(
         possible = {label: boxes[label] for label in starts}
         for label, box in possible.items() if campaign.prospects else ():
             starts[label] = _better(box, starts[label], campaign, bench, told)
-        label, start = race(possible, starts, campaign, bench, told)
-        left = replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
-        finalists, ending = refine(boxes[label], start, left, bench, told)
+        label, start = race(possible, starts, _left(campaign, tried), bench, told)
+        finalists, ending = refine(boxes[label], start, _left(campaign, tried), bench, told)
     else:
         label = min(nearest, key=lambda label: nearest[label].short)
         told(evaluate(boxes[label], campaign, nearest[label].place, bench))
@@ -141,6 +140,11 @@ def optimize(
         ending,
         {fidelity.value: count for fidelity, count in bench.tried.items()},
     )
+
+
+def _left(campaign: Campaign, tried: Sequence[Evaluation]) -> Campaign:
+    """The campaign with the evaluations that are left; one at least."""
+    return replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
 
 
 def _better(box: Box, start: Floats, campaign: Campaign, bench: Bench, watch: Watch) -> Floats:

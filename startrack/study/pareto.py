@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from startrack.study.box import Box
 from startrack.study.campaign import Campaign
 from startrack.study.evaluate import PENALTY, expect, missed
 from startrack.study.objective import Objective
-from startrack.study.search import Algorithm, Search, least
+from startrack.study.search import least_of_all
 from startrack.units import arcsec
 
 Floats = NDArray[np.float64]
@@ -83,26 +84,16 @@ def front(
     whole(2, 1000, points=points)
     one_of(METHODS, method=method)
     ask = _Asked(box, campaign, goals)
-    ends = [ask.least(goal, box.start) for goal in (_first, _second)]
-    if not all(math.isfinite(score) for _, score in ends):
-        raise ValueError("no design of the box meets the requirements that need no trials")
-    (first, _), (second, _) = ends
-    found = [first, second]
+    first, second = (ask.least(partial(_weighted, share), box.start) for share in (1.0, 0.0))
     if method == "epsilon":
-        low, high = ask(second)[1], ask(first)[1]
-        for limit in np.linspace(high, low, points)[1:-1]:
-
-            def score(pair: Floats, limit: float = float(limit)) -> float:
-                return float(pair[0] + PENALTY * max(0.0, pair[1] - limit))
-
-            found.append(ask.least(score, found[-1] if len(found) > 2 else first)[0])
+        steps = np.linspace(ask(first)[1], ask(second)[1], points)
+        scores = [partial(_limited, limit) for limit in steps]
     else:
-        for weight in np.linspace(1, 0, points)[1:-1]:
-
-            def score(pair: Floats, limit: float = float(weight)) -> float:
-                return float(limit * pair[0] + (1 - limit) * pair[1])
-
-            found.append(ask.least(score, found[-1] if len(found) > 2 else first)[0])
+        scores = [partial(_weighted, share) for share in np.linspace(1, 0, points)]
+    found = [first]
+    for score in scores[1:-1]:
+        found.append(ask.least(score, found[-1]))
+    found.append(second)
     kept = [found[i] for i in undominated(np.array([ask(place) for place in found]))]
     kept.sort(key=lambda place: float(ask(place)[0]))
     result = []
@@ -113,12 +104,12 @@ def front(
     return result
 
 
-def _first(pair: Floats) -> float:
-    return float(pair[0])
+def _limited(limit: float, pair: Floats) -> float:
+    return float(pair[0] + PENALTY * max(0.0, pair[1] - limit))
 
 
-def _second(pair: Floats) -> float:
-    return float(pair[1])
+def _weighted(share: float, pair: Floats) -> float:
+    return float(share * pair[0] + (1 - share) * pair[1])
 
 
 def undominated(values: Floats) -> list[int]:
@@ -176,19 +167,22 @@ class _Asked:
             pair.append(model(case) if model else Objective.read(goal).expected(budget) / arcsec)
         return np.log(pair), missed(margins)
 
-    def least(self, score: Callable[[Floats], float], start: Floats) -> tuple[Floats, float]:
-        """The place where a score of both goals is least and the requirements are met."""
+    def least(self, score: Callable[[Floats], float], start: Floats) -> Floats:
+        """The place where a score of both goals is least, of all so far that meet the requirements.
+
+        Errors  ValueError where none does.
+        """
 
         def asked(place: Floats) -> float:
             pair, short = self._ask(place)
             return score(pair) + PENALTY * short
 
         share = max(1, self._campaign.prospects // 2)
-        wide = least(asked, start, Search(Algorithm.DIRECT, share))
-        here = least(asked, start, Search(evaluations=1))
-        best = min(wide, here, key=lambda found: found.score)
-        found = least(asked, best.place, Search(evaluations=share))
-        return found.place, found.score
+        least_of_all(asked, start, share, share)
+        met = {key: score(pair) for key, (pair, short) in self._known.items() if short == 0}
+        if not met:
+            raise ValueError("no design of the box meets the requirements that need no trials")
+        return np.frombuffer(min(met, key=met.__getitem__))
 
 
 def _tried(

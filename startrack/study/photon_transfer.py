@@ -86,9 +86,10 @@ def sample_detector(
     the logarithms, and in the offset.
 
     levels  one lit and two dark ones of different exposures at least
-    Errors  ValueError where levels are missing. model: pixels normal and independent, photons
-            beyond a few tens a pixel or read noise that rules; the signal of a lit level known to
-            1 / sqrt(pixels); one dark pattern at all exposures.
+    Errors  ValueError where levels are missing, or the lit ones are not brighter.
+            model: pixels normal and independent, photons beyond a few tens a pixel or read noise
+            that rules; the signal of a lit level known to 1 / sqrt(pixels); one dark pattern at
+            all exposures.
     """
     dark = {level.exposure for level in levels if not level.lit}
     if len(dark) < 2 or not any(level.lit for level in levels):
@@ -168,6 +169,11 @@ class _Law:
         gain = (lit.mean - short.mean) / max(lit.temporal - short.temporal, 1e-9)
         rate = (long.mean - short.mean) / (long.exposure - short.exposure)
         light = lit.mean - short.mean
+        if not light > 0:
+            raise ValueError(
+                f"levels that are lit must be brighter than the dark ones, got means of "
+                f"{lit.mean:g} and {short.mean:g}"
+            )
         values = [
             gain,
             gain * math.sqrt(max(short.temporal - ROUNDING, 1e-6)),

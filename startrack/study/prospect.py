@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from startrack.study.box import Box
 from startrack.study.campaign import Campaign
 from startrack.study.evaluate import foresee
-from startrack.study.search import Algorithm, Found, Search, least
+from startrack.study.search import Found, least_of_all
 
 SHARE = 0.6  # of the places are spread over the whole box, the rest around the best of them
 
@@ -26,9 +26,5 @@ def prospect(box: Box, campaign: Campaign, start: Floats) -> Found:
     def score(place: Floats) -> float:
         return foresee(box, campaign, place)
 
-    wide = least(score, start, Search(Algorithm.DIRECT, ceil(SHARE * campaign.prospects)))
-    here = least(score, start, Search(evaluations=1))
-    best = min(wide, here, key=lambda found: found.score)
-    return least(
-        score, best.place, Search(evaluations=max(1, int((1 - SHARE) * campaign.prospects)))
-    )
+    near = max(1, int((1 - SHARE) * campaign.prospects))
+    return least_of_all(score, start, ceil(SHARE * campaign.prospects), near)

@@ -17,7 +17,8 @@ from startrack.study.objective import Objective
 from startrack.study.refine import FIRST_STEP, Watch
 from startrack.study.search import Search, least
 
-ROUND = 4  # evaluations for each variable, and once more, that a branch has in a round
+ROUND = 4  # evaluations for each variable, and once more, that a branch has in a round at most
+SHARE = 2 / 3  # of the evaluations that all rounds together may take; the rest refine the winner
 SURE = 0.997  # confidence at which a branch is worse than the leader
 
 Floats = NDArray[np.float64]
@@ -46,12 +47,15 @@ def race(
     Source: successive halving, Jamieson and Talwalkar (2016), with the test of a race (Maron and
     Moore 1994), here in pairs on the same trials.
 
-    Returns  the winner and its best place; at once where there is one branch alone
+    campaign  of whose evaluations it takes two thirds at most, but one a branch in each round
+    Returns   the winner and its best place; at once where there is one branch alone
     """
     field = [_Runner(label, box, starts[label]) for label, box in boxes.items()]
+    runs = _runs(len(field))
+    each = max(1, int(SHARE * campaign.evaluations) // runs) if runs else 0
     while len(field) > 1:
         for runner in field:
-            _run(runner, campaign, bench, watch)
+            _run(runner, each, campaign, bench, watch)
         field.sort(key=_score)
         half = field[: math.ceil(len(field) / 2)]
         field = [
@@ -60,7 +64,12 @@ def race(
     return field[0].label, field[0].place
 
 
-def _run(runner: _Runner, campaign: Campaign, bench: Bench, watch: Watch) -> None:
+def _runs(branches: int) -> int:
+    """How often branches run in all rounds of a race in which none is beaten early."""
+    return branches + _runs(math.ceil(branches / 2)) if branches > 1 else 0
+
+
+def _run(runner: _Runner, most: int, campaign: Campaign, bench: Bench, watch: Watch) -> None:
     def score(place: Floats) -> float:
         done = evaluate(runner.box, campaign, place, bench, spare=True)
         watch(done)
@@ -68,7 +77,8 @@ def _run(runner: _Runner, campaign: Campaign, bench: Bench, watch: Watch) -> Non
             runner.best = done
         return done.score
 
-    search = Search(evaluations=ROUND * (len(runner.box) + 1), first_step=runner.step)
+    evaluations = min(most, ROUND * (len(runner.box) + 1))
+    search = Search(evaluations=evaluations, first_step=runner.step)
     runner.place = least(score, runner.place, search).place
     runner.step /= 2
 

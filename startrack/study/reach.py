@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from startrack.study.box import Box
 from startrack.study.evaluate import missed
 from startrack.study.requirements import Requirements
-from startrack.study.search import Algorithm, Search, least
+from startrack.study.search import least_of_all
 
 PLACES = 120  # that are asked over the whole box, and again around the best of them
 
@@ -38,28 +38,19 @@ def reach(box: Box, requirements: Requirements) -> Reached:
             part in 120 of the box.
     """
 
-    def short(place: Floats) -> float:
-        try:
-            return missed(requirements.margins(box.design(place)))
-        except ValueError:
-            return math.nan
-
-    def enough() -> str:
-        return "met" if best == 0 else ""
-
-    best = math.inf
+    tried = list[float]()
 
     def score(place: Floats) -> float:
-        nonlocal best
-        value = short(place)
-        best = min(best, value) if math.isfinite(value) else best
-        return value
+        try:
+            tried.append(missed(requirements.margins(box.design(place))))
+        except ValueError:
+            return math.nan
+        return tried[-1]
 
-    found = least(score, box.start, Search(evaluations=1), enough)
-    if best > 0:
-        found = least(score, box.start, Search(Algorithm.DIRECT, PLACES), enough)
-    if best > 0:
-        found = least(score, found.place, Search(evaluations=PLACES), enough)
+    def enough() -> str:
+        return "met" if 0.0 in tried else ""
+
+    found = least_of_all(score, box.start, PLACES, PLACES, enough)
     margins = {}
     if math.isfinite(found.score):
         margins = requirements.margins(box.design(found.place))

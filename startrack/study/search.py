@@ -117,6 +117,28 @@ def least(
     return Found(watch.place, watch.best, len(watch.seen), ending)
 
 
+def least_of_all(
+    score: Callable[[Floats], float],
+    start: Floats,
+    wide: int,
+    near: int,
+    enough: Callable[[], str] | None = None,
+) -> Found:
+    """Look at the start, over the whole cube by DIRECT, and around the better of both by Sbplx.
+
+    wide, near  places that each of the searches may try
+    Returns     what the last search found; it is never worse than the start
+    """
+    here = least(score, start, Search(evaluations=1), enough)
+    if enough and enough():
+        return here
+    far = least(score, start, Search(Algorithm.DIRECT, wide), enough)
+    if enough and enough():
+        return far
+    best = min(far, here, key=lambda found: found.score)
+    return least(score, best.place, Search(evaluations=near), enough)
+
+
 class _Enough(Exception):
     """Thrown through nlopt to end it."""
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from startrack.checks import whole
 from startrack.error import Interval
 from startrack.study.box import Box
 from startrack.study.campaign import Campaign
@@ -28,8 +30,8 @@ class Sensitivity:
 
     name       path in the case
     error      arcsec, at the design
-    low, high  arcsec, where the variable alone goes to its bound
-    slope      d ln(error) / d ln(variable) at the design
+    low, high  arcsec, where the variable alone goes to its bound; NaN where that leaves no attitude
+    slope      d ln(error) / d ln(variable) at the design; 0 where the variable is 0
     first      first-order Sobol index with its 95 % interval: share of the variance of ln(error)
                over the box that goes with this variable alone
     total      total index: the share that would be left if all others were known
@@ -55,10 +57,13 @@ def sensitivities(
 
     seed     of the points of the box
     designs  base designs, a power of two
-    Returns  in order of the variables
+    Returns  in order of the variables; of one alone both indices are 1
     Errors   ValueError where the budget expects no attitude at the design, or nearly nowhere.
              model: the budget's; designs without an attitude count with the largest error.
     """
+    whole(2, 2**20, designs=designs)
+    if designs & (designs - 1):
+        raise ValueError(f"designs must be a power of two, got {designs}")
     objective = Objective.read(campaign.objective)
 
     def log_error(place: Floats) -> float:
@@ -72,21 +77,14 @@ def sensitivities(
     here = log_error(centre)
     if not math.isfinite(here):
         raise ValueError("the design must be expected to find its attitude, it is not")
-    d = len(box)
-    indices = scipy.stats.sobol_indices(
-        func=lambda places: _filled(np.array([log_error(place) for place in places.T]))[None],
-        n=designs,
-        dists=[scipy.stats.uniform()] * d,
-        rng=np.random.default_rng(seed),
-    )
-    spread = indices.bootstrap(confidence_level=0.95)
+    shares = _indices(log_error, len(box), designs, seed)
     result = []
     for i, variable in enumerate(box.variables):
         ends = [_moved(centre, i, at) for at in (0.0, 1.0)]
         step = [_moved(centre, i, float(np.clip(centre[i] + s, 0, 1))) for s in (-STEP, STEP)]
         change = log_error(step[1]) - log_error(step[0])
         values = [box.values(place)[variable.name] for place in step]
-        relative = (values[1] - values[0]) / box.values(centre)[variable.name]
+        slope = change / (values[1] - values[0]) * box.values(centre)[variable.name] + 0.0  # not -0
         low, high = (math.exp(log_error(place)) for place in ends)
         result.append(
             Sensitivity(
@@ -94,12 +92,33 @@ def sensitivities(
                 math.exp(here),
                 low,
                 high,
-                change / relative,
-                _interval(indices.first_order, spread.first_order, i),
-                _interval(indices.total_order, spread.total_order, i),
+                slope,
+                *shares[i],
             )
         )
     return result
+
+
+def _indices(
+    log_error: Callable[[Floats], float], d: int, designs: int, seed: int
+) -> list[tuple[Interval, Interval]]:
+    """First-order and total index of each of d variables."""
+    if d == 1:  # which scipy cannot
+        return [(Interval(1.0, 1.0, 1.0),) * 2]
+    indices = scipy.stats.sobol_indices(
+        func=lambda places: _filled(np.array([log_error(place) for place in places.T]))[None],
+        n=designs,
+        dists=[scipy.stats.uniform()] * d,
+        rng=np.random.default_rng(seed),
+    )
+    spread = indices.bootstrap(confidence_level=0.95)
+    return [
+        (
+            _interval(indices.first_order, spread.first_order, i),
+            _interval(indices.total_order, spread.total_order, i),
+        )
+        for i in range(d)
+    ]
 
 
 def _moved(place: Floats, axis: int, to: float) -> Floats:

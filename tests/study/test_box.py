@@ -93,6 +93,10 @@ def test_what_is_linked_follows():
     assert twice.detector.exposure == pytest.approx(CASE.instrument.detector.exposure / 4)
     with pytest.raises(ValueError, match="twice"):
         Box(CASE, (FOCAL,), (Link("instrument.optics.focal_length", "instrument.optics.blur"),))
+    with pytest.raises(
+        ValueError, match=r"optics\.k1 must be positive where a link holds it, got 0"
+    ):
+        Box(CASE, (FOCAL,), (Link("instrument.optics.k1", "instrument.optics.focal_length"),))
 
 
 def test_a_function_makes_the_last_changes():

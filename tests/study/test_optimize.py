@@ -127,7 +127,7 @@ def test_a_start_that_sees_no_star_still_finds_some(small):
 
 
 def test_branches_race_and_the_better_wins(small):
-    """Windows of 3, 5 and 15 pixels on small stars: 15 pixels of noise lose."""
+    """Windows of 5 and 15 pixels on small stars: 15 pixels of noise lose."""
     window = Choice("tracker.detection.window", (15.0, 5.0))
     campaign = dataclasses.replace(
         small.campaign, choices=(window,), variables=small.campaign.variables[:2], evaluations=40
@@ -135,6 +135,18 @@ def test_branches_race_and_the_better_wins(small):
     optimum = optimize(small.case, campaign, Bench(5))
     assert optimum.branch == "window 5"
     assert optimum.best.tracker.detection.window == 5
+
+
+def test_a_race_leaves_evaluations_to_the_winner(small):
+    """Four branches and 24 evaluations in all: two each at first, 4 + 2 in the race's rounds."""
+    window = Choice("tracker.detection.window", (5.0, 7.0, 9.0, 15.0))
+    campaign = dataclasses.replace(
+        small.campaign, choices=(window,), variables=small.campaign.variables[:2], evaluations=24,
+        fresh_trials=20,
+    )  # fmt: skip
+    optimum = optimize(small.case, campaign, Bench(5))
+    assert len(optimum.evaluations) <= 24
+    assert len(optimum.evaluations) > 2 * 4 + 4 + 2
 
 
 def test_a_design_that_cannot_be_built_is_recorded_not_raised(small, blind):

@@ -35,3 +35,13 @@ def test_a_goal_is_not_traded_for_itself():
         Goals("mass", "mass")
     with pytest.raises(ValueError, match="objective must be"):
         Goals("speed", "mass")
+
+
+def test_a_box_that_meets_nothing_has_no_front(small):
+    """No lens of the box is under 10 g."""
+    tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01)
+    campaign = dataclasses.replace(
+        small.campaign, requirements=tight, variables=small.campaign.variables[:2]
+    )
+    with pytest.raises(ValueError, match="no design of the box meets the requirements"):
+        front(Box(small.case, campaign.variables), campaign, Goals(), Bench(1), 3)

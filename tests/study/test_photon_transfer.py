@@ -101,3 +101,10 @@ def test_what_is_missing_is_said():
         Level(np.zeros((1, 3, 3)), 1.0, False)
     with pytest.raises(ValueError, match="saturated"):
         Level(np.full((2, 3, 3), 4095.0), 1.0, True)
+
+
+def test_light_that_is_none_is_told(given):
+    """A lit level as dark as the darkness: no gain, and no division by zero."""
+    dark = [one for one in given if not one.lit]
+    with pytest.raises(ValueError, match="must be brighter than the dark ones, got means of"):
+        sample_detector([*dark, dataclasses.replace(dark[0], lit=True)], 1)

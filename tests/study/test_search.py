@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from startrack.study import search as module
-from startrack.study.search import Algorithm, Search, least
+from startrack.study.search import Algorithm, Search, least, least_of_all
 
 LOCAL = (Algorithm.SBPLX, Algorithm.BOBYQA, Algorithm.COBYLA)
 WHOLE = (Algorithm.DIRECT, Algorithm.CRS, Algorithm.MLSL)
@@ -167,3 +167,25 @@ def test_the_same_seed_goes_the_same_way(algorithm):
 def test_a_start_outside_is_refused():
     with pytest.raises(ValueError, match="unit cube"):
         least(bowl(0.3), np.array([1.5]), Search())
+
+
+def test_a_search_of_all_ends_no_worse_than_the_start():
+    """A hole around the start that the whole cube's search falls short of."""
+
+    def hole(place):
+        return min(0.01, float(np.abs(place - 0.61).max())) if near(place) else 1 + bowl(0.1)(place)
+
+    def near(place):
+        return np.abs(place - 0.61).max() < 2e-3
+
+    found = least_of_all(hole, np.full(2, 0.611), 40, 40)
+    assert found.score <= hole(np.full(2, 0.611))
+
+
+def test_a_search_of_all_ends_where_it_is_enough():
+    tried = []
+    found = least_of_all(
+        lambda place: tried.append(1) or bowl(0.5)(place),
+        np.full(2, 0.5), 40, 40, lambda: "at the bottom",
+    )  # fmt: skip
+    assert (found.score, len(tried)) == (0, 1)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from startrack.study import sensitivity as module
-from startrack.study.box import Box
+from startrack.study.box import Box, Variable
 from startrack.study.sensitivity import sensitivities
 
 
@@ -36,3 +36,21 @@ def test_a_design_without_an_attitude_is_refused(small, blind):
     box = Box(blind, small.campaign.variables[:1])
     with pytest.raises(ValueError, match="must be expected to find"):
         sensitivities(box, dataclasses.replace(small.campaign), seed=1, designs=2)
+
+
+def test_a_variable_alone_has_all_of_the_variance_and_zero_no_slope(small):
+    """One variable, which starts at zero."""
+    optics = dataclasses.replace(small.case.instrument.optics, blur=0.0)
+    sharp = dataclasses.replace(
+        small.case, instrument=dataclasses.replace(small.case.instrument, optics=optics)
+    )
+    box = Box(sharp, (Variable("instrument.optics.blur", "0 um", "20 um"),))
+    (one,) = sensitivities(box, small.campaign, seed=1, designs=2)
+    assert one.first.value == one.total.value == 1
+    assert one.slope == 0
+    assert one.low == one.error
+
+
+def test_base_designs_that_are_no_power_of_two_are_refused(small):
+    with pytest.raises(ValueError, match="designs must be a power of two, got 65"):
+        sensitivities(Box(small.case, small.campaign.variables[:2]), small.campaign, 1, 65)
