@@ -7,6 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
 from enum import Enum
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -68,12 +69,11 @@ def measured(
     refuse_scans(case)
     size = -(-members // (workers * BLOCKS))
     plan = [range(at, min(at + size, members)) for at in range(0, members, size)]
-    futures = [executor.submit(_members, case, seed, block, times) for block in plan]
     blocks = []
-    for block, future in zip(plan, futures, strict=True):
-        blocks.append(future.result())
+    for made in executor.map(partial(_members, case, seed, times), plan):
+        blocks.append(made)
         if progress:
-            progress(len(block))
+            progress(len(made[0]))
     table = np.concatenate([block for block, _ in blocks])  # (members, times, 1 + causes, 3)
     stars = np.concatenate([block for _, block in blocks])
     good = np.isfinite(table).all(axis=(1, 2, 3))
@@ -271,7 +271,7 @@ def _used(case: Case, record: Record) -> Ints:
     return np.sort(np.argsort(square)[: estimate.stars])
 
 
-def _members(case: Case, seed: int, members: range, times: int) -> tuple[Floats, Floats]:
+def _members(case: Case, seed: int, times: int, members: range) -> tuple[Floats, Floats]:
     """(members, times, 1 + causes, 3) contributions, and (members, times) numbers of stars."""
     table = np.empty((len(members), times, 1 + len(terms(case)), 3))
     stars = np.empty((len(members), times))

@@ -7,6 +7,7 @@ import typing
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from enum import IntEnum
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,10 +80,9 @@ def fly(
     progress  called with 1 for each sequence that was done
     """
     whole(1, 10**6, sequences=sequences)
-    futures = [executor.submit(run, case, sequence, seed, number) for number in range(sequences)]
     tables = []
-    for future in futures:
-        tables.append(future.result())
+    for table in executor.map(partial(run, case, sequence, seed), range(sequences)):
+        tables.append(table)
         if progress:
             progress(1)
     return np.concatenate(tables)

@@ -74,6 +74,15 @@ def test_no_trials_and_no_workers_are_refused(small):
         pass
 
 
+def test_one_worker_does_what_is_asked_for_when_it_is_asked_for():
+    """So that a bar of progress moves: the standard's executors would do all of it first."""
+    done = []
+    results = Serial().map(done.append, range(3))
+    assert done == []
+    next(results)
+    assert done == [0]
+
+
 def test_outcomes_hold_every_field():
     assert OUTCOMES.names is not None
     assert {"trial", "error_x", "nees", "solved", "false"} <= set(OUTCOMES.names)
