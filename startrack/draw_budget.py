@@ -114,12 +114,15 @@ def draw_sky(path: Path, found: Survey, case: Case, title: str) -> None:
     _save(path, figure)
 
 
-def draw_curves(path: Path, case: Case, title: str, trials: int = TRIALS) -> None:
-    """The error over the slew rate, and that of single stars over magnitude and place."""
+def draw_curves(path: Path, case: Case, seed: int, title: str, trials: int = TRIALS) -> None:
+    """The error over the slew rate, and that of single stars over magnitude and place.
+
+    seed, trials  of the frames whose stars are looked at
+    """
     figure = Figure(figsize=(11, 8), layout="constrained")
     (rates, stars), (place, count) = figure.subplots(2, 2)
     _over_rate(rates, case)
-    seen = residuals(case, 1, trials)
+    seen = residuals(case, seed, trials)
     good = np.hypot(*seen.error.T) < 1.0
     _over_magnitude(stars, case, seen.magnitude[good], seen.error[good])
     camera = case.instrument.camera
@@ -167,8 +170,8 @@ def _over_rate(axes: Axes, case: Case) -> None:
     few = [k for k, share in enumerate(solved) if share < 0.99]
     if few:
         axes.axvline(shown[few[0]], color="0.5", ls=":", label="less than 99 % of the sky")
-    axes.set(xscale="symlog", yscale="log", xlim=(0, None))
     axes.set_xscale("symlog", linthresh=0.02)
+    axes.set(yscale="log", xlim=(0, None))
     axes.set(xlabel="rate about x (deg/s)", ylabel="error (arcsec rms per axis)")
     axes.set_title("over the slew rate, analytic", fontsize=9)
     axes.grid(alpha=0.3)
@@ -180,8 +183,7 @@ def _over_magnitude(axes: Axes, case: Case, magnitude: Floats, error: Floats) ->
     for name, covariance in star.random.items():
         axes.plot(star.magnitude, np.sqrt(_variance(covariance)), lw=1.2, label=name)
     axes.plot(star.magnitude, np.sqrt(_total(star)), "k-", lw=1.6, label="all, analytic")
-    edges = np.arange(np.floor(magnitude.min()), magnitude.max() + 0.5, 0.5)
-    for low in edges:
+    for low in np.arange(np.floor(star.magnitude[0]), star.magnitude[-1], 0.5):
         mine = error[(magnitude >= low) & (magnitude < low + 0.5)]
         if len(mine) > 10:
             axes.plot(low + 0.25, np.median(np.abs(mine)) / MEDIAN, "ko", ms=4, mfc="none")

@@ -146,7 +146,10 @@ def test_importing_the_package_is_light():
             "collections.abc",
             "concurrent.futures",
             "importlib",
+            "math",
             "pathlib",
+            "textwrap",
+            "typing",
         ),
         *("startrack", "startrack.__version__", "startrack.exits"),
     }

@@ -17,6 +17,10 @@ from startrack.design import load_design
 from startrack.variance.sampling import Sampling
 
 EXAMPLE = shipped("designs/nanosatellite.toml")
+COMMANDS = (
+    *("simulate", "psf", "detect", "solve", "calibrate", "requirements", "budget", "montecarlo"),
+    *("combine", "report", "sequence", "optimize", "pareto", "sensitivity", "sample", "bench"),
+)
 
 
 @pytest.fixture
@@ -126,7 +130,30 @@ def test_a_bad_image_does_not_keep_the_others_waiting(call, tmp_path):
         (["solve", "x.png", "--fov", "12", "--fov-tolerance", "2"], "must lie in"),
         (["solve", "x.png", "--fov", "12", "--catalog", "nothing.csv"], "nothing.csv"),
         (["solve", "x.png", "--fov", "12", "--dark", "none.png"], "none.png must be a file"),
+        (["solve", "x.png", "--catalog", "brigt"], "--catalog must be bright or deep, or a file"),
+        (["calibrate", EXAMPLE, "--fov", "9", "--principal", "-5"], "principal must not be negat"),
+        (["simulate", "--ra", "nan"], "--ra: must be a finite number, got 'nan'"),
+        (["simulate", "--dec", "95"], "--dec: must be a number from -90 to 90, got '95'"),
+        (["simulate", "--seed", 2**63], f"--seed: must be at most {2**63 - 1}"),
+        (["budget", "--workers", "5000"], "--workers: must be at most 1024, got '5000'"),
+        (["budget", "--window", "0"], "--window: must be positive, got '0'"),
+        (["requirements", "waos"], "waos must be a design file, or one of ads40, hsrs, mertis"),
         (["montecarlo", "none.toml"], "none.toml must be a design file"),
+        (["montecarlo", "--precision", "0"], "--precision: must be a number from 1e-06 to 1"),
+        (["montecarlo", "--statistic", "mean"], "--statistic: invalid choice: 'mean'"),
+        (["montecarlo", "--confidence", "95"], "--confidence: must be a number from 0.5 to 0.99"),
+        (["montecarlo", "--seconds", "-1"], "--seconds: must be positive, got '-1'"),
+        (["montecarlo", "--scheduler", "here"], "--scheduler: must be tcp://host:port or mpi"),
+        (["montecarlo", "--control", "--fidelity", "window"], "control needs fidelity frame"),
+        (["combine", "one.sqlite"], "campaigns must be two or more, each of another fidelity"),
+        (["combine", "a.sqlite", "./a.sqlite"], "must be files of their own, got a.sqlite more"),
+        (["sensitivity", "--designs", "65"], "--designs: must be a power of two, got '65'"),
+        (["pareto", "--first", "speed"], "objective must be across, about or both"),
+        (["report", "x.sqlite", "--budget", "1"], "--budget: must be a whole number from 2 on"),
+        (["sequence", "--profile", "none.toml"], "none.toml must be a sequence file"),
+        (["earth", "render", "none"], "none must be a scene file, or one of ads40, hsrs, mertis"),
+        (["earth", "terrain", "none.tif"], "none.tif must name files"),
+        (["bench", "psff"], "must be one of psf, stamping"),
         (["montecarlo", "--trials", "0"], "--trials: must be a whole number from 1 on, got '0'"),
         (["montecarlo", "--seed", "-1", "--trials", "2"], "--seed: must be a whole number"),
         (["montecarlo", "--workers", "x"], "--workers: must be a whole number"),
@@ -137,8 +164,38 @@ def test_a_bad_image_does_not_keep_the_others_waiting(call, tmp_path):
 def test_wrong_use_is_two(call, arguments, words):
     status, found, err = call(*arguments)
     assert (status, found) == (2, [])
-    assert words in err
+    assert words in err.replace("\n", " ")
     assert "Traceback" not in err
+
+
+def test_a_file_that_cannot_be_made_is_named(call, tmp_path):
+    (tmp_path / "taken").touch()
+    status, _, err = call("psf", "--out", tmp_path / "taken")
+    assert status == 1
+    assert f"{tmp_path / 'taken'}: File exists" in err
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, "earth geometry", "earth render", "earth terrain"])
+def test_every_command_says_what_it_does_and_takes(capsys, command):
+    """One sentence in the list of commands, more in its own help, and a word for each option."""
+    with pytest.raises(SystemExit):
+        main([*command.split(), "--help"])
+    text = capsys.readouterr().out
+    assert len(text.split("\n\n")[1]) > 15
+    options = text.partition("options:")[2]
+    for line in options.splitlines():
+        if line.startswith("  --") and len(line.split("  ")) < 3:
+            following = options.splitlines()[options.splitlines().index(line) + 1]
+            assert following.startswith(" " * 10), line
+
+
+def test_names_that_the_command_line_repeats_are_those_of_the_rooms():
+    from startrack import cli
+    from startrack.benchmark import STAGES
+    from startrack.campaign.precision import STATISTICS
+
+    assert tuple(STAGES) == cli.STAGES
+    assert STATISTICS == cli.STATISTICS
 
 
 def test_a_design_with_an_error_is_wrong_use(call, tmp_path):
@@ -196,10 +253,11 @@ def test_combine_helps_frames_by_cheaper_trials(call, tmp_path):
     assert low < told["across_rms_arcsec"] < high
     assert high - low < alone[1] - alone[0]
     assert call("combine", *made.values(), "--json")[0] == 0
-    other = tmp_path / "other.sqlite"
+    other, even = tmp_path / "other.sqlite", tmp_path / "even.sqlite"
     Store(other, load_design(EXAMPLE).case, 5, Sampling(Fidelity.WINDOW)).close()
+    Store(even, load_design(EXAMPLE).case, 1, Sampling(Fidelity.WINDOW, "sobol")).close()
     for wrong, sentence in (
-        ([made["frame"]], "campaigns must be of different fidelity, got frame"),
+        ([made["frame"], even], "make it again without --sobol"),
         ([made["frame"], other], "must hold the design and the seed of"),
         ([made["frame"], tmp_path / "none"], "must be a campaign store, but there is none"),
     ):

@@ -21,12 +21,19 @@ from startrack.budget import (
     survey,
 )
 from startrack.case import Case
-from startrack.commands.terminal import example, finite, progress, read_design, tell
+from startrack.commands.terminal import (
+    example,
+    finite,
+    progress,
+    read_design,
+    read_sequence,
+    tell,
+)
 from startrack.draw_budget import draw_budget, draw_curves, draw_sky
 from startrack.error import LEVELS, Interpretation
-from startrack.exits import Exit, WrongUse
+from startrack.exits import Exit
 from startrack.saving import save_json
-from startrack.sequence import load_sequence
+from startrack.sequence import Sequence
 from startrack.single import errors, lasting
 from startrack.study.workers import pool
 from startrack.units import arcsec
@@ -38,6 +45,7 @@ def command(options: argparse.Namespace) -> int:
     """Print the budget; with --out, leave budget.json and pictures."""
     path = options.design or example()
     case = read_design(path).case
+    sequence = read_sequence(options.profile) if options.profile else None
     expected = analytic(case)
     found = _measured(case, options) if options.montecarlo else None
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
@@ -51,14 +59,14 @@ def command(options: argparse.Namespace) -> int:
     if found:
         result |= {"seed": options.seed, "measured": _values(found)}
         result |= {"members": options.montecarlo, "times": options.times}
-    if options.profile:
-        result["indices"] = _indices(case, options)
+    if sequence:
+        result["indices"] = _indices(case, sequence, options)
         text.append(_index_table(result["indices"], options))
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
         draw_budget(options.out / "budget.png", expected, found, Path(path).stem)
         draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
-        draw_curves(options.out / "curves.png", case, Path(path).stem)
+        draw_curves(options.out / "curves.png", case, options.seed, Path(path).stem)
         save_json(options.out / "budget.json", finite(result))
         result["out"] = str(options.out)
     tell(options, result, "\n\n".join(text))
@@ -77,14 +85,10 @@ def _measured(case: Case, options: argparse.Namespace) -> Budget[Any]:
         )  # fmt: skip
 
 
-def _indices(case: Case, options: argparse.Namespace) -> dict[str, Any]:
-    try:
-        sequence = load_sequence(options.profile)
-    except ValueError as error:
-        raise WrongUse(str(error)) from None
-    count = options.montecarlo or 8
-    with pool(options.workers) as executor, progress("sequences", count) as advance:
-        found = indices_of(case, sequence, count, options.seed, options.window, executor, advance)
+def _indices(case: Case, sequence: Sequence, options: argparse.Namespace) -> dict[str, Any]:
+    count, window = options.sequences, options.window
+    with pool(min(options.workers, count)) as executor, progress("sequences", count) as advance:
+        found = indices_of(case, sequence, count, options.seed, window, executor, advance)
     return {name: _line(line, tuple(Interpretation)) for name, line in found.items()}
 
 

@@ -11,10 +11,9 @@ import numpy as np
 
 from startrack.camera import Camera
 from startrack.case import Tracker
-from startrack.catalog import Selection, open_sky
 from startrack.chain import track
 from startrack.checks import within
-from startrack.commands.terminal import finite, say, tell
+from startrack.commands.terminal import finite, read_stars, say, tell
 from startrack.detection import Detection, subtract_dark
 from startrack.draw_study import draw_corner
 from startrack.exits import Exit, WrongUse
@@ -37,25 +36,25 @@ def command(options: argparse.Namespace) -> int:
     try:
         within(0.01, 179, fov=options.fov)
         identification = Identification(focal_tolerance=options.fov_tolerance)
-        stars = open_sky(Selection.whole(options.catalog, options.epoch)).stars
+        settings = Calibration(
+            focal_length=options.fov_tolerance,
+            principal=options.principal,
+            k2=1.0 if options.distortion == "full" else 0.0,
+            k1=0.0 if options.distortion == "none" else 1.0,
+            tangential=0.01 if options.distortion == "full" else 0.0,
+        )
         dark = read_image(options.dark) if options.dark else None
         frames = [read_image(path) for path in options.images]
         if dark is not None:
             frames = [subtract_dark(frame, dark) for frame in frames]
-    except (ValueError, OSError, ImportError) as error:
+    except (ValueError, OSError) as error:
         raise WrongUse(str(error)) from None
+    stars = read_stars(options.catalog, options.epoch)
     shapes = {frame.image.shape for frame in frames}
     if len(shapes) > 1:
         raise WrongUse(f"images must be of one camera, got sizes {sorted(shapes)}")
     rows, columns = shapes.pop()
     camera = Camera.from_field_of_view(columns, rows, math.radians(options.fov))
-    settings = Calibration(
-        focal_length=options.fov_tolerance,
-        principal=options.principal,
-        k2=1.0 if options.distortion == "full" else 0.0,
-        k1=0.0 if options.distortion == "none" else 1.0,
-        tangential=0.01 if options.distortion == "full" else 0.0,
-    )
     found, answers = None, list[tuple[Spots, Matches]]()
     for _ in range(ROUNDS):
         answers = _solved(frames, camera, stars, identification)

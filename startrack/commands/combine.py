@@ -9,15 +9,16 @@ from typing import Any
 
 from startrack.campaign.store import Store
 from startrack.case import Fidelity
-from startrack.commands.terminal import arcsec, tell
+from startrack.commands.terminal import in_arcsec, tell
 from startrack.exits import Exit, WrongUse
 from startrack.variance.mean_square import combined
 
-COST = (Fidelity.FRAME, Fidelity.WINDOW, Fidelity.SPOTS, Fidelity.COVARIANCE)  # dearest first
+COST = tuple(Fidelity)  # dearest first
 
 
 def command(options: argparse.Namespace) -> int:
     """Print the error of the finest campaign, with the help of the cheaper ones."""
+    _must_be_several(options.campaigns)
     with ExitStack() as opened:
         stores = [opened.enter_context(_open(path)) for path in options.campaigns]
         stores.sort(key=lambda store: COST.index(store.sampling.fidelity))
@@ -28,10 +29,10 @@ def command(options: argparse.Namespace) -> int:
     lines = [f"{counted}; intervals hold with 95 % confidence"]
     for name, about in (("across", False), ("about", True)):
         try:
-            told = arcsec(combined(levels, about).root())
+            told = in_arcsec(combined(levels, about).root())
         except ValueError as error:
             raise WrongUse(str(error)) from None
-        alone = arcsec(combined(levels[:1], about).root())
+        alone = in_arcsec(combined(levels[:1], about).root())
         result[f"{name}_rms_arcsec"] = told["value"]
         result[f"{name}_rms_arcsec_95"] = [told["low"], told["high"]]
         result[f"{name}_alone_rms_arcsec_95"] = [alone["low"], alone["high"]]
@@ -50,14 +51,27 @@ def _open(path: Path) -> Store:
         raise WrongUse(str(error)) from None
 
 
+def _must_be_several(paths: list[Path]) -> None:
+    if len(paths) < 2:
+        raise WrongUse(f"campaigns must be two or more, each of another fidelity, got {paths[0]}")
+    found = [path.resolve() for path in paths]
+    for path, place in zip(paths, found, strict=True):
+        if found.count(place) > 1:
+            raise WrongUse(f"campaigns must be files of their own, got {path} more than once")
+
+
 def _must_belong_together(stores: list[Store]) -> None:
     kinds = [store.sampling.fidelity for store in stores]
-    if len(set(kinds)) < max(len(kinds), 2):
+    if len(set(kinds)) < len(kinds):
         raise WrongUse(f"campaigns must be of different fidelity, got {', '.join(kinds)}")
     first = stores[0]
     for store in stores:
         if store.sampling.attitudes != "random":
-            raise WrongUse(f"{store.path} must have random attitudes, got {store.sampling}")
+            raise WrongUse(
+                f"{store.path} must look at random attitudes, whose trials are independent, but "
+                "lies at Sobol's points; make it again without --sobol, which saves little where "
+                "a cheaper campaign helps"
+            )
         if store.seed != first.seed or store.case != first.case:
             raise WrongUse(
                 f"{store.path} must hold the design and the seed of {first.path}: trials of one "

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from startrack.imager import (
     Channel,
     Picture,
     Setting,
+    cameras,
     load_survey,
     open_fits,
     render,
@@ -33,7 +33,7 @@ from startrack.scene.earth.ellipsoid import EQUATORIAL
 from startrack.scene.earth.image import Strip
 from startrack.scene.earth.parameters import find
 from startrack.streams import Streams
-from startrack.tables import from_table
+from startrack.tables import from_table, read_table
 from startrack.units import um
 
 Floats = NDArray[np.float64]
@@ -115,9 +115,13 @@ def rendered(options: argparse.Namespace) -> int:
 
 
 def _scene_path(scene: str) -> Path:
-    """A file, or a scene of the catalogue by its name."""
-    known = {path.stem: path for path in shipped("scenes").glob("*.toml")}
-    return known.get(scene, Path(scene))
+    """A file, or the scene of a camera of the catalogue."""
+    if scene in cameras():
+        return shipped(f"scenes/{scene}.toml")
+    if not Path(scene).exists():
+        known = ", ".join(cameras())
+        raise WrongUse(f"{scene} must be a scene file, or one of {known}, but there is none")
+    return Path(scene)
 
 
 def _told(channel: Channel, picture: Picture, setting: Setting) -> dict[str, Any]:
@@ -156,7 +160,10 @@ def _picture_text(result: dict[str, Any]) -> str:
 
 def terrain(options: argparse.Namespace) -> int:
     """Tell what files of heights cover, and print the table of a scene file that reads them."""
-    grids = {path: Raster(path).grid for path in find(Path(), tuple(options.files))}
+    try:
+        grids = {path: Raster(path).grid for path in find(Path(), tuple(options.files))}
+    except (ValueError, OSError) as error:
+        raise WrongUse(str(error)) from None
     for path, grid in grids.items():
         east = grid.west + (grid.columns - 1) * grid.step_x
         result = {
@@ -181,13 +188,12 @@ def terrain(options: argparse.Namespace) -> int:
 def read_scene(path: Path) -> tuple[EarthScene, Motion]:
     """The scene of a file and its table [motion], their errors as wrong use."""
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = read_table(path, "a scene file")
+    except ValueError as error:
+        raise WrongUse(str(error)) from None
+    try:
         motion = from_table(Motion, table.pop("motion", {}), "motion")
         return from_table(EarthScene, table), motion
-    except FileNotFoundError:
-        raise WrongUse(f"{path} must be a scene file, but there is none") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, IsADirectoryError) as error:
-        raise WrongUse(f"{path} must be a TOML file: {error}") from None
     except ValueError as error:
         raise WrongUse(f"{path}: {error}") from None
 

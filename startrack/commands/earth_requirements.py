@@ -38,7 +38,7 @@ def earth_requirements(options: argparse.Namespace) -> int | None:
     if str(path) in cameras():
         path = shipped(f"scenes/{path}.toml")
     try:
-        table = read_table(path, "a design file")
+        table = read_table(path, f"a design file, or one of {', '.join(cameras())}")
         if "goals" in table and len(table) == 1:
             return _forwards(options, path, from_table(Goals, table["goals"], "goals"))
         if "camera" in table:

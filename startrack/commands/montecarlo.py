@@ -17,9 +17,9 @@ from startrack.campaign.store import Store
 from startrack.campaign.watch import Watch
 from startrack.case import Case, Fidelity
 from startrack.commands.terminal import (
-    arcsec,
     example,
     finite,
+    in_arcsec,
     progress,
     read_design,
     say,
@@ -37,7 +37,7 @@ from startrack.variance.mean_square import mean_square
 from startrack.variance.sampling import Sampling
 
 STORE = "campaign.sqlite"
-ANY = 1e-6  # a precision that no campaign reaches, where none is asked for
+UNREACHED = 1e-6  # a precision that no campaign reaches, where none is asked for
 
 
 def command(options: argparse.Namespace) -> int:
@@ -48,7 +48,8 @@ def command(options: argparse.Namespace) -> int:
     """
     path = options.design or example()
     case = read_design(path).case
-    precision, sampling = _precision(options), _sampling(options)
+    precision = None if options.precision is None else _asked(options, options.precision)
+    sampling = _sampling(options)
     where: Path | None = options.store or (options.out / STORE if options.out else None)
     workers = cluster(options.scheduler) if options.scheduler else pool(options.workers)
     if options.workers > 1 and not options.scheduler:
@@ -58,7 +59,7 @@ def command(options: argparse.Namespace) -> int:
         held = sum(len(block) for block in store.done())
         if held:
             say(f"{where} holds {held} trials; going on")
-        watched = precision or _asked(options, ANY)
+        watched = precision or _asked(options, UNREACHED)
         with (
             progress("trials", options.trials) as advance,
             Watch(store, watched, options.trials, advance, options.log) as watch,
@@ -104,16 +105,8 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED
 
 
-def _precision(options: argparse.Namespace) -> Precision | None:
-    asked = _asked(options, options.precision or ANY)
-    return None if options.precision is None else asked
-
-
 def _asked(options: argparse.Namespace, relative: float) -> Precision:
-    try:
-        return Precision(relative, options.statistic, options.confidence, options.sobol)
-    except ValueError as error:
-        raise WrongUse(f"--precision: {error}") from None
+    return Precision(relative, options.statistic, options.confidence, options.sobol)
 
 
 def _sampling(options: argparse.Namespace) -> Sampling:
@@ -121,7 +114,7 @@ def _sampling(options: argparse.Namespace) -> Sampling:
     try:
         return Sampling(Fidelity(options.fidelity), attitudes, options.control)
     except ValueError as error:
-        raise WrongUse(f"--control: {error}") from None
+        raise WrongUse(str(error)) from None
 
 
 def _helped(outcomes: NDArray[np.void], sobol: bool) -> tuple[dict[str, Any], str]:
@@ -133,7 +126,7 @@ def _helped(outcomes: NDArray[np.void], sobol: bool) -> tuple[dict[str, Any], st
             mean_square(outcomes[list(OUTCOMES.names or ())], about),
             mean_square(outcomes, about, sobol),
         )
-        told, fewer = arcsec(helped.root()), (alone.error / helped.error) ** 2
+        told, fewer = in_arcsec(helped.root()), (alone.error / helped.error) ** 2
         result[f"{name}_rms_arcsec"] = told["value"]
         result[f"{name}_rms_arcsec_95"] = [told["low"], told["high"]]
         result[f"{name}_times_fewer"] = fewer

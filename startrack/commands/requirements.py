@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 
 from startrack.commands.earth_requirements import earth_requirements
-from startrack.commands.terminal import example, read_campaign, tell
-from startrack.exits import Exit
+from startrack.commands.terminal import example, read_design, tell
+from startrack.exits import Exit, WrongUse
 from startrack.study.evaluate import expect
 from startrack.study.objective import Objective
 from startrack.units import arcsec
@@ -18,7 +18,10 @@ def command(options: argparse.Namespace) -> int:
     if earth is not None:
         return earth
     path = options.campaign or example()
-    design, campaign = read_campaign(path)
+    design = read_design(path)
+    campaign = design.campaign
+    if campaign is None:
+        raise WrongUse(f"{path} must have a table [campaign] with requirements")
     budget, margins = expect(design.case, campaign)
     objective = Objective.read(campaign.objective)
     error = objective.expected(budget) / arcsec

@@ -9,20 +9,29 @@ from typing import Any
 
 from startrack.campaign.export import export
 from startrack.catalog import shipped
-from startrack.commands.terminal import arcsec, example, finite, progress, read_design, tell
+from startrack.commands.terminal import (
+    example,
+    finite,
+    in_arcsec,
+    progress,
+    read_design,
+    read_sequence,
+    tell,
+)
 from startrack.draw_sequence import draw_sequence
 from startrack.error import Interval
-from startrack.exits import Exit, WrongUse
+from startrack.exits import Exit
 from startrack.saving import save_json
-from startrack.sequence import Sequence, Tracking, fly, load_sequence, summarise
+from startrack.sequence import Tracking, fly, summarise
 from startrack.study.workers import pool
+from startrack.units import arcsec
 
 
 def command(options: argparse.Namespace) -> int:
     """Print accuracy, losses and reacquisitions; leave frames.csv, sequence.png, summary.json."""
     design = options.design or example()
     profile = options.profile or shipped("sequences/slew.toml")
-    case, sequence = read_design(design).case, _read(profile)
+    case, sequence = read_design(design).case, read_sequence(profile)
     with (
         pool(min(options.workers, options.sequences)) as executor,
         progress("sequences", options.sequences) as advance,
@@ -40,13 +49,6 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if tracking.known.value == 1 else Exit.UNSOLVED
 
 
-def _read(path: Path) -> Sequence:
-    try:
-        return load_sequence(path)
-    except ValueError as error:
-        raise WrongUse(str(error)) from None
-
-
 def _values(tracking: Tracking) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for field in dataclasses.fields(tracking):
@@ -55,7 +57,7 @@ def _values(tracking: Tracking) -> dict[str, Any]:
             values[field.name] = one
             continue
         angle = field.name in ("across", "about", "single")
-        told = arcsec(one) if angle else dataclasses.asdict(one)
+        told = in_arcsec(one) if angle else dataclasses.asdict(one)
         name = f"{field.name}_rms_arcsec" if angle else field.name
         values |= {name: told["value"], f"{name}_95": [told["low"], told["high"]]}
     return values
@@ -63,16 +65,15 @@ def _values(tracking: Tracking) -> dict[str, Any]:
 
 def _text(tracking: Tracking, frames: int) -> str:
     lines = []
-    for title, one, unit, scale in (
-        ("filter across the boresight", tracking.across, "arcsec rms per axis", None),
-        ("filter about the boresight", tracking.about, "arcsec rms", None),
-        ("frames alone, across", tracking.single, "arcsec rms per axis", None),
-        ("attitude known", tracking.known, "% of the frames", 100.0),
+    for title, one, unit, size in (
+        ("filter across the boresight", tracking.across, "arcsec rms per axis", arcsec),
+        ("filter about the boresight", tracking.about, "arcsec rms", arcsec),
+        ("frames alone, across", tracking.single, "arcsec rms per axis", arcsec),
+        ("attitude known", tracking.known, "% of the frames", 0.01),
         ("losses of track", tracking.losses_per_hour, "per hour", 1.0),
         ("from loss to attitude", tracking.reacquisition, "s", 1.0),
     ):
-        told = arcsec(one) if scale is None else dataclasses.asdict(one)
-        value, low, high = (told[name] * (scale or 1) for name in ("value", "low", "high"))
+        value, low, high = (bound / size for bound in (one.value, one.low, one.high))
         lines.append(f"{title:28s}{value:10.3f} {unit} [{low:.3f}, {high:.3f}]")
     return "\n".join(
         [

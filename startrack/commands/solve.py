@@ -10,14 +10,9 @@ from typing import Any
 
 from startrack.camera import Camera
 from startrack.case import Tracker
-from startrack.catalog import Selection, open_sky
 from startrack.chain import estimated, index_of, track
 from startrack.checks import positive, within
-from startrack.commands.terminal import (
-    quaternion,
-    say,
-    tell,
-)
+from startrack.commands.terminal import quaternion, read_stars, say, tell
 from startrack.detection import Detection, detect, subtract_dark
 from startrack.draw import draw_solution
 from startrack.exits import Exit, WrongUse
@@ -38,10 +33,10 @@ def command(options: argparse.Namespace) -> int:
             positive(fov=options.fov)
             within(0, 179, fov=options.fov)
         identification = Identification(focal_tolerance=options.fov_tolerance)
-        stars = open_sky(Selection.whole(options.catalog, options.epoch)).stars
         dark = read_image(options.dark) if options.dark else None
-    except (ValueError, OSError, ImportError) as error:
+    except (ValueError, OSError) as error:
         raise WrongUse(str(error)) from None
+    stars = read_stars(options.catalog, options.epoch)
     if options.fov is None:
         say("startrack solve: no --fov, so all from 3 to 40 deg are tried; slow the first time")
     statuses = set()

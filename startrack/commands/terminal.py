@@ -13,11 +13,16 @@ from typing import Any
 
 from scipy.spatial.transform import Rotation
 
-from startrack.catalog import shipped
+from startrack.catalog import Selection, open_sky, shipped
 from startrack.design import Design, load_design
 from startrack.error import Interval, Summary
 from startrack.exits import WrongUse
+from startrack.sequence import Sequence, load_sequence
 from startrack.study.campaign import Campaign
+from startrack.units import arcsec
+from startrack.values import Stars
+
+NAMED = ("bright", "deep")  # catalogues
 
 
 def example() -> Path:
@@ -39,6 +44,24 @@ def read_campaign(path: Path) -> tuple[Design, Campaign]:
     if design.campaign is None or not design.campaign.variables:
         raise WrongUse(f"{path} must have a table [campaign] that names variables")
     return design, design.campaign
+
+
+def read_sequence(path: Path) -> Sequence:
+    """The sequence of a file, its errors as wrong use."""
+    try:
+        return load_sequence(path)
+    except ValueError as error:
+        raise WrongUse(str(error)) from None
+
+
+def read_stars(catalog: str, epoch: float) -> Stars:
+    """The stars of `--catalog` at a year, its errors as wrong use."""
+    if catalog not in NAMED and not Path(catalog).is_file():
+        raise WrongUse(f"--catalog must be {' or '.join(NAMED)}, or a file, got {catalog!r}")
+    try:
+        return open_sky(Selection.whole(catalog, epoch)).stars
+    except (ValueError, OSError, ImportError) as error:
+        raise WrongUse(str(error)) from None
 
 
 def say(message: str) -> None:
@@ -106,18 +129,14 @@ def quaternion(rotation: Rotation) -> list[float]:
     return [float(x) for x in rotation.as_quat(canonical=True)]
 
 
-def arcsec(interval: Interval) -> dict[str, float]:
+def in_arcsec(interval: Interval) -> dict[str, float]:
     """An interval of radians in arcseconds."""
-    return {
-        "value": math.degrees(interval.value) * 3600,
-        "low": math.degrees(interval.low) * 3600,
-        "high": math.degrees(interval.high) * 3600,
-    }
+    return {name: getattr(interval, name) / arcsec for name in ("value", "low", "high")}
 
 
 def summary_values(summary: Summary) -> dict[str, Any]:
     """A summary for JSON; the intervals hold the true value with 95 % confidence."""
-    across, about = arcsec(summary.across), arcsec(summary.about)
+    across, about = in_arcsec(summary.across), in_arcsec(summary.about)
     return {
         "across_rms_arcsec": across["value"],
         "across_rms_arcsec_95": [across["low"], across["high"]],
@@ -135,7 +154,7 @@ def summary_values(summary: Summary) -> dict[str, Any]:
 
 def summary_text(summary: Summary) -> str:
     """A summary for a person."""
-    across, about = arcsec(summary.across), arcsec(summary.about)
+    across, about = in_arcsec(summary.across), in_arcsec(summary.about)
     share = summary.availability
     return "\n".join(
         [

@@ -4,8 +4,9 @@ import json
 
 import pytest
 
-from startrack.budget import Term
+from startrack.budget import Term, indices_of
 from startrack.cli import main
+from startrack.commands import budget as module
 
 
 def run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -55,3 +56,18 @@ def test_wrong_use_is_a_sentence(capsys, arguments):
     assert status == 2
     assert "none.toml must be a" in err
     assert "Traceback" not in err
+
+
+def test_as_many_sequences_are_flown_as_are_asked_for(capsys, tmp_path, monkeypatch):
+    profile = tmp_path / "calm.toml"
+    profile.write_text('period = "0.5 s"\n[[legs]]\nduration = "3 s"\n')
+    flown = []
+
+    def counted(case, sequence, members, *rest):
+        flown.append(members)
+        return indices_of(case, sequence, 1, *rest)
+
+    monkeypatch.setattr(module, "indices_of", counted)
+    asked = ["--profile", str(profile), "--sequences", "3", "--workers", "1"]
+    assert run(capsys, *asked)[0] == 0
+    assert flown == [3]
