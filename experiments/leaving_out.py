@@ -66,14 +66,12 @@ class Gap(NamedTuple):
 class Effect(NamedTuple):
     """What leaving out one effect does.
 
-    error    (k,) the scene's own error without it
     gap      to the full model
     share    1, the error that it makes over the scene's own, of the kind where that is largest
     seconds  of CPU that the effect costs in a trial, median of differences
     """
 
     name: str
-    error: Floats
     gap: Gap
     share: float
     seconds: float
@@ -129,10 +127,9 @@ def leave_out(
     for name, change in view.effects.items():
         tell(f"{view.name}: without {name}")
         model = change(view.full)
-        values = observed(view.observe, model, numbers)
-        found, error = gap(values, full), view.own(model, numbers, values)
+        found = gap(observed(view.observe, model, numbers), full)
         cost = extra_time(view, model, numbers[:timed])
-        effects.append(Effect(name, error, found, float(np.max(found.error / own)), cost, True))
+        effects.append(Effect(name, found, float(np.max(found.error / own)), cost, True))
     effects = choose(effects, share)
     spared = [effect for effect in effects if not effect.kept]
     bound = np.sqrt(sum((effect.gap.error**2 for effect in spared), np.zeros_like(own)))

@@ -40,7 +40,7 @@ from startrack.shipped import shipped
 
 HOME = Path(startrack.__file__).parent
 DESIGN = "designs/nanosatellite.toml"
-ROUNDS = 5
+ROUNDS = 3
 AT_ONCE = 50  # spots are drawn by the thousand, frames are not
 FILES = 5  # of a fidelity, that are named
 LEAST = 0.01  # share of a room that has a row

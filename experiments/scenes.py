@@ -8,7 +8,7 @@ The chain that is left is judged on trials that the choice has not seen.
 
     python experiments/scenes.py [--trials N] [--out DIR] [SCENE ...]
 
-writes scenes.md, scenes.json and scenes.png; six minutes of CPU for 16 trials of each.
+writes scenes.md, scenes.json and scenes.png; a quarter of an hour of CPU for 16 trials of each.
 """
 
 from __future__ import annotations
@@ -112,14 +112,13 @@ def effects_of(found: Found) -> list[str]:
         f"{' and '.join(view.kinds)}; the scene's own: {joined(found.own)}. It needs {kept} of "
         f"{len(found.effects)} effects.",
         "",
-        "| effect | error when left out | of the scene's own | the scene's without it | answers "
-        "changed | CPU time | kept |",
-        "|---|---|---|---|---|---|---|",
+        "| effect | error when left out | of the scene's own | answers changed | CPU time | kept |",
+        "|---|---|---|---|---|---|",
     ]
     for effect in sorted(found.effects, key=lambda effect: -effect.share):
         lines.append(
             f"| {effect.name} | {measured(effect.gap)} | {effect.share:.2f} | "
-            f"{joined(effect.error)} | {effect.gap.changed} | {1e3 * effect.seconds:+.1f} ms | "
+            f"{effect.gap.changed} | {1e3 * effect.seconds:+.1f} ms | "
             f"{'yes' if effect.kept else ''} |"
         )
     if found.refused:
@@ -155,10 +154,11 @@ def values(found: Sequence[Found]) -> dict[str, Any]:
 
 
 def plain(row: Effect | Way) -> dict[str, Any]:
-    """A row without its name."""
-    known = {name: value for name, value in row._asdict().items() if name != "name"}
+    """A row without its name, arrays as lists."""
     gap = {"error": list(row.gap.error), "sigma": list(row.gap.sigma), "changed": row.gap.changed}
-    return {**known, "error": list(row.error), "gap": gap}
+    known = {**row._asdict(), "gap": gap}
+    del known["name"]
+    return {name: list(each) if name == "error" else each for name, each in known.items()}
 
 
 def draw(path: Path, found: Sequence[Found]) -> None:

@@ -137,8 +137,8 @@ def everything(plain: Case) -> Case:
     )
     case = with_optics(case, psf="kirchhoff", k1=-0.02, aberrations=(Aberration(6, 40 * nm),))
     hum = Tone(30.0, rms_x=0.3 * arcsec, rms_y=0.3 * arcsec)
-    level = (4.5e-3 * arcsec**2, 4.5e-3 * arcsec**2)  # 0.3 arcsec rms
-    rumble = tuple(Broadband(axis, (20.0, 40.0), level) for axis in "xy")
+    level = (1e-3 * arcsec**2, 1e-3 * arcsec**2)  # 0.3 arcsec rms
+    rumble = tuple(Broadband(axis, (1.0, 100.0), level) for axis in "xy")
     case = with_motion(case, tones=(hum,), broadband=rumble)
     case = replace(case, scene=NIGHT, instrument=replace(case.instrument, baffle=BAFFLE))
     faint = replace(case.catalog, limit_g=8.0)

@@ -44,14 +44,6 @@ def test_an_effect_left_out_makes_the_error_that_it_has():
         assert found[name].error[0] == pytest.approx(size, rel=1e-12)
 
 
-def test_the_scenes_error_without_an_effect_is_that_of_the_rest():
-    found = study(view({"large": 2.0}))
-    (effect,) = found.effects
-    # Of 1000 normal numbers, five standard errors.
-    assert effect.error[0] == pytest.approx(1.0, abs=5 / np.sqrt(2 * 1000))
-    assert found.own[0] == pytest.approx(np.sqrt(5), abs=0.3)
-
-
 def test_the_time_of_an_effect_is_what_the_whole_takes_longer():
     def observe(model, number):
         sum(range(200_000 if "slow" in model else 1000))
