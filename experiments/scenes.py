@@ -28,7 +28,7 @@ import scenes_tracker
 from leaving_out import Effect, Found, Gap, View, Way, leave_out
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
 from startrack.benchmark import versions
 from startrack.benchmark.table import figure, spent
@@ -168,7 +168,10 @@ def draw(path: Path, found: Sequence[Found]) -> None:
     for n, one in enumerate(found):
         draw_effects(picture.add_subplot(down, 2, n + 1), one)
     draw_ways(picture.add_subplot(down, 2, len(found) + 1), found)
-    picture.suptitle("Every effect left out alone, on the same skies and noise")
+    picture.suptitle(
+        "Every effect left out alone, on the same skies and noise; green: kept; dashed: the most "
+        "that all spared may make together"
+    )
     with whole(path) as draft:
         picture.savefig(draft, dpi=90)
 
@@ -210,6 +213,8 @@ def draw_ways(axes: Axes, found: Sequence[Found]) -> None:
         ylabel="the scene's own error, over that with everything (1)",
         title="square: everything; circle: what is needed;\ntriangle: in windows",
     )  # fmt: skip
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(ScalarFormatter())
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.margins(0.15, 0.2)
     axes.legend(fontsize=8)
