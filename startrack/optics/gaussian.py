@@ -33,7 +33,7 @@ def gaussian(
     Returns             (...) 1 / metre^2; over the image its integral is (f/g)^2
     Errors              model: no rings, and the far wings are missing.
     """
-    positive(focal_length=focal_length, sigma=sigma)
+    positive(focal_length=focal_length, sigma=sigma, distance=float(np.min(distance)))
     scale = focal_length / np.asarray(distance, float)
     square = (scale * x_object + x_image) ** 2 + (scale * y_object + y_image) ** 2
     return scale**2 / (2 * np.pi * sigma**2) * np.exp(-square / (2 * sigma**2))

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.checks import one_of, positive, whole
+from startrack.checks import finite, one_of, positive, whole
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -78,7 +78,7 @@ def on_axis(lens: ThinLens, defocus: float = 0.0) -> complex:
     Errors   numerical: 1e-12 relative. The effort is 16 evaluations per wave of phase.
              ValueError where it would pass 4e8 evaluations.
     """
-    plane = lens.image + defocus
+    plane = _plane(lens, defocus)
     edges = _equal_phase(lens, plane, 0.0)
     u, weight = _panels(edges)
     square = u * lens.radius**2
@@ -95,7 +95,9 @@ def profile(lens: ThinLens, radius: Floats, defocus: float = 0.0) -> Complex:
              ValueError where it would pass 4e8 evaluations.
     """
     radius = np.asarray(radius, float)
-    plane = lens.image + defocus
+    if not np.isfinite(radius).all():
+        raise ValueError(f"radius must be finite, got {radius[~np.isfinite(radius)][0]}")
+    plane = _plane(lens, defocus)
     far = float(np.abs(radius).max(initial=0.0))
     u, weight = _panels(_equal_phase(lens, plane, far))
     turns = lens.wavenumber * far * lens.radius / math.hypot(plane, lens.radius)
@@ -148,6 +150,17 @@ def path_defect(square: Floats, image: float, distance: float) -> Floats:
     if math.isfinite(distance):
         path = path - square**2 / (2 * distance * (np.sqrt(distance**2 + square) + distance) ** 2)
     return path
+
+
+def _plane(lens: ThinLens, defocus: float) -> float:
+    """Metre from the lens to where the light is looked at."""
+    finite(defocus=defocus)
+    if lens.image + defocus <= 0:
+        raise ValueError(
+            f"defocus must leave the plane behind the lens, whose image is at {lens.image:g} m, "
+            f"got {defocus:g} m"
+        )
+    return lens.image + defocus
 
 
 def _path(lens: ThinLens, plane: float, square: Floats) -> Floats:

@@ -41,7 +41,7 @@ def quality(response: Psf, image: Psf) -> Quality:
 
     response  of the pixels
     image     the same optics with `fill_factor=POINT`
-    Errors    numerical: 1e-3 in modulation and energy; energies beyond the table are NaN.
+    Errors    numerical: 2e-3 in modulation, 1e-3 in energy; energies beyond the table are NaN.
     """
     middle = image.table.shape[0] // 2
     nyquist = np.array([0.5])
@@ -62,7 +62,7 @@ def modulation(psf: Psf, frequency: Floats, angle: float) -> Floats:
     frequency  (n,) cycle / pixel
     angle      radian of the wave's direction, from +x towards +y
     Returns    (n,) 1; at zero it is the energy within the table
-    Errors     the wings outside count as haze without modulation: 1e-3 from two cycles per width
+    Errors     the wings outside count as haze without modulation: 2e-3 from two cycles per width
                of the table on.
     """
     at = (np.arange(psf.table.shape[0]) - psf.table.shape[0] // 2) / psf.oversampling

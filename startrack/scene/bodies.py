@@ -58,9 +58,9 @@ class Disc:
         if apart <= abs(outer - inner):
             return min(outer / inner, 1.0) ** 2
         along = (apart**2 + inner**2 - outer**2) / (2 * apart)  # of the common chord, from r
-        half = math.sqrt(inner**2 - along**2)
+        half = math.sqrt(max(inner**2 - along**2, 0.0))  # rounding, where they touch
         lens = inner**2 * math.atan2(half, along) + outer**2 * math.atan2(half, apart - along)
-        return (lens - apart * half) / (math.pi * inner**2)
+        return min(max((lens - apart * half) / (math.pi * inner**2), 0.0), 1.0)
 
     def glare(self, share: float = 1.0) -> Glare:
         """A share of its light, from its centre."""

@@ -243,6 +243,8 @@ def test_equation_12_holds_the_area_of_the_image():
     np.testing.assert_allclose(total, (0.05 / distance.ravel()) ** 2, rtol=1e-6)
     row, column = np.unravel_index(np.argmax(image[1]), image[1].shape)
     assert (x[column], x[row]) == pytest.approx((-5e-6, 10e-6), abs=0.3e-6)
+    with pytest.raises(ValueError, match="distance must be positive, got 0"):
+        gaussian(x, x, 0.0, 0.0, 0.05, np.array([10.0, 0.0]), 5e-6)
 
 
 def test_equation_10_is_the_peak_of_equation_8():

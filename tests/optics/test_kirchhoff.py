@@ -142,5 +142,10 @@ def test_what_cannot_be_computed_is_refused():
         profile(ThinLens(0.02, 0.02, 1.0, 100e-9), np.linspace(0, 1e-3, 1000))
     with pytest.raises(ValueError, match="beyond the focal length"):
         ThinLens(0.02, 0.001, 0.02, GREEN)
+    thin = ThinLens(0.02, 0.001, 1.0, GREEN)
+    with pytest.raises(ValueError, match=r"defocus must leave the plane behind the lens.*-0.03 m"):
+        on_axis(thin, -0.03)
+    with pytest.raises(ValueError, match="radius must be finite, got nan"):
+        profile(thin, np.array([0.0, np.nan]))
     with pytest.raises(ValueError, match="finite for an object off the axis"):
         point(ThinLens(0.02, 0.001, math.inf, GREEN), np.zeros(2), np.zeros(2), 10)

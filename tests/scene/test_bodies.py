@@ -111,6 +111,19 @@ def test_how_much_a_disc_hides(radius):
         assert front.hides(behind) == pytest.approx(front.covers(place).mean(), abs=2e-3)
 
 
+def test_discs_that_touch():
+    """From outside or inside, to the last digit either way: none or all, and no number beyond."""
+    draw = np.random.default_rng(0)
+    for outer, inner in draw.uniform((1e-2, 1e-4), (1.1, 5e-3), (2000, 2)):
+        behind = Disc(np.array([0.0, 0.0, 1.0]), inner, np.ones(1))
+        for apart, wanted in ((outer - inner, 1.0), (outer + inner, 0.0)):
+            for close in apart * (1 + np.array([-2e-16, 0.0, 2e-16])):
+                way = np.array([np.sin(close), 0.0, np.cos(close)])
+                share = Disc(way, outer, np.ones(1)).hides(behind)
+                assert 0 <= share <= 1
+                assert share == pytest.approx(wanted, abs=1e-5)
+
+
 def test_a_new_moon_has_no_light():
     dark = Disc(np.array([0.0, 0.0, 1.0]), 0.004, np.ones(1), np.array([0.0, 0.0, 1.0]))
     place, share = disc_points(dark, 0.001)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from startrack.checks import positive
 from startrack.scene.air.table import AirTable
 
 Floats = NDArray[np.float64]
@@ -64,18 +65,20 @@ def in_bands(
     altitude  metre, of the sensor above the ground
     distance  astronomical unit, of the Sun
     Returns   BandTable; its unit is watt / m^2 / sr times that of `response` times metre
-    Errors    ValueError where no response lies inside the table's spectrum.
+    Errors    ValueError where no response lies inside the table's spectrum, or the sensor on the
+              ground.
               model: under the table's lowest altitude the air below the sensor is less in
               proportion; at 500 m of 2 km its light is 10 to 20 % low, as haze is densest there.
               numerical: a cubic spline over the logarithm of wavelength and altitude.
     """
+    positive(altitude=altitude, distance=distance)
     flat = response * np.gradient(table.spectrum)
     weights = flat * table.irradiance / distance**2
     require_response(weights, table.spectrum)
     used = np.flatnonzero(weights.any(0))
     weights, flat, at = weights[:, used], flat[:, used], np.log(table.spectrum[used])
     position = np.log(np.clip(altitude, *table.altitude[[0, -1]]))
-    thin = min(max(altitude, 0.0) / float(table.altitude[0]), 1.0)
+    thin = min(altitude / float(table.altitude[0]), 1.0)
 
     def fine(values: Floats, has_altitude: bool) -> Floats:
         """(k, h, [a,] ...) -> (h, ..., f), at the altitude asked for."""

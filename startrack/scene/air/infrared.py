@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.checks import positive
 from startrack.scene.air.bands import BandTable, require_response
 from startrack.scene.air.checked import open_checked
 from startrack.scene.air.heat import planck
@@ -81,6 +82,7 @@ def infrared_bands(
               The ratio for higher ground is exact for grey air; lines that saturate make the air
               above 2 km seem too dark by up to 0.05.
     """
+    positive(altitude=altitude, distance=distance)
     require_response(response, table.spectrum)
     weights = response * np.gradient(table.spectrum)
     sunlight = sun_spectrum(table.spectrum) / distance**2

@@ -45,7 +45,7 @@ class Aircraft:
         """Positions in metre and velocities over ground in metre / second, (n, 3) each, ITRS.
 
         Errors  model: a circle through the first place about the Earth's axis of that heading,
-                which leaves the ellipsoid's height by 1 m after 100 km.
+                which leaves the ellipsoid's height by 5 m at most after 100 km.
         """
         here = np.array([self.longitude]), np.array([self.latitude])
         start = cartesian(*here, np.array([self.altitude]))[0]

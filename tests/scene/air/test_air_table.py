@@ -179,6 +179,8 @@ def test_a_low_sensor_sees_less_air(table):
 def test_a_band_outside_the_spectrum_is_refused(table):
     with pytest.raises(ValueError, match="every band must have a response between 350 and 4000 nm"):
         in_bands(table, np.zeros((1, len(table.spectrum))), 600e3)
+    with pytest.raises(ValueError, match="altitude must be positive, got -1"):
+        in_bands(table, response(table, [550]), -1.0)
 
 
 def test_many_pixels_are_the_same_as_few(fine):

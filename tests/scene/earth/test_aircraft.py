@@ -22,6 +22,17 @@ def test_it_keeps_height_and_speed():
     assert gone == pytest.approx(48e3, rel=1e-4)
 
 
+@pytest.mark.parametrize("latitude", [-60.0, -20.0, 0.0, 47.0, 80.0])
+def test_its_height_after_a_hundred_kilometres(latitude):
+    """Within the 5 m that a circle leaves of the ellipsoid, whatever the heading."""
+    worst = 0.0
+    for heading in range(0, 360, 30):
+        plane = Aircraft(EPOCH, 10 * deg, latitude * deg, 3e3, heading * deg, 100.0)
+        place, _ = plane.places(np.array([-1000.0, 1000.0]))
+        worst = max(worst, np.abs(geodetic(place)[2] - 3e3).max())
+    assert worst < 5.5
+
+
 def test_its_ground_moves_to_smaller_rows():
     """What lies ahead, at larger rows, is what it flies over later."""
     camera = Camera(11, 11, 1000.0)
