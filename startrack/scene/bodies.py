@@ -21,6 +21,7 @@ MOON_RADIUS = 1_737_400.0  # metre, IAU mean
 MOON_DISTANCE = 384_400e3  # metre, at which its magnitude is given
 EARTH_ALBEDO = 0.30  # Stephens et al. (2015), Reviews of Geophysics 53, 141
 RINGS, SPOKES = 16, 48  # of the quadrature over the Earth's disc
+MOST = 1000  # points to a disc's radius, three million in all, two gigabytes of spectra
 FINEST = 128  # points to a disc's radius, at which a crescent is no longer sought
 
 
@@ -178,8 +179,14 @@ def disc_points(disc: Disc, spacing: float) -> tuple[Floats, Floats]:
     spacing  radian between points
     Returns  (n, 3) unit vectors and (n,) shares of the light, which sum to one; none of a crescent
              thinner than some 1/128 of the radius, as the Moon's are no more, 7 degrees from new
+    Errors   ValueError where there would be millions, more than memory holds with their spectra.
     """
     count = max(math.ceil(disc.radius / spacing), 2)
+    if count > MOST:
+        raise ValueError(
+            f"a body in the field must have at most {MOST} points to its radius, got {count}: "
+            "leave it out of lights, or take larger pixels"
+        )
     x, y, share = _lit(disc, count)
     while not len(share) and count < FINEST:
         count *= 2

@@ -70,7 +70,8 @@ def illuminate(scene: Scene, stars: Stars, sight: Sight | None = None) -> Light:
 
     sight    where the camera looks; None: only stars and the even background, which are the same
             everywhere
-    Errors   those of `photometry.photon_rate`, `zodiacal`, `starlight`, `planets`, `bodies`.
+    Errors   those of `photometry.photon_rate`, `zodiacal`, `starlight`, `planets`, `bodies`;
+             ValueError where a disc in the field has too many pixels.
              model: what hides a star hides it whole; discs are those of the middle of the
              exposure. numerical: glow 1 % between the places of its map, the Earth's limb 1/128 of
              the frame.

@@ -111,6 +111,13 @@ def test_how_much_a_disc_hides(radius):
         assert front.hides(behind) == pytest.approx(front.covers(place).mean(), abs=2e-3)
 
 
+def test_a_disc_of_millions_of_points_is_refused():
+    """The Moon in pixels of an arc second, two points to a pixel."""
+    moon = Disc(np.array([0.0, 0.0, 1.0]), 0.26 * deg, np.ones(1))
+    with pytest.raises(ValueError, match="at most 1000 points to its radius, got 187"):
+        disc_points(moon, deg / 7200)
+
+
 def test_discs_that_touch():
     """From outside or inside, to the last digit either way: none or all, and no number beyond."""
     draw = np.random.default_rng(0)
