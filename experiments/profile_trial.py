@@ -30,13 +30,10 @@ from typing import Any, NamedTuple
 import cv2
 
 import startrack
+from startrack import Case, Fidelity, load_design, shipped, trials
 from startrack.benchmark import versions
 from startrack.benchmark.table import spent
-from startrack.case import Case, Fidelity
-from startrack.chain import trials
-from startrack.design import load_design
 from startrack.saving import save_json, save_text
-from startrack.shipped import shipped
 
 HOME = Path(startrack.__file__).parent
 DESIGN = "designs/nanosatellite.toml"
