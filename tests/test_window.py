@@ -120,7 +120,6 @@ def test_noise_makes_as_many_false_spots_as_in_frames():
         (4.6, {"exposure": 0.013}),
         (4.6, {"exposure": 0.013, "crosstalk": 0.03}),
         (4.6, {"exposure": 0.013, "lag": 0.1}),
-        (4.6, {"exposure": 0.013, "defects": Defects(dsnu=500.0)}),
     ],
     ids=lambda changes: "-".join(changes) if isinstance(changes, dict) else "",
 )
