@@ -40,7 +40,6 @@ class Watch:
         show       called with the number of trials just done, and a sentence or nothing
         log        file to append to, made where it is missing
         """
-        self.new = 0  # trials done since the start
         self._store, self._precision, self._most, self._show = store, precision, most, show
         self._held = sum(len(block) for block in store.done())
         self._began = self._next = time.monotonic()
@@ -49,8 +48,7 @@ class Watch:
         self._log = log.open("a", encoding="utf-8") if log else None
 
     def __call__(self, trials: int) -> None:
-        """Take in that so many trials were done."""
-        self.new += trials
+        """Take in that so many trials were tried; those that failed are not in the store."""
         now = time.monotonic()
         if now < self._next:
             self._show(trials, "")
@@ -65,9 +63,10 @@ class Watch:
     def look(self) -> dict[str, Any]:
         """What is known now; None for what is not."""
         seconds = time.monotonic() - self._began
-        done = self._held + self.new
-        rate = self.new / seconds if seconds > 0 else math.inf
-        interval = self._precision.interval(self._store.outcomes())
+        outcomes = self._store.outcomes()
+        done = len(outcomes)
+        rate = (done - self._held) / seconds if seconds > 0 else math.inf
+        interval = self._precision.interval(outcomes)
         width = half_width(interval)
         unit = 1.0 if self._precision.statistic == "availability" else arcsec
         needed = done * (width / self._precision.relative) ** 2

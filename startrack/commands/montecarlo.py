@@ -68,8 +68,8 @@ def command(options: argparse.Namespace) -> int:
             outcomes = resume(
                 store, executor, options.workers, options.trials, precision, options.seconds, watch
             )
-        failures = store.failures()
-    rate = watch.new / (time.perf_counter() - began)
+        failures, done = store.failures(), len(store.outcomes())
+    rate = (done - held) / (time.perf_counter() - began)
     summary = summarise(outcomes)
     result = {
         "design": str(path),

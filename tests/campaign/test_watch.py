@@ -50,6 +50,21 @@ def test_it_tells_rate_statistic_and_remaining_time(case, outcomes, tmp_path, cl
     assert told[2] == (0, "")
 
 
+def test_trials_that_failed_are_not_counted_as_done(case, outcomes, clock):
+    with (
+        Store(None, case, 3) as store,
+        Watch(store, Precision(0.1), 200, lambda *_: None) as watch,
+    ):
+        store.keep(0, outcomes(50))
+        watch(50)
+        store.keep_failure(range(50, 100), "why")
+        watch(50)
+        clock.now += 10
+        values = watch.look()
+    assert values["trials"] == 50
+    assert values["trials_per_s"] == pytest.approx(5)
+
+
 def test_what_is_not_known_yet_is_null(case, outcomes, clock):
     table = outcomes(3)
     table["solved"] = False
