@@ -43,8 +43,9 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
     for at in np.flatnonzero(np.diff(trials)):
         error.axvline(at + 1.5, color="0.6", lw=0.8, ls=":")
     error.set_ylabel(f"{Objective.read(objective)} (arcsec)")
+    few = min((count for count in trials.tolist() if count), default=0)
     error.set_title(
-        f"{len(tried)} designs, {trials[trials > 0].min(initial=10**6)} to {trials.max()} trials "
+        f"{len(tried)} designs, {few} to {trials.max()} trials "
         f"each, same skies and noise; on {optimum.fresh[0].trials} fresh frames better by "
         f"{optimum.factor.value:.2f} [{optimum.factor.low:.2f}, {optimum.factor.high:.2f}]",
         fontsize=9,

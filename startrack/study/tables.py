@@ -59,9 +59,9 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     lines = ["| | start | best |", "|---|---|---|"]
     lines += [f"| {name.split('.', 1)[1]} | {before[name]} | {after[name]} |" for name in before]
     start, best = optimum.fresh
-    for title, name in (("across", "across"), ("about", "about")):
+    for name in ("across", "about"):
         lines.append(
-            f"| rms error {title} the boresight (arcsec) "
+            f"| rms error {name} the boresight (arcsec) "
             f"| {_told(getattr(start, name))} | {_told(getattr(best, name))} |"
         )
     lines.append(
@@ -100,6 +100,8 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         f"{100 * best.false.high:.2f} % of the frames. Brackets and bounds hold with 95 % "
         "confidence.",
     ]
+    if optimum.branch:
+        lines += ["", f"Of the choices the best took {optimum.branch}."]
     if optimum.lacking:
         short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())
         lines += ["", f"NOT MET, the least violated first: {short}."]

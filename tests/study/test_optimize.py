@@ -16,6 +16,7 @@ from startrack.study.choice import Choice
 from startrack.study.evaluate import evaluate
 from startrack.study.ledger import Ledger
 from startrack.study.optimize import optimize
+from startrack.study.tables import comparison
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +136,7 @@ def test_branches_race_and_the_better_wins(small):
     optimum = optimize(small.case, campaign, Bench(5))
     assert optimum.branch == "window 5"
     assert optimum.best.tracker.detection.window == 5
+    assert "the best took window 5." in comparison(optimum, campaign)
 
 
 def test_a_race_leaves_evaluations_to_the_winner(small):
