@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
-from startrack.error import summarise
+from startrack.error import Interval, summarise
 from startrack.saving import whole
 from startrack.units import arcsec
 from startrack.values import Frame, Matches, Spots, Stars
@@ -160,7 +159,7 @@ def _north(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
     axes.text(*beyond, "N", color=KNOWN, fontsize=8, ha="center", va="center")
 
 
-def _told(interval) -> str:  # type: ignore[no-untyped-def]
+def _told(interval: Interval) -> str:
     value, low, high = (x / arcsec for x in (interval.value, interval.low, interval.high))
     return f"{value:.2f} [{low:.2f}, {high:.2f}] arcsec"
 
@@ -168,10 +167,3 @@ def _told(interval) -> str:  # type: ignore[no-untyped-def]
 def _save(path: Path, figure: Figure) -> None:
     with whole(path) as draft:
         figure.savefig(draft)
-
-
-__all__: Sequence[str] = [
-    "draw_errors",
-    "draw_frame",
-    "draw_solution",
-]

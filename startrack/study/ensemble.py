@@ -239,6 +239,12 @@ def _refuse_noise(log_probability: Callable[[Floats], Floats], at: Floats, first
         )
 
 
+def median_and_ends(column: Floats, share: float) -> tuple[float, float, float]:
+    """Median of samples (n,), and the ends of their middle share."""
+    low, middle, high = np.quantile(column, [(1 - share) / 2, 0.5, (1 + share) / 2])
+    return float(middle), float(low), float(high)
+
+
 def thinned(samples: Floats, count: int) -> Floats:
     """`count` of the samples (n, d), evenly."""
     return samples[np.linspace(0, len(samples) - 1, min(count, len(samples))).astype(int)]

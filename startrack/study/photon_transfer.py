@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.checks import non_negative
-from startrack.study.ensemble import Chains, Ensembles, draw
+from startrack.study.ensemble import Chains, Ensembles, draw, median_and_ends
 from startrack.study.ledger import Ledger
 
 Floats = NDArray[np.float64]
@@ -63,9 +63,7 @@ class DetectorPosterior:
 
     def interval(self, name: str, share: float = 0.95) -> tuple[float, float, float]:
         """Median and the ends of the middle share of one column."""
-        column = self.samples[:, NAMES.index(name)]
-        low, middle, high = np.quantile(column, [(1 - share) / 2, 0.5, (1 + share) / 2])
-        return float(middle), float(low), float(high)
+        return median_and_ends(self.samples[:, NAMES.index(name)], share)
 
 
 def sample_detector(

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from startrack.camera import Camera
 from startrack.checks import non_negative, positive
 from startrack.identification import Calibration, calibrate
-from startrack.study.ensemble import Chains, Ensembles, draw
+from startrack.study.ensemble import Chains, Ensembles, draw, median_and_ends
 from startrack.study.ledger import Ledger
 from startrack.study.width import width_likelihood
 from startrack.values import Frame, Matches, Spots
@@ -80,9 +80,7 @@ class CameraPosterior:
 
     def interval(self, name: str, share: float = 0.95) -> tuple[float, float, float]:
         """Median and the ends of the middle share of one column."""
-        column = self.samples[:, self.names.index(name)]
-        low, middle, high = np.quantile(column, [(1 - share) / 2, 0.5, (1 + share) / 2])
-        return float(middle), float(low), float(high)
+        return median_and_ends(self.samples[:, self.names.index(name)], share)
 
 
 def sample_camera(
