@@ -18,7 +18,7 @@ def least_squares(columns, triangle, step):  # type: ignore[no-untyped-def]
     columns   (4, n) the three columns of A, and t; destroyed
     triangle  (3, 3), written: upper triangular, A = Q triangle; a zero on its diagonal where A
               has no rank
-    step      (3,), written: d, zero along what A does not see
+    step      (3,), written: d; not finite where A has no rank
     """
     count = columns.shape[1]
     target = np.zeros(3)
@@ -44,7 +44,7 @@ def least_squares(columns, triangle, step):  # type: ignore[no-untyped-def]
         rest = target[i]
         for j in range(i + 1, 3):
             rest -= triangle[i, j] * step[j]
-        step[i] = rest / triangle[i, i] if triangle[i, i] > 0 else 0.0
+        step[i] = rest / triangle[i, i]
 
 
 @njit(cache=True, error_model="numpy")

@@ -192,6 +192,19 @@ def test_a_star_on_the_gate_stays():
         assert solve(spots, matches, settings).stars == left
 
 
+def test_the_gate_widens_with_the_noise():
+    """Noise three times as large as stated: the gate of five sigma stands at fifteen.
+
+    It is known from the median over 2000 stars, to 2.2 % of a deviation.
+    """
+    _, pixel, direction = sky(2000, 5)
+    pixel = pixel + np.random.default_rng(3).normal(0, 0.3, pixel.shape)
+    centre = CAMERA.project(sky(2000, 5)[0].apply(direction[7]))
+    for away, left in ((0.9, 2000), (1.1, 1999)):
+        pixel[7] = centre[0] + away * 15 * 0.1, centre[1]
+        assert solve(spots_of(pixel, 0.1), matches_of(direction), EXACT).stars == left
+
+
 def test_what_stars_err_by_beside_their_noise_adds_in_squares():
     """A floor for all, one of each, and a noise that holds it already; unknown is 0.015 pixel."""
     _, pixel, direction = sky(6, 8)
