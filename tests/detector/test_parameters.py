@@ -135,3 +135,16 @@ def test_defects_end_where_all_pixels_are_taken():
     ):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             Defects(**wrong)
+
+
+def test_a_region_is_as_large_as_an_array_may_be():
+    assert Region(0, 0, 2**16, 2**16).array_rows == 2**16
+    for wrong in ((-1, 0, 9, 9), (0, -1, 9, 9), (0, 0, 2**16 + 1, 9), (0, 0, 9, 2**16 + 1)):
+        with pytest.raises(ValueError, match="must"):
+            Region(*wrong)
+
+
+@pytest.mark.parametrize("name", ["row", "column", "column_offset"])
+def test_patterns_have_no_negative_rms(name):
+    with pytest.raises(ValueError, match=name):
+        Pattern(**{name: -1.0})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.identification import Identification
+from startrack.identification import Identification, build_index
 from startrack.identification.brightness import log_brightness
 from startrack.identification.code import place, separation
 from startrack.identification.evidence import log_evidence
@@ -313,3 +313,14 @@ def test_breadth_first_holds_all_choices_the_brightest_first():
     np.testing.assert_array_equal(more[:84], choices)
     assert more[84:].min() == 9
     assert len(more) == 84 + 10
+
+
+def test_about_as_many_triangles_are_made_as_asked_for():
+    """Of stars strewn at random, where the estimate holds; a tenth is left to chance and edges."""
+    stars = strewn(np.random.default_rng(20), 4000)
+    sky = Stars(np.arange(4000), stars, np.linspace(0, 6, 4000), np.zeros(4000))
+    index = build_index(sky, 0.35, triangles=20_000)
+    assert len(index) == pytest.approx(20_000, rel=0.1)
+    for wrong in ({"triangles": 0}, {"triangles": 2**28 + 1}, {"stars_per_field": 2}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            build_index(sky, 0.35, **wrong)
