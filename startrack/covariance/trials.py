@@ -36,8 +36,9 @@ def outcomes(
     Returns  (n,) structured array, as `startrack.error.judge_all` gives it, in the order asked for
     Errors   ValueError that names what in the case needs an image.
              model: normal errors, as small as the noise is beside the star; each star alone, with
-             the smear of the field's centre; false spots are counted and never matched. On
-             nominal designs the rms of the attitude's error is that of frames within 5 %.
+             the smear of the field's centre; false spots are counted and never matched. On the
+             example the rms of the attitude's error is that of frames within 5 %; in crowded fields
+             less by a tenth, for stars that merge err more than these.
     """
     refuse(case)
     plan = plan_of(case)
