@@ -139,7 +139,11 @@ def test_defects_end_where_all_pixels_are_taken():
 
 def test_a_region_is_as_large_as_an_array_may_be():
     assert Region(0, 0, 2**16, 2**16).array_rows == 2**16
-    for wrong in ((-1, 0, 9, 9), (0, -1, 9, 9), (0, 0, 2**16 + 1, 9), (0, 0, 9, 2**16 + 1)):
+    beyond = 2**16 + 1
+    for wrong in (
+        *((-1, 0, 9, 9), (0, -1, 9, 9), (beyond, 0, 9, 9), (0, beyond, 9, 9)),
+        *((0, 0, beyond, 9), (0, 0, 9, beyond), (0, 0, 0, 9), (0, 0, 9, 0)),
+    ):
         with pytest.raises(ValueError, match="must"):
             Region(*wrong)
 
