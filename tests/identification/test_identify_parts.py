@@ -327,3 +327,13 @@ def test_about_as_many_triangles_are_made_as_asked_for():
     for wrong in ({"triangles": 0}, {"triangles": 2**28 + 1}, {"stars_per_field": 2}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             build_index(sky, 0.35, **wrong)
+
+
+def test_a_star_of_unknown_colour_is_trusted_as_one_a_magnitude_off_the_suns():
+    """0.3 magnitude for a star like the Sun, and 0.2 per magnitude of colour, in squares."""
+    stars = strewn(np.random.default_rng(21), 500)
+    colour = np.tile([0.82, np.nan, 1.82, -0.68, 0.82], 100)
+    sky = Stars(np.arange(500), stars, np.linspace(0, 6, 500), colour)
+    bright = build_index(sky, 0.35, triangles=100).bright
+    wanted = np.tile([0.3, 0.13**0.5, 0.13**0.5, 0.18**0.5, 0.3], 100)
+    np.testing.assert_allclose(bright.blur, wanted[bright.sky.member])
