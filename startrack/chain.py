@@ -29,6 +29,7 @@ from startrack.sweep import straighten, sweep
 from startrack.values import Estimate, Floats, Frame, Matches, Path, Psf, Spots, Stars
 from startrack.view import (
     asked_for,
+    course_of,
     detected,
     frame_before,
     light_of,
@@ -37,7 +38,6 @@ from startrack.view import (
     psf_of,
     random_attitude,
     throughput,
-    turn_of,
 )
 from startrack.window import spots_in_windows
 
@@ -46,6 +46,7 @@ __all__ = [
     "Record",
     "asked_for",
     "attempt",
+    "course_of",
     "detected",
     "estimated",
     "index_of",
@@ -60,7 +61,6 @@ __all__ = [
     "track",
     "trial",
     "trials",
-    "turn_of",
 ]
 
 
@@ -165,7 +165,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
             detector,
             throughput(case.instrument),
             streams,
-            turn_of(case.instrument, streams),
+            course_of(case.instrument, streams),
             frame_before(case.instrument, light, path, icrs_to_camera, streams),
         )
     believed = case.believed_camera

@@ -16,7 +16,7 @@ from startrack.case import Case, Instrument
 from startrack.catalog import Sky, open_sky
 from startrack.detector import expected
 from startrack.detector.expose import arriving
-from startrack.detector.shutter import Turn
+from startrack.detector.shutter import Course
 from startrack.motion import shake, turn
 from startrack.optics import focus, veil
 from startrack.scene import WAVELENGTH, Sight, blackbody_photons, illuminate
@@ -121,12 +121,12 @@ def path_of(instrument: Instrument, streams: Streams) -> Path:
     )
 
 
-def turn_of(instrument: Instrument, streams: Streams) -> Turn | None:
+def course_of(instrument: Instrument, streams: Streams) -> Course | None:
     """The same motion at any time, which only a rolling shutter asks for."""
     detector = instrument.detector
     if not detector.row_delay:
         return None
-    return turn(instrument.motion, detector.exposure, streams).at
+    return turn(instrument.motion, detector.exposure, streams).over
 
 
 def noiseless(
@@ -146,7 +146,7 @@ def noiseless(
         instrument.camera,
         instrument.detector,
         throughput(instrument),
-        turn_of(instrument, streams),
+        course_of(instrument, streams),
         frame_before(instrument, light, path, icrs_to_camera, streams),
     )
 
@@ -161,7 +161,7 @@ def frame_before(
     detector = instrument.detector
     if not detector.lag:
         return None
-    earlier, turned = motion_before(instrument, path, streams)
+    earlier, course = motion_before(instrument, path, streams)
     return expected(
         light,
         psf_of(instrument),
@@ -170,16 +170,16 @@ def frame_before(
         instrument.camera,
         replace(detector, lag=0.0),
         throughput(instrument),
-        turned,
+        course,
     )
 
 
-def motion_before(instrument: Instrument, path: Path, streams: Streams) -> tuple[Path, Turn]:
+def motion_before(instrument: Instrument, path: Path, streams: Streams) -> tuple[Path, Course]:
     """The path in the exposure of the frame before, and the same motion at any time."""
     detector = instrument.detector
     motion, late = turn(instrument.motion, detector.exposure, streams), 1 / detector.update_rate
     earlier = replace(path, rotation=motion.at(path.time - late))
-    return earlier, lambda time: motion.at(time - late)
+    return earlier, lambda start, step: motion.over(start - late, step)
 
 
 def throughput(instrument: Instrument) -> NDArray[np.float64]:

@@ -42,6 +42,7 @@ from startrack.scene import illuminate
 from startrack.streams import Streams
 from startrack.values import Floats, Ints, Psf, Spots
 from startrack.view import (
+    course_of,
     electrons_of,
     light_of,
     look,
@@ -52,7 +53,6 @@ from startrack.view import (
     psf_of,
     random_attitude,
     throughput,
-    turn_of,
 )
 
 SAMPLES = 16  # frames, whose background and noise stand for those of all
@@ -130,14 +130,14 @@ def places_of(
     What the frame before left is a fainter star, where the star was then.
     """
     path, lag = path_of(instrument, streams), instrument.detector.lag
-    views = [(1 - lag, path, turn_of(instrument, streams))]
+    views = [(1 - lag, path, course_of(instrument, streams))]
     if lag:
         views.append((lag, *motion_before(instrument, path, streams)))
     camera, detector = instrument.camera, instrument.detector
     parts = [
         (share * weight, x, y)
-        for share, path, turn in views
-        for weight, x, y in seen(direction, path, icrs_to_camera, camera, detector, turn)
+        for share, path, course in views
+        for weight, x, y in seen(direction, path, icrs_to_camera, camera, detector, course)
     ]
     if len(parts) == 1:
         return parts[0]

@@ -18,7 +18,7 @@ from startrack.detector.lag import carry
 from startrack.detector.maps import response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import read_out
-from startrack.detector.shutter import Places, Turn, at_once, row_by_row
+from startrack.detector.shutter import Course, Places, at_once, row_by_row
 from startrack.detector.stamp import stamp_paths
 from startrack.detector.tables import Tables
 from startrack.streams import Streams
@@ -36,12 +36,12 @@ def expose(
     detector: Detector,
     throughput: Floats,
     streams: Streams,
-    turn: Turn | None = None,
+    course: Course | None = None,
     before: Floats | None = None,
 ) -> Frame:
     """One frame; see `expected` for the arguments."""
     electrons = expected(
-        light, psf, path, icrs_to_camera, camera, detector, throughput, turn, before
+        light, psf, path, icrs_to_camera, camera, detector, throughput, course, before
     )
     _, sky = arriving(light, camera, detector, throughput)
     # Of an even sky, the frame before leaves as much as this one keeps back.
@@ -76,7 +76,7 @@ def expected(
     camera: Camera,
     detector: Detector,
     throughput: Floats,
-    turn: Turn | None = None,
+    course: Course | None = None,
     before: Floats | None = None,
 ) -> Floats:
     """The expected electrons of each pixel: stars along their paths, sky, dark current.
@@ -84,11 +84,11 @@ def expected(
     icrs_to_camera  attitude at the middle of the exposure (of the middle row)
     camera          the true one
     throughput      (k,) square metre, aperture times transmission
-    turn            how the camera turns at any time; a rolling shutter needs it
+    course          how the camera turns at any time; a rolling shutter needs it
     before          what this function gave for the frame before, for the lag
     Returns         (rows, columns) electron
     Errors          ValueError where camera and detector differ in size.
-                    TypeError where a rolling shutter has no `turn`.
+                    TypeError where a rolling shutter has no `course`.
                     model: the solid angle of a pixel is that on the boresight.
     """
     if detector.scan:
@@ -100,7 +100,7 @@ def expected(
         )
     # Photons.
     star, sky = arriving(light, camera, detector, throughput)
-    places = seen(light.direction, path, icrs_to_camera, camera, detector, turn)
+    places = seen(light.direction, path, icrs_to_camera, camera, detector, course)
     # Charge.
     electrons = ground(detector, sky).copy()
     glow = glow_of(light, camera, detector, throughput)
@@ -124,15 +124,15 @@ def seen(
     icrs_to_camera: Rotation,
     camera: Camera,
     detector: Detector,
-    turn: Turn | None,
+    course: Course | None,
 ) -> Iterable[Places]:
     """Where the stars are in the course of the exposure, by its shutter."""
     view = direction, path, icrs_to_camera, camera
     if not detector.row_delay:
         return at_once(*view)
-    if turn is None:
-        raise TypeError("turn must be given where row_delay is not zero, got None")
-    return row_by_row(*view, detector.row_delay, turn)
+    if course is None:
+        raise TypeError("course must be given where row_delay is not zero, got None")
+    return row_by_row(*view, detector.row_delay, course)
 
 
 def draw(

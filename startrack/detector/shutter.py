@@ -13,10 +13,14 @@ from startrack.camera import Camera
 from startrack.values import Path
 
 Floats = NDArray[np.float64]
-Turn = Callable[[Floats], Floats]
+Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in Path
+Course = Callable[
+    [Floats, Floats], Floats
+]  # starts (p,), steps (j,) -> those of all sums (p, j, 3)
 Places = tuple[Floats, Floats, Floats]
 
 TOGETHER = 2**16  # places that are projected at a time
+NOW = np.zeros(1)
 PASSES = 4  # to find the time of a star's row; each leaves row_delay * rows per second of the error
 
 
@@ -45,21 +49,23 @@ def row_by_row(
     icrs_to_camera: Rotation,
     camera: Camera,
     row_delay: float,
-    turn: Turn,
+    course: Course,
 ) -> Iterator[Places]:
     """The same where each row is exposed `row_delay` second after the one above it.
 
     A star takes part when its own row does. The attitude is that at the middle of the exposure of
     the middle row.
 
-    turn    seconds (m,) -> rotation vectors (m, 3) as in Path, beyond the exposure too
+    course  the motion, beyond the exposure too
     Errors  model: all rows of one star's image share the time of its middle, so that a star of a
             few pixels is not sheared.
     """
     here = icrs_to_camera.apply(direction)
 
-    def place(time: Floats) -> Floats:
-        return camera.project(Rotation.from_rotvec(turn(time)).apply(here))
+    def place(start: Floats, step: Floats) -> Floats:
+        turned = Rotation.from_rotvec(course(start, step).reshape(-1, 3))
+        towards = turned.apply(np.repeat(here, len(step), axis=0))
+        return camera.project(towards).reshape(len(start), len(step), 2)
 
     def delay(row: Floats) -> Floats:
         inside = np.clip(np.nan_to_num(row), 0, camera.rows - 1)
@@ -67,7 +73,8 @@ def row_by_row(
 
     late = np.zeros(len(direction))
     for _ in range(PASSES):
-        late = delay(place(late)[:, 1])
-    for weight, time in zip(path.weight, path.time, strict=True):
-        x, y = place(late + time).T.copy()
-        yield np.array([weight]), x[None], y[None]
+        late = delay(place(late, NOW)[:, 0, 1])
+    together = max(TOGETHER // max(len(direction), 1), 1)
+    for start in range(0, len(path.time), together):
+        some = slice(start, start + together)
+        yield path.weight[some], *np.ascontiguousarray(place(late, path.time[some]).T)

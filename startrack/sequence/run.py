@@ -140,7 +140,7 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]
             camera,
             detector,
             throughput(instrument),
-            turn.at,
+            turn.over,
             before,
         )
         before = electrons if detector.lag else None

@@ -216,12 +216,12 @@ def test_a_rolling_shutter_shears_the_frame():
     light = Light(camera.unproject(pixel), WAVELENGTH, np.full((3, 1), 1e5), np.zeros(1))
     rate = 2000.0  # pixel / second
 
-    def turn(time):
-        return np.multiply.outer(time, [0.0, rate / FOCAL, 0.0])
+    def course(start, step):
+        return np.multiply.outer(np.add.outer(start, step), [0.0, rate / FOCAL, 0.0])
 
     rest = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     one = Detector(200, 100, 5e-6, 1e-3, row_delay=50e-6)
-    image = expected(light, gaussian(), rest, Rotation.identity(), camera, one, THROUGHPUT, turn)
+    image = expected(light, gaussian(), rest, Rotation.identity(), camera, one, THROUGHPUT, course)
     for row in (10, 49.5, 90):
         band = image[int(row) - 8 : int(row) + 9].sum(axis=0)
         x = band @ np.arange(200) / band.sum()
@@ -231,7 +231,7 @@ def test_a_rolling_shutter_shears_the_frame():
 def test_a_rolling_shutter_must_know_the_motion():
     camera = Camera(20, 10, FOCAL)
     rest = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
-    with pytest.raises(TypeError, match="turn must be given"):
+    with pytest.raises(TypeError, match="course must be given"):
         expected(
             star_at(camera, 5, 5, 1.0), gaussian(), rest, Rotation.identity(), camera,
             Detector(20, 10, 5e-6, 1e-3, row_delay=1e-6), THROUGHPUT,
