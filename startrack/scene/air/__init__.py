@@ -3,9 +3,11 @@
 parameters  Air: aerosol, visibility, water, ozone
 
 first step, with the extra `earth`:
-aerosol     type and visibility -> extinction over height, phase function (Mie)
+aerosol     type and visibility -> extinction over height, phase function
+mie         sizes and refractive index -> how particles scatter light
 gases       water, ozone, mixed gases and the Sun's spectrum
-solver      sasktran2, wrapped
+solver      particles and layers -> radiance at sensors
+engine      sasktran2, or a sentence on how to get it
 build       Air -> AirTable
 
 table       AirTable, and its file

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.scene.air.mie import mie
 from startrack.units import nm, um
 
 Floats = NDArray[np.float64]
@@ -110,8 +111,6 @@ def particles(aerosol: str, wavelength: tuple[float, ...]) -> Particles:
                 0.941 and 0.648, where Shettle and Fenn print 0.941 and 0.648.
     """
     from scipy.stats import lognorm
-
-    from startrack.scene.air.solver import mie
 
     modes = [
         lognorm(s=math.log(10) * spread, scale=radius / nm)

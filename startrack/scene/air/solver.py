@@ -1,8 +1,7 @@
-"""sasktran2, wrapped: particles and layers -> radiance at sensors; the one file that imports it."""
+"""sasktran2, wrapped: particles and layers -> radiance at sensors."""
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.scene.air.aerosol import Particles, particles, profile
+from startrack.scene.air.engine import sasktran2
 from startrack.scene.air.parameters import Air
 from startrack.units import nm
 
@@ -58,7 +58,7 @@ def radiance(
                 model: plane layers, good to 1 % while Sun and sensor stand 15 degrees above the
                 horizon. Without polarisation molecules alone are wrong by up to 10 % at 400 nm.
     """
-    sk = _sasktran2()
+    sk = sasktran2()
     heights = layers(ground)
     config = sk.Config()
     config.num_streams = streams
@@ -101,7 +101,7 @@ def limb_radiance(
     Returns     (k, r) 1 / sr, over the Sun's irradiance
     Errors      model: multiple scattering as in a column under the tangent point, straight rays.
     """
-    sk = _sasktran2()
+    sk = sasktran2()
     heights = np.arange(0.0, TOP + 1, 1e3)
     config = sk.Config()
     config.num_streams = 8
@@ -133,31 +133,6 @@ def _molecules(sk: Any, geometry: Any, config: Any, wavelength: Floats) -> Any:
     return state
 
 
-def mie(
-    modes: Sequence[Any], shares: Sequence[float], wavelength: Floats, index: Any, moments: int
-) -> tuple[Floats, Floats, Floats]:
-    """Extinction, scattering and Legendre moments of a mixture of particles.
-
-    modes       frozen distributions of scipy over the radius in nanometre
-    shares      of their numbers
-    wavelength  (k,) metre
-    index       (k,) refractive index
-    Returns     (k,) square metre, (k,) square metre, (k, moments) 1
-    """
-    _sasktran2()
-    distribution = importlib.import_module("sasktran2.mie.distribution")
-    at = dict(zip(wavelength / nm, index, strict=True))
-    found = distribution.integrate_mie_cpp(
-        list(modes), lambda one: at[float(one)], wavelength / nm, num_coeffs=moments
-    )
-    weights = np.asarray(shares)
-    extinction = found["xs_total"].to_numpy() @ weights
-    by_mode = found["xs_scattering"].to_numpy() * weights
-    scattering = by_mode.sum(-1)
-    phase = (found["lm_a1"].to_numpy() * by_mode[:, :, None]).sum(1) / scattering[:, None]
-    return extinction, scattering, phase
-
-
 def _aerosol(sk: Any, air: Air, heights: Floats, wavelength: Floats, stokes: int) -> Any:
     mixture: Particles = particles(air.aerosol, tuple(wavelength))
     extinction = profile(air.visibility, heights)[:, None] * mixture.extinction
@@ -169,12 +144,3 @@ def _aerosol(sk: Any, air: Air, heights: Floats, wavelength: Floats, stokes: int
         phase = four
     albedo = np.broadcast_to(mixture.albedo, extinction.shape)
     return sk.constituent.Manual(extinction, np.array(albedo), np.array(phase))
-
-
-def _sasktran2() -> Any:
-    try:
-        return importlib.import_module("sasktran2")
-    except ModuleNotFoundError as missing:
-        raise ModuleNotFoundError(
-            "new tables of the air need sasktran2: python -m pip install 'startrack[earth]'"
-        ) from missing
