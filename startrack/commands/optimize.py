@@ -32,7 +32,11 @@ def command(options: argparse.Namespace) -> int:
     draw_convergence(out / "convergence.png", optimum, campaign.objective)
     result = {"out": str(out), "seed": options.seed, **optimum_values(optimum, campaign)}
     save_json(out / "result.json", finite(result))
-    tell(options, result, f"{table}\n\n{optimum.ending}; the folder {out} holds it all")
+    tell(
+        options,
+        result,
+        f"{table}\n\nthe search ended: {optimum.ending}; the folder {out} holds it all",
+    )
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
 
 

@@ -95,7 +95,7 @@ class _Settled:
 
     def __call__(self) -> str:
         patience = PATIENCE * len(self._correction.terms)
-        return "the gain is within the noise" if self._quiet >= patience else ""
+        return "a further gain would be within the noise" if self._quiet >= patience else ""
 
     def _gain(self, done: Evaluation, anchor: Evaluation) -> bool:
         doubt = self._correction.doubt(np.array(done.place), np.array(anchor.place))
