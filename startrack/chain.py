@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,6 +22,7 @@ from startrack.error import Outcome, judge
 from startrack.error.judge import JUDGED
 from startrack.identification import PatternIndex, cached_index, identify
 from startrack.identification.cache import cache_folder
+from startrack.identification.index import indexed_field
 from startrack.single import trust
 from startrack.streams import Streams
 from startrack.sweep import straighten, sweep
@@ -215,9 +215,7 @@ def estimated(
 
 def index_of(stars: Stars, camera: Camera) -> PatternIndex:
     """The pattern index of a catalogue; cameras of nearly the same field share one."""
-    step = math.log(1.1)
-    field = math.floor(math.log(min(camera.fov_x, camera.fov_y)) / step) * step
-    return _index(stars, math.exp(field))
+    return _index(stars, indexed_field(camera))
 
 
 @lru_cache(maxsize=16)

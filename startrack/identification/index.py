@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.camera import Camera
 from startrack.checks import positive, whole, within
 from startrack.identification.code import TALLEST, place, separation
 from startrack.identification.merge import merged
@@ -27,6 +28,7 @@ STRETCH = 0.02  # ln of the ratio of the bases of two neighbouring cells
 SMALLEST = 0.2  # of the field: shorter bases measure their code too badly
 LARGEST = 1.2  # of the field: longer ones hardly fit into the diagonal
 LENGTHS = math.ceil(math.log(LARGEST / SMALLEST) / STRETCH)  # cells along the length of the base
+POINTS = 512  # that an index resolves across its field: two pixels of 1024 are one
 VOTING_RANK = 40  # stars per field that vote on hypotheses
 BLUR = 0.3  # magnitude: what an unknown passband and variable stars do to the brightness
 COLOUR_BLUR = 0.2  # magnitude per magnitude of BP - RP away from the Sun's
@@ -81,6 +83,15 @@ class PatternIndex:
         return sum(array.nbytes for array in grids + rest)
 
 
+def indexed_field(camera: Camera) -> float:
+    """Radian, the field that a camera's index is built for: cameras of nearly the same share one.
+
+    It is the smaller side of the image, down to the next of steps of a tenth.
+    """
+    step = math.log(1.1)
+    return math.exp(math.floor(math.log(min(camera.fov_x, camera.fov_y)) / step) * step)
+
+
 def build_index(
     stars: Stars,
     field_of_view: float,
@@ -100,8 +111,7 @@ def build_index(
     field_of_view    radian, of the smaller side of the image
     stars_per_field  how many stars form triangles, in the mean over fields
     triangles        about how many to index, most often fewer; each takes 6 bytes
-    resolution       radian, stars closer than this are one spot; None for field / 512, the
-                     width of two pixels of 1024
+    resolution       radian, stars closer than this are one spot; None for field / POINTS
     Errors           ValueError where a star's direction is no unit vector, or the field lies
                      outside (0, 90] deg. model: the number of triangles holds for stars strewn
                      at random.
@@ -115,7 +125,7 @@ def build_index(
         worst = length[np.argmax(np.abs(length - 1))]
         raise ValueError(f"stars.direction must be unit vectors, got one of length {worst}")
 
-    single, names = merged(stars, field_of_view / 512 if resolution is None else resolution)
+    single, names = merged(stars, field_of_view / POINTS if resolution is None else resolution)
     radius = field_of_view / math.sqrt(math.pi)  # of the disc with the area of the field
     rank = local_rank(single.direction, radius, VOTING_RANK)
     voting = rank < VOTING_RANK

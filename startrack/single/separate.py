@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -10,10 +9,9 @@ import numpy as np
 
 from startrack.camera import Camera
 from startrack.catalog import Selection, Sky, open_sky
+from startrack.identification.index import POINTS, indexed_field
 from startrack.identification.merge import merged
 from startrack.values import Ints
-
-POINTS = 512  # that the tracker's index resolves across a field
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +27,8 @@ class Separate:
 
 
 def separate(selection: Selection, camera: Camera) -> Separate:
-    """The stars of a catalogue as the tracker's index takes them, in its steps of a tenth."""
-    step = math.log(1.1)
-    field = math.exp(math.floor(math.log(min(camera.fov_x, camera.fov_y)) / step) * step)
-    return _separate(selection, field / POINTS)
+    """The stars of a catalogue as the tracker's index takes them."""
+    return _separate(selection, indexed_field(camera) / POINTS)
 
 
 @lru_cache(maxsize=8)
