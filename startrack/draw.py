@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
 from startrack.error import Interval, summarise
-from startrack.saving import whole
+from startrack.saving import save_figure
 from startrack.units import arcsec
 from startrack.values import Frame, Matches, Spots, Stars
 from startrack.wcs import celestial
@@ -27,7 +27,7 @@ def draw_frame(path: Path, frame: Frame, title: str = "") -> None:
     """The image in its pixels, faint parts lifted."""
     figure, axes = _image(frame)
     axes.set_title(title, fontsize=9, loc="left")
-    _save(path, figure)
+    save_figure(path, figure)
 
 
 def draw_spots(path: Path, frame: Frame, spots: Spots, title: str) -> None:
@@ -40,7 +40,7 @@ def draw_spots(path: Path, frame: Frame, spots: Spots, title: str) -> None:
             str(number + 1), place, (7, 5), textcoords="offset points", color=KNOWN, fontsize=7
         )
     axes.set_title(title, fontsize=9, loc="left")
-    _save(path, figure)
+    save_figure(path, figure)
 
 
 def draw_solution(
@@ -85,7 +85,7 @@ def draw_solution(
         _north(axes, matches.camera, icrs_to_camera)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=3, frameon=False, fontsize=8)
     axes.set_title(title, fontsize=9, loc="left")
-    _save(path, figure)
+    save_figure(path, figure)
 
 
 def draw_errors(path: Path, outcomes: NDArray[np.void], title: str) -> None:
@@ -115,7 +115,7 @@ def draw_errors(path: Path, outcomes: NDArray[np.void], title: str) -> None:
         f"[{100 * share.low:.1f}, {100 * share.high:.1f}]",
         fontsize=10,
     )
-    _save(path, figure)
+    save_figure(path, figure)
 
 
 def _image(frame: Frame) -> tuple[Figure, Axes]:
@@ -162,8 +162,3 @@ def _north(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
 def _told(interval: Interval) -> str:
     value, low, high = (x / arcsec for x in (interval.value, interval.low, interval.high))
     return f"{value:.2f} [{low:.2f}, {high:.2f}] arcsec"
-
-
-def _save(path: Path, figure: Figure) -> None:
-    with whole(path) as draft:
-        figure.savefig(draft)

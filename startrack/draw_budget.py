@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from startrack.budget import Budget, Line, Survey, Term, analytic
 from startrack.budget.residuals import residuals
 from startrack.case import Case
-from startrack.saving import whole
+from startrack.saving import save_figure
 from startrack.single import Errors, errors
 from startrack.units import arcsec, deg
 
@@ -69,7 +69,7 @@ def draw_budget(path: Path, expected: Budget[Any], found: Budget[Any] | None, ti
     figure.legend(*shown, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
     told = f", measured below in {found.whole.spread.error.shape[0]} members" if found else ""
     figure.suptitle(f"{title}: error by cause, analytic{told}", fontsize=10)
-    _save(path, figure)
+    save_figure(path, figure)
 
 
 def draw_sky(path: Path, found: Survey, case: Case, title: str) -> None:
@@ -111,7 +111,7 @@ def draw_sky(path: Path, found: Survey, case: Case, title: str) -> None:
         + " %",
         fontsize=10,
     )
-    _save(path, figure)
+    save_figure(path, figure)
 
 
 def draw_curves(path: Path, case: Case, seed: int, title: str, trials: int = TRIALS) -> None:
@@ -149,7 +149,7 @@ def draw_curves(path: Path, case: Case, seed: int, title: str, trials: int = TRI
         axes.invert_yaxis()
         axes.set_title(f"over the field, {trials} trials, {good.sum()} stars", fontsize=9)
     figure.suptitle(title, fontsize=10)
-    _save(path, figure)
+    save_figure(path, figure)
 
 
 def _over_rate(axes: Axes, case: Case) -> None:
@@ -202,8 +202,3 @@ def _total(star: Errors) -> Floats:
 
 def _variance(covariance: Floats) -> Floats:
     return np.maximum(np.trace(covariance, axis1=1, axis2=2) / 2, 0.0)
-
-
-def _save(path: Path, figure: Figure) -> None:
-    with whole(path) as draft:
-        figure.savefig(draft)

@@ -11,7 +11,7 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from startrack.saving import whole
+from startrack.saving import save_figure
 
 Floats = NDArray[np.float64]
 
@@ -28,8 +28,7 @@ def draw_geometry(path: Path, maps: dict[str, Floats], title: str) -> None:
     _panel(figure, axes[1, 0], maps["incidence"], "incidence of the line of sight (deg)", "magma")
     _levels(figure, axes[1, 1], np.where(maps["hit"] > 0, maps["level"], np.nan))
     figure.suptitle(f"{title}: {maps['height'].shape[1]} x {maps['height'].shape[0]} pixel")
-    with whole(path) as draft:
-        figure.savefig(draft)
+    save_figure(path, figure)
 
 
 def draw_picture(
@@ -52,8 +51,7 @@ def draw_picture(
         label = f"{name} (W m$^{{-2}}$ sr$^{{-1}}$ $\\mu$m$^{{-1}}$)"
         _panel(figure, each, values.astype(np.float64), label, "inferno", 0, top or 1)
     figure.suptitle(title)
-    with whole(path) as draft:
-        figure.savefig(draft)
+    save_figure(path, figure)
 
 
 def _panel(

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from startrack.saving import whole
+from startrack.saving import save_figure
 from startrack.values import Psf
 
 Curves = dict[str, NDArray[np.float64]]
@@ -40,8 +40,7 @@ def draw_psf(
     _spot(left, image, figure)
     _modulation(right, frequency, curves)
     figure.suptitle(title, fontsize=10)
-    with whole(path) as draft:
-        figure.savefig(draft)
+    save_figure(path, figure)
 
 
 def _spot(axes: Axes, image: Psf, figure: Figure) -> None:

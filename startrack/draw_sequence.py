@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from startrack.saving import whole
+from startrack.saving import save_figure
 from startrack.sequence import Mode
 from startrack.units import arcsec, deg
 
@@ -24,7 +24,7 @@ COLOURS = {
 
 def draw_sequence(path: Path, table: NDArray[np.void], title: str) -> None:
     """Rate and mode, and the error about two axes: of each frame alone and of the filter."""
-    figure = Figure(figsize=(9, 7), layout="constrained")
+    figure = Figure(figsize=(9, 7), layout="constrained", dpi=130)
     rate, across, about = figure.subplots(3, 1, sharex=True, height_ratios=(1, 2, 2))
     time = table["time"]
     rate.step(time, table["rate"] / deg, where="mid", color=GREY, lw=1)
@@ -39,8 +39,7 @@ def draw_sequence(path: Path, table: NDArray[np.void], title: str) -> None:
     about.set_xlabel("time (s)")
     across.legend(fontsize=8, ncols=3)
     figure.suptitle(title, fontsize=10)
-    with whole(path) as draft:
-        figure.savefig(draft, dpi=130)
+    save_figure(path, figure)
 
 
 def _errors(axes: Axes, table: NDArray[np.void], axis: str, label: str) -> None:

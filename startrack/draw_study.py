@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
-from startrack.saving import whole
+from startrack.saving import save_figure
 from startrack.study.ensemble import thinned
 from startrack.study.objective import Objective
 from startrack.study.optimize import Optimum
@@ -53,7 +53,7 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
     )
     error.legend(fontsize=8)
     draw_places(places, optimum)
-    _save(path, figure)
+    save_figure(path, figure)
 
 
 def draw_places(axes: Axes, optimum: Optimum) -> None:
@@ -115,7 +115,7 @@ def draw_tornado(path: Path, found: Sequence[Sensitivity], objective: str) -> No
         indices.errorbar(value, at + shift, xerr=middle, fmt="none", ecolor="0.2", lw=0.8)
     indices.set(xlabel="Sobol index of ln(error) over the box (95 % bars)")
     indices.legend(fontsize=8, loc="lower right")
-    _save(path, figure)
+    save_figure(path, figure)
 
 
 def _swing(one: Sensitivity) -> float:
@@ -137,7 +137,7 @@ def draw_front(
     axes.set(xlabel=f"{goals.first} ({units[0]})", ylabel=f"{goals.second} ({units[1]})")
     axes.set_title(f"{len(points)} designs that none beats in both", fontsize=9, loc="left")
     axes.legend(fontsize=8)
-    _save(path, figure)
+    save_figure(path, figure)
 
 
 def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) -> None:
@@ -162,9 +162,4 @@ def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) 
             if j == 0 and i > 0:
                 axes.set_ylabel(labels[i], fontsize=8)
     figure.suptitle(title, fontsize=9)
-    _save(path, figure)
-
-
-def _save(path: Path, figure: Figure) -> None:
-    with whole(path) as draft:
-        figure.savefig(draft)
+    save_figure(path, figure)

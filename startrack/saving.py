@@ -7,10 +7,13 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @contextmanager
@@ -39,6 +42,12 @@ def save_text(path: Path, text: str) -> None:
 def save_json(path: Path, value: Any) -> None:
     """Write a JSON file whole."""
     save_text(path, json.dumps(value, indent=1) + "\n")
+
+
+def save_figure(path: Path, figure: Figure) -> None:
+    """Write a picture whole, at the figure's own resolution."""
+    with whole(path) as draft:
+        figure.savefig(draft)
 
 
 def save_netcdf(

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from startrack.benchmark.stage import Row, Stage
-from startrack.saving import whole
+from startrack.saving import save_figure
 
 OURS, PEER, LIMIT = "#1f6f43", "#8a5a9e", "#b4442f"
 ACROSS = 3
@@ -20,13 +20,12 @@ ACROSS = 3
 def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> None:
     """One panel a stage; below and left is better, the line is what nothing can beat."""
     down = math.ceil(len(stages) / ACROSS)
-    figure = Figure(figsize=(4.3 * ACROSS, 3.1 * down), layout="constrained")
+    figure = Figure(figsize=(4.3 * ACROSS, 3.1 * down), layout="constrained", dpi=110)
     for n, stage in enumerate(stages):
         axes = figure.add_subplot(down, ACROSS, n + 1)
         _panel(axes, stage, [row for row in rows if row.stage == stage.name])
     figure.suptitle("CPU time of one thread against error: startrack green, others violet")
-    with whole(path) as draft:
-        figure.savefig(draft, dpi=110)
+    save_figure(path, figure)
 
 
 def _panel(axes: Axes, stage: Stage, rows: Sequence[Row]) -> None:
