@@ -113,14 +113,13 @@ def build(law: Law, first: int, count: int) -> Tables:
     span = np.arange(least, most + 1.0)
     # Electrons before `start` give at most a number, those from `end` on give more; between the
     # two, the read noise decides.
+    edge = upper_edge(law, span)
     if law.noise:
-        edge = upper_edge(law, span)
         start, end = (np.searchsorted(held, edge + s * far) for s in (-1, 1))
-        between = np.minimum(start[:, None] + np.arange((end - start).max()), len(held) - 1)
-        z = (edge[:, None] - held[between]) / law.noise
     else:
         start = end = np.searchsorted(converted(held, law), span, side="right")
-        z = np.zeros((len(span), 0))
+    between = np.minimum(start[:, None] + np.arange((end - start).max()), len(held) - 1)
+    z = (edge[:, None] - held[between]) / law.noise
     if count * z.size > MOST_TERMS:
         return EMPTY
     log = special.xlogy(electrons, mean[:, None]) - special.gammaln(electrons + 1) - mean[:, None]
