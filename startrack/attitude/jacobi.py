@@ -75,9 +75,8 @@ def _frame(first, second):  # type: ignore[no-untyped-def]
     if math.sqrt((u2**2).sum()) <= EPS * size:
         u2 = np.zeros(3)
         u2[np.argmin(np.abs(u1))] = 1.0
-        u2 = u2 - u1 * (u1 * u2).sum()
     u2 = u2 / math.sqrt((u2**2).sum())
-    u2 = u2 - u1 * (u1 * u2).sum()  # what was short has lost its right angle
+    u2 = u2 - u1 * (u1 * u2).sum()  # what was short or chosen has no right angle yet
     return u1, u2 / math.sqrt((u2**2).sum())
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from startrack.attitude.align import _loss
 from startrack.attitude.jacobi import best_rotation
 from startrack.attitude.least_squares import invert, largest_eigenvalue, least_squares
 
@@ -57,3 +58,36 @@ def test_the_best_rotation_holds_as_much_as_numpys_decomposition():
         most = s[0] + s[1] + s[2] * np.sign(np.linalg.det(u) * np.linalg.det(vt))
         assert np.trace(rotation.T @ b) == pytest.approx(most, abs=1e-13)
         assert np.linalg.norm(b.T @ first) == pytest.approx(s[0], abs=1e-13)
+
+
+def test_of_rank_one_the_second_axis_is_any_at_right_angles():
+    """Two frames of one direction, whichever it is, to the last digits."""
+    rng = np.random.default_rng(4)
+    for one, other in rng.standard_normal((200, 2, 3)):
+        rotation = np.full((3, 3), np.nan)
+        first = best_rotation(np.outer(one, other), rotation)
+        one, other = one / np.linalg.norm(one), other / np.linalg.norm(other)
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=2e-15)
+        np.testing.assert_allclose(rotation @ other, one, atol=2e-15)
+        assert abs(first @ one) == pytest.approx(1, abs=1e-15)
+
+
+def test_the_loss_curves_as_its_second_derivative_does():
+    """Markley's loss - trace(M), M = sum w b (R r)^T: the derivative is trace(M) I - (M + M^T) / 2.
+
+    At attitudes anywhere, so that none to all three of its eigenvalues are negative.
+    """
+    rng = np.random.default_rng(5)
+    negative = []
+    for a in Rotation.random(300, rng=rng).as_matrix():
+        b, r = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal(size=(2, 4, 3)))
+        w = rng.uniform(0.2, 1, 4)
+        p = r @ a.T
+        information = w.sum() * np.eye(3) - (w[:, None] * p).T @ p
+        loss, curved = _loss(b, r, w, a, np.linalg.inv(np.linalg.cholesky(information).T))
+        m = (w[:, None] * b).T @ p
+        eigenvalue = np.linalg.eigvalsh(np.trace(m) * np.eye(3) - (m + m.T) / 2)
+        assert loss == pytest.approx(w @ ((b - p) ** 2).sum(axis=1) / 2, rel=1e-12)
+        assert curved == (eigenvalue > 0).all()
+        negative.append((eigenvalue < 0).sum())
+    assert np.bincount(negative).min() > 10
