@@ -135,6 +135,20 @@ def test_blooming_runs_out_at_the_edge():
     assert after[:, 1].tolist() == [100, 100, 100, 100, 100, 50, 0, 0, 0, 0]
 
 
+def test_two_overfull_pixels_fill_what_lies_between():
+    """Counted by hand: 250 over in row 2, 120 over in row 5, of wells of 100 electrons.
+
+    Downward 125 leave row 2: 90 fit into row 3, 35 into row 4; 60 leave row 5 for row 6. Upward
+    60 leave row 5: row 4 takes the 45 that it still holds, 15 pass rows 3 and 2, where 125 join
+    them: row 1 takes 80, row 0 the other 60.
+    """
+    charge = np.array([0, 20, 350, 10, 20, 220, 30, 0.0])[:, None]
+    before = charge.copy()
+    wanted = [60, 100, 100, 100, 100, 100, 90, 0]
+    np.testing.assert_allclose(bloom(charge, 100.0)[:, 0], wanted, rtol=1e-12)
+    np.testing.assert_array_equal(charge, before)
+
+
 def test_a_gain_register_doubles_the_variance():
     charge = np.random.default_rng(0).poisson(30.0, 200_000).astype(float)
     out = multiply(charge, 300.0, np.random.default_rng(1).random(charge.shape))
@@ -144,6 +158,12 @@ def test_a_gain_register_doubles_the_variance():
     assert stats.kstest(one, "expon", (0, 300)).pvalue > 1e-4
 
 
+def test_a_register_of_any_charge_draws_from_scipys_gamma():
+    charge, share = np.array([0.0, 1, 2, 7, 500]), np.array([0.3, 0.9, 0.1, 0.5, 0.99])
+    wanted = [0, *stats.gamma.ppf(share[1:], charge[1:], scale=300.0)]
+    np.testing.assert_allclose(multiply(charge, 300.0, share), wanted, rtol=1e-9)
+
+
 def test_settling_is_a_geometric_tail():
     level = np.zeros((2, 12))
     level[:, 4] = 100.0
@@ -151,6 +171,15 @@ def test_settling_is_a_geometric_tail():
     np.testing.assert_allclose(after[0, 4:], 80 * 0.2 ** np.arange(8))
     assert (after[:, :4] == 0).all()
     np.testing.assert_allclose(settle(np.full((2, 5), 7.0), 0.3), 7.0)
+
+
+def test_settling_is_the_product_with_a_matrix_of_powers():
+    """out = (1 - r) sum_j r^(i - j) in_j, before the row its first pixel for ever."""
+    level = np.random.default_rng(1).uniform(0, 1000, (3, 9))
+    lead = np.concatenate([np.repeat(level[:, :1], 60, axis=1), level], axis=1)
+    age = np.arange(69)[:, None] - np.arange(69)
+    response = np.where(age >= 0, 0.6 * 0.4 ** np.maximum(age, 0), 0.0)
+    np.testing.assert_allclose(settle(level, 0.4), (lead @ response.T)[:, 60:], rtol=1e-12)
 
 
 def test_rows_and_columns_share_their_noise():

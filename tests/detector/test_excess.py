@@ -5,10 +5,10 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import ndimage, optimize, stats
 
 from startrack.detector import Defects, Detector, frame_of
-from startrack.detector.excess import excesses, numbers_of, rates_for, tilt_for
+from startrack.detector.excess import Numbers, excesses, numbers_of, rates_for, tilt_for
 from startrack.detector.ground import ground, ground_tables
 from startrack.detector.windows import odd_pixels
 from startrack.streams import Streams
@@ -145,3 +145,103 @@ def test_regions_are_left_out():
 def test_levels_in_the_midst_of_the_noise_are_refused(filtered):
     with pytest.raises(ValueError, match="seldom passes, and here it is looked at"):
         drawn(float(filtered.mean()) + 1.0 * float(filtered.std()), trials=1)
+
+
+def test_a_region_takes_the_excesses_in_it_and_no_other():
+    """Of one excess in three its own pixel is a region; the pixels beside it are none."""
+    row, column, _ = drawn(22.0 + 1.6, trials=60)
+    x, y = column[::3], row[::3]
+    alone = np.column_stack([x, y, x + 1, y + 1])
+    kept = drawn(22.0 + 1.6, alone, trials=60)
+    lost = np.isin(row * 140 + column, y * 140 + x)
+    assert 10 < lost.sum() < len(row)
+    np.testing.assert_array_equal(kept[0], row[~lost])
+    np.testing.assert_array_equal(kept[1], column[~lost])
+
+
+LOWEST = 7
+UNLIKE = np.random.default_rng(3).uniform(0.2, 1.0, (3, 5))  # no two weights alike
+UNLIKE[0, 0] = UNLIKE[2, 3]  # but these
+
+
+def uneven_laws():
+    """Five laws of twelve numbers, and pixels anywhere between them."""
+    rng = np.random.default_rng(5)
+    law = rng.uniform(0.1, 1.0, (5, 12)) * np.exp(-np.arange(12) / np.arange(1, 6)[:, None])
+    place = rng.uniform(0, 4, (9, 11)).astype(np.float32)
+    place[4, 4], place[5, 7] = 0.0, 4.0
+    return Numbers(law / law.sum(axis=1, keepdims=True), place, LOWEST)
+
+
+def cumulant(numbers, weight, theta, x, y):
+    """log E exp(theta filtered), pixel by pixel, of a frame that is mirrored by numpy."""
+    law, place = numbers.probability, numbers.place.astype(float)
+    down, across = (n // 2 for n in weight.shape)
+    which = np.pad(
+        np.arange(place.size).reshape(place.shape), ((down,) * 2, (across,) * 2), "symmetric"
+    )[y : y + weight.shape[0], x : x + weight.shape[1]]
+    share = np.bincount(which.ravel(), weight.ravel(), place.size)
+    low = np.minimum(place.astype(int), len(law) - 2).ravel()
+    t = place.ravel() - low
+    own = law[low] * (1 - t[:, None]) + law[low + 1] * t[:, None]
+    number = numbers.lowest + np.arange(law.shape[1])
+    return np.log((own * np.exp(theta * np.outer(share, number))).sum(axis=1)).sum()
+
+
+@pytest.mark.parametrize(("mesh", "border"), [(1, 0), (1, 2), (4, 0), (4, 1)])
+def test_rates_are_those_of_the_exponential_moments(mesh, border):
+    """exp(K - theta level), in the frame and mirrored at its border, tile by tile."""
+    numbers = uneven_laws()
+    typical = (LOWEST + 8.0) * UNLIKE.sum()
+    tilt = tilt_for(numbers, UNLIKE, typical, mesh, border)
+    down, across = -(-9 // mesh), -(-11 // mesh)
+    level = typical + np.random.default_rng(6).uniform(0, 9, (down, across))
+    rates = rates_for(numbers, tilt, level)
+    wanted = np.zeros((down, across))
+    for y in range(border, 9 - border):
+        for x in range(border, 11 - border):
+            k = cumulant(numbers, UNLIKE, tilt.theta, x, y)
+            wanted[y // mesh, x // mesh] += np.exp(k - tilt.theta * level[y // mesh, x // mesh])
+    assert rates.total == pytest.approx(wanted.sum(), rel=1e-6)
+    np.testing.assert_allclose(np.diff(rates.share, prepend=0) * rates.total, wanted.ravel(),
+                               rtol=1e-5, atol=1e-9)  # fmt: skip
+
+
+@pytest.mark.parametrize("number", [3.0, 5.0, 8.0])
+def test_theta_makes_the_level_typical(number):
+    """The slope of K of a filter over a middling pixel, by scipy's root."""
+    numbers = uneven_laws()
+    level = (LOWEST + number) * UNLIKE.sum()
+    law, place = numbers.probability, float(np.median(numbers.place))
+    own = law[int(place)] * (1 - place % 1) + law[int(place) + 1] * (place % 1)
+
+    def mean(theta):
+        tilted = own * np.exp(theta * np.outer(UNLIKE.ravel(), np.arange(12)))
+        return UNLIKE.ravel() @ (tilted @ np.arange(12) / tilted.sum(axis=1))
+
+    wanted = optimize.brentq(lambda theta: mean(theta) - number * UNLIKE.sum(), 0, 50)
+    got = tilt_for(numbers, UNLIKE, level, 1, 0).theta
+    assert got == pytest.approx(wanted, rel=1e-5)
+
+
+def test_excesses_of_pixels_without_noise_are_where_the_filter_passes():
+    """Each pixel has a number of its own: the pixels are scipy's, the numbers those about them."""
+    place = np.random.default_rng(8).integers(0, 12, (9, 11))
+    numbers = Numbers(np.eye(12), place.astype(np.float32), LOWEST)
+    filtered = ndimage.correlate(place + float(LOWEST), UNLIKE, mode="reflect")
+    level = float(np.median(filtered))
+    tilt = tilt_for(numbers, UNLIKE, 0.0, 4, 1)
+    rates = rates_for(numbers, tilt, np.full((3, 3), level))
+    around = np.pad(place, ((1, 1), (2, 2)), constant_values=-1) + LOWEST
+    over = np.zeros(place.shape, bool)
+    over[1:-1, 1:-1] = (filtered > level)[1:-1, 1:-1]
+    times = np.zeros(place.size)
+    for trial in range(100):
+        found = excesses(numbers, tilt, rates, 4, 1, NONE, Streams(9, trial))
+        for pixel, about in zip(*found, strict=True):
+            y, x = divmod(pixel, 11)
+            np.testing.assert_array_equal(about, around[y : y + 3, x : x + 5])
+            times[pixel] += 1
+    # Poisson's counts of mean 100 each: 5 standard deviations of 30 pixels fail once in 50 000.
+    assert (times[~over.ravel()] == 0).all()
+    assert np.abs(times[over.ravel()] - 100).max() < 50

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
+from startrack.curve import Curve
 from startrack.detector import Detector, expected, frame_of
 from startrack.detector.glow import glow_of
 from startrack.detector.maps import response
@@ -47,6 +49,19 @@ def test_glows_add_up_whatever_their_maps():
     # A place of the map that falls on a pixel has its own value there.
     np.testing.assert_allclose(each[0][0, 0], 1e6 * 0.5 * 1e-6 * 0.1 * fine.share[0, 0])
     np.testing.assert_allclose(each[0][-1, -1], 1e6 * 0.5 * 1e-6 * 0.1 * fine.share[-1, -1])
+
+
+def test_a_map_of_many_places_is_scipys_interpolation():
+    """More places than pixels along one side, fewer along the other."""
+    share = np.random.default_rng(2).random((11, 4))
+    one = Detector(
+        23, 7, 5e-6, 0.2, quantum_efficiency=Curve((400e-9, 800e-9), (0.6, 0.6)), fill_factor=0.5
+    )
+    got = glow_of(glowing(Glow(np.array([3e6, 1e6]), share)), Camera(23, 7, 500.0), one, THROUGHPUT)
+    read = RegularGridInterpolator((np.linspace(0, 6, 11), np.linspace(0, 22, 4)), share)
+    row, column = np.mgrid[0:7, 0:23]
+    # 1.5e6 + 1e6 photons through the aperture, in 4e-6 sr and 0.2 s: two, of which 0.3 are seen.
+    np.testing.assert_allclose(got, 2 * 0.3 * read((row, column)), rtol=1e-12)
 
 
 def test_no_glow_is_none():

@@ -86,6 +86,26 @@ def test_a_line_sees_a_star_walk_over_it():
     np.testing.assert_allclose(image, 1e6 * PERIOD * np.outer(along, across), atol=2e-3)
 
 
+@pytest.mark.parametrize("pace", [12.5, -12.5])
+def test_a_star_that_passes_a_line_within_one_exposure_is_seen(pace):
+    """At both ends of the exposure its image, cut at 2.25 sigma, lies off the line.
+
+    It is before the line 1 / 12.5 of the exposure for each pixel, 2 Phi(2.25) - 1 = 0.976 of its
+    light inside the cut, which smoothness alone does not hold for: 3 %.
+    """
+    x = np.arange(-80, 81) / 16
+    line = special.ndtr((x + 0.5) / 2) - special.ndtr((x - 0.5) / 2)
+    cut = Psf(np.outer(line, line), 16, 1.0)
+    camera, one = Camera(40, 1, FOCAL), Detector(40, 1, 5e-6, PERIOD)
+    # Six and a quarter pixels before the line where row 3 begins, which is at time zero.
+    light = star_at(camera, 20.0, -pace / 2, 1e6)
+    image = scanned(
+        light, cut, Rotation.identity(), walking(pace), camera, (Line(0.0),), 6, one, THROUGHPUT
+    )
+    assert image[3].sum() == pytest.approx(1e6 * PERIOD / 12.5 * 0.976**2, rel=0.03)
+    assert (image[[0, 1, 2, 4, 5]] == 0).all()
+
+
 @pytest.mark.parametrize("stages", [4, 32])
 def test_tdi_in_step_adds_up(stages):
     """As many times the light as stages, and no more smear than one line has."""
