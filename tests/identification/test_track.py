@@ -5,10 +5,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from startrack.identification import Identification, cached_index, identify, identify_all, track
+from startrack.camera import Camera
+from startrack.identification import (
+    Identification,
+    build_index,
+    cached_index,
+    identify,
+    identify_all,
+    track,
+)
 from startrack.identification.cache import KEPT
 from startrack.units import deg
-from startrack.values import Status
+from startrack.values import Stars, Status
 
 SETTINGS = Identification()
 
@@ -78,7 +86,77 @@ def test_one_star_leaves_the_attitude_open(design, spots_at):
     assert matches.status is Status.TOO_FEW
 
 
-@pytest.mark.parametrize("covariance", [np.zeros((3, 3)), -np.eye(3), np.eye(2)])
+SIDES = {"left": (-1, 0), "right": (1, 0), "upper": (0, -1), "lower": (0, 1), "corner": (1, 1)}
+
+
+@pytest.mark.parametrize(
+    ("side", "sigmas", "found"),
+    [(side, 2.8, True) for side in SIDES] + [(side, 3.2, False) for side in ("left", "lower")],
+)
+def test_stars_that_the_prediction_puts_outside_may_be_inside(spots_at, side, sigmas, found):
+    """Four stars at the border, and a prediction as many sigma out; three are looked for."""
+    camera = Camera(1024, 1024, 2000.0)
+    turn = Rotation.from_rotvec([0.4, -1.0, 2.0])
+    out = np.array(SIDES[side], float)
+    out /= np.linalg.norm(out)
+    along = np.array([-out[1], out[0]])
+    reach = 511.9 if side != "corner" else 511.9 * 2**0.5
+    bend = np.abs([-60.0, -20.0, 25.0, 70.0]) if side == "corner" else np.zeros(4)
+    pixel = camera.centre + np.array(
+        [(reach - b) * out + a * along
+         for a, b in zip([-60.0, -20.0, 25.0, 70.0], bend, strict=True)]
+    )  # fmt: skip
+    others = np.random.default_rng(7).standard_normal((300, 3))
+    others /= np.linalg.norm(others, axis=1, keepdims=True)
+    others = others[turn.apply(others)[:, 2] < 0]
+    direction = np.concatenate([turn.inv().apply(camera.unproject(pixel)), others])
+    count = len(direction)
+    stars = Stars(np.arange(count), direction, np.linspace(2, 6, count), np.full(count, 0.8))
+    index = build_index(stars, camera.fov_x)
+    # A turn that moves the border by so many sigma; only that axis is in doubt.
+    sigma = 0.012
+    axis = np.array([-out[1], out[0], 0.0])
+    slope = 1 + (reach / 2000) ** 2
+    off = Rotation.from_rotvec(sigmas * sigma / slope * axis) * turn
+    covariance = 1e-8 * np.eye(3) + sigma**2 * np.outer(axis, axis)
+    settings = Identification(max_false_track=0.5, min_matches=5)
+    matches = track(spots_at(pixel, 0.1), camera, stars, index, off, covariance, settings)
+    assert matches.status is (Status.SOLVED if found else Status.TOO_FEW)
+    assert sorted(matches.star) == (list(range(4)) if found else [])
+
+
+def test_the_focal_length_of_the_last_frame_is_believed(design):
+    camera = design(12, 6.0)
+    rng = np.random.default_rng(8)
+    for _ in range(3):
+        seen = camera.look(rng, noise=0.3)
+        matches = follow(camera, seen.spots, seen.icrs_to_camera, np.full(3, 0.01 * deg))
+        assert matches.camera == camera.camera
+
+
+def test_a_match_that_chance_makes_too_often_is_searched_anew(design, spots_at):
+    """Two stars, good enough for one bound and not for another."""
+    camera = design(12, 6.0)
+    rng = np.random.default_rng(9)
+    seen = camera.look(rng, noise=0.1)
+    two = spots_at(np.column_stack([seen.spots.x, seen.spots.y])[:2], 0.1)
+    known = np.eye(3) * (0.05 * deg) ** 2
+
+    def at(bound):
+        settings = Identification(max_false_track=bound)
+        return track(
+            two, camera.camera, camera.stars, camera.index, seen.icrs_to_camera, known, settings
+        )
+
+    chance = at(1e-3).false_probability
+    assert at(chance * 1.01).status is Status.SOLVED
+    assert at(chance * 0.99).status is Status.TOO_FEW
+
+
+@pytest.mark.parametrize(
+    "covariance",
+    [np.zeros((3, 3)), -np.eye(3), np.eye(2), np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 0.0, 1.0])],
+)
 def test_a_covariance_that_is_none_is_refused(design, covariance):
     camera = design(12, 6.0)
     seen = camera.look(np.random.default_rng(5))
