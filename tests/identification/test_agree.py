@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
 from startrack.identification import Identification
-from startrack.identification.agree import agree, settle
+from startrack.identification.agree import _excess, agree, settle
+from startrack.identification.fit import fit
 from startrack.identification.seen import see
 
 CAMERA = Camera(1024, 1024, 4000.0)
@@ -87,3 +88,78 @@ def test_given_matches_are_weighed_by_their_noise_and_what_all_show_beyond_it(sp
     # Means of 600 squares are known to 6 %; with equal weights, 0.5 (0.1^2 + 0.6^2) / 24.
     assert np.mean(errors["stated"]) == pytest.approx(np.mean(best), rel=0.25)
     assert np.mean(errors["unstated"]) == pytest.approx(0.185 / 24, rel=0.25)
+
+
+def fits(monkeypatch, spots_at, spot, sigma, start=TURN, **settings):
+    """The weights (rounds, n) of all fits that the rounds ask for, and those of settling."""
+    weights = []
+
+    def noted(plane, weight, *others):
+        weights.append(weight.copy())
+        return fit(plane, weight, *others)
+
+    plain = getattr(agree, "py_func", agree)
+    monkeypatch.setitem(plain.__globals__, "fit", noted)
+    monkeypatch.setitem(plain.__globals__, "settle", lambda *these: these[-2:])
+    star = np.array(
+        [[300.0, 200.0], [700.0, 240.0], [520.0, 800.0], [200.0, 640.0], [800.0, 560.0]]
+    )
+    direction, _ = stars_at(star)
+    x, y, z = start.apply(direction).T
+    plain(
+        seen_at(spots_at, star + spot, sigma, **settings), direction, np.arange(5),
+        np.column_stack([x / z, y / z]), start.as_matrix(), 1.0, 6 / 4000, 3,
+    )  # fmt: skip
+    return np.array(weights)
+
+
+def test_rounds_end_when_nothing_changes(monkeypatch, spots_at):
+    """Three of five from the truth itself: two at least, and one to see that they agree."""
+    assert len(fits(monkeypatch, spots_at, np.zeros((5, 2)), 0.1)) == 3
+
+
+def test_residuals_pull_by_the_weights_of_cauchy(monkeypatch, spots_at):
+    """Those of scipy's least squares, with two sigma where they begin to pull less.
+
+    Four spots have so little noise that they hold the fit; the fifth, of a noise of one pixel, is
+    three off. The excess that all show is none.
+    """
+    off = np.zeros((5, 2))
+    off[4] = [1.8, -2.4]
+    pixel = np.array([0.01, 0.01, 0.01, 0.01, 1.0])
+    star = np.zeros((5, 2))
+
+    def spots(place, _):
+        made = spots_at(place, 0.1)
+        made.covariance[:] = np.eye(2) * pixel[:, None, None] ** 2
+        return made
+
+    weight = fits(monkeypatch, spots, star + off, 0.1, focal_tolerance=0.0)
+    plain = (4000 / pixel) ** 2
+    np.testing.assert_allclose(weight[0], plain)
+    # Of the square of a residual in sigmas over two, scipy takes the derivative of ln (1 + z).
+    cauchy = 1 / (1 + (3.0 / 2.0) ** 2)
+    np.testing.assert_allclose(weight[1][4] / plain[4], cauchy, rtol=1e-2)
+    np.testing.assert_allclose(weight[1][:4] / plain[:4], 1.0, rtol=1e-2)
+
+
+@pytest.mark.parametrize(("focal", "unknowns"), [(0.0, 3), (0.01, 4)])
+@pytest.mark.parametrize("extra", [0.0, 0.4])
+def test_what_residuals_show_beyond_their_noise(spots_at, focal, unknowns, extra):
+    """The variance that was put in, of 20 000 spots; of six, what the fit took up is put back."""
+    rng = np.random.default_rng(6)
+    count = 20_000
+    place = rng.uniform(-0.1, 0.1, (count, 2))
+    pixel = place * 4000 + CAMERA.centre
+    total = np.hypot(0.3, extra)
+    seen = seen_at(
+        spots_at, pixel + total * rng.standard_normal((count, 2)), 0.3, focal_tolerance=focal
+    )
+    every = np.arange(count)
+    excess = _excess(seen, every, every, place) * 4000**2
+    # A median of so many is known to 1 %.
+    assert excess == pytest.approx(extra**2, abs=0.04 * total**2)
+    few = every[:6]
+    shown = np.median(((seen.plane - place)[:6] ** 2).sum(axis=1)) * 4000**2
+    wanted = shown / (2 * np.log(2)) * 12 / (12 - unknowns) - 0.09
+    assert _excess(seen, few, few, place) * 4000**2 == pytest.approx(max(wanted, 0), abs=1e-9)

@@ -4,9 +4,17 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
-from startrack.identification.evidence import DEPTHS, EXCESSES, LOG_ATTITUDES, log_evidence
+from startrack.identification.evidence import (
+    DEPTHS,
+    EXCESSES,
+    LOG_ATTITUDES,
+    _log_determinant,
+    _log_mean,
+    _log_seen,
+    log_evidence,
+)
 
 SHIFT = np.tile(np.eye(2), (3, 1, 1))  # (k, 2, 2): the unknowns move all places alike
 FLAT = np.zeros((2, 2))
@@ -139,3 +147,37 @@ def test_random_attitudes_are_as_dense_as_stated():
     angle = 1e-2
     share = (angle - np.sin(angle)) / np.pi
     assert np.exp(-LOG_ATTITUDES) * 4 / 3 * np.pi * angle**3 == pytest.approx(share, rel=1e-5)
+
+
+@pytest.mark.parametrize("unknowns", range(6))
+def test_the_determinant_is_numpys(unknowns):
+    root = np.random.default_rng(unknowns).standard_normal((unknowns, unknowns + 2)) * 30
+    matrix = root @ root.T
+    wanted = np.linalg.slogdet(matrix)[1]
+    # Only the lower half is given.
+    assert _log_determinant(np.tril(matrix)) == pytest.approx(wanted, abs=1e-9)
+
+
+def test_the_mean_of_large_numbers_is_scipys():
+    logarithm = np.array([-3000.0, 2000.0, 2001.5, 1999.0])
+    wanted = special.logsumexp(logarithm) - np.log(4)
+    assert _log_mean(logarithm) == pytest.approx(wanted, rel=1e-14)
+
+
+@pytest.mark.parametrize("depth", [4, 9])
+@pytest.mark.parametrize("stars", [3, 4, 7, 8, 9, 18, 40])
+@pytest.mark.parametrize("ranks", [[], [0], [3], [4], [7], [8], [17, 18], [0, 2, 5, 9, 20]])
+@pytest.mark.parametrize("spots", [5, 12, 30])
+def test_what_is_seen_is_a_coin_for_each_star_and_clutter_by_poisson(depth, stars, ranks, spots):
+    """The factors of L by scipy: the number of spots that are no star, if it is this hypothesis
+    and if all are clutter, and each star seen or missed; and how well the first is known."""
+    ranks = [rank for rank in ranks if rank < stars]
+    shown = np.array([0.85 if j < depth else 0.2 if j < 2 * depth else 0.01 for j in range(stars)])
+    clutter = max(spots - shown.sum(), 1.0)
+    coin = stats.bernoulli(shown)
+    wanted = coin.logpmf(np.isin(np.arange(stars), ranks)).sum()
+    left = spots - len(ranks)
+    wanted += stats.poisson.logpmf(left, clutter) - stats.poisson.logpmf(left, spots)
+    spread = clutter + coin.var()[: 2 * depth].sum()
+    wanted += min(0.5 * np.log(spread / spots), 0.0)
+    assert _log_seen(np.array(ranks, int), depth, spots, stars) == pytest.approx(wanted, abs=1e-9)

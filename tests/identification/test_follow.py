@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
@@ -112,6 +113,7 @@ def test_a_spot_is_given_to_one_star_only(spots_at):
     twice = [STAR[0], STAR[1], STAR[1], STAR[0], STAR[2]]
     assert chain(spots_at, STAR[:3], twice) == [(0, 0), (1, 1), (2, 4)]
     assert chain(spots_at, STAR[:3], twice, (0, 3)) == [(0, 3), (1, 1), (2, 4)]
+    assert chain(spots_at, STAR[:3], twice, (2, 4)) == [(2, 4), (0, 0), (1, 1)]
 
 
 def test_a_star_is_given_one_spot_only_the_nearest(spots_at):
@@ -165,6 +167,25 @@ def test_an_attitude_known_well_enough_is_no_unknown(spots_at):
     _, matches, log_p = follow(seen, voters(), TURN.as_matrix(), TIGHT)
     assert matches == 5
     assert -log_p == pytest.approx(evidence(seen, TURN), abs=1e-4)
+
+
+def test_the_attitude_of_a_chain_is_that_of_least_squares(spots_at):
+    """Residuals over the noise of each spot, by scipy."""
+    sigma = np.array([0.1, 0.9, 0.3, 0.6, 0.2])
+    noise = np.random.default_rng(6).normal(0, sigma[:, None], STAR.shape)
+    spots = spots_at(STAR + noise, 0.5)
+    spots.covariance[:] = np.eye(2) * sigma[:, None, None] ** 2
+    seen = see(spots, np.arange(5), CAMERA, Identification(focal_tolerance=0.0))
+    direction = TURN.inv().apply(CAMERA.unproject(STAR))
+
+    def residual(turn):
+        pixel = CAMERA.project((Rotation.from_rotvec(turn * 1e-3) * TURN).apply(direction))
+        return ((pixel - STAR - noise) / sigma[:, None]).ravel()
+
+    best = Rotation.from_rotvec(least_squares(residual, np.zeros(3), xtol=1e-14).x * 1e-3) * TURN
+    rotation, matches, _ = follow(seen, voters(), TURN.as_matrix(), np.eye(3) * 1e-4)
+    assert matches == 5
+    assert (Rotation.from_matrix(rotation) * best.inv()).magnitude() < 1e-8
 
 
 def test_doubt_about_the_attitude_is_a_gaussian(spots_at):
