@@ -109,5 +109,7 @@ def test_a_fidelity_is_read_by_its_name(tmp_path):
     assert design.campaign is not None
     assert design.campaign.fidelity is Fidelity.FRAME
     path.write_text(text.replace("trials = 50", 'trials = 50\nfidelity = "coarse"', 1))
-    with pytest.raises(ValueError, match=r"campaign\.fidelity must be one of frame, window, cov"):
+    with pytest.raises(
+        ValueError, match=r"campaign\.fidelity must be one of frame, window, spots, cov"
+    ):
         load_design(path)

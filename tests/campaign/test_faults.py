@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from importlib import import_module
 from pathlib import Path
@@ -48,26 +49,26 @@ def test_two_processes_on_one_store_are_told_apart(tmp_path):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
-def test_a_read_only_folder_ends_clearly(tmp_path):
+def test_a_read_only_folder_ends_clearly():
     """As a user who may not write there: one sentence, exit status 1, nothing left."""
-    folder = tmp_path / "closed"
-    folder.mkdir(mode=0o755)
-    for parent in (tmp_path, *tmp_path.parents[:3]):
-        parent.chmod(parent.stat().st_mode | 0o055)
-    code = (
-        "import os, pathlib, sys\n"
-        "from startrack.campaign.store import Store\n"
-        "from startrack.catalog import shipped\n"
-        "from startrack.design import load_design\n"
-        "case = load_design(shipped('designs/nanosatellite.toml')).case\n"
-        "os.setuid(65534)\n"
-        f"path = pathlib.Path({str(folder / 'campaign.sqlite')!r})\n"
-        "try:\n    Store(path, case, 1)\nexcept OSError as error:\n    sys.exit(str(error))\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 1
-    assert "cannot be written: unable to open database file" in done.stderr
-    assert list(folder.iterdir()) == []
+    # Not in pytest's own folder, which each pytest that starts closes to other users.
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o755)
+        code = (
+            "import os, pathlib, sys\n"
+            "from startrack.campaign.store import Store\n"
+            "from startrack.catalog import shipped\n"
+            "from startrack.design import load_design\n"
+            "case = load_design(shipped('designs/nanosatellite.toml')).case\n"
+            "os.setuid(65534)\n"
+            f"path = pathlib.Path({str(folder / 'campaign.sqlite')!r})\n"
+            "try:\n    Store(path, case, 1)\nexcept OSError as error:\n    sys.exit(str(error))\n"
+        )
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert done.returncode == 1
+        assert "cannot be written: unable to open database file" in done.stderr
+        assert list(folder.iterdir()) == []
 
 
 @pytest.mark.skipif(os.geteuid() != 0 or sys.platform != "linux", reason="needs to mount")

@@ -133,5 +133,5 @@ def test_terrain_files_are_listed_and_can_be_flown_over(tmp_path, capsys):
     assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["height_m"][1] <= 1000
-    assert main(["earth", "terrain", str(tmp_path / "scene.toml")]) == 1
+    assert main(["earth", "terrain", str(tmp_path / "scene.toml")]) == 2
     assert "must be a raster file that GDAL reads" in capsys.readouterr().err
