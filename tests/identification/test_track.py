@@ -101,10 +101,10 @@ def test_stars_that_the_prediction_puts_outside_may_be_inside(spots_at, side, si
     out /= np.linalg.norm(out)
     along = np.array([-out[1], out[0]])
     reach = 511.9 if side != "corner" else 511.9 * 2**0.5
-    bend = np.abs([-60.0, -20.0, 25.0, 70.0]) if side == "corner" else np.zeros(4)
+    bend = np.abs([-20.0, -8.0, 10.0, 24.0]) if side == "corner" else np.zeros(4)
     pixel = camera.centre + np.array(
         [(reach - b) * out + a * along
-         for a, b in zip([-60.0, -20.0, 25.0, 70.0], bend, strict=True)]
+         for a, b in zip([-20.0, -8.0, 10.0, 24.0], bend, strict=True)]
     )  # fmt: skip
     others = np.random.default_rng(7).standard_normal((300, 3))
     others /= np.linalg.norm(others, axis=1, keepdims=True)
