@@ -106,12 +106,15 @@ def test_frozen_and_hot():
         assert low <= level <= high
 
 
-@pytest.mark.parametrize(("bits", "kind"), [(1, np.uint16), (8, np.uint16), (24, np.uint32)])
+@pytest.mark.parametrize(
+    ("bits", "kind"),
+    [(1, np.uint16), (8, np.uint16), (16, np.uint16), (17, np.uint32), (24, np.uint32)],
+)
 def test_depths(bits, kind):
     one = replace(DETECTOR, bits=bits, offset=0, read_noise=3.0)
     image = frame(one, sky=9_000.0)
     assert image.dtype == kind
-    wanted = {1: 0.0, 8: 9000 / 20_000 * 255, 24: 9000 / 20_000 * (2**24 - 1)}[bits]
+    wanted = 0.0 if bits == 1 else 9000 / 20_000 * (2**bits - 1)
     assert image.mean() == pytest.approx(wanted, rel=3e-4, abs=1e-3)
 
 

@@ -41,7 +41,7 @@ def test_hot_and_dead_pixels_are():
 
 
 STARS = 60
-OTHERS = {"hits": Hits(5e10), "prnu": 0.05, "defects": Defects(dsnu=5.0)}
+OTHERS = {"hits": Hits(5e9), "prnu": 0.05, "defects": Defects(dsnu=5.0)}
 
 
 @pytest.mark.parametrize("tabled", ["flat", "bumpy"])
