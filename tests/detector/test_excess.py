@@ -148,13 +148,17 @@ def test_levels_in_the_midst_of_the_noise_are_refused(filtered):
 
 
 def test_a_region_takes_the_excesses_in_it_and_no_other():
-    """Of one excess in three its own pixel is a region; the pixels beside it are none."""
+    """Of one excess in three its own pixel is a region, of the rest the one left of or above it."""
     row, column, _ = drawn(22.0 + 1.6, trials=60)
-    x, y = column[::3], row[::3]
-    alone = np.column_stack([x, y, x + 1, y + 1])
-    kept = drawn(22.0 + 1.6, alone, trials=60)
-    lost = np.isin(row * 140 + column, y * 140 + x)
-    assert 10 < lost.sum() < len(row)
+    own = np.stack([column, row, column + 1, row + 1], axis=1)
+    beside = np.concatenate([own[1::3] - [1, 0, 1, 0], own[2::3] - [0, 1, 0, 1]])
+    regions = np.concatenate([own[::3], beside])
+    taken = np.zeros((130, 140), bool)
+    for left, top, right, bottom in regions:
+        taken[top:bottom, left:right] = True
+    lost = taken[row, column]
+    kept = drawn(22.0 + 1.6, regions, trials=60)
+    assert 10 < lost.sum() < len(row) / 2
     np.testing.assert_array_equal(kept[0], row[~lost])
     np.testing.assert_array_equal(kept[1], column[~lost])
 
