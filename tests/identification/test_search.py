@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.camera import Camera
 from startrack.identification import Identification
+from startrack.identification.index import LENGTHS, STRETCH, along
 from startrack.identification.search import _measure, _namings, search
 from startrack.identification.seen import see
 
@@ -73,3 +74,9 @@ def test_triangles_close_to_a_tie_have_several_names():
     alike = CAMERA.unproject(CAMERA.centre + 300 * np.column_stack([np.cos(turn), np.sin(turn)]))
     names, _ = named(alike, [0, 1, 2], np.arccos(alike[0] @ alike[1]), 1e-6)
     assert sorted(names) == [list(each) for each in permutations(range(3))]
+
+
+def test_cells_of_length_are_even_in_the_logarithm_and_the_last_ones_hold_the_rest():
+    middle = 0.1 * np.exp(STRETCH * (np.arange(-3, LENGTHS + 3) + 0.5))
+    cells = [along(base, 0.1) for base in middle]
+    assert cells == [0, 0, 0, *range(LENGTHS), *[LENGTHS - 1] * 3]
