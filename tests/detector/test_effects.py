@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import tomli_w
-from scipy import constants, stats
+from scipy import constants, ndimage, stats
 
 from startrack.detector import Defects, Detector, Hits, Pattern, Region, Thermal, read_out
 from startrack.detector.bloom import bloom
@@ -206,6 +206,22 @@ def test_hits_are_as_many_and_as_bright_as_they_should():
     # 1 / cosine is 2, so 1600 electrons each, less what leaves over the edges.
     assert np.mean(counts) > 0.99
     assert np.mean(sums) == pytest.approx(16_000, rel=0.12)
+
+
+def test_a_track_through_a_thick_layer_has_no_gaps():
+    """Tens of pixels long, and in one piece each."""
+    thick, rows, columns = Hits(rate=1e7, charge=80e6, depth=200e-6), 300, 400
+    longest = 0
+    for trial in range(60):
+        pixel, charge = tracks(thick, (rows, columns), 5e-6, 1 / 30, Streams(5, trial))
+        frame = np.zeros(rows * columns)
+        frame[pixel] = charge
+        pieces, many = ndimage.label(frame.reshape(rows, columns), np.ones((3, 3)))
+        hits = Streams(5, trial)("hits").poisson(1e7 / 30 * rows * columns * 25e-12)
+        assert many <= hits
+        for piece in ndimage.find_objects(pieces):
+            longest = max(longest, *(side.stop - side.start for side in piece))
+    assert longest > 40
 
 
 def test_every_pixel_is_hit_as_often_as_the_next():
