@@ -208,8 +208,14 @@ def _loss(b, r, w, a, inverse):  # type: ignore[no-untyped-def]
             for k in range(3):
                 h[j, k] -= w[i] * (e[j] * p[k] + e[k] * p[j]) / 2
     h = inverse.T @ h @ inverse + (1 - SMALLEST_CURVATURE) * np.eye(3)
-    minor = h[0, 0] * h[1, 1] - h[0, 1] * h[1, 0]
-    return loss, h[0, 0] > 0 and minor > 0 and np.linalg.det(h) > 0
+    # LAPACK's determinant would refuse the infinities of what is not observable.
+    minor = h[0, 0] * h[1, 1] - h[0, 1] ** 2
+    determinant = (
+        h[2, 2] * minor
+        - h[1, 2] * (h[0, 0] * h[1, 2] - h[0, 1] * h[0, 2])
+        + h[0, 2] * (h[0, 1] * h[1, 2] - h[1, 1] * h[0, 2])
+    )
+    return loss, h[0, 0] > 0 and minor > 0 and determinant > 0
 
 
 @njit(cache=True, error_model="numpy")
