@@ -3,6 +3,7 @@
 It follows the light. From the ground up:
 
 units, checks, shipped, seeds, streams, scratch   units, refusals, data, chance, memory
+dates                                             dates by the tables that are installed
 curve, turns, camera, values                      the words that all rooms share
 exits, saving, sqlite, tables                     how programs end, how files are written and read
 

@@ -20,7 +20,7 @@ ROOMS = (
 )
 BASE = (
     *("units", "checks", "shipped", "seeds", "streams"),
-    *("scratch", "curve", "turns", "camera", "values"),
+    *("scratch", "dates", "curve", "turns", "camera", "values"),
 )
 # From top to bottom: a module may import those before it.
 ORDER = (

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from startrack.checks import within
+from startrack.dates import installed_tables
 from startrack.values import Floats
 
 # The span in which ERFA's epv00 states its error (Moisson & Bretagnon 2001, refitted to DE405).
@@ -41,8 +42,9 @@ def earth(epoch: float, orbital_velocity: Floats | None = None) -> Observer:
     from astropy.time import Time
 
     within(FIRST_YEAR, LAST_YEAR, epoch=epoch)
-    date = Time(epoch, format="jyear", scale="tdb")
-    position, velocity = get_body_barycentric_posvel("earth", date, ephemeris="builtin")
+    with installed_tables():
+        date = Time(epoch, format="jyear", scale="tdb")
+        position, velocity = get_body_barycentric_posvel("earth", date, ephemeris="builtin")
     orbital = np.zeros(3) if orbital_velocity is None else np.asarray(orbital_velocity, float)
     if orbital.shape != (3,) or not np.isfinite(orbital).all():
         raise ValueError(f"orbital_velocity must be three finite numbers, got {orbital_velocity}")

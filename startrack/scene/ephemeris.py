@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.dates import installed_tables
 from startrack.scene.parameters import Orbit, Scene
 from startrack.streams import Streams
 from startrack.units import LIGHT_SPEED
@@ -122,9 +122,7 @@ def _start(scene: Scene) -> float:
     """Julian day, TDB."""
     from astropy.time import Time  # costs 0.5 s, and only dated scenes need it
 
-    with warnings.catch_warnings():
-        # Leap seconds of years to come are unknown, a second of time at most.
-        warnings.filterwarnings("ignore", message=".*dubious year.*")
+    with installed_tables():
         return float(Time(scene.start.replace(tzinfo=None), scale="utc").tdb.jd)
 
 
@@ -135,7 +133,9 @@ def _barycentric(name: str, day: float) -> Floats:
     from astropy.coordinates import get_body_barycentric
     from astropy.time import Time
 
-    place = get_body_barycentric(name, Time(day, format="jd", scale="tdb"), ephemeris="builtin")
+    with installed_tables():
+        date = Time(day, format="jd", scale="tdb")
+        place = get_body_barycentric(name, date, ephemeris="builtin")
     metre = np.array(place.xyz.to_value(units.m))
     metre.flags.writeable = False
     return metre

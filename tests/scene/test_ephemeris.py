@@ -3,6 +3,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
+from startrack.dates import installed_tables
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, observer_of, on_orbit
 from startrack.scene.parameters import Orbit, Scene
 from startrack.scene.planets import magnitude_v
@@ -22,7 +23,8 @@ def test_places_are_those_of_astropy(name, date):
     from astropy.coordinates import get_body
     from astropy.time import Time
 
-    body = get_body(name, Time(date, scale="utc"), ephemeris="builtin")
+    with installed_tables():
+        body = get_body(name, Time(date, scale="utc"), ephemeris="builtin")
     wanted = body.cartesian.xyz.to_value(units.m)
     seen = at(date).see(name)
     assert seen.distance == pytest.approx(np.linalg.norm(wanted), rel=1e-6)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -13,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.checks import finite, positive, within
+from startrack.dates import installed_tables, utc
 from startrack.scene.earth.aircraft import Aircraft
 from startrack.scene.earth.ellipsoid import EQUATORIAL
 from startrack.units import Unit
@@ -94,7 +93,9 @@ class TwoLines:
         from astropy.time import Time
 
         record = self.satellite()
-        return str(Time(record.jdsatepoch, record.jdsatepochF, format="jd", scale="utc").isot)
+        with installed_tables():
+            date = Time(record.jdsatepoch, record.jdsatepochF, format="jd", scale="utc")
+            return str(date.isot)
 
     def satellite(self) -> Any:
         """The record that SGP4 moves."""
@@ -141,9 +142,9 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
 
     Source: SGP4 (Vallado et al. 2006) by the package sgp4; axes by astropy (ERFA).
 
-    Errors  ValueError where SGP4 gives up, with its reason; ImportError without sgp4. model: SGP4
-            is good to a kilometre near the epoch. Beyond the Earth orientation that astropy brings
-            along, UT1 is taken as UTC: 0.4 km of ground at most.
+    Raises    ValueError where SGP4 gives up, with its reason; ImportError without sgp4
+    Accuracy  model: SGP4 is good to a kilometre near the epoch. Beyond the installed Earth
+              orientation less than 0.84 km of ground more (`startrack.dates`).
     """
     second = np.asarray(second, float)
     teme_to_itrs, icrs_to_itrs = _axes(orbit.epoch, second)
@@ -172,22 +173,10 @@ def sun_direction(epoch: str, second: float = 0.0) -> Floats:
     from astropy import units
     from astropy.coordinates import ITRS, get_body
 
-    with _offline():
+    with installed_tables():
         date = utc(epoch) + second * units.s
         there = get_body("sun", date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
     return np.asarray(there / np.linalg.norm(there))
-
-
-def utc(text: str) -> Any:
-    """A time from ISO 8601, UTC."""
-    from astropy.time import Time
-
-    try:
-        return Time(text.removesuffix("Z"), scale="utc")
-    except ValueError:
-        raise ValueError(
-            f"epoch must be a time such as 2026-06-21T10:00:00, got {text!r}"
-        ) from None
 
 
 def _axes(epoch: str, second: Floats) -> tuple[Rotation, Rotation]:
@@ -195,7 +184,7 @@ def _axes(epoch: str, second: Floats) -> tuple[Rotation, Rotation]:
     from astropy import units
     from astropy.coordinates import GCRS, ITRS, TEME, CartesianRepresentation
 
-    with _offline():
+    with installed_tables():
         date = utc(epoch) + np.repeat(second, 3) * units.s
         unit = CartesianRepresentation(np.tile(np.eye(3), len(second)) * units.m)
         turned = [
@@ -205,23 +194,6 @@ def _axes(epoch: str, second: Floats) -> tuple[Rotation, Rotation]:
     # The columns of each matrix are where the three axes go.
     from_teme, from_icrs = (one.reshape(3, -1, 3).transpose(1, 0, 2) for one in turned)
     return Rotation.from_matrix(from_teme), Rotation.from_matrix(from_icrs)
-
-
-@contextmanager
-def _offline() -> Iterator[None]:
-    """Astropy with the Earth orientation that it brings along, and nothing downloaded."""
-    import warnings
-
-    from astropy.utils import iers
-
-    with (
-        iers.conf.set_temp("auto_download", False),
-        iers.conf.set_temp("iers_degraded_accuracy", "ignore"),
-        warnings.catch_warnings(),
-    ):
-        warnings.filterwarnings("ignore", message=".*dubious year.*")
-        warnings.filterwarnings("ignore", message=".*(polar motions|IERS).*")
-        yield
 
 
 def _checksum(line: str) -> str:
