@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import startrack
 
 PAGE = Path(__file__).parent / "api.md"
+HOME = Path(startrack.__file__).parent
 HEAD = """\
 # The public API
 What a script may build on: the names of `startrack`, and those of the packages below. Each is \
@@ -77,16 +78,22 @@ def _place(module: ModuleType, inner: ModuleType) -> int:
 
 
 def _homes(module: ModuleType) -> dict[str, str]:
-    """From which file a package has each of its names."""
+    """The file in which each name of a package is defined, through the doors between."""
     source = Path(module.__file__ or "")
     stub = source.with_suffix(".pyi")
     tree = ast.parse((stub if stub.exists() else source).read_text(encoding="utf-8"))
-    return {
-        alias.name: f"{module.__name__}.{node.module}" if node.level else str(node.module)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
+    homes: dict[str, str] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            home = f"{module.__name__}.{node.module}" if node.level else str(node.module)
+            inner = _homes(import_module(home)) if _is_door(home) else {}
+            homes |= {alias.name: inner.get(alias.name, home) for alias in node.names}
+    return homes
+
+
+def _is_door(name: str) -> bool:
+    inside = name.removeprefix("startrack.").split(".")
+    return name.startswith("startrack.") and HOME.joinpath(*inside, "__init__.py").exists()
 
 
 def function_of(thing: Any) -> Any:

@@ -24,7 +24,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from startrack import cli
+from startrack.cli import main as cli
 
 PAGE = Path(__file__).parent / "tutorial.md"
 BLOCK = re.compile(r"```(toml|sh|python|text)(?: (\S+))?\n(.*?)```", re.DOTALL)

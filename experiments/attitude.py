@@ -28,13 +28,13 @@ from scipy.spatial.transform import Rotation
 from validation import show, validation
 
 from startrack import Case, Fidelity, arcsec, deg, load_design, shipped
-from startrack import trials as outcomes_of
+from startrack import run_trials as outcomes_of
 from startrack.attitude import Observability, align
 from startrack.benchmark.attitude import SOLVERS as OURS
 from startrack.benchmark.attitude import Solver, aligned, fields
 from startrack.budget import analytic, measured
-from startrack.error import attitude_bound
-from startrack.study import Serial
+from startrack.metrics import attitude_bound
+from startrack.montecarlo import Serial
 
 Floats = NDArray[np.float64]
 

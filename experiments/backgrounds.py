@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Case, Streams, deg, light_of, load_design, look, observe, shipped, throughput
 from startrack.catalog import open_sky
-from startrack.detector.glow import glow_of
+from startrack.detector.collect import glow_of
 from startrack.optics import Baffle
 from startrack.scene import Scene
 from startrack.scene.ephemeris import observer_of

@@ -24,10 +24,11 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from startrack import Camera, Frame, Matches, Spots, Status, Tracker, read_image, track
+from startrack.calibration import CameraPosterior, Prior, sample_camera
 from startrack.catalog import Selection, open_sky
 from startrack.detection import Detection
 from startrack.identification import Identification
-from startrack.study import CameraPosterior, Ensembles, Prior, sample_camera
+from startrack.optimise import Ensembles
 
 Floats = NDArray[np.float64]
 CAMERA = Camera(1024, 1024, 2000.0)

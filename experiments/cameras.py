@@ -19,7 +19,7 @@ import one_thread  # noqa: F401
 from numpy.typing import NDArray
 
 from startrack import Streams, load_design, observe, pointing, shipped
-from startrack.imager import Picture, load_survey, render
+from startrack.earth.imager import Picture, load_survey, render
 
 SCENES = ("waoss", "hsrs", "mertis", "ads40")
 PRAESEPE = (130.1, 19.67)  # right ascension and declination, degree: an open cluster

@@ -27,10 +27,8 @@ from numpy.typing import NDArray
 
 from startrack import OUTCOMES, Case, Design, Fidelity, load_design, save_design, shipped
 from startrack.benchmark.trials import sized
-from startrack.campaign import Precision, Store, resume
-from startrack.error import summarise
-from startrack.study import Serial, dask_pool, pool, run
-from startrack.variance import Sampling
+from startrack.metrics import summarise
+from startrack.montecarlo import Precision, Sampling, Serial, Store, dask_pool, pool, resume, run
 
 SEED = 7
 TRIAL = 0.01  # second, of a trial that only waits

@@ -20,25 +20,15 @@ from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
 from startrack import Fidelity, arcsec, shipped
-from startrack.commands.optimize import optimum_values
-from startrack.commands.terminal import finite, read_campaign
-from startrack.draw_study import draw_places
-from startrack.error import Interval
-from startrack.study import (
-    Bench,
-    Campaign,
-    Evaluation,
-    Ledger,
-    Objective,
-    Optimum,
-    comparison,
-    optimize,
-    pool,
-    warm,
-)
-from startrack.study.bench import FRESH
-from startrack.study.objective import AXES
-from startrack.variance import Sampling
+from startrack.cli.optimize import optimum_values
+from startrack.cli.terminal import finite, read_campaign
+from startrack.design import Campaign, Objective
+from startrack.design.objective import AXES
+from startrack.metrics import Interval
+from startrack.montecarlo import Sampling, pool, warm
+from startrack.optimise import Bench, Evaluation, Ledger, Optimum, comparison, optimize
+from startrack.optimise.runner import FRESH
+from startrack.plots.optimise import draw_places
 
 BEFORE, AFTER, MISSED = "#3567a8", "#2e7d5b", "#c0392b"
 

@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack import Frame, Streams, read_image
-from startrack.benchmark.detection import Finder
+from startrack.benchmark.detection import Finder, limit
 from startrack.benchmark.detection import finders as ours
-from startrack.benchmark.detection_limit import limit
 from startrack.benchmark.starfield import (
     BACKGROUND,
     READ_NOISE,

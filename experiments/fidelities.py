@@ -33,18 +33,17 @@ from startrack import (
     Fidelity,
     Spots,
     Streams,
-    covariance,
     load_design,
     observe,
     random_attitude,
     recognise,
+    run_trials,
     shipped,
-    trials,
-    window,
 )
 from startrack.catalog import open_sky
-from startrack.error import judge
-from startrack.window import spots_in_windows
+from startrack.metrics import judge
+from startrack.trial import plan_of, window
+from startrack.trial.window import spots_in_windows
 
 Floats = NDArray[np.float64]
 
@@ -141,13 +140,13 @@ def laws(count: int) -> tuple[dict[str, float], Drawn]:
     for name, case in designs().items():
         frames = sample(case, spots_in_frame, 21, count)
         windows = sample(case, spots_in_windows, 22, count)
-        spots = trials(case, 24, range(count), Fidelity.SPOTS)
-        known = trials(case, 23, range(DRAWN), Fidelity.COVARIANCE)
+        spots = run_trials(case, 24, range(count), Fidelity.SPOTS)
+        known = run_trials(case, 23, range(DRAWN), Fidelity.COVARIANCE)
         others = spots, known
         errors = [np.where(each["false"], np.nan, each["error_x"]) for each in others]
         p = p_values(frames, windows)
         worst = min(worst, *p.values())
-        both, told = (frames, windows), covariance.plan_of(case).false
+        both, told = (frames, windows), plan_of(case).false
         errors = [frames.across, windows.across, *errors]
         table = {
             "spots": [each.spots.mean() for each in both]
@@ -172,7 +171,7 @@ def laws(count: int) -> tuple[dict[str, float], Drawn]:
 def lost(count: int) -> dict[str, float]:
     """Share of right attitudes where most skies are lost, and Fisher's test against frames."""
     case = with_detector(designs()["marginal"], exposure=LOST)
-    found = {each: trials(case, 25, range(count), each) for each in Fidelity}
+    found = {each: run_trials(case, 25, range(count), each) for each in Fidelity}
     solved = {kind: int((each["solved"] & ~each["false"]).sum()) for kind, each in found.items()}
     figures: dict[str, float] = {}
     for kind, each in solved.items():
@@ -200,8 +199,10 @@ def least(call: Callable[[int], object], count: int) -> float:
 def rate(case: Case, fidelity: Fidelity) -> float:
     """Trials in a second of processor time, what a design costs once left out."""
     size, repeats = (1024, 8) if fidelity is Fidelity.COVARIANCE else (1, 60)
-    trials(case, 1, range(3), fidelity)
-    return size / least(lambda n: trials(case, 1, range(n % 20, n % 20 + size), fidelity), repeats)
+    run_trials(case, 1, range(3), fidelity)
+    return size / least(
+        lambda n: run_trials(case, 1, range(n % 20, n % 20 + size), fidelity), repeats
+    )
 
 
 def look(case: Case, number: int) -> int:
@@ -223,9 +224,9 @@ def speeds() -> dict[str, float]:
     figures["window_30_spots"] = float(np.mean([look(thirty, number) for number in range(20)]))
     figures["window_30_ms"] = 1e3 * least(lambda n: look(thirty, n % 20), 60)
     window.plan_of.cache_clear()
-    covariance.plan_of.cache_clear()
+    plan_of.cache_clear()
     figures["first_window_ms"] = 1e3 * least(lambda _: look(thirty, 0), 1)
-    figures["first_covariance_ms"] = 1e3 * least(lambda _: covariance.plan_of(EXAMPLE), 1)
+    figures["first_covariance_ms"] = 1e3 * least(lambda _: plan_of(EXAMPLE), 1)
     print("\n" + "\n".join(f"{name:38} {value:10.2f}" for name, value in figures.items()), "\n")
     return figures
 

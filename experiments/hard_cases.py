@@ -23,8 +23,8 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path, metavar="FILE")
     parser.add_argument("--json", type=Path, metavar="FILE")
     options = parser.parse_args()
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-    rows = [tried(case) for case in import_module("hard").CASES]
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+    rows = [tried(case) for case in import_module("tests.hard").CASES]
     text = table(rows)
     print(text)
     if options.markdown:

@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Spots, deg
 from startrack.attitude import Attitude, solve
-from startrack.benchmark.skies import (
+from startrack.benchmark.identification import (
     LIMIT_G,
     SETTINGS,
     SIZE,
@@ -48,7 +48,7 @@ from startrack.benchmark.skies import (
     wrong,
 )
 from startrack.identification import build_index, cached_index, identify, track
-from startrack.identification.seen import first, see, usable
+from startrack.identification.seen import keep_brightest, see, usable
 from startrack.identification.verify import weigh
 
 Floats = NDArray[np.float64]
@@ -77,7 +77,7 @@ def within_reach(seen: Seen, regime: Regime) -> bool:
     """Whether the truth itself is evident enough, its faintest stars left out or not."""
     camera, stars, index = design(regime.field)
     every = see(seen.spots, usable(seen.spots), camera, SETTINGS)
-    view = first(every, SETTINGS.verify_spots)
+    view = keep_brightest(every, SETTINGS.verify_spots)
     voters = index.bright
     direction = seen.icrs_to_camera.apply(stars.direction[voters.sky.member])
     near = np.flatnonzero((direction[:, 2] > 0) & camera.holds(camera.project(direction)))

@@ -15,7 +15,6 @@ instant is asked for, `wander` comes on top, which no optics change.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -26,8 +25,9 @@ from matplotlib.ticker import LogLocator, ScalarFormatter
 from numpy.typing import NDArray
 
 from startrack import Case, Fidelity, arcsec, deg, load_design, psf_of, shipped, um
+from startrack.design import Objective, replaced
 from startrack.motion import Tone, wander
-from startrack.study import Bench, Objective, replaced
+from startrack.optimise import Bench
 
 Floats = NDArray[np.float64]
 
@@ -63,8 +63,7 @@ def shaken(rms: float) -> Case:
     about_x, about_y = FREQUENCIES
     tones = (Tone(about_x, rms_x=rms, phase=-90 * deg),
              Tone(about_y, rms_y=rms, phase=0.0, lead_y=-90 * deg))  # fmt: skip
-    motion = dataclasses.replace(case.instrument.motion, tones=tones)
-    return dataclasses.replace(case, instrument=dataclasses.replace(case.instrument, motion=motion))
+    return replaced(case, "instrument.motion.tones", tones)
 
 
 def traded(case: Case, bench: Bench, trials: int) -> dict[str, Any]:

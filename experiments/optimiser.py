@@ -23,24 +23,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from startrack import Case, arcsec, load_design, shipped
-from startrack.error import Star, centre_of_gravity_error, summarise
-from startrack.study import (
-    Bench,
-    Box,
-    Campaign,
-    Evaluation,
-    Ledger,
-    Objective,
-    Search,
-    evaluate,
-    least,
-)
-from startrack.study.assure import availability
-from startrack.study.bench import FRESH
-from startrack.study.correction import correct
-from startrack.study.evaluate import LOST, PENALTY, forecast, measured, missed
-from startrack.study.prospect import prospect
-from startrack.study.refine import refine
+from startrack.design import Box, Campaign, Objective
+from startrack.metrics import Star, centre_of_gravity_error, summarise
+from startrack.optimise import Bench, Evaluation, Ledger, Search, evaluate, least
+from startrack.optimise.evaluate import LOST, PENALTY, forecast, measured, missed
+from startrack.optimise.margins import margins as margins_of
+from startrack.optimise.runner import FRESH
+from startrack.optimise.steps import availability, correct, prospect, refine
 
 Floats = NDArray[np.float64]
 JUDGE = 1000  # seed of the trials that all designs are judged on; no search has it
@@ -100,7 +89,7 @@ class Counted:
             raise Spent
         place = np.clip(np.array(place, float), 0, 1)
         case = self.box.design(place)
-        margins = self.campaign.requirements.margins(case)
+        margins = margins_of(self.campaign.requirements, case)
         if missed(margins):
             return evaluate(self.box, self.campaign, place, self.bench, spare=True).score
         score = by_trials(case, self.campaign, self.bench, self.campaign.trials)
@@ -117,7 +106,7 @@ def by_trials(case: Case, campaign: Campaign, bench: Bench, trials: int, first: 
     outcomes = bench.run(case, trials, campaign.fidelity, first)
     objective = Objective.read(campaign.objective)
     error = float(objective.of(objective.squares(outcomes)))
-    margins = campaign.requirements.margins(case)
+    margins = margins_of(campaign.requirements, case)
     margins |= measured(campaign.requirements, summarise(outcomes))
     return (math.log(error / arcsec) if error > 0 else LOST) + PENALTY * missed(margins)
 
@@ -236,7 +225,7 @@ class Truth:
                 return math.nan
             case = self.box.design(place)
             expected = forecast(case, Objective.read(self.campaign.objective))
-            margins = self.campaign.requirements.margins(case)
+            margins = margins_of(self.campaign.requirements, case)
             return math.log(expected / arcsec) + correction(place) + PENALTY * missed(margins)
 
         refined = least(score, best, Search(evaluations=150, first_step=0.05)).place

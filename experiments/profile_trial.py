@@ -30,10 +30,10 @@ from typing import Any, NamedTuple
 import cv2
 
 import startrack
-from startrack import Case, Fidelity, load_design, shipped, trials
+from startrack import Case, Fidelity, load_design, run_trials, shipped
 from startrack.benchmark import versions
 from startrack.benchmark.table import spent
-from startrack.saving import save_json, save_text
+from startrack.io.saving import save_json, save_text
 
 HOME = Path(startrack.__file__).parent
 DESIGN = "designs/nanosatellite.toml"
@@ -99,7 +99,7 @@ def profile(case: Case, fidelity: Fidelity, count: int) -> Profile:
 
 
 def run(case: Case, fidelity: Fidelity, count: int) -> Any:
-    return trials(case, 1, range(count), fidelity)
+    return run_trials(case, 1, range(count), fidelity)
 
 
 def clocked(call: Callable[[], Any]) -> float:

@@ -31,8 +31,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Streams, arcsec, deg, load_design, nm, observe, shipped, um
 from startrack.benchmark.radiance import ALBEDO, image, scenery
-from startrack.scene import Orbit, Scene
-from startrack.scene.air import (
+from startrack.earth.atmosphere import (
     Air,
     AirTable,
     Reach,
@@ -40,18 +39,18 @@ from startrack.scene.air import (
     at_sensor,
     build,
     in_bands,
-    load_limb,
     load_table,
     look_up,
     radiance,
     refine,
 )
-from startrack.scene.air.build import SHIPPED
-from startrack.scene.air.solver import TOP
-from startrack.scene.air.solver import radiance as solve
-from startrack.scene.earth import EarthScene, observe_earth
+from startrack.earth.atmosphere.build import SHIPPED
+from startrack.earth.atmosphere.solver import TOP
+from startrack.earth.atmosphere.solver import solve_radiance as solve
+from startrack.earth.geometry import EarthScene, observe_earth
+from startrack.io.tables import from_table
+from startrack.scene import Orbit, Scene, load_limb
 from startrack.scene.ephemeris import EARTH_RADIUS, observer_of
-from startrack.tables import from_table
 
 Floats = NDArray[np.float64]
 

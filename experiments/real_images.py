@@ -21,7 +21,7 @@ from pathlib import Path
 import cv2
 from scipy.spatial.transform import Rotation
 
-from startrack.cli import main as startrack
+from startrack.cli.main import main as startrack
 
 GUESSES = (0.91, 1.0, 1.09)  # of the true field
 LIMIT = 30.0  # arcsec across

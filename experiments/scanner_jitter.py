@@ -16,7 +16,6 @@ the attitude at the middle of the image.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import math
 from collections.abc import Callable
@@ -29,10 +28,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from startrack import Case, Path, arcsec, deg, load_design, shipped
+from startrack.design import replaced
+from startrack.montecarlo import pool
 from startrack.motion import Motion, Tone, image_path, nyquist_mtf, slew, stability
 from startrack.motion.transfer import NYQUIST
-from startrack.study import Bench, pool
-from startrack.sweep import duration
+from startrack.optimise import Bench
+from startrack.trial.sweep import duration
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -68,8 +69,7 @@ def main() -> None:
 
 def shaken(case: Case, frequency: float, rms: float, phase: float) -> Case:
     """The design with a tone that goes round."""
-    motion = dataclasses.replace(case.instrument.motion, tones=(circle(frequency, rms, phase),))
-    return dataclasses.replace(case, instrument=dataclasses.replace(case.instrument, motion=motion))
+    return replaced(case, "instrument.motion.tones", (circle(frequency, rms, phase),))
 
 
 def circle(frequency: float, rms: float, phase: float) -> Tone:

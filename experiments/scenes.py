@@ -32,7 +32,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
 from startrack.benchmark import versions
 from startrack.benchmark.table import figure, spent
-from startrack.saving import save_json, save_text, whole
+from startrack.io.saving import save_figure, save_json, save_text
 
 SHARE = 1 / 3
 TIMED = 4  # trials that are repeated in turns with everything, for the time
@@ -164,7 +164,7 @@ def plain(row: Effect | Way) -> dict[str, Any]:
 def draw(path: Path, found: Sequence[Found]) -> None:
     """A panel a scene: effects by their share; one of the chains' time and error."""
     down = math.ceil((len(found) + 1) / 2)
-    picture = Figure(figsize=(14, 5.4 * down), layout="constrained")
+    picture = Figure(figsize=(14, 5.4 * down), layout="constrained", dpi=90)
     for n, one in enumerate(found):
         draw_effects(picture.add_subplot(down, 2, n + 1), one)
     draw_ways(picture.add_subplot(down, 2, len(found) + 1), found)
@@ -172,8 +172,7 @@ def draw(path: Path, found: Sequence[Found]) -> None:
         "Every effect left out alone, on the same skies and noise; green: kept; dashed: the most "
         "that all spared may make together"
     )
-    with whole(path) as draft:
-        picture.savefig(draft, dpi=90)
+    save_figure(path, picture)
 
 
 def draw_effects(axes: Axes, found: Found) -> None:

@@ -12,7 +12,7 @@ from leaving_out import Change, Floats, View
 
 from startrack import shipped
 from startrack.detector import Defects, Pattern
-from startrack.imager import Channel, Picture, Survey, load_survey, render
+from startrack.earth.imager import Channel, Picture, Survey, load_survey, render
 
 SIZE, CELLS = 48, 256  # pixel of the image, and cells of the terrain, along a side
 

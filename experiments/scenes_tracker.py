@@ -19,11 +19,11 @@ from startrack import (
     Fidelity,
     Streams,
     arcsec,
-    attempt,
     deg,
     load_design,
     nm,
     random_attitude,
+    run_trial,
     shipped,
     um,
 )
@@ -97,7 +97,7 @@ def errors(case: Case, attitude: Rotation, number: int, fidelity: Fidelity) -> F
 
     NaN where there is no attitude, or a wrong one.
     """
-    one = attempt(case, attitude, Streams(SEED, number), fidelity)
+    one = run_trial(case, attitude, Streams(SEED, number), fidelity)
     if one.false or not one.solved:
         return np.full((2, 2), math.nan)
     return np.array([[one.error_x, one.error_z], [one.error_y, math.nan]]) / arcsec

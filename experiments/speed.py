@@ -36,18 +36,17 @@ from startrack import (
     load_design,
     look,
     random_attitude,
+    run_trials,
     shipped,
     throughput,
-    trials,
 )
 from startrack.benchmark.trials import sized
 from startrack.catalog import open_sky
 from startrack.detector.expose import arriving
-from startrack.error import summarise
+from startrack.metrics import summarise
+from startrack.montecarlo import Sampling, pool, run, warm
+from startrack.montecarlo.workers import one_thread as one_opencv_thread
 from startrack.scene import illuminate
-from startrack.study import pool, run, warm
-from startrack.study.workers import one_thread as one_opencv_thread
-from startrack.variance import Sampling
 
 SEED = 5
 REPEATS = 3
@@ -101,7 +100,7 @@ def speeds(case: Case) -> dict[str, Any]:
 
 
 def some(case: Case, fidelity: Fidelity, n: int, first: int) -> Any:
-    return trials(case, SEED, range(first, first + n), fidelity)
+    return run_trials(case, SEED, range(first, first + n), fidelity)
 
 
 def fidelities(case: Case) -> list[Fidelity]:
@@ -109,7 +108,7 @@ def fidelities(case: Case) -> list[Fidelity]:
     made = []
     for fidelity in Fidelity:
         try:
-            trials(case, SEED, range(1), fidelity)
+            run_trials(case, SEED, range(1), fidelity)
         except ValueError as error:
             print(f"{fidelity}: {error}")
             continue
@@ -175,7 +174,7 @@ def scaling(case: Case) -> dict[str, Any]:
     for limit in (5.5, 6.2, 7.0, 7.5):
         few = replace(case, catalog=replace(case.catalog, limit_g=limit))
         row = {f.value: cpu_ms(few, f) for f in Fidelity}
-        stars = summarise(trials(few, SEED, range(40), Fidelity.WINDOW)).stars
+        stars = summarise(run_trials(few, SEED, range(40), Fidelity.WINDOW)).stars
         made["stars"].append({"at": stars} | row)
     for pixels in (256, 512, 1024, 2048):
         one = sized(case, pixels)
@@ -203,11 +202,11 @@ def cpu_ms(case: Case, fidelity: Fidelity) -> float:
     """Milliseconds of CPU a trial, best of three."""
     n = BATCH[fidelity] // 4
     index_of(open_sky(case.believed_catalog).stars, case.believed_camera)
-    trials(case, SEED, range(3), fidelity)
+    run_trials(case, SEED, range(3), fidelity)
     best = math.inf
     for _ in range(REPEATS):
         began = time.process_time()
-        trials(case, SEED, range(n), fidelity)
+        run_trials(case, SEED, range(n), fidelity)
         best = min(best, time.process_time() - began)
     return 1e3 * best / n
 

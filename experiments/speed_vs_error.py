@@ -55,8 +55,8 @@ from startrack.benchmark import optimiser as hills
 from startrack.benchmark import psf as patterns
 from startrack.benchmark import stamping as stamps
 from startrack.benchmark import terrain as rays
-from startrack.benchmark.mountains import mountains
-from startrack.saving import save_json, save_text
+from startrack.benchmark.terrain import mountains
+from startrack.io.saving import save_json, save_text
 
 Floats = NDArray[np.float64]
 PACKAGES = (

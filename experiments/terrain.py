@@ -28,7 +28,7 @@ import one_thread  # noqa: F401  before numpy
 from numpy.typing import NDArray
 
 from startrack import Streams
-from startrack.benchmark.mountains import (
+from startrack.benchmark.terrain import (
     HEIGHT,
     RELIEF,
     STEP,
@@ -37,7 +37,7 @@ from startrack.benchmark.mountains import (
     random_rays,
     towards,
 )
-from startrack.scene.earth import (
+from startrack.earth.terrain import (
     Array,
     Grid,
     Mosaic,
@@ -51,8 +51,8 @@ from startrack.scene.earth import (
     index,
     survey,
 )
-from startrack.scene.earth.survey import LIFT
-from startrack.scene.earth.trace import blocked, trace
+from startrack.earth.terrain.survey import LIFT
+from startrack.earth.terrain.trace import blocked, trace
 
 Floats = NDArray[np.float64]
 ELEVATIONS = (85, 60, 30, 10)

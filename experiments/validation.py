@@ -24,9 +24,9 @@ from markley_mortari import SCENARIOS, scenario
 from startrack import Case, arcsec, deg, load_design, shipped
 from startrack.budget import analytic, circles
 from startrack.catalog import Selection, Sky, earth, open_sky, v_from_g
-from startrack.error import attitude_bound
-from startrack.single import errors
-from startrack.units import LIGHT_SPEED
+from startrack.core.units import LIGHT_SPEED
+from startrack.metrics import attitude_bound
+from startrack.trial import errors
 
 PLACES = 20_000  # circles over the sky
 CHANDRA = np.arange(7.0, 9.6, 0.5)  # magnitudes of guide stars

@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from startrack import OUTCOMES, Case, Fidelity, load_design, shipped, trials
-from startrack.study.workers import one_thread as one_opencv_thread
-from startrack.variance import (
+from startrack import OUTCOMES, Case, Fidelity, load_design, run_trials, shipped
+from startrack.montecarlo import (
     Mean,
     Regions,
     Sampling,
@@ -33,8 +32,9 @@ from startrack.variance import (
     plain,
     stratified,
 )
-from startrack.variance.attitudes import REPLICATES
-from startrack.variance.sample import squares
+from startrack.montecarlo.attitudes import REPLICATES
+from startrack.montecarlo.sampling import squares
+from startrack.montecarlo.workers import one_thread as one_opencv_thread
 
 Outcomes = NDArray[np.void]
 
@@ -95,7 +95,7 @@ def measure(case: Case, n: int, windows: int = 20) -> dict[str, Any]:
     frames = controlled_frames[names]
     coarse, drawn = (made["window"], Fidelity.WINDOW), (made["covariance"], DRAWN)
     numbers = range(REGIONAL * len(REGIONS))
-    regional = trials(case, SEED, numbers, Fidelity.WINDOW, by_regions(SEED, numbers, REGIONS))
+    regional = run_trials(case, SEED, numbers, Fidelity.WINDOW, by_regions(SEED, numbers, REGIONS))
     cell = np.asarray(numbers) % len(REGIONS)
     figures: dict[str, Any] = {
         "trials": n,

@@ -1,50 +1,40 @@
 """startrack designs star trackers and other opto-electronic space cameras before they are built.
 
-It follows the light. From the ground up:
+The rooms, in the order in which the light goes; each imports only rooms above it:
 
-units, checks, shipped, seeds, streams, scratch   units, refusals, data, chance, memory
-dates                                             dates by the tables that are installed
-curve, turns, camera, values                      the words that all rooms share
-exits, saving, sqlite, tables                     how programs end, how files are written and read
+core             what all rooms share: units, values, camera, rotations, random streams, checks
+io               design tables, images, WCS, SQLite, atomic writes, shipped data
 
 catalog          which stars are there            -> Stars
 scene            what light arrives               -> Light
 optics           how a point is blurred           -> Psf
-motion           how it moves in an exposure      -> Path
+motion           how the line of sight moves      -> line of sight in an exposure
 detector         photons into numbers             -> Frame
 detection        numbers into spots               -> Spots
 identification   spots into catalogue stars       -> Matches
 attitude         matches into an attitude         -> Estimate
-error            the estimate against the truth   -> Outcome, Summary
+metrics          the estimate against the truth   -> Outcome, Summary
 
-wcs, images      attitudes and frames as files
-case             Case: what is true and what the tracker believes
-view             what stands before the detector
-single           what the tracker makes of single stars, and how far it trusts them
-sweep            images of lines that scan, and their spots as a matrix's
-window           trials that render only windows of the frame
-covariance       trials that draw their spots, without an image
-chain            one trial, one line a room
-products         detectors that a design may name
-imager           the images of Earth cameras
-sequence         trials in time: tracking, loss and reacquisition
-variance         more knowledge from fewer trials
-budget           what the error is made of, cause by cause, with trials and without
-study            many trials, better designs, tolerances
-campaign         many trials, on disk as they are done, until they say enough
-design           designs as TOML files
-draw, draw_psf, draw_earth, draw_sequence, draw_budget, draw_study   pictures
+design           Instrument, Tracker, Scene, campaign: what a design file holds
+trial            one trial in any fidelity: frame, window, spots, covariance
+sequence         trials in time: tracking, loss, reacquisition
+montecarlo       many trials: workers, store, resume, variance reduction
+budget           what the error is made of, cause by cause
+optimise         better designs: search, Pareto front, sensitivity, tolerances
+calibration      camera and detector from data
+earth            Earth cameras: terrain, geometry in flight, atmosphere, imager
+plots            pictures
 report           a campaign as one page
-benchmark        how long each stage takes, and how wrong it is
-commands, cli    the command `startrack`
+benchmark        CPU time and error of every stage
+cli              the command `startrack`
 
-Public is what `__init__.pyi` names, and what the packages among that list in their `__all__`
-(docs/api.md). All else is the house's own and may change without notice.
+`trial/chain.py` has one line per room. Public are the names in `__init__.pyi`, and those that the
+packages named there list in their `__all__` (docs/api.md). All else may change without notice.
 """
 
 import lazy_loader
 
 __version__ = "0.1.0"
 
-# One list for type checkers and for Python, each name loaded when it is asked for.
+# One list for type checkers and for Python; each name is loaded when it is first used.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -15,19 +15,19 @@ from astropy.wcs import WCS
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.case import Case
-from startrack.catalog import open_sky, shipped
-from startrack.chain import look, path_of
-from startrack.design import load_design
+from startrack.catalog import open_sky
+from startrack.core.streams import Streams
+from startrack.core.units import deg
+from startrack.core.values import Estimate, Frame, Status
+from startrack.design.case import Case
+from startrack.design.files import load_design
 from startrack.detection import Detection, detect
-from startrack.error import judge
-from startrack.images import write_fits
+from startrack.io import shipped
+from startrack.io.images import write_fits
+from startrack.io.wcs import pointing
+from startrack.metrics import judge
 from startrack.motion import Motion
-from startrack.streams import Streams
-from startrack.units import deg
-from startrack.values import Estimate, Frame, Status
-from startrack.view import noiseless
-from startrack.wcs import pointing
+from startrack.trial.view import look, noiseless, path_of
 
 # Right ascension and declination, degree: the belt of Orion from east to west.
 ALNITAK, ALNILAM, MINTAKA = (85.1897, -1.9426), (84.0534, -1.2019), (83.0017, -0.2991)

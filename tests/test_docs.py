@@ -32,12 +32,13 @@ def test_ci_runs_the_readmes_test_command():
 def test_every_startrack_command_in_the_readme_parses():
     import shlex
 
-    from startrack.cli import _parser
+    from startrack.cli.main import _parser
 
     lines = [line for line in commands() if line.startswith("startrack ")]
     assert len(lines) >= 5
     for line in lines:
-        _parser().parse_args(shlex.split(line.split("#")[0])[1:])
+        arguments = shlex.split(line.split("#")[0])[1:]
+        _parser(arguments).parse_args(arguments)
 
 
 @pytest.mark.parametrize(

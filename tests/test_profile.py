@@ -55,9 +55,9 @@ def test_a_profile_of_a_real_trial_adds_up_and_sees_the_kernels():
 
     from profile_trial import run
 
-    from startrack.case import Fidelity
-    from startrack.design import load_design
-    from startrack.shipped import shipped
+    from startrack.design.case import Fidelity
+    from startrack.design.files import load_design
+    from startrack.io.shipped import shipped
 
     case = load_design(shipped("designs/nanosatellite.toml")).case
     run(case, Fidelity.FRAME, 3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.cli import main
+from startrack.cli.main import main
 
 ESA = [f"esa_Alt40_Azi{azimuth}.tiff" for azimuth in (-135, -45, 135, 45)]
 CEDAR = [

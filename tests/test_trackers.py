@@ -5,13 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from startrack.catalog import shipped
-from startrack.chain import throughput, trial
-from startrack.design import load_design
+from startrack.core.units import deg
+from startrack.core.values import Stars
+from startrack.design.files import load_design
 from startrack.detector import electron_rate
+from startrack.io import shipped
 from startrack.scene import illuminate
-from startrack.units import deg
-from startrack.values import Stars
+from startrack.trial.chain import run_random_trial
+from startrack.trial.view import throughput
 
 NAMES = sorted(path.stem for path in shipped("trackers").glob("*.toml"))
 LARGE = {"chandra-aca", "plato-fcam"}  # a deep catalogue, ten megapixels
@@ -66,7 +67,7 @@ def test_each_tracker_solves_the_sky(oracle, name):
     Noise alone makes these errors, so that a published figure, which holds bias too, bounds them.
     """
     case, known = case_of(name), oracle("trackers.json")[name]
-    outcomes = [trial(case, 11, number) for number in range(5)]
+    outcomes = [run_random_trial(case, 11, number) for number in range(5)]
     solved = [one for one in outcomes if one.solved]
     assert len(solved) >= 4
     assert not any(one.false for one in outcomes)

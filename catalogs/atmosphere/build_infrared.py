@@ -16,10 +16,10 @@ import numpy as np
 from build_tables import sign
 from numpy.typing import NDArray
 
-from startrack.saving import whole
-from startrack.scene.air import planck
-from startrack.scene.air.infrared import DIFFUSE, InfraredTable, save_infrared, sun_spectrum
-from startrack.units import deg, um
+from startrack.core.units import deg, um
+from startrack.earth.atmosphere import planck
+from startrack.earth.atmosphere.infrared import DIFFUSE, InfraredTable, save_infrared, sun_spectrum
+from startrack.io.saving import whole
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,9 @@ import hashlib
 from functools import partial
 from pathlib import Path
 
-from startrack.saving import save_text, whole
-from startrack.scene.air import Air, build, build_limb, save_limb, save_table
+from startrack.earth.atmosphere import Air, build, build_limb, save_table
+from startrack.io.saving import save_text, whole
+from startrack.scene import save_limb
 
 HERE = Path(__file__).parent
 TABLES = {

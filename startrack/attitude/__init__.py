@@ -1,38 +1,33 @@
-"""Matches into an attitude with its covariance, and attitudes in time into a better one.
+"""Matches into an attitude: Matches become an Estimate.
 
-parameters     Attitude: how far the tracker trusts its centroids
-mounting       how the camera sits on the spacecraft
-solve          Spots, Matches -> Estimate
-refine         Gauss-Newton on pixel residuals, with a covariance for each centroid
-align          many sets of unit vectors -> attitudes to the last digit, covariance, observability
-scale          covariance where the camera's scale was fitted with the attitude
-consensus      which matches agree, however wrong the others are
-follow         gyroscope rates and attitudes in time -> filtered attitude and gyroscope bias
-
-The textbook's solvers, each for one set of vectors or for many:
-
-svd            singular values of the vectors' products
-davenport      eigenvector of a 4 x 4 matrix, the q-method
-quest          its characteristic polynomial, with sequential rotations
-foam           a polynomial of the matrix of products
-
-products       what these start from
-jacobi         kernel: the best rotation of a 3 x 3 matrix
-least_squares  kernel: three unknowns without normal equations
+parameters     Attitude: how far the tracker trusts its centroids.
+mounting       Mounting: how the camera sits on the spacecraft, and how that swings with the heat.
+jacobi         The best rotation of a 3 x 3 matrix of products, by one-sided Jacobi turns: a
+               kernel.
+least_squares  Least squares in three unknowns without normal equations, which would square the
+               condition.
+wahba          Solvers of Wahba's problem: Davenport's eigenvector, SVD, QUEST and FOAM.
+align          Many sets of matched unit vectors into attitudes that keep every digit the sets
+               hold.
+consensus      Which of the matched directions agree on one attitude, however wrong the others
+               are.
+refine         Gauss-Newton on the residuals in the image plane, and the covariance of the
+               attitude.
+solve          Spots and Matches enter; an Estimate leaves: attitude, covariance and status.
+follow         Attitudes in time and the rates of a gyroscope into a filtered attitude and the
+               rates' bias.
 """
 
 from startrack.attitude.align import Alignment, Observability, align
 from startrack.attitude.consensus import consensus
-from startrack.attitude.davenport import davenport
-from startrack.attitude.foam import foam
 from startrack.attitude.follow import Gyroscope, State, correct, predict, start
 from startrack.attitude.mounting import Mounting
-from startrack.attitude.parameters import Attitude
-from startrack.attitude.quest import quest
-from startrack.attitude.refine import Refinement, refine
-from startrack.attitude.solve import solve
-from startrack.attitude.svd import svd
+from startrack.attitude.parameters import UNKNOWN_FLOOR, Attitude
+from startrack.attitude.refine import Refinement, refine, tangent
+from startrack.attitude.solve import scale_unknown, solve
+from startrack.attitude.wahba import davenport, foam, quest, svd
 
+# Public; the other imports serve other rooms.
 __all__ = [
     "Alignment",
     "Attitude",

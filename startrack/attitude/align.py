@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude.jacobi import best_rotation
 from startrack.attitude.least_squares import invert, largest_eigenvalue, least_squares
-from startrack.turns import rotation_of
+from startrack.core import rotation_of
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.checks import non_negative
+from startrack.core import non_negative
 
 Floats = NDArray[np.float64]
 

@@ -8,8 +8,7 @@ from typing import Annotated
 
 from scipy.spatial.transform import Rotation
 
-from startrack.checks import finite, non_negative
-from startrack.units import Unit
+from startrack.core import Unit, finite, non_negative
 
 
 @dataclass(frozen=True)

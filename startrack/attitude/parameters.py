@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from startrack.checks import non_negative, positive
+from startrack.core import non_negative, positive
 
 UNKNOWN_FLOOR = 0.015  # pixel, what calibrated cameras commonly come to
 

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude.align import turn_by
 from startrack.attitude.least_squares import invert, least_squares
-from startrack.camera import Camera
-from startrack.turns import rotation_of
+from startrack.core import Camera, rotation_of
 
 Floats = NDArray[np.float64]
 

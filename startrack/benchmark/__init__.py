@@ -22,9 +22,8 @@ from startrack.benchmark import (
     terrain,
     trials,
 )
-from startrack.benchmark.draw import draw_benchmark
 from startrack.benchmark.stage import Clocked, Row, Stage, Way, measure
-from startrack.benchmark.table import markdown, values, versions
+from startrack.benchmark.table import draw_benchmark, markdown, values, versions
 
 # In the order in which the light goes.
 STAGES: dict[str, Callable[[], Stage]] = {

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import align, davenport, foam, quest, svd
 from startrack.benchmark.stage import Stage
-from startrack.units import deg
+from startrack.core import deg
 
 Floats = NDArray[np.float64]
 Solver = Callable[[Any, Any, Any], Rotation]

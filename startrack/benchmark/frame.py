@@ -12,11 +12,9 @@ from scipy.spatial.transform import Rotation
 from startrack.benchmark.stage import Stage
 from startrack.benchmark.stamping import SIGMA, lens
 from startrack.benchmark.starfield import paint
-from startrack.camera import Camera
+from startrack.core import Camera, Light, Path, Streams
 from startrack.detector import Detector, expose
 from startrack.optics import focus
-from startrack.streams import Streams
-from startrack.values import Light, Path
 
 Floats = NDArray[np.float64]
 

@@ -1,15 +1,109 @@
-"""Random skies with noise, losses and false spots, to be identified with nothing known."""
+"""Identification of random skies with noise, missing stars and false spots."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.benchmark.skies import SETTINGS, Regime, Seen, design, sky, wrong
 from startrack.benchmark.stage import Stage
-from startrack.identification import identify
+from startrack.catalog import Selection, open_sky
+from startrack.core import Camera, Spots, Stars, deg
+from startrack.identification import Identification, PatternIndex, build_index, identify
+
+Floats = NDArray[np.float64]
+
+LIMIT_G = {8: 6.5, 12: 6.0, 20: 5.0}  # field, degree: faintest star seen
+TOLERANCE = 0.01  # of the focal length
+MAGNITUDE_NOISE = 0.3
+SIZE = 1024  # pixel, of a side
+RESOLUTION = 2.0  # pixel, between spots
+SETTINGS = Identification(focal_tolerance=TOLERANCE)
+
+
+class Regime(NamedTuple):
+    """How hard skies are: the noise of a centroid, false spots, the share of true ones missing."""
+
+    field: int  # degree
+    noise: float  # pixel
+    false: int
+    missing: float
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One sky as a tracker gets it, and the truth about it."""
+
+    spots: Spots
+    star: NDArray[np.int64]  # index into the catalogue, -1 for none
+    icrs_to_camera: Rotation
+    believed: Camera
+
+
+@lru_cache
+def design(field: int) -> tuple[Camera, Stars, PatternIndex]:
+    """The tracker's catalogue goes one magnitude deeper than it sees."""
+    stars = open_sky(Selection(limit_g=LIMIT_G[field] + 1)).stars
+    camera = Camera.from_field_of_view(SIZE, SIZE, field * deg)
+    return camera, stars, build_index(stars, field * deg)
+
+
+def spots_at(pixel: Floats, flux: Floats, noise: float) -> Spots:
+    """Spots at pixels (n, 2), as bright as they are given, equally noisy."""
+    n = len(pixel)
+    covariance = np.tile(np.eye(2) * noise**2, (n, 1, 1))
+    x, y = pixel.T.copy()
+    return Spots(x, y, flux, covariance, np.full(n, 50.0), np.full(n, 9))
+
+
+def sky(rng: np.random.Generator, regime: Regime) -> Seen:
+    """A random attitude; false spots as bright as the true ones are."""
+    camera, stars, _ = design(regime.field)
+    icrs_to_camera = Rotation.from_quat(rng.standard_normal(4))
+    direction = icrs_to_camera.apply(stars.direction)
+    pixel = camera.project(direction)
+    star = np.flatnonzero((direction[:, 2] > 0) & camera.holds(pixel))
+    magnitude = stars.magnitude_g[star] + MAGNITUDE_NOISE * rng.standard_normal(len(star))
+    kept = (magnitude < LIMIT_G[regime.field]) & (rng.random(len(star)) >= regime.missing)
+    star, magnitude = star[kept], magnitude[kept]
+    star, magnitude = blended(pixel[star], star, magnitude)
+    pixel = pixel[star] + regime.noise * rng.standard_normal((len(star), 2))
+    pixel = np.concatenate([pixel, SIZE * rng.random((regime.false, 2)) - 0.5])
+    like = rng.choice(magnitude, regime.false) if len(star) else np.zeros(regime.false)
+    magnitude = np.concatenate([magnitude, like])
+    star = np.concatenate([star, np.full(regime.false, -1)])
+    order = np.argsort(magnitude, kind="stable")
+    believed = camera.scaled(1 / rng.uniform(1 - TOLERANCE, 1 + TOLERANCE))
+    flux = 10 ** (-0.4 * magnitude[order])
+    return Seen(spots_at(pixel[order], flux, regime.noise), star[order], icrs_to_camera, believed)
+
+
+def blended(
+    pixel: Floats, star: NDArray[np.int64], magnitude: Floats
+) -> tuple[NDArray[np.int64], Floats]:
+    """Of stars that no detector tells apart the brightest alone, which is kind to every solver."""
+    order = np.argsort(magnitude, kind="stable")
+    apart = np.linalg.norm(pixel[order, None] - pixel[order], axis=2)
+    alone = np.array([(apart[i, :i] > RESOLUTION).all() for i in range(len(order))], bool)
+    return star[order[alone]], magnitude[order[alone]]
+
+
+def away(found: Rotation, seen: Seen) -> Floats:
+    """Small rotation (3,) from truth, radian."""
+    return (found * seen.icrs_to_camera.inv()).as_rotvec()
+
+
+def wrong(found: Rotation, seen: Seen, regime: Regime) -> bool:
+    """Whether an attitude is off by more than noise explains."""
+    across = math.hypot(*away(found, seen)[:2]) * seen.believed.focal_length_px
+    return across > max(3, 6 * regime.noise)
+
 
 REGIME = Regime(12, 0.2, 5, 0.1)
 SKIES = 100

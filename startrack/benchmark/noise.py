@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import special, stats
 
 from startrack.benchmark.stage import Stage
+from startrack.core import Streams
 from startrack.detector import Detector, read_out
-from startrack.streams import Streams
 
 Floats = NDArray[np.float64]
 

@@ -12,12 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.benchmark.stage import Stage
-from startrack.design import load_design
-from startrack.shipped import shipped
-from startrack.study.box import Box
-from startrack.study.evaluate import foresee
-from startrack.study.prospect import prospect
-from startrack.study.search import Search, least
+from startrack.design import Box, load_design
+from startrack.io import shipped
+from startrack.optimise import Search, foresee, least, prospect
 
 Floats = NDArray[np.float64]
 

@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.benchmark.stage import Stage
-from startrack.optics.fraunhofer import intensity, pupil_samples
-from startrack.optics.pupil import Pupil, cells, openness
-from startrack.optics.zernike import zernike
+from startrack.optics import Pupil, cells, intensity, openness, pupil_samples, zernike
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.benchmark.stage import Stage
-from startrack.scene.air import (
+from startrack.core import deg, nm
+from startrack.earth.atmosphere import (
     AirTable,
     FineTable,
     Reach,
@@ -20,8 +21,7 @@ from startrack.scene.air import (
     look_up,
     refine,
 )
-from startrack.shipped import shipped
-from startrack.units import deg, nm
+from startrack.io import shipped
 
 Floats = NDArray[np.float64]
 
@@ -108,8 +108,8 @@ def radiance() -> Stage:
 
 def direct(scene: Scenery) -> Floats:
     """The solver's reflectance at the pixels that are judged, (n, bands), for one unit of light."""
-    from startrack.scene.air.solver import TOP
-    from startrack.scene.air.solver import radiance as solve
+    from startrack.earth.atmosphere import TOP
+    from startrack.earth.atmosphere import solve_radiance as solve
 
     rows, wavelength = [], scene.table.spectrum[scene.node]
     for i in scene.pick:

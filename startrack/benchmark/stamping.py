@@ -10,9 +10,8 @@ from scipy import special
 
 from startrack.benchmark.psf import F_NUMBER, WAVELENGTH
 from startrack.benchmark.stage import Stage
-from startrack.detector.stamp import stamp
-from startrack.optics import Optics, focus
-from startrack.optics.airy import airy
+from startrack.detector import stamp
+from startrack.optics import Optics, airy, focus
 
 Floats = NDArray[np.float64]
 

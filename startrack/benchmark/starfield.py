@@ -8,8 +8,7 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from startrack.streams import Streams
-from startrack.values import Frame, Spots
+from startrack.core import Frame, Spots, Streams
 
 Floats = NDArray[np.float64]
 

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.benchmark.stage import Stage
-from startrack.case import Case, Fidelity
-from startrack.chain import trials
-from startrack.design import load_design
-from startrack.shipped import shipped
-from startrack.units import arcsec, deg
+from startrack.core import arcsec, deg
+from startrack.design import Case, Fidelity, load_design
+from startrack.io import shipped
+from startrack.trial import run_trials
 
 SEED, TRIALS, SIDE = 5, 32, 1024
 FALSE = 0.5 * deg  # an attitude that is off by more is not counted
@@ -39,7 +38,7 @@ def montecarlo() -> Stage:
     case = example()
 
     def angles(fidelity: Fidelity) -> NDArray[np.float64]:
-        found = trials(case, SEED, range(TRIALS), fidelity)
+        found = run_trials(case, SEED, range(TRIALS), fidelity)
         return np.where(found["solved"], np.hypot(found["error_x"], found["error_y"]), np.nan)
 
     def judge(angle: NDArray[np.float64]) -> float:

@@ -1,30 +1,31 @@
-"""The error budget of a case in the terms of ECSS-E-ST-60-20C.
+"""What the error is made of, cause by cause, by analysis and by trials.
 
-causes      what makes errors, under which term, and the case without it
-budget      Budget: a line for each cause, their sum, the whole
-analytic    Case -> Budget, in milliseconds and without a trial
-measured    the same by trials, with causes switched on the same sky and noise
-survey      stars, availability and error over the sky
-indices     sequences -> absolute, mean and relative errors and drift, with their levels
-exclusion   what Sun, Moon and Earth cost over their angle through a baffle
-residuals   what single stars err by in trials
-
-What these are made of:
-
-response    errors of single stars as tables over their magnitude
-fixed       what causes that do not change move, neighbouring stars among them
-visible     the stars that lie on the detector
-fields      the stars of many fields of the sky, and errors of stars into errors of attitudes
+causes     Causes of error, under the terms of the standard, and the case without each of them.
+budget     Budget: a line for each cause of error, their sum, and the whole; about and across.
+fields     Sky and camera -> the stars of many fields, and what errors of their places do to
+           attitudes.
+fixed      A Case and fields of stars enter; errors that do not change from frame to frame leave.
+analytic   A Case enters; its Budget leaves in milliseconds, without a trial.
+survey     Case -> how many stars it sees, how often it solves and how far it errs, over the sky.
+exclusion  Case with a baffle -> what Sun, Moon and Earth cost over their angle; exclusion angles.
+indices    Simulated sequences -> the error indices of the standard, over members and times.
+measured   Case -> Budget by trials: causes switched off one by one, on the same sky and the same
+           noise.
+residuals  Case -> what single stars err by in trials: over their place in the field and their
+           magnitude.
 """
 
 from startrack.budget.analytic import analytic
 from startrack.budget.budget import Budget, Law, Line, Sample, Spread
 from startrack.budget.causes import Cause, Term, causes
 from startrack.budget.exclusion import Exclusion, exclusions
+from startrack.budget.fields import attitudes
 from startrack.budget.indices import INDICES, indices_of
 from startrack.budget.measured import measured
+from startrack.budget.residuals import residuals
 from startrack.budget.survey import Survey, circles, survey
 
+# Public; the other imports serve other rooms.
 __all__ = [
     "INDICES",
     "Budget",

@@ -1,4 +1,4 @@
-"""Case -> Budget, in milliseconds and without a trial."""
+"""A Case enters; its Budget leaves in milliseconds, without a trial."""
 
 from __future__ import annotations
 
@@ -9,15 +9,52 @@ from scipy.special import ndtr
 
 from startrack.budget.budget import Budget, Law, Line
 from startrack.budget.causes import NEIGHBOURS, Cause, Term, causes, refuse_scans
-from startrack.budget.fields import FIELDS, Attitudes, Fields, attitudes, fields, propagate
-from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera
-from startrack.budget.response import response
-from startrack.budget.visible import visible
-from startrack.case import Case
-from startrack.single import errors, trust_in
-from startrack.single.dimming import dimming
-from startrack.single.errors import METHOD, READ, SHOT
-from startrack.values import Floats
+from startrack.budget.fields import (
+    FIELDS,
+    Attitudes,
+    Fields,
+    Response,
+    attitudes,
+    fields,
+    propagate,
+)
+from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, visible
+from startrack.core import Floats
+from startrack.design import Case
+from startrack.trial import (
+    METHOD,
+    READ,
+    SHOT,
+    Errors,
+    detection_probability,
+    dimming,
+    errors,
+    trust_in,
+)
+
+FINE = 0.05  # magnitude between two entries
+
+
+def response(case: Case, star: Errors) -> Response:
+    """The same as a table of small steps."""
+    grid = np.arange(star.magnitude[0], star.magnitude[-1] + FINE / 2, FINE)
+    return Response(
+        float(grid[0]),
+        FINE,
+        detection_probability(case, grid) * np.interp(grid, star.magnitude, star.kept),
+        _fine(star.magnitude, star.stated, grid),
+        np.stack([_fine(star.magnitude, one, grid) for one in star.random.values()]),
+    )
+
+
+def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
+    """Covariances between magnitudes, straight lines in the logarithm; (k, 2, 2) pixel^2."""
+    xx, yy = (np.maximum(table[:, a, a], 1e-16) for a in (0, 1))
+    correlation = np.interp(grid, magnitude, np.clip(table[:, 0, 1] / np.sqrt(xx * yy), -1, 1))
+    x, y = (np.exp(np.interp(grid, magnitude, np.log(each) / 2)) for each in (xx, yy))
+    cross = correlation * x * y
+    return np.stack([x * x, cross, cross, y * y], axis=-1).reshape(-1, 2, 2)
+
 
 LEAST = 1e-3  # chance of a star to count at all
 BLIND = "the case must see enough stars somewhere in the sky, it does not"

@@ -11,8 +11,8 @@ import scipy
 from scipy.special import ndtr
 
 from startrack.budget.causes import Term
-from startrack.error import Interpretation, level
-from startrack.values import Floats
+from startrack.core import Floats
+from startrack.metrics import Interpretation, level
 
 ACROSS, ABOUT = (0, 1), (2,)
 

@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from startrack.case import Case
-from startrack.single.dark import dark_currents
-from startrack.single.errors import METHOD, READ, SHOT
+from startrack.design import Case
+from startrack.trial import METHOD, READ, SHOT, dark_currents
 
 
 class Term(StrEnum):

@@ -10,11 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.budget.analytic import analytic
-from startrack.case import Case
-from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, Disc, Earth, sunlight
-from startrack.scene.ephemeris import AU, EARTH_RADIUS
-from startrack.scene.photometry import SUN_G_MINUS_V
-from startrack.units import arcsec
+from startrack.core import arcsec
+from startrack.design import Case
+from startrack.scene import (
+    AU,
+    EARTH_ALBEDO,
+    EARTH_RADIUS,
+    SUN_G,
+    SUN_G_MINUS_V,
+    Disc,
+    Earth,
+    sunlight,
+)
 
 Floats = NDArray[np.float64]
 

@@ -12,12 +12,9 @@ import scipy
 from numba import njit
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
 from startrack.catalog import Selection, Sky
-from startrack.single.separate import Separate, separate
-from startrack.units import GOLDEN_ANGLE
-from startrack.values import Floats, Ints
-from startrack.view import rotations
+from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints
+from startrack.trial import Separate, rotations, separate
 
 FIELDS = 512
 WIDER = 1.25  # fields are kept for all cameras that are narrower by less than this

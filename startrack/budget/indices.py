@@ -8,8 +8,8 @@ from concurrent.futures import Executor
 import numpy as np
 
 from startrack.budget.budget import Line, Sample
-from startrack.case import Case
-from startrack.error import indices
+from startrack.design import Case
+from startrack.metrics import indices
 from startrack.sequence import Sequence, fly
 
 # A star tracker's output is knowledge; of a platform that points by it the same are APE, MPE, RPE

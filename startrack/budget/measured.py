@@ -15,25 +15,33 @@ from scipy.spatial.transform import Rotation
 from startrack.attitude import Mounting, solve
 from startrack.budget.budget import Budget, Line, Sample
 from startrack.budget.causes import ALWAYS, HITS, NEIGHBOURS, Term, bare, causes, refuse_scans
-from startrack.case import Case, Instrument
 from startrack.catalog import open_sky
-from startrack.chain import Record, asked_for, observe
-from startrack.checks import whole
-from startrack.detection.centroid import centroid
-from startrack.detection.find import Candidates
-from startrack.detection.pixels import pixels
-from startrack.detection.smear import star_image
-from startrack.detector import electron_rate, frame_of
-from startrack.detector.digitise import shot
-from startrack.identification.refit import refit
+from startrack.core import Floats, Frame, Ints, Spots, Streams, whole
+from startrack.design import Case, Instrument
+from startrack.detection import Candidates, centroid, pixels, star_image
+from startrack.detector import electron_rate, frame_of, shot
+from startrack.identification import refit
 from startrack.scene import illuminate
-from startrack.single import trust
-from startrack.single.chart import cell, images, measure, scale
-from startrack.single.errors import METHOD, READ, SHOT
-from startrack.single.quiet import own_noise, quiet
-from startrack.streams import Streams
-from startrack.values import Floats, Frame, Ints, Spots
-from startrack.view import noiseless, path_of, psf_of, random_attitude, throughput
+from startrack.trial import (
+    METHOD,
+    READ,
+    SHOT,
+    Record,
+    asked_for,
+    cell,
+    images,
+    measure,
+    noiseless,
+    observe,
+    own_noise,
+    path_of,
+    psf_of,
+    quiet,
+    random_attitude,
+    scale,
+    throughput,
+    trust,
+)
 
 SAME = 0.7  # pixel, within which a spot is the same in two frames
 BLOCKS = 8  # of members, for each worker

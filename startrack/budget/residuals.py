@@ -6,13 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.case import Case
 from startrack.catalog import open_sky
-from startrack.chain import observe
-from startrack.single.dimming import dimming
-from startrack.streams import Streams
-from startrack.values import Floats, Ints
-from startrack.view import random_attitude
+from startrack.core import Floats, Ints, Streams
+from startrack.design import Case
+from startrack.trial import dimming, observe, random_attitude
 
 
 class Residuals(NamedTuple):

@@ -8,9 +8,9 @@ import numpy as np
 
 from startrack.budget.analytic import of_fields
 from startrack.budget.fields import boresights, fields
-from startrack.case import Case
 from startrack.catalog import Sky
-from startrack.values import Floats
+from startrack.core import Floats
+from startrack.design import Case
 
 PLACES = 3072
 

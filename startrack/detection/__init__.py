@@ -1,47 +1,65 @@
-"""Numbers into spots.
+"""Numbers into spots: a Frame becomes Spots (OpenCV).
 
-parameters  Detection: what counts as a spot
-dark        Frame, dark frame -> Frame without the fixed pattern
-flat        Frame, flat field -> Frame of even response; known hot pixels marked
-pixels      Frame -> Pixels: float32 without holes
-robust      background and noise of pixels that stars may be among
-background  filtered image -> Sky: its background and noise, tile by tile
-matched     image -> filtered image, by the kernel of a Gaussian or of the design's PSF
-law         how far its noise reaches, by the gain model or by the skewness it shows
-connect     filtered image, level -> Peaks of its connected components
-between     how far a peak stands out, at the best place between the pixels
-split       Peaks -> more of them, where the filter has merged stars
-examine     Peaks -> which of them are no stars
-find        Pixels -> Candidates: peaks that look like stars
-rate        how many false spots noise makes, and the threshold for as many
-sample      what every centroid works on, and a pixel's noise
-gravity     centre of gravity
-s_curve     its error over the star's place in the pixel, from the PSF
-weighted    centre of gravity under a Gaussian weight that follows the star
-psf_table   share of a star's light in each pixel
-smear       the PSF of a star that moves
-gaussian_star  share of a Gaussian star's light in each pixel
-scoring     one step of a fit
-fit         the steps, for stars that touch together
-gaussian    fit of a Gaussian
-likelihood  fit of the design's PSF
-centroid    Candidates -> Spots, by one of these four
-detect      Frame -> Spots
-response    how a centroid answers to each of its pixels
-windows     Frame, predicted places -> Spots
-within      Frame known in regions alone -> Spots
-expectation Frame without noise -> what to expect of its stars
+parameters   Detection: how spots are told from noise, and how they are measured.
+pixels       A Frame enters, with its dark frame and flat field; calibrated pixels as float32
+             leave.
+psf_table    Psf -> the share of a star's light in each pixel of a window, and how it moves with
+             the star.
+robust       Pixels -> their background, its slopes and its noise, whatever stars are among them.
+background   Filtered image -> Sky: its background and noise, tile by tile.
+smear        Psf and a motion -> the PSF of a star that moves evenly while the shutter is open.
+matched      Image -> filtered image: the matched filter of a star, Gaussian or from the design's
+             own PSF.
+threshold    A detection threshold enters; the number of false spots to expect leaves, and the
+             inverse.
+connect      A filtered image and its threshold enter; local maxima leave, several where stars
+             touch.
+examine      Peaks -> which of them stand alone as stars do, and which are hot pixels.
+find         Pixels -> Candidates: peaks of the filtered image that look like stars.
+sample       What every centroid works on: the image, the peaks, and what is known of a pixel's
+             noise.
+gravity      Sample -> centre of gravity of a window that follows the star.
+weighted     Sample -> centre of gravity under a Gaussian weight that is moved until it sits on
+             the star.
+fit          Windows and a model of a star enter; the most likely positions and fluxes of stars
+             leave.
+s_curve      Psf -> how far the centre of gravity in a window is wrong, and its measurements set
+             right.
+centroid     Pixels and Candidates -> Spots, by the centroid that the settings ask for.
+detect       A Frame enters; Spots leave, brightest first: of the whole frame, or near predicted
+             places.
+within       Frame that is known in regions alone, and the Sky of such frames -> Spots of these
+             regions.
+expectation  An image of expected numbers and the stars in it -> how the detection will see these
+             stars.
+response     Frame without noise, places of stars -> what a centroid is there, and how each pixel
+             moves it.
 """
 
-from startrack.detection.dark import subtract_dark
-from startrack.detection.detect import detect
-from startrack.detection.flat import divide_flat, without_pixels
+from startrack.detection.centroid import centroid
+from startrack.detection.detect import detect, detect_near
+from startrack.detection.expectation import Expectation, expect
+from startrack.detection.find import Candidates
+from startrack.detection.matched import filtered, kernel_of
 from startrack.detection.parameters import Detection
+from startrack.detection.pixels import divide_flat, pixels, subtract_dark, without_pixels
 from startrack.detection.psf_table import gaussian_psf
-from startrack.detection.rate import false_alarms, threshold_of
-from startrack.detection.smear import smeared
-from startrack.detection.windows import detect_near
+from startrack.detection.response import Response, half_of, joined, response
+from startrack.detection.smear import smeared, star_image
+from startrack.detection.threshold import false_alarms, threshold_of, threshold_over
+from startrack.detection.within import (
+    Ground,
+    detect_within,
+    grown,
+    kernel_half,
+    margin,
+    measure_ground,
+    peak_border,
+    star_filter,
+    star_profile,
+)
 
+# Public; the other imports serve other rooms.
 __all__ = [
     "Detection",
     "detect",

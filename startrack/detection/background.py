@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.detection.law import HEAVINESS, MILD
 from startrack.detection.robust import plane
+from startrack.detection.threshold import HEAVINESS, MILD
 
 Image = NDArray[np.float32]
 MOST_SKEWNESS = 1.5

@@ -7,16 +7,15 @@ import math
 import numpy as np
 from numba import njit
 
+from startrack.core import Floats, Frame, Ints, Psf, Spots
 from startrack.detection.find import Candidates
-from startrack.detection.gaussian import gaussian
+from startrack.detection.fit import gaussian, likelihood
 from startrack.detection.gravity import gravity
-from startrack.detection.likelihood import likelihood
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.s_curve import compensate, s_curve
 from startrack.detection.sample import Sample, sample
 from startrack.detection.weighted import weighted
-from startrack.values import Floats, Frame, Ints, Psf, Spots
 
 SAME = 1.0  # pixel; two peaks that lead as near as this to one place are one star
 

@@ -1,13 +1,19 @@
-"""Frame -> Spots, brightest first."""
+"""A Frame enters; Spots leave, brightest first: of the whole frame, or near predicted places."""
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Floats, Frame, Ints, Psf, Spots, positive
 from startrack.detection.centroid import centroid
-from startrack.detection.find import find
+from startrack.detection.find import Candidates, find
+from startrack.detection.matched import kernel_of
 from startrack.detection.parameters import Detection
-from startrack.detection.pixels import pixels
+from startrack.detection.pixels import Pixels, pixels
 from startrack.detection.smear import star_image
-from startrack.values import Frame, Psf, Spots
 
 
 def detect(frame: Frame, settings: Detection, psf: Psf | None = None) -> Spots:
@@ -26,3 +32,70 @@ def detect(frame: Frame, settings: Detection, psf: Psf | None = None) -> Spots:
     """
     image, star = pixels(frame), star_image(settings, psf)
     return centroid(frame, image, find(image, settings, star), settings, star)
+
+
+MEDIAN_STRIDE = 7  # no divisor of a usual side, so that all columns count
+LEAST_SIDE = 25  # pixel; fewer pixels would not tell their noise
+
+
+def detect_near(
+    frame: Frame,
+    place: Floats,
+    reach: float,
+    settings: Detection,
+    psf: Psf | None = None,
+) -> Spots:
+    """Find the stars near places where a tracker expects some.
+
+    The windows are laid under one another as one narrow image, each less its own median, and
+    that is searched as a frame is, each window on its own tile. The spots are measured on the
+    frame itself, so that a star is the same wherever it was looked for.
+
+    place     (m, 2) pixel (x, y); places outside the frame find nothing
+    reach     pixel, by which a star may lie off its place along either axis
+    settings, psf  as `detect` takes them; the mesh is the window's side
+    Returns   Spots, brightest first; one star for two places near it
+    Errors    those of `detect`; ValueError where `place` is not (m, 2) or reach not positive.
+    """
+    positive(reach=reach)
+    place = np.asarray(place, float)
+    if place.ndim != 2 or place.shape[1] != 2:
+        raise ValueError(f"place must have the shape (m, 2), got {place.shape}")
+    image, star = pixels(frame), star_image(settings, psf)
+    return centroid(frame, image, _near(image, place, reach, settings, star), settings, star)
+
+
+def _near(image: Pixels, place: Floats, reach: float, settings: Detection, psf: Psf) -> Candidates:
+    rows, columns = image.value.shape
+    inside = (place > -0.5).all(axis=1) & (place < [columns - 0.5, rows - 0.5]).all(axis=1)
+    centre = np.rint(place[inside]).astype(np.int64)
+    # Room for the kernel, for the ring about a star at the edge of the reach, and for the noise.
+    kernel = max(kernel_of(settings, psf).whole.shape) // 2
+    half = math.ceil(reach) + max(kernel, settings.window // 2 + 4)
+    half = min(max(half, LEAST_SIDE // 2), (min(rows, columns) - 1) // 2)
+    side = 2 * half + 1
+    # A window at the border is moved inwards to be whole.
+    corner = np.clip(centre - half, 0, [columns - side, rows - side])
+    if not len(corner):
+        nothing = np.empty(0, np.int64)
+        return Candidates(nothing, nothing, nothing)
+    dead = None if image.dead is None else _stacked(image.dead, corner, side)
+    values = _stacked(image.value, corner, side).reshape(len(corner), -1)
+    # So that windows far apart in the frame fit together; some of the pixels tell it.
+    values = values - np.median(values[:, ::MEDIAN_STRIDE], axis=1)[:, None]
+    stack = Pixels(values.reshape(-1, side), image.pivot, image.step, dead)
+    found = find(stack, settings, psf, mesh=side)
+    window = found.y // side
+    x, y = found.x + corner[window, 0], found.y - window * side + corner[window, 1]
+    off = np.maximum(abs(x - place[inside][window, 0]), abs(y - place[inside][window, 1]))
+    border = settings.window // 2 + settings.edge
+    good = (off <= reach + 1) & (np.minimum(x, columns - 1 - x) >= border)
+    good &= np.minimum(y, rows - 1 - y) >= border
+    return Candidates(x[good], y[good], found.area[good])
+
+
+def _stacked(image: NDArray, corner: Ints, side: int) -> NDArray:
+    """Windows under one another, (m side, side), by their first columns and rows, (m, 2)."""
+    step = np.arange(side)
+    row, column = corner[:, 1, None] + step, corner[:, 0, None] + step
+    return image[row[:, :, None], column[:, None, :]].reshape(-1, side)

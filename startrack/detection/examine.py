@@ -8,11 +8,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import Floats, Ints, Streams
 from startrack.detection.background import between
-from startrack.detection.between import highest_between
 from startrack.detection.robust import around, around_among
-from startrack.streams import Streams
-from startrack.values import Floats, Ints
+from startrack.detection.threshold import highest_between
 
 Image = NDArray[np.float32]
 # The ring's pixels are correlated and tell its noise to 15 %, its mean to a third of the noise.

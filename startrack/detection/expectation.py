@@ -7,18 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from startrack.detection.between import bank, highest_between
+from startrack.core import Floats, Frame, Psf
 from startrack.detection.centroid import measured
 from startrack.detection.examine import chance_to_pass, largest_share
 from startrack.detection.find import Candidates
-from startrack.detection.law import modelled, sigmas
 from startrack.detection.matched import filtered, kernel_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, gain_of
-from startrack.detection.rate import threshold_over
 from startrack.detection.sample import sample
 from startrack.detection.smear import star_image
-from startrack.values import Floats, Frame, Psf
+from startrack.detection.threshold import bank, highest_between, modelled, sigmas, threshold_over
 
 
 class Expectation(NamedTuple):

@@ -9,18 +9,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import Ints, Psf, scratch
 from startrack.detection.background import Sky, believed, sky
-from startrack.detection.between import bank
-from startrack.detection.connect import lit, peaks
+from startrack.detection.connect import lit, peaks, split
 from startrack.detection.examine import alone, largest_share, sharp, spoilt
-from startrack.detection.law import modelled, sigmas
 from startrack.detection.matched import Kernel, filtered, kernel_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
-from startrack.detection.rate import threshold_over
-from startrack.detection.split import split
-from startrack.scratch import scratch
-from startrack.values import Ints, Psf
+from startrack.detection.threshold import bank, modelled, sigmas, threshold_over
 
 Image = NDArray[np.float32]
 # A star between the pixels shows less of its peak, so pixels are looked at from here on.

@@ -1,4 +1,4 @@
-"""Sample, model of a star -> most likely places and fluxes of stars, together where they touch."""
+"""Windows and a model of a star enter; the most likely positions and fluxes of stars leave."""
 
 from __future__ import annotations
 
@@ -9,12 +9,156 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.detection.gaussian_star import gaussian_star
-from startrack.detection.psf_table import expected
+from startrack.core import Floats, Ints, Psf
+from startrack.detection.psf_table import expected, reach
 from startrack.detection.robust import around
 from startrack.detection.sample import ROW, Sample, pixel_noise
-from startrack.detection.scoring import brightness, information, solved
-from startrack.values import Floats, Ints
+
+
+@njit(cache=True, error_model="numpy")
+def information(
+    data: Floats,
+    star: Floats,
+    value: Floats,
+    noise: float,
+    shot: float,
+    matrix: Floats,
+    right: Floats,
+) -> int:
+    """Fisher's information of the stars' shapes and fluxes, and of the background.
+
+        mu = sum(flux p) + background,   var = noise^2 + shot sum(flux max(p, 0))
+        matrix = sum(dmu dmu^T / var),   right = sum(dmu (data - mu) / var)
+
+    A step `matrix^-1 right` is one of Fisher's scoring. The variance follows from the model
+    and not from the data, so that no pixel counts less for being low by chance.
+
+    Source: Kay, Estimation Theory (1993), sections 3.6 and 7.7.
+
+    data    (rows, columns) less the known slopes; NaN in pixels that tell nothing
+    star    (m, 1 + k, rows, columns) p of each star and its slopes by the k values of its shape
+    value   (m (k + 1) + 1,) of each star its shape and its flux; last the background
+    matrix  (n, n), right (n,) for n values: written here
+    Returns how many pixels counted
+    """
+    stars, each, rows, columns = star.shape
+    size, shapes = len(value), each - 1
+    matrix[:] = 0
+    right[:] = 0
+    slope = np.empty(size)
+    slope[size - 1] = 1.0
+    count = 0
+    for j in range(rows):
+        for i in range(columns):
+            if np.isnan(data[j, i]):
+                continue
+            count += 1
+            mean, variance = value[size - 1], noise * noise
+            for s in range(stars):
+                share, flux = star[s, 0, j, i], value[s * each + shapes]
+                mean += flux * share
+                variance += shot * flux * max(share, 0.0)
+                for k in range(shapes):
+                    slope[s * each + k] = flux * star[s, k + 1, j, i]
+                slope[s * each + shapes] = share
+            weight = 1 / variance
+            rest = weight * (data[j, i] - mean)
+            for k in range(size):
+                right[k] += slope[k] * rest
+                for m in range(k + 1):
+                    matrix[k, m] += weight * slope[k] * slope[m]
+    for k in range(size):
+        for m in range(k):
+            matrix[m, k] = matrix[k, m]
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def brightness(data: Floats, star: Floats, value: Floats) -> None:
+    """Write fluxes and background of stars of known shapes, by least squares, into the values."""
+    stars, each, rows, columns = star.shape
+    matrix, right = np.zeros((stars + 1, stars + 1)), np.zeros(stars + 1)
+    part = np.ones(stars + 1)
+    for j in range(rows):
+        for i in range(columns):
+            if np.isnan(data[j, i]):
+                continue
+            part[:stars] = star[:, 0, j, i]
+            for k in range(stars + 1):
+                right[k] += part[k] * data[j, i]
+                for m in range(stars + 1):
+                    matrix[k, m] += part[k] * part[m]
+    if not solved(matrix, right):
+        right[:] = 0
+    for s in range(stars):
+        value[s * each + each - 1] = right[s]
+    value[len(value) - 1] = right[stars]
+
+
+@njit(cache=True, error_model="numpy")
+def solved(matrix: Floats, right: Floats) -> bool:
+    """Overwrite a symmetric positive matrix by its inverse and `right` by the solution.
+
+    By Gauss and Jordan, scaled to a unit diagonal, as fluxes and places differ in size.
+
+    Returns  False where the matrix is singular
+    """
+    n = len(right)
+    scale = np.empty(n)
+    for k in range(n):
+        if not matrix[k, k] > 0:
+            return False
+        scale[k] = 1 / np.sqrt(matrix[k, k])
+    for k in range(n):
+        right[k] *= scale[k]
+        for m in range(n):
+            matrix[k, m] *= scale[k] * scale[m]
+    for k in range(n):
+        pivot = matrix[k, k]
+        if not pivot > 1e-10:
+            return False
+        matrix[k, k] = 1.0
+        right[k] /= pivot
+        matrix[k] /= pivot
+        for m in range(n):
+            if m != k:
+                factor = matrix[m, k]
+                matrix[m, k] = 0.0
+                matrix[m] -= factor * matrix[k]
+                right[m] -= factor * right[k]
+    for k in range(n):
+        right[k] *= scale[k]
+        for m in range(n):
+            matrix[k, m] *= scale[k] * scale[m]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def gaussian_star(x: float, y: float, sigma: float, star: Floats) -> None:
+    """Share of the light in each pixel, and its slopes by x, y and sigma: (4, rows, columns)."""
+    _, rows, columns = star.shape
+    across, down = np.empty((3, columns)), np.empty((3, rows))
+    _line(x, sigma, across)
+    _line(y, sigma, down)
+    for j in range(rows):
+        for i in range(columns):
+            star[0, j, i] = down[0, j] * across[0, i]
+            star[1, j, i] = down[0, j] * across[1, i]
+            star[2, j, i] = down[1, j] * across[0, i]
+            star[3, j, i] = down[2, j] * across[0, i] + down[0, j] * across[2, i]
+
+
+@njit(cache=True, error_model="numpy")
+def _line(centre: float, sigma: float, line: Floats) -> None:
+    """Along one axis: integral of the normal law over each pixel, its slopes by centre, sigma."""
+    for i in range(line.shape[1]):
+        a, b = (i - 0.5 - centre) / sigma, (i + 0.5 - centre) / sigma
+        pa = math.exp(-a * a / 2) / math.sqrt(2 * math.pi)
+        pb = math.exp(-b * b / 2) / math.sqrt(2 * math.pi)
+        line[0, i] = (math.erf(b / math.sqrt(2)) - math.erf(a / math.sqrt(2))) / 2
+        line[1, i] = (pa - pb) / sigma
+        line[2, i] = (a * pa - b * pb) / sigma
+
 
 ROUNDS = 30
 CLOSE = 3e-3  # sigma of the place; a last step of that length changes nothing
@@ -208,3 +352,42 @@ def _written(
         row[0], row[1], row[2], row[3] = value[a], value[a + 1], value[f], math.sqrt(matrix[f, f])
         row[4], row[5], row[6] = matrix[a, a], matrix[a, a + 1], matrix[a + 1, a + 1]
     return True
+
+
+NO_TABLE = np.empty((0, 0))
+
+
+def gaussian(sample: Sample, sigma: float) -> Floats:
+    """Fit x, y, flux, background and the star's sigma, by Fisher's scoring.
+
+    It needs no PSF, and keeps the Cramer-Rao bound where stars are round and Gaussian, whatever
+    their width.
+
+    sigma    pixel, first guess, which also sets the window: 3 sigma and half a pixel
+    Returns  as `gravity`; NaN where the fit runs away
+    Errors   model: a star that is no Gaussian is fitted by its core.
+    """
+    half = max(sample.half, math.ceil(3 * sigma + 0.5))
+    return np.asarray(fitted(sample, Model(NO_TABLE, 1, half, half, half, float(sigma))))
+
+
+def likelihood(sample: Sample, psf: Psf) -> Floats:
+    """Fit x, y, flux and background with the PSF of the design, by Fisher's scoring.
+
+    Stars that touch are fitted together. Saturated and dead pixels tell nothing and are left
+    out; a smeared star is fitted with a smeared PSF. The covariance is the inverse of Fisher's
+    information, the Cramer-Rao bound of these stars.
+
+    Source: Winick (1986), Cramer-Rao lower bounds on the performance of charge-coupled-device
+    optical position estimators; `information` for the equations.
+
+    psf      as the design makes it
+    Returns  as `gravity`; NaN where the fit runs away
+    Errors   statistical: the bound within 1 % from an SNR of 15 on and 3 % at 8, counting the
+             star's own shot noise, as no estimator keeps it where the star is nearly noise.
+             model: a PSF that is too wide by 10 % costs 1 % in the error of the place, and 10 %
+             in the flux. Where the gain is unknown, the weights are those of a faint star.
+    """
+    half_x, half_y = reach(psf)
+    ring = max(sample.half, half_x, half_y)
+    return np.asarray(fitted(sample, Model(psf.table, psf.oversampling, half_x, half_y, ring, 0.0)))

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numba import njit
 
+from startrack.core import Floats
 from startrack.detection.robust import around
 from startrack.detection.sample import ROW, Image, Sample, pixel_noise
-from startrack.values import Floats
 
 ROUNDS = 5
 STEPS = 12

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Floats, Psf
 from startrack.detection.parameters import Detection
-from startrack.values import Floats, Psf
 
 Image = NDArray[np.float32]
 FAINTEST = 0.01  # of the peak; what is fainter hardly helps the filter

@@ -1,14 +1,16 @@
-"""Frame -> Pixels: the image as float32 without holes, whatever type of number it came in."""
+"""A Frame enters, with its dark frame and flat field; calibrated pixels as float32 leave."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.values import Frame
+from startrack.core import Frame, Ints
+from startrack.detection.robust import clipped
 
 Image = NDArray[np.float32]
 LARGEST = 1e12  # digital number; what is beyond is no reading, and its square must fit float32
@@ -106,3 +108,79 @@ def _filled(value: Image, dead: NDArray[np.bool_]) -> Image:
     lonely = np.median(value[~dead])
     mean = np.where(count > 0.5, total / np.maximum(count, 1), lonely)
     return np.where(dead, mean, value).astype(np.float32)
+
+
+HOT = 5.0  # sigma of the frame; from there on a pixel's own shot noise rivals the frame's noise
+NEIGHBOURHOOD = 5  # pixel
+
+
+def subtract_dark(frame: Frame, dark: Frame) -> Frame:
+    """Take off a dark frame, and turn into NaN what it shows to be hot.
+
+    A pixel is hot where it exceeds the median of its neighbours in the dark frame by 5 sigma of
+    the difference image. The mean of its dark current could be taken off, its shot noise not.
+    `detect` takes NaN for dead pixels.
+
+    frame, dark  of the same shape, exposure and temperature; the dark frame best a median of many
+    Returns      Frame of float32, whose offset is 0, because the dark frame held it
+    Errors       ValueError where the shapes differ.
+    """
+    if frame.image.shape != dark.image.shape:
+        raise ValueError(
+            f"dark must have the frame's shape {frame.image.shape}, got {dark.image.shape}"
+        )
+    difference = np.subtract(frame.image, dark.image, dtype=np.float32)
+    level = np.nan_to_num(np.asarray(dark.image, np.float32))
+    excess = level - cv2.medianBlur(level, NEIGHBOURHOOD)
+    known = difference[np.isfinite(difference)]
+    if len(known):
+        _, noise = clipped(known, 0.0)
+        difference[(excess > HOT * noise) & (excess > 0)] = np.nan
+    return replace(frame, image=difference, offset=0.0)
+
+
+LEAST_RESPONSE = 0.1  # of the mean; a pixel that sees less is dead
+
+
+def divide_flat(frame: Frame, flat: Frame) -> Frame:
+    """Divide the light by the response of each pixel; what hardly responds becomes NaN.
+
+    frame    less its dark frame, or with the right offset
+    flat     image of an even surface, best a mean of many
+    Returns  Frame of float32 with the same offset
+    Errors   ValueError where the shapes differ or the flat holds no light.
+    """
+    if frame.image.shape != flat.image.shape:
+        raise ValueError(
+            f"flat must have the frame's shape {frame.image.shape}, got {flat.image.shape}"
+        )
+    response = np.asarray(flat.image, np.float32) - np.float32(flat.offset)
+    mean = float(np.nanmean(response)) if np.isfinite(response).any() else 0.0
+    if not mean > 0:
+        raise ValueError(f"flat must hold light above its offset, got a mean of {mean:g}")
+    response /= np.float32(mean)
+    light = np.asarray(frame.image, np.float32) - np.float32(frame.offset)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        even = np.where(response >= LEAST_RESPONSE, light / response, np.float32(np.nan))
+    return replace(frame, image=(even + np.float32(frame.offset)).astype(np.float32))
+
+
+def without_pixels(frame: Frame, x: Ints, y: Ints) -> Frame:
+    """Mark known hot or dead pixels, columns x and rows y (n,), as NaN, which `detect` fills.
+
+    Errors  ValueError where a pixel lies outside the frame.
+    """
+    rows, columns = frame.image.shape
+    x, y = np.asarray(x), np.asarray(y)
+    outside = (x < 0) | (x >= columns) | (y < 0) | (y >= rows)
+    if outside.any():
+        first = int(np.argmax(outside))
+        raise ValueError(
+            f"pixels must lie within {columns} columns and {rows} rows, got column {x[first]}, "
+            f"row {y[first]}"
+        )
+    image: NDArray[np.floating] = np.array(
+        frame.image, np.float32 if frame.image.dtype.itemsize <= 2 else np.float64
+    )
+    image[y, x] = np.nan
+    return replace(frame, image=image)

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
-from startrack.values import Floats, Psf
+from startrack.core import Floats, Psf
 
 TAPS = 6
 # Row k holds the polynomial that is 1 at tap k of -2 ... 3 and 0 at the others, lowest power first.

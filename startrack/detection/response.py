@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Floats, Frame, Ints, Psf
 from startrack.detection.centroid import measured
 from startrack.detection.find import Candidates
 from startrack.detection.parameters import Detection
@@ -16,7 +17,6 @@ from startrack.detection.pixels import pixels
 from startrack.detection.psf_table import reach
 from startrack.detection.sample import sample
 from startrack.detection.smear import star_image
-from startrack.values import Floats, Frame, Ints, Psf
 
 WIDEST = 6  # pixel, half side; light farther out moves no centroid
 

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.values import Ints
+from startrack.core import Ints
 
 Values = NDArray[np.float32]
 

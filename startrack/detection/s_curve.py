@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
+from startrack.core import Floats, Psf
 from startrack.detection.psf_table import expected
-from startrack.values import Floats, Psf
 
 STEPS = 32  # per pixel; linear interpolation then errs by 1e-4 of the window's pull
 SIDE = 2 * STEPS + 1  # from -1 to 1 pixel

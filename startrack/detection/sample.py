@@ -9,10 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import Frame, Ints
 from startrack.detection.find import Candidates
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
-from startrack.values import Frame, Ints
 
 Image = NDArray[np.float32]
 ROW = 9  # x, y, flux, its sigma, xx, xy, yy, and the pixel that the window is centred on

@@ -8,10 +8,9 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft
 
-from startrack.checks import finite
+from startrack.core import Psf, finite
 from startrack.detection.parameters import Detection
 from startrack.detection.psf_table import TAPS, gaussian_psf
-from startrack.values import Psf
 
 MARGIN = 2  # pixel, so that what wraps around is nothing
 

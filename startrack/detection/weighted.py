@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numba import njit
 
+from startrack.core import Floats
 from startrack.detection.gravity import gravity
 from startrack.detection.robust import around
 from startrack.detection.sample import Sample, pixel_noise
-from startrack.values import Floats
 
 ROUNDS = 20
 CLOSE = 1e-5  # pixel; a last step of that length

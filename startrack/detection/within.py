@@ -11,22 +11,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import Floats, Frame, Ints, Psf, Spots, canvas
 from startrack.detection.background import Sky, between
 from startrack.detection.centroid import centroid
-from startrack.detection.find import (
-    choose,
-    ground_of,
-    look_level,
-    reach_of_noise,
-    ring_half,
-)
+from startrack.detection.find import choose, ground_of, look_level, reach_of_noise, ring_half
 from startrack.detection.matched import filtered, kernel_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, gain_of, pixels
 from startrack.detection.psf_table import reach
 from startrack.detection.smear import star_image
-from startrack.scratch import canvas
-from startrack.values import Floats, Frame, Ints, Psf, Spots
 
 Image = NDArray[np.float32]
 RING = 3  # pixel, from a window to the far side of the ring about it

@@ -1,48 +1,73 @@
-"""Photons into numbers, in the order of nature: photons, charge, pixel, signal, image.
+"""Photons into numbers: photons, charge, pixels, signal, image (EMVA 1288).
 
-parameters  Detector: pixels, exposure, noise, converter; None or zero for what it does not have
-
-photons     collect    Light -> electrons per second that each star and each pixel of sky delivers
-            glow       what of the sky varies over the field
-            stamp      the PSF of each star, added to the image at its sub-pixel place
-            shutter    where stars are while the rows are exposed, globally or rolling
-            lines      where the lines of a detector look, and when
-            scan       lines, staggered lines and TDI: an image that grows with time
-charge      defects    response of each pixel, DSNU, hot and dead pixels and columns
-            crosstalk  electrons that diffuse into the next pixels
-            thermal    dark current over temperature, reset noise
-            lag        charge left to the next frame
-            maps       all that belongs to a device, made once
-            ground     expected electrons where no star is
-            expose     Light, Psf, Path -> expected electrons -> Frame
-            windows    the same in windows of a frame
-            grid       stars of all fluxes at all places in the pixel, without noise
-            excess     where noise alone passes a filter's level, without the frame
-pixel       hits       tracks of cosmic rays and protons
-            bloom      charge beyond the full well
-            multiply   the register of an EMCCD
-signal      settle     impulse response of the read-out channel
-            pattern    row and column noise
-            law        non-linearity, gain, offset, converter
-image       digitise   expected electrons -> numbers at once, through the exact law
-            readout    the same, or all steps where pixels know of each other
-
-Below them: counter (random bits of a pixel), normal and poisson (quantiles), tables (the law).
+parameters           Detector: pixels, exposure, noise, converter, and what else a design may
+                     name.
+thermal              Temperature: how the dark current grows, and the noise that resetting a
+                     capacitor leaves.
+hits                 Hits: cosmic rays and protons leave straight tracks of charge.
+pattern              Pattern: noise that the pixels of a row or of a column share.
+defects              Defects: what the pixels of one copy of a detector do wrong, as maps that
+                     never change.
+maps                 Maps of a device: what each pixel does on its own, the same in all trials.
+collect              Light enters; electrons per second of stars, sky and diffuse light leave
+                     (equation 4).
+stamp                Stars onto pixels: each PSF at its sub-pixel place, read from the table by
+                     six-point Lagrange.
+shutter              Where stars are while the rows of a frame are exposed, by a global or a
+                     rolling shutter.
+effects              Effects on charge and signal: residual charge, crosstalk, blooming, EM gain,
+                     settling.
+law                  Law: what the number of a pixel is, given the electrons that it caught and
+                     the read noise.
+tables               Tables of the exact law of a pixel's number, one for each level of expected
+                     electrons.
+background           Sky and detector -> what each pixel expects where no star is.
+digitise             Expected electrons -> numbers at once: one uniform number a pixel, through
+                     the exact law.
+threshold_crossings  A filter, its levels -> where noise alone passes them, and the numbers of the
+                     pixels there.
+readout              Expected electrons -> digital numbers: charge, signal, image.
+expose               Light, Psf, Path -> Frame.
+windows              Stars and regions -> a Frame that holds the right numbers around these
+                     regions alone.
+lines                Lines of pixels: where each looks, when and with what gain; a line, staggered
+                     lines, TDI.
+scan                 Lines, staggered lines and TDI: Light and a turning camera -> an image that
+                     grows in time.
+star_grid            A detector, a PSF, stars and companions -> one Frame with a cell for each
+                     star, without noise.
 """
 
 from startrack.detector.collect import electron_rate
 from startrack.detector.defects import Defects
-from startrack.detector.expose import expected, expose, frame_of
+from startrack.detector.digitise import normals, shot
+from startrack.detector.effects import diffuse, settle
+from startrack.detector.expose import arriving, expected, expose, frame_of, seen
 from startrack.detector.hits import Hits
+from startrack.detector.law import law_of
 from startrack.detector.lines import Line, Scan, staggered, tdi
+from startrack.detector.maps import dark, device_streams, read_noise, response
 from startrack.detector.parameters import Detector, Region
-from startrack.detector.pattern import Pattern
-from startrack.detector.poisson import poisson_quantile
+from startrack.detector.pattern import Pattern, offsets
 from startrack.detector.readout import read_out
 from startrack.detector.scan import scan
+from startrack.detector.shutter import Course
+from startrack.detector.stamp import stamp
+from startrack.detector.star_grid import star_grid
 from startrack.detector.tables import Tables
 from startrack.detector.thermal import Thermal
+from startrack.detector.threshold_crossings import (
+    Numbers,
+    Rates,
+    Tilt,
+    excesses,
+    numbers_of,
+    rates_for,
+    tilt_for,
+)
+from startrack.detector.windows import expose_within, lone_pixels, odd_pixels, only_lone_pixels, put
 
+# Public; the other imports serve other rooms.
 __all__ = [
     "Defects",
     "Detector",
@@ -57,7 +82,6 @@ __all__ = [
     "expected",
     "expose",
     "frame_of",
-    "poisson_quantile",
     "read_out",
     "scan",
     "staggered",

@@ -1,12 +1,14 @@
-"""Light -> electrons per second: the integral over wavelength of equation (4)."""
+"""Light enters; electrons per second of stars, sky and diffuse light leave (equation 4)."""
 
 from __future__ import annotations
+
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Camera, Light
 from startrack.detector.parameters import Detector
-from startrack.values import Light
 
 Floats = NDArray[np.float64]
 
@@ -28,3 +30,30 @@ def electron_rate(light: Light, detector: Detector, throughput: Floats) -> tuple
 def efficiency(light: Light, detector: Detector, throughput: Floats) -> Floats:
     """(k,) electron m^2 / photon in each bin of the light."""
     return detector.quantum_efficiency(light.wavelength) * detector.fill_factor * throughput
+
+
+def glow_of(light: Light, camera: Camera, detector: Detector, throughput: Floats) -> Floats | None:
+    """Expected electrons (rows, columns) of what varies over the field, None where nothing does.
+
+    throughput  (k,) square metre, aperture times transmission
+    Errors      model: the solid angle of a pixel is that on the boresight.
+    """
+    if not light.glow:
+        return None
+    per_photon = efficiency(light, detector, throughput)
+    scale = camera.focal_length_px**-2 * detector.exposure
+    electrons = np.zeros((detector.rows, detector.columns))
+    for glow in light.glow:
+        down, across = (
+            _straight(nodes, pixels)
+            for nodes, pixels in zip(glow.share.shape, electrons.shape, strict=True)
+        )
+        electrons += down @ (glow.share * (glow.spectrum @ per_photon * scale)) @ across.T
+    return electrons
+
+
+@lru_cache(maxsize=8)
+def _straight(nodes: int, pixels: int) -> Floats:
+    """(pixels, nodes) weights of straight lines between evenly spaced nodes."""
+    place = np.linspace(0, nodes - 1, pixels)
+    return np.maximum(1 - np.abs(place[:, None] - np.arange(nodes)), 0.0)

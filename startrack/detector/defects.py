@@ -8,9 +8,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.checks import non_negative, whole, within
-from startrack.streams import Streams
-from startrack.units import Unit
+from startrack.core import Streams, Unit, non_negative, whole, within
 
 Floats = NDArray[np.float64]
 

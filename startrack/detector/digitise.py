@@ -8,12 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.detector.counter import bits, key, uniform
+from startrack.core import Streams, bits, drawn, inverse_normal, key, uniform
 from startrack.detector.law import COUNT, Image, Law, blank, number, signal
-from startrack.detector.normal import inverse_normal
-from startrack.detector.poisson import drawn
 from startrack.detector.tables import OPEN, STEPS, Tables, tables_for
-from startrack.streams import Streams
 
 Floats = NDArray[np.float64]
 

@@ -9,20 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
-from startrack.detector.collect import electron_rate
-from startrack.detector.crosstalk import diffuse
-from startrack.detector.glow import glow_of
-from startrack.detector.ground import caught, ground, ground_tables
-from startrack.detector.lag import carry
+from startrack.core import Camera, Frame, Light, Path, Psf, Streams
+from startrack.detector.background import caught, ground, ground_tables
+from startrack.detector.collect import electron_rate, glow_of
+from startrack.detector.effects import carry, diffuse
 from startrack.detector.maps import response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import read_out
 from startrack.detector.shutter import Course, Places, at_once, row_by_row
 from startrack.detector.stamp import stamp_paths
 from startrack.detector.tables import Tables
-from startrack.streams import Streams
-from startrack.values import Frame, Light, Path, Psf
 
 Floats = NDArray[np.float64]
 

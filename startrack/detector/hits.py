@@ -9,9 +9,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.checks import non_negative, positive
-from startrack.streams import Streams
-from startrack.units import Unit
+from startrack.core import Streams, Unit, non_negative, positive
 
 SAMPLES = 16  # points per pixel along a track
 STEEPEST = 0.01  # cosine at which a track is cut; flatter ones are one in 10 000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from startrack.checks import finite, non_negative, one_of, whole
+from startrack.core import finite, non_negative, one_of, whole
 
 KINDS = ("line", "staggered", "tdi", "lines")
 

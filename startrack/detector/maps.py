@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Streams
 from startrack.detector.defects import dark_response, photo_response
 from startrack.detector.parameters import Detector
-from startrack.streams import Streams
 
 Floats = NDArray[np.float64]
 

@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from startrack.checks import finite, non_negative, positive, whole, within
-from startrack.curve import ALL, Curve
+from startrack.core import ALL, Curve, Unit, finite, non_negative, positive, whole, within
 from startrack.detector.defects import Defects
 from startrack.detector.hits import Hits
 from startrack.detector.lines import Scan
 from startrack.detector.pattern import Pattern
 from startrack.detector.thermal import Thermal
-from startrack.units import Unit
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.detector.bloom import bloom
+from startrack.core import Streams
 from startrack.detector.digitise import digitise, digitise_hit, normals, shot
+from startrack.detector.effects import bloom, multiply, settle
 from startrack.detector.hits import tracks
 from startrack.detector.law import Image, Law, blank, converted, law_of
 from startrack.detector.maps import device_streams, read_noise
-from startrack.detector.multiply import multiply
 from startrack.detector.parameters import Detector
 from startrack.detector.pattern import offsets
-from startrack.detector.settle import settle
 from startrack.detector.tables import Tables
-from startrack.streams import Streams
 
 Floats = NDArray[np.float64]
 

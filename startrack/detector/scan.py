@@ -6,18 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
-from startrack.checks import whole
-from startrack.detector.collect import electron_rate
+from startrack.core import Camera, Frame, Light, Psf, Streams, whole
+from startrack.detector.collect import electron_rate, glow_of
 from startrack.detector.expose import frame_of
-from startrack.detector.glow import glow_of
 from startrack.detector.lines import Line
 from startrack.detector.maps import response
 from startrack.detector.parameters import Detector
 from startrack.detector.shutter import Turn
 from startrack.detector.stamp import stamp
-from startrack.streams import Streams
-from startrack.values import Frame, Light, Psf
 
 Floats = NDArray[np.float64]
 

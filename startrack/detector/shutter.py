@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
-from startrack.values import Path
+from startrack.core import Camera, Path
 
 Floats = NDArray[np.float64]
 Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in Path

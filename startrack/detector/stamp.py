@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.values import Psf
+from startrack.core import Psf
 
 Floats = NDArray[np.float64]
 

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from startrack.checks import non_negative, positive, within
-from startrack.units import BOLTZMANN, Unit
+from startrack.core import BOLTZMANN, Unit, non_negative, positive, within
 
 ELEMENTARY_CHARGE = 1.602176634e-19  # coulomb, exact in the SI of 2019
 

@@ -10,9 +10,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import Frame, Psf, Streams, canvas
+from startrack.detector.background import ground, ground_tables
 from startrack.detector.digitise import digitise_row, digitised, keys
 from startrack.detector.expose import told
-from startrack.detector.ground import ground, ground_tables
 from startrack.detector.hits import tracks
 from startrack.detector.law import Law, law_of
 from startrack.detector.maps import dark, response
@@ -21,9 +22,6 @@ from startrack.detector.readout import in_steps
 from startrack.detector.shutter import Places
 from startrack.detector.stamp import ONE, Shape, add, room_for, shape_of
 from startrack.detector.tables import Tables
-from startrack.scratch import canvas
-from startrack.streams import Streams
-from startrack.values import Frame, Psf
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

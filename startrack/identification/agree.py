@@ -1,9 +1,4 @@
-"""Spots, the stars of the image and a rough attitude enter; the matches that agree leave.
-
-Matching and fitting take turns. The first attitude is a few pixels off, so that a false spot may
-stand in for a star and hold the fit in a place where half of the stars are missed. Residuals
-larger than those of most therefore pull less and less, and matches end where they do.
-"""
+"""Spots and predicted stars enter; one-to-one matches leave, and the attitude that they give."""
 
 from __future__ import annotations
 
@@ -14,18 +9,51 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import Camera, Floats, Matches, Spots, quaternion
 from startrack.identification.fit import fit
-from startrack.identification.pair import pair
-from startrack.identification.predict import project
-from startrack.identification.seen import Seen
-from startrack.values import Floats
+from startrack.identification.parameters import Identification
+from startrack.identification.predict import predict, project
+from startrack.identification.seen import Seen, see
+from startrack.identification.sky import SkyGrid
+
+Places = NDArray[np.int64]
+
+
+@njit(cache=True, error_model="numpy")
+def pair(
+    plane: Floats, place: Floats, radius: Floats
+) -> tuple[Places, Places, Floats]:  # pragma: no cover
+    """Each star takes its nearest spot, each spot its nearest taker.
+
+    plane    (n, 2) spots
+    place    (m, 2) predicted stars
+    radius   (n,) how far each spot may lie from its star
+    Returns  (k,) spots in rising order, (k,) stars, (k,) distances
+    """
+    taker = np.full(len(plane), -1)
+    nearest = radius**2
+    order = np.argsort(plane[:, 0])
+    x = plane[order, 0]
+    widest = np.max(radius) if len(radius) else 0.0
+    for j in range(len(place)):
+        best, least = -1, np.inf
+        for k in range(np.searchsorted(x, place[j, 0] - widest), len(x)):
+            if x[k] > place[j, 0] + widest:
+                break
+            i = order[k]
+            square = (plane[i, 0] - place[j, 0]) ** 2 + (plane[i, 1] - place[j, 1]) ** 2
+            if square <= radius[i] ** 2 and square < least:
+                best, least = i, square
+        if best >= 0 and least <= nearest[best]:
+            taker[best], nearest[best] = j, least
+    spot = np.flatnonzero(taker >= 0)
+    return spot, taker[spot], np.sqrt(nearest[spot])
+
 
 ROUNDS = 5  # of matching and fitting, if they do not settle before
 REACH = 4.0  # sigma, of noise and what else the residuals show: where the matches end
 NARROWEST = 1 / 8  # of the match radius
 PULL = 2.0  # sigma, from which on a residual pulls less (Cauchy's weights)
-
-Places = NDArray[np.int64]
 
 
 class Agreed(NamedTuple):
@@ -126,3 +154,82 @@ def _excess(seen: Seen, spot: Places, taken: Places, place: Floats) -> float:  #
     left = max(2 * len(spot) - unknowns, 1) / (2 * len(spot))
     noise = np.median(seen.sigma[spot] ** 2)
     return max(np.median(square) / (2 * math.log(2) * left) - noise, 0.0)
+
+
+class Gathered(NamedTuple):
+    """All matches and what they say of the camera; NaN where they leave the attitude open.
+
+    spot        (k,) in rising order
+    star        (k,) of the catalogue
+    direction   (k, 3) of these, ICRS axes
+    rotation    (3, 3) icrs_to_camera
+    quaternion  (4,) the same, scalar last
+    scale       true over believed focal length
+    """
+
+    spot: Places
+    star: Places
+    direction: Floats
+    rotation: Floats
+    quaternion: Floats
+    scale: float
+
+
+@njit(cache=True, error_model="numpy")
+def gather(
+    seen: Seen, faint: SkyGrid, magnitude: Floats, rotation: Floats, scale: float
+) -> Gathered:  # pragma: no cover
+    """Match all spots to the stars in the image, with the focal length and attitude they give.
+
+    faint      all stars of the catalogue
+    magnitude  (stars,) of these, in the catalogue's order
+    """
+    star, place = _brightest(seen, faint, magnitude, rotation, scale)
+    reach = max(seen.excess, REACH * float(np.median(seen.sigma)))
+    found = agree(seen, faint.direction, star, place, rotation, scale, reach, 2)
+    matched = star[found.taken]
+    return Gathered(
+        found.spot,
+        faint.member[matched].astype(np.int64),
+        faint.direction[matched],
+        found.rotation,
+        quaternion(found.rotation),
+        min(max(found.scale, 1 - seen.focal), 1 + seen.focal),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _brightest(
+    seen: Seen, faint: SkyGrid, magnitude: Floats, rotation: Floats, scale: float
+) -> tuple[Places, Floats]:  # pragma: no cover
+    """The brightest stars in the image and their places, so few that chance matches are rare."""
+    star, place = predict(seen, faint, rotation, scale)
+    most = 2 * len(seen.plane) + 50
+    if len(star) > most:
+        chosen = np.argsort(magnitude[faint.member[star]])[:most]
+        star, place = star[chosen], place[chosen]
+    return star, place
+
+
+FOCAL_ROUNDS = (
+    3  # of taking the distortion off, which is no similarity, with the focal length found
+)
+
+
+def refit(spots: Spots, matches: Matches, camera: Camera, settings: Identification) -> Camera:
+    """What `identify` makes of the focal length, once the matches are known.
+
+    camera    as the tracker believes it
+    Errors    ValueError where the matches are not solved.
+    """
+    if matches.icrs_to_camera is None:
+        raise ValueError(f"matches must be solved, got {matches.status}: {matches.reason}")
+    if settings.focal_tolerance == 0:
+        return camera
+    every = np.arange(len(matches))
+    rotation = matches.icrs_to_camera.as_matrix()
+    for _ in range(FOCAL_ROUNDS if camera.distorted else 1):
+        seen = see(spots, matches.spot, camera, settings)
+        rotation, change = settle(seen, matches.direction, every, every, rotation, 1.0)
+        camera = camera.scaled(change)
+    return camera

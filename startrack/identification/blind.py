@@ -6,13 +6,10 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from startrack.camera import Camera
-from startrack.checks import within
+from startrack.core import Camera, Matches, Spots, Stars, deg, within
 from startrack.identification.identify import identify
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
-from startrack.units import deg
-from startrack.values import Matches, Spots, Stars
 
 NARROWEST, WIDEST = 3 * deg, 40 * deg
 TOLERANCE = 0.1  # of the focal length, about each field that is tried

@@ -14,13 +14,9 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.identification.index import (
-    CodeTable,
-    PatternIndex,
-    build_index,
-)
+from startrack.core import Stars
+from startrack.identification.index import CodeTable, PatternIndex, build_index
 from startrack.identification.sky import SkyGrid, Voters
-from startrack.values import Stars
 
 FORMAT = 6  # grows with every change of what an index holds or how it is built
 KEPT = 24  # indexes of some 10 MB: those for a camera of which nothing is known are fourteen

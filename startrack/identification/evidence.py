@@ -1,24 +1,4 @@
-"""A match enters; a bound on the probability that chance alone makes such a match leaves.
-
-By chance, spots lie anywhere in the image: n of them, each with the density 1 / A. If the
-hypothesis is true, each predicted star j is seen with a probability p_j, displaced by Gaussian
-noise of variance v, and the rest of the spots is clutter. The ratio of the two likelihoods, for
-k matches, with c the clutter to expect, is
-
-    L = e^(n - c) (c / n)^(n - k)  prod_matched (p_j A / n) N(d; v)  prod_missed (1 - p_j)
-
-and, averaged over all attitudes and focal lengths that there may be (Laplace's method, H being
-the information matrix and d its size),
-
-    B = L prior(attitude, focal length) (2 pi)^(d / 2) det(H)^(-1/2)
-
-The mean of B over chance is one, so that chance exceeds 1 / P with a probability of P at most
-(Markov's inequality): no hypotheses need to be counted, and by Neyman and Pearson's lemma no
-other test finds more at the same P, as far as the model holds. How deep the camera sees and how
-far the believed distortion is wrong are not known: B is averaged over a few values of each, too.
-
-Source: Laplace's method for Bayes factors: Kass & Raftery (1995), J. Am. Stat. Assoc. 90, 773.
-"""
+"""A match enters; the log-evidence for it leaves, by positions and by brightness."""
 
 from __future__ import annotations
 
@@ -28,7 +8,56 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.values import Floats
+from startrack.core import Floats
+
+WILD = 0.1  # w
+ZERO_POINTS = np.arange(-2.1, 2.11, 0.3)  # magnitude, about what all spots and stars suggest
+LEAST_SPREAD = 0.5  # magnitude, of q
+
+
+@njit(cache=True, error_model="numpy")
+def log_brightness(
+    magnitude: Floats,
+    spot_blur: Floats,
+    expected: Floats,
+    star_blur: Floats,
+    spot: NDArray[np.int64],
+    star: NDArray[np.int64],
+) -> float:  # pragma: no cover
+    """ln of the factor above.
+
+    magnitude  (n,) of all spots, NaN where unknown: such a spot counts as wild
+    spot_blur  (k,) standard deviation of those matched
+    expected   (m,) magnitudes of all stars that the image should hold
+    star_blur  (k,) of those matched
+    spot       (k,) which spot
+    star       (k,) is which star
+    """
+    known = magnitude[np.isfinite(magnitude)]
+    if len(known) < 2:
+        return 0.0
+    centre, spread = np.mean(known), max(float(np.std(known)), LEAST_SPREAD)
+    reach = np.max(known) - np.min(known) + 1.0
+    seen = np.sort(expected)[: len(magnitude)]
+    shift = np.median(known) - np.median(seen)
+    product = np.ones(len(ZERO_POINTS))
+    for i in range(len(spot)):
+        m = magnitude[spot[i]]
+        if not math.isfinite(m) or not math.isfinite(spot_blur[i]):
+            continue
+        # Heavy tails: a spot brighter than all others is no wonder.
+        chance = 0.5 * _normal(m - centre, spread**2) + 0.5 / reach
+        variance = spot_blur[i] ** 2 + star_blur[i] ** 2
+        for z in range(len(ZERO_POINTS)):
+            away = m - expected[star[i]] - shift - ZERO_POINTS[z]
+            product[z] *= (1 - WILD) * _normal(away, variance) / chance + WILD
+    return math.log((1 + np.mean(product)) / 2)
+
+
+@njit(cache=True, error_model="numpy")
+def _normal(away: float, variance: float) -> float:  # pragma: no cover
+    return math.exp(-0.5 * away * away / variance) / math.sqrt(2 * math.pi * variance)
+
 
 DEPTHS = np.array([4, 6, 9, 14, 20, 28, 40])  # how many stars of an image the camera may see
 # Probability to see a star up to this depth, up to twice of it, and deeper.

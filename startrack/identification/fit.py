@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.values import Floats
+from startrack.core import Floats
 
 
 @njit(cache=True, error_model="numpy")

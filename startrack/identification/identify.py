@@ -1,24 +1,23 @@
-"""Spots, and what the tracker believes of camera and sky, enter; Matches leave."""
+"""Spots, the believed camera and the catalogue enter; Matches leave."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
-from startrack.identification.gather import Gathered, gather
+from startrack.core import Camera, Floats, Ints, Matches, Spots, Stars, Status
+from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
 from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification
-from startrack.identification.refit import ROUNDS
 from startrack.identification.search import breadth_first, search
-from startrack.identification.seen import Seen, first, see, usable
+from startrack.identification.seen import Seen, keep_brightest, see, usable
 from startrack.identification.sky import SkyGrid, Voters
 from startrack.identification.verify import Verdict
-from startrack.values import Floats, Ints, Matches, Spots, Stars, Status
 
 PROBABLE = 1e-2  # chance of a hypothesis below which a sky is ambiguous rather than none
 
@@ -90,7 +89,7 @@ def _identify(
 ) -> tuple[Verdict, int, Gathered]:  # pragma: no cover
     """`search` and `gather` in one call, for each costs as much as it works."""
     best, tried = search(
-        first(seen, voting),
+        keep_brightest(seen, voting),
         choices,
         code_tolerance,
         table,
@@ -120,7 +119,7 @@ def refined(
     finite  the usable spots
     log_p   ln of the bound on chance
     """
-    rounds = ROUNDS if camera.distorted and settings.focal_tolerance else 1
+    rounds = FOCAL_ROUNDS if camera.distorted and settings.focal_tolerance else 1
     for _ in range(rounds):
         seen = see(spots, finite, camera.scaled(scale), settings)
         found = gather(seen, index.faint, stars.magnitude_g, rotation, 1.0)
@@ -162,3 +161,19 @@ def _doubtful(log_p: float, matches: int, spots: int, tried: int, camera: Camera
 def _unsolved(status: Status, reason: str, camera: Camera, chance: float = 1.0) -> Matches:
     none: NDArray[np.int64] = np.empty(0, np.int64)
     return Matches(status, reason, none, none, np.empty((0, 3)), camera, None, chance)
+
+
+def identify_all(
+    frames: Iterable[Spots],
+    camera: Camera,
+    stars: Stars,
+    index: PatternIndex,
+    settings: Identification,
+) -> Iterator[Matches]:
+    """Identify frame after frame, each with nothing known of its attitude.
+
+    A generator: thousands of frames need the memory of one. The frames are independent, so that
+    an executor may share them out among processes; see `identify` for the arguments.
+    """
+    for spots in frames:
+        yield identify(spots, camera, stars, index, settings)

@@ -1,4 +1,4 @@
-"""Stars enter; the codes of their triangles leave, sorted so that like ones lie together."""
+"""Stars enter; the codes of their triangles leave, sorted so that similar ones lie together."""
 
 from __future__ import annotations
 
@@ -10,14 +10,38 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.camera import Camera
-from startrack.checks import positive, whole, within
-from startrack.identification.code import TALLEST, place, separation
-from startrack.identification.merge import merged
+from startrack.core import Camera, Floats, Ints, Stars, deg, positive, whole, within
+from startrack.identification.index_stars import local_rank, merged
 from startrack.identification.sky import SkyGrid, Voters, cone, sky_grid
-from startrack.identification.thin import local_rank
-from startrack.units import deg
-from startrack.values import Floats, Ints, Stars
+
+TALLEST = math.sqrt(3) / 2  # half the height of the lens over a base of one
+
+
+@njit(cache=True, error_model="numpy")
+def place(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:  # pragma: no cover
+    """Where C lies over the base from A to B.
+
+    a, b, c  (3,) unit vectors
+    Returns  (x, y) in units of the base, as described above
+    """
+    mx, my, mz = a[0] + b[0], a[1] + b[1], a[2] + b[2]
+    ex, ey, ez = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    # m and e are normal to each other; |e| / |m| = tan(separation / 2)
+    nx, ny, nz = my * ez - mz * ey, mz * ex - mx * ez, mx * ey - my * ex
+    ee = ex * ex + ey * ey + ez * ez
+    mm = mx * mx + my * my + mz * mz
+    depth = c[0] * mx + c[1] * my + c[2] * mz
+    along = c[0] * ex + c[1] * ey + c[2] * ez
+    across = c[0] * nx + c[1] * ny + c[2] * nz
+    return 0.5 + 0.5 * along * mm / (depth * ee), 0.5 * across * math.sqrt(mm) / (depth * ee)
+
+
+@njit(cache=True, error_model="numpy")
+def separation(a: Floats, b: Floats) -> float:  # pragma: no cover
+    """Radian between two unit vectors (3,), accurate at small angles."""
+    chord = math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+    return 2 * math.asin(min(chord / 2, 1.0))
+
 
 Indices = NDArray[np.int32]
 

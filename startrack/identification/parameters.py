@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from startrack.checks import non_negative, positive, whole, within
+from startrack.core import non_negative, positive, whole, within
 
 
 @dataclass(frozen=True)

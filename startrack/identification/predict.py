@@ -8,10 +8,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.identification.fit import turned
 from startrack.identification.seen import Seen
 from startrack.identification.sky import SkyGrid, cubes_around, most_within
-from startrack.values import Floats
 
 Places = NDArray[np.int64]
 

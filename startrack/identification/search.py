@@ -10,11 +10,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.identification.code import place, separation
-from startrack.identification.index import LENGTHS, UPRIGHT, CodeTable, along, column, upright
+from startrack.core import Floats
+from startrack.identification.index import (
+    LENGTHS,
+    UPRIGHT,
+    CodeTable,
+    along,
+    column,
+    place,
+    separation,
+    upright,
+)
 from startrack.identification.seen import Seen
-from startrack.identification.sieve import sieve
 from startrack.identification.sky import Voters
+from startrack.identification.spot_grid import sieve
 from startrack.identification.verify import (
     FIRST_RADIUS,
     Verdict,
@@ -23,7 +32,6 @@ from startrack.identification.verify import (
     promising,
     verify,
 )
-from startrack.values import Floats
 
 SIGMAS = 3.5  # how far noise may move a code
 EXPECTED = 0.7  # share of matches with the stars to be seen first, below which they are doubted

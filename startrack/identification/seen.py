@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from startrack.camera import Camera
+from startrack.core import Camera, Floats, Ints, Spots
 from startrack.identification.parameters import Identification
-from startrack.values import Floats, Ints, Spots
 
 GATE = 3.0  # sigma of the centroids: the match radius is not smaller
 LEAST_SIGMA = 0.01  # pixel, that a centroid is believed
@@ -125,7 +124,7 @@ def _see(
 
 
 @njit(cache=True, error_model="numpy")
-def first(seen: Seen, count: int) -> Seen:  # pragma: no cover
+def keep_brightest(seen: Seen, count: int) -> Seen:  # pragma: no cover
     """The same with the first so many spots alone."""
     return Seen(
         seen.plane[:count],

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.values import Floats
+from startrack.core import Floats
 
 Indices = NDArray[np.int32]
 Cubes = NDArray[np.int64]

@@ -6,15 +6,180 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
-from startrack.identification.follow import FEWEST, follow
+from startrack.core import Camera, Floats, Matches, Spots, Stars
+from startrack.identification.fit import derivatives, fit, turned
 from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
-from startrack.identification.seen import first, see, usable
-from startrack.values import Floats, Matches, Spots, Stars
+from startrack.identification.predict import predict, project
+from startrack.identification.seen import Seen, keep_brightest, see, usable
+from startrack.identification.sky import Voters
+from startrack.identification.verify import weigh_prior
+
+WINDOW = 16.0  # squared radius of a window over its variance: one in 3000 lies outside
+FEWEST = 2  # stars that give an attitude
+MOST_CHAINS = 200
+
+
+@njit(cache=True, error_model="numpy")
+def follow(
+    seen: Seen,
+    voters: Voters,
+    predicted: Floats,
+    covariance: Floats,
+) -> tuple[Floats, int, float]:  # pragma: no cover
+    """The chain of the greatest evidence.
+
+    voters      the stars that may be seen
+    predicted   (3, 3) icrs_to_camera
+    covariance  (3, 3) radian^2, of the small rotation about the camera's axes
+    Returns     icrs_to_camera, matches (0 for none), ln of the bound on chance
+    """
+    sky = voters.sky
+    star, place = predict(seen, sky, predicted, 1.0)
+    order = np.argsort(voters.magnitude[star])
+    star, place = star[order], place[order]
+    weight = seen.sigma**-2.0
+    rows = np.empty((len(star), 2, 3))
+    for j in range(len(star)):
+        rows[j] = derivatives(predicted, sky.direction[star[j]], 1.0)[:, :3]
+    information = np.linalg.inv(covariance).astype(np.float64)
+    # The density of a Gaussian prediction at its centre.
+    log_peak = -0.5 * math.log(np.linalg.det(covariance)) - 1.5 * math.log(2 * math.pi)
+
+    best, best_rotation, most = 0.0, predicted, 0
+    chains = 0
+    start = np.zeros(3)
+    for first in range(len(star)):
+        for spot in range(len(seen.plane)):
+            if _misfit(seen, spot, place[first], rows[first], start, covariance) > WINDOW:
+                continue
+            chains += 1
+            if chains > MOST_CHAINS:
+                return best_rotation, most, best
+            spots, stars = _chain(seen, spot, first, place, rows, covariance)
+            if len(spots) < FEWEST:
+                continue
+            rotation, _ = fit(
+                seen.plane, weight, sky.direction, spots, star[stars], predicted, 1.0, 0.0, 3
+            )
+            away = _away(predicted, rotation)
+            fitted = project(sky.direction, star[stars], rotation, 1.0)
+            distance = np.empty(len(spots))
+            for i in range(len(spots)):
+                dx, dy = seen.plane[spots[i]] - fitted[i]
+                distance[i] = math.hypot(dx, dy)
+            log_prior = log_peak - 0.5 * np.dot(away, np.dot(information, away))
+            log_p = -weigh_prior(
+                seen,
+                voters,
+                star,
+                spots,
+                stars,
+                distance,
+                rotation,
+                1.0,
+                information,
+                log_prior,
+            )
+            if log_p < best:
+                best, best_rotation, most = log_p, rotation, len(spots)
+    return best_rotation, most, best
+
+
+@njit(cache=True, error_model="numpy")
+def _chain(
+    seen: Seen, spot: int, first: int, place: Floats, rows: Floats, covariance: Floats
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # pragma: no cover
+    """Spots and stars of the chain that begins with one pair."""
+    state, spread = _update(seen, spot, place[first], rows[first], np.zeros(3), covariance)
+    taken = np.zeros(len(seen.plane), np.bool_)
+    taken[spot] = True
+    spots, stars = np.empty(len(place), np.int64), np.empty(len(place), np.int64)
+    spots[0], stars[0], count = spot, first, 1
+    for j in range(len(place)):
+        if j == first:
+            continue
+        nearest, least = -1, WINDOW
+        for i in range(len(seen.plane)):
+            if not taken[i]:
+                misfit = _misfit(seen, i, place[j], rows[j], state, spread)
+                if misfit < least:
+                    nearest, least = i, misfit
+        if nearest >= 0:
+            state, spread = _update(seen, nearest, place[j], rows[j], state, spread)
+            taken[nearest] = True
+            spots[count], stars[count] = nearest, j
+            count += 1
+    return spots[:count], stars[:count]
+
+
+@njit(cache=True, error_model="numpy")
+def _innovation(
+    seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
+) -> tuple[float, float, float, float, float]:  # pragma: no cover
+    """How far a spot lies from where a star is expected, and the inverse covariance of that."""
+    dx = seen.plane[spot, 0] - place[0]
+    dy = seen.plane[spot, 1] - place[1]
+    xx = yy = seen.sigma[spot] ** 2
+    xy = 0.0
+    for a in range(3):
+        dx -= row[0, a] * state[a]
+        dy -= row[1, a] * state[a]
+        for b in range(3):
+            xx += row[0, a] * spread[a, b] * row[0, b]
+            xy += row[0, a] * spread[a, b] * row[1, b]
+            yy += row[1, a] * spread[a, b] * row[1, b]
+    determinant = xx * yy - xy * xy
+    return dx, dy, yy / determinant, -xy / determinant, xx / determinant
+
+
+@njit(cache=True, error_model="numpy")
+def _misfit(
+    seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
+) -> float:  # pragma: no cover
+    """Squared distance of a spot from where a star is expected, over its variance."""
+    dx, dy, xx, xy, yy = _innovation(seen, spot, place, row, state, spread)
+    return dx * dx * xx + 2 * dx * dy * xy + dy * dy * yy
+
+
+@njit(cache=True, error_model="numpy")
+def _update(
+    seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
+) -> tuple[Floats, Floats]:  # pragma: no cover
+    """State (3,) and covariance (3, 3) of the attitude after a match."""
+    dx, dy, xx, xy, yy = _innovation(seen, spot, place, row, state, spread)
+    cross = np.zeros((3, 2))
+    for a in range(3):
+        for b in range(3):
+            cross[a, 0] += spread[a, b] * row[0, b]
+            cross[a, 1] += spread[a, b] * row[1, b]
+    after, smaller = np.empty(3), np.empty((3, 3))
+    for a in range(3):
+        gain_x = cross[a, 0] * xx + cross[a, 1] * xy
+        gain_y = cross[a, 0] * xy + cross[a, 1] * yy
+        after[a] = state[a] + gain_x * dx + gain_y * dy
+        for b in range(3):
+            smaller[a, b] = spread[a, b] - gain_x * cross[b, 0] - gain_y * cross[b, 1]
+    return after, smaller
+
+
+@njit(cache=True, error_model="numpy")
+def _away(source: Floats, target: Floats) -> Floats:  # pragma: no cover
+    """The small rotation vector (3,) from one attitude to another, about the camera's axes."""
+    away = np.zeros(3)
+    for k in range(3):
+        x, y, z = turned(target, source[k])
+        # The source's axis k, in the target's camera axes, is column k of the rotation.
+        column = (x, y, z)
+        away[(k + 1) % 3] -= 0.5 * column[(k + 2) % 3]
+        away[(k + 2) % 3] += 0.5 * column[(k + 1) % 3]
+    return away
+
 
 EDGE = 3.0  # sigma of the prediction
 
@@ -49,7 +214,7 @@ def track(
     believed = replace(settings, focal_tolerance=0.0)
     finite = usable(spots)
     if len(finite) >= FEWEST:
-        seen = first(see(spots, finite, camera, believed), settings.verify_spots)
+        seen = keep_brightest(see(spots, finite, camera, believed), settings.verify_spots)
         # A star that the prediction puts outside the image may be inside.
         margin = EDGE * math.sqrt(np.linalg.eigvalsh(covariance)[-1])
         wider = seen._replace(

@@ -9,16 +9,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.identification.agree import Agreed, agree
-from startrack.identification.brightness import log_brightness
-from startrack.identification.code import separation
-from startrack.identification.evidence import LOG_ATTITUDES, log_evidence
+from startrack.identification.evidence import LOG_ATTITUDES, log_brightness, log_evidence
 from startrack.identification.fit import align, derivatives
+from startrack.identification.index import separation
 from startrack.identification.predict import predict
 from startrack.identification.seen import Seen
-from startrack.identification.sieve import Sieve, hits
 from startrack.identification.sky import SkyGrid, Voters
-from startrack.values import Floats
+from startrack.identification.spot_grid import Sieve, hits
 
 FIRST_RADIUS = 2.0  # times the match radius: three stars predict the rest less well than all do
 

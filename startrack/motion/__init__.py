@@ -1,22 +1,22 @@
-"""How the line of sight moves in an exposure.
+"""How the line of sight moves during an exposure.
 
-parameters  Motion: rates, tones and broadband jitter of the platform
-spectrum    a one-sided power spectral density between the points of its table
-turn        Motion -> Turn: what the camera does in one trial, at any time
-quadrature  points and weights over the exposure
-shake       Motion -> Path: as many points as the smear needs
-transfer    Path -> where a star's image goes, its transfer function, the MTF at Nyquist
-density     the time that an image spends in each cell of a grid
-stability   drift and blur of a path, and what to expect of a motion (MPE, RPE)
+parameters     Motion: rates, tones and broadband jitter of the platform.
+quadrature     Points and weights that average over an exposure, its start and its end among them.
+realisation    Motion enters; MotionRealisation leaves: how the camera turns in one trial, at any
+               time.
+line_of_sight  Motion -> Path, with as many points as the smear of a star needs.
+stability      Drift and blur: of a path that was drawn, and what to expect of a motion.
+transfer       Motion within an exposure enters; its PSF, its transfer function and its MTF at
+               Nyquist leave.
 """
 
-from startrack.motion.density import density
+from startrack.motion.line_of_sight import shake, slew, trace
 from startrack.motion.parameters import Broadband, Motion, Tone
-from startrack.motion.shake import shake, slew, trace
+from startrack.motion.realisation import Turn, turn
 from startrack.motion.stability import Stability, blur, stability, wander
-from startrack.motion.transfer import image_path, nyquist_mtf, transfer
-from startrack.motion.turn import Turn, turn
+from startrack.motion.transfer import density, image_path, nyquist_mtf, transfer
 
+# Public; the other imports serve other rooms.
 __all__ = [
     "Broadband",
     "Motion",

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated
 
-from startrack.checks import finite, non_negative, one_of, positive
-from startrack.units import Unit
+from startrack.core import Unit, finite, non_negative, one_of, positive
 
 AXES = ("x", "y", "z")
 

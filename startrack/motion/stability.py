@@ -9,12 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.checks import positive
+from startrack.core import Path, positive
 from startrack.motion.parameters import AXES, Motion
 from startrack.motion.quadrature import joined, points
-from startrack.motion.spectrum import bands
-from startrack.motion.turn import Turn, turn
-from startrack.values import Path
+from startrack.motion.realisation import Turn, bands, turn
 
 Floats = NDArray[np.float64]
 

@@ -11,11 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
-from startrack.checks import positive, within
+from startrack.core import Camera, Glare, Glow, Light, Unit, positive, within
 from startrack.optics.parameters import Optics
-from startrack.units import Unit
-from startrack.values import Glare, Glow, Light
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.checks import positive
+from startrack.core import positive
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.checks import positive
+from startrack.core import positive
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.checks import finite, one_of, positive, whole
+from startrack.core import finite, one_of, positive, whole
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.optics.focus import focus
+from startrack.core import Psf
 from startrack.optics.parameters import Optics
+from startrack.optics.pixel_psf import focus
 from startrack.optics.zernike import Aberration, nm_to_noll, noll_to_nm
-from startrack.values import Psf
 
 Floats = NDArray[np.float64]
 

@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from startrack.checks import finite, non_negative, one_of, positive, within
-from startrack.curve import ALL, Curve
+from startrack.core import ALL, Curve, Unit, deg, finite, non_negative, one_of, positive, within
 from startrack.optics.pupil import Pupil
 from startrack.optics.zernike import Aberration
-from startrack.units import Unit, deg
 
 MODELS = ("gaussian", "airy", "fraunhofer", "fresnel", "kirchhoff")  # from cheap to right
 STEEPEST_F = 0.6  # an aplanatic lens of f/0.5 takes the whole half sphere

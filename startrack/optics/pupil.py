@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.checks import finite, non_negative, one_of, positive, whole, within
-from startrack.units import Unit
+from startrack.core import Unit, finite, non_negative, one_of, positive, whole, within
 
 Floats = NDArray[np.float64]
 

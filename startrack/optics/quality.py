@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.values import Psf
+from startrack.core import Psf
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from startrack.checks import positive, whole
+from startrack.core import positive, whole
 
 
 def paper_radius(focal_length: float, distance: float, wavelength: float, order: int = 1) -> float:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.checks import finite, whole
-from startrack.units import Unit
+from startrack.core import Unit, finite, whole
 
 Floats = NDArray[np.float64]
 

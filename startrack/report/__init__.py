@@ -1,16 +1,16 @@
-"""A campaign's store enters; one HTML page that needs nothing else leaves.
+"""A campaign as one HTML page.
 
-write      the page, section by section
-page       sections -> HTML: style, contents, tables; text is escaped here
-inline     a matplotlib figure -> SVG to put into a page
-causes     the error budget, by formula and by trials
-skymap     trials over the sky, in an equal-area projection
-spread     distributions of errors with the intervals of their quantiles
-look       some trials again, star by star: error against magnitude, field position, slew rate
-worst      the trials that went worst, with their frames
-rungs      speed against error of the fidelities
+page           Sections and figures enter; one self-contained HTML page leaves.
+causes         A case -> what its error is made of, expected and measured, as a part of the page.
+stars          Some trials again, star by star -> error against magnitude, field position and slew
+               rate.
+fidelities     The same trials at each fidelity -> speed against error.
+distributions  Errors of many trials enter; their distributions, quantiles and sky maps leave.
+worst          The trials that went worst, with their frames.
+write          A campaign's store -> the page.
 """
 
 from startrack.report.write import Depth, write_report
 
+# Public; the other imports serve other rooms.
 __all__ = ["Depth", "write_report"]

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 from startrack.budget import Budget, analytic, measured
-from startrack.case import Case
+from startrack.core import arcsec
+from startrack.design import Case
+from startrack.montecarlo import Serial
 from startrack.report.page import Section, paragraph, table
-from startrack.study.workers import Serial
-from startrack.units import arcsec
 
 TITLE = "Error budget"
 

@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.case import Case
 from startrack.catalog import open_sky
-from startrack.chain import observe
-from startrack.draw import draw_solution
+from startrack.core import Streams, arcsec
+from startrack.design import Case
+from startrack.io import celestial
+from startrack.plots import draw_solution
 from startrack.report.page import figure
-from startrack.streams import Streams
-from startrack.units import arcsec
-from startrack.wcs import celestial
+from startrack.trial import observe
 
 
 def worst(outcomes: NDArray[np.void], count: int) -> NDArray[np.int64]:

@@ -10,29 +10,17 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from startrack.campaign.origin import origin
-from startrack.campaign.store import Store
-from startrack.case import Case, Fidelity
-from startrack.checks import whole
-from startrack.error import Interval, Summary, summarise
+from startrack.core import arcsec, deg, whole
+from startrack.design import Case, Fidelity
+from startrack.io import to_table
+from startrack.metrics import Interval, Summary, summarise
+from startrack.montecarlo import Sampling, Store, origin
 from startrack.report.causes import budget
-from startrack.report.inline import inline
-from startrack.report.look import (
-    SMEARS,
-    draw_slews,
-    draw_stars,
-    half_diagonal,
-    look_again,
-    slews,
-)
-from startrack.report.page import Section, code, figure, page, paragraph, table
-from startrack.report.rungs import rungs
-from startrack.report.skymap import sky_map
-from startrack.report.spread import SHARES, quantiles, sizes, spread
+from startrack.report.distributions import SHARES, quantiles, sizes, sky_map, spread
+from startrack.report.fidelities import rungs
+from startrack.report.page import Section, code, figure, inline, page, paragraph, table
+from startrack.report.stars import SMEARS, draw_slews, draw_stars, half_diagonal, look_again, slews
 from startrack.report.worst import show, worst
-from startrack.tables import to_table
-from startrack.units import arcsec, deg
-from startrack.variance.sampling import Sampling
 
 MOST_POINTS = 5000  # trials on the map
 

@@ -1,21 +1,43 @@
 """What light arrives: stars, sky and bodies become photons per wavelength at the entrance pupil.
 
-parameters    Scene: what there is to see, when and from where
-photometry    magnitude and colour into a photon spectrum
-ephemeris     Scene -> where the bodies of the solar system are
-planets       their magnitudes
-bodies        Sun, Moon and Earth: discs and glare
-limb          the sunlit air above the Earth's horizon
-airglow       shells of air that glow by themselves
-cities        lamps by night
-zodiacal      sunlight on the dust between the planets
-starlight     stars below the catalogue's limit, and the dust between the stars
-illuminate    Stars -> Light
-air           radiance at a sensor from tables of the air; imported by those who need it
-earth         rays at the Earth -> Ground, where it fills the field; imported by those who need it
-land          Ground -> what it reflects and how warm it is; likewise
+parameters  Scene: what there is to see besides the stars, when and from where.
+photometry  Magnitude and colour into a photon spectrum: blackbodies through Gaia's passbands.
+ephemeris   Scene, Streams -> where the bodies of the solar system are, seen by the observer.
+planets     Body -> V magnitude of a planet.
+bodies      Observer -> the Sun, the Moon and the Earth: discs in the field, glare beside it,
+            eclipses.
+limb        The Earth's bright limb: a table of radiance over tangent height and Sun, and its
+            light.
+airglow     Lines of sight -> the airglow of the Earth's upper atmosphere, as thin shells.
+cities      The Earth at a date -> the lights of its large cities by night, as points.
+zodiacal    Directions, Sun -> brightness of the zodiacal light, and its spectrum.
+starlight   Directions, faintest magnitude of the catalogue -> light of the stars below it.
+illuminate  Stars -> Light: photons at the entrance pupil.
 """
 
-import lazy_loader
+from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
+from startrack.scene.ephemeris import AU, EARTH_RADIUS
+from startrack.scene.illuminate import Sight, illuminate
+from startrack.scene.limb import Limb, load_limb, save_limb
+from startrack.scene.parameters import Orbit, Scene
+from startrack.scene.photometry import (
+    SUN,
+    SUN_G_MINUS_V,
+    WAVELENGTH,
+    blackbody_photons,
+    colour_temperature,
+)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+# Public; the other imports serve other rooms.
+__all__ = [
+    "WAVELENGTH",
+    "Limb",
+    "Orbit",
+    "Scene",
+    "Sight",
+    "blackbody_photons",
+    "colour_temperature",
+    "illuminate",
+    "load_limb",
+    "save_limb",
+]

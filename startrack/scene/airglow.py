@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import nm
 from startrack.scene.bodies import Earth
 from startrack.scene.ephemeris import EARTH_RADIUS
 from startrack.scene.photometry import BIN, WAVELENGTH
-from startrack.units import nm
 
 Floats = NDArray[np.float64]
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Glare, deg
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, Body, Observer
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, photon_rate
-from startrack.units import deg
-from startrack.values import Glare
 
 Floats = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import GOLDEN_ANGLE, deg, nm
 from startrack.scene.bodies import Earth
 from startrack.scene.ephemeris import EARTH_RADIUS, J2000, Observer
 from startrack.scene.photometry import BIN, WAVELENGTH, blackbody_photons
-from startrack.units import GOLDEN_ANGLE, deg, nm
 
 Floats = NDArray[np.float64]
 

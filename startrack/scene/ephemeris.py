@@ -9,10 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.dates import installed_tables
+from startrack.core import LIGHT_SPEED, Streams, installed_tables
 from startrack.scene.parameters import Orbit, Scene
-from startrack.streams import Streams
-from startrack.units import LIGHT_SPEED
 
 Floats = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack.core import Camera, Glare, Glow, Light, Stars, Streams, arcsec
 from startrack.scene.airglow import HIGHEST, airglow
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
@@ -28,9 +28,6 @@ from startrack.scene.photometry import (
 from startrack.scene.planets import PLANETS, magnitude_v
 from startrack.scene.starlight import starlight, starlight_spectrum
 from startrack.scene.zodiacal import zodiacal, zodiacal_spectrum
-from startrack.streams import Streams
-from startrack.units import arcsec
-from startrack.values import Glare, Glow, Light, Stars
 
 Floats = NDArray[np.float64]
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated
 
-from startrack.checks import finite, non_negative, one_of, positive, within
-from startrack.units import Unit
+from startrack.core import Unit, finite, non_negative, one_of, positive, within
 
 LIGHTS = ("zodiacal", "starlight", "planets", "sun", "moon", "earth", "airglow", "cities")
 FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris

@@ -8,7 +8,7 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.units import BOLTZMANN, LIGHT_SPEED, PLANCK, nm
+from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, nm
 
 Floats = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
+from startrack.core import deg
 from startrack.scene.ephemeris import AU, Body
-from startrack.units import deg
 
 PLANETS = ("mercury", "venus", "mars", "jupiter", "saturn", "uranus", "neptune")
 

@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import deg
 from startrack.scene.photometry import photon_rate
-from startrack.units import deg
 
 Floats = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import deg
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_rate
-from startrack.units import deg
 
 Floats = NDArray[np.float64]
 

@@ -1,18 +1,19 @@
-"""Trials in time: a camera that flies a profile, and a tracker that follows it frame by frame.
+"""Trials in time: tracking, loss and reacquisition.
 
-parameters  Sequence: legs of the attitude profile, rate of frames, gyroscope, patience
-profile     legs -> attitudes and rates at any time
-flight      profile and jitter, which goes on over the frames -> the true motion of each frame
-gyro        the true motion -> what a gyroscope shows between the frames
-follow      one frame's attitude and the filter's state -> the filter's next state
-run         all of it, one line a room -> a table with a row a frame
-summary     many tables -> accuracy, losses and reacquisitions, with intervals
+parameters  Sequence: how the platform turns, how often a frame is taken, and what the filter
+            leans on.
+flight      A profile and jitter enter; the true motion of each frame and the gyroscope's output
+            leave.
+follow      One frame's attitude and the filter's state -> the filter's next state.
+run         A case flies a sequence -> a table with a row a frame.
+summary     Tables of sequences -> accuracy, losses of track and reacquisitions, with intervals.
 """
 
 from startrack.sequence.parameters import Gyro, Leg, Sequence, load_sequence
 from startrack.sequence.run import FRAMES, Mode, fly, run
 from startrack.sequence.summary import Tracking, summarise
 
+# Public; the other imports serve other rooms.
 __all__ = [
     "FRAMES",
     "Gyro",

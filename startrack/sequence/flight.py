@@ -1,4 +1,4 @@
-"""Profile and jitter -> the true motion of each frame."""
+"""A profile and jitter enter; the true motion of each frame and the gyroscope's output leave."""
 
 from __future__ import annotations
 
@@ -9,13 +9,47 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.case import Instrument
+from startrack.core import Streams
+from startrack.design import Instrument
 from startrack.motion import Turn, turn
-from startrack.sequence.parameters import Sequence
-from startrack.sequence.profile import attitudes, rates
-from startrack.streams import Streams
+from startrack.sequence.parameters import Gyro, Leg, Sequence
 
 Floats = NDArray[np.float64]
+
+
+def attitudes(legs: tuple[Leg, ...], start: Rotation, time: Floats) -> Rotation:
+    """The attitude icrs_to_camera of the profile, without jitter.
+
+    A camera that turns at the rate w sees the sky turn back: A(t + s) = exp(-[w]x s) A(t).
+
+    start  attitude at time 0
+    time   (m,) second, from 0 on; after the last leg its rate goes on
+    Errors numerical: rounding alone, as each leg's turn is a closed form.
+    """
+    begin, rate = _begins(legs), _rates(legs)
+    corner = [start]
+    for leg, spin in zip(legs, rate, strict=True):
+        corner.append(Rotation.from_rotvec(-spin * leg.duration) * corner[-1])
+    leg_of = _leg_of(begin, time)
+    since = (time - begin[leg_of])[:, None]
+    return Rotation.from_rotvec(-rate[leg_of] * since) * Rotation.concatenate(corner)[leg_of]
+
+
+def rates(legs: tuple[Leg, ...], time: Floats) -> Floats:
+    """The rate (m, 3) of the camera about its own axes, radian / second."""
+    return _rates(legs)[_leg_of(_begins(legs), time)]
+
+
+def _begins(legs: tuple[Leg, ...]) -> Floats:
+    return np.concatenate([[0.0], np.cumsum([leg.duration for leg in legs])[:-1]])
+
+
+def _rates(legs: tuple[Leg, ...]) -> Floats:
+    return np.array([[leg.rate_x, leg.rate_y, leg.rate_z] for leg in legs])
+
+
+def _leg_of(begin: Floats, time: Floats) -> NDArray[np.int64]:
+    return np.maximum(np.searchsorted(begin, time, side="right") - 1, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +103,26 @@ def _times(instrument: Instrument, sequence: Sequence) -> Floats:
             f"legs must last at least one frame of {sweep:g} s, got {sequence.duration:g} s"
         )
     return np.asarray(sweep / 2 + period * np.arange(frames), float)
+
+
+def shown(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
+    """Mean rates from each frame to the next, as the gyroscope measures them.
+
+    White noise of the rate and a bias that walks at random; the mean of the walk over a step and
+    its end are drawn together, so that the step's length does not matter.
+
+    Source: Farrenkopf (1978), J. Guidance and Control 1(4), 282.
+
+    Returns  (m - 1, 3) radian / second, camera axes
+    Errors   model: scale factors, misalignments and quantisation are not there; the rate is taken
+             as constant between two frames.
+    """
+    step = np.diff(flight.time)[:, None]
+    true = -(flight.attitude[1:] * flight.attitude[:-1].inv()).as_rotvec() / step
+    rng = streams("gyroscope")
+    begin = gyro.bias * rng.standard_normal(3)
+    white, walk, within = rng.standard_normal((3, len(step), 3))
+    change = gyro.rate_random_walk * np.sqrt(step) * walk
+    bias = begin + np.cumsum(change, axis=0) - change / 2
+    bias += gyro.rate_random_walk * np.sqrt(step / 12) * within
+    return true + bias + gyro.angle_random_walk / np.sqrt(step) * white

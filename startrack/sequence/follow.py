@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.attitude import Gyroscope, State, correct, predict, start
+from startrack.core import Estimate, Status
 from startrack.sequence.parameters import Sequence
-from startrack.values import Estimate, Status
 
 Floats = NDArray[np.float64]
 

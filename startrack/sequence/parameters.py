@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from startrack.checks import finite, non_negative, positive, whole
-from startrack.tables import from_table, read_table
-from startrack.units import Unit, arcsec, deg
+from startrack.core import Unit, arcsec, deg, finite, non_negative, positive, whole
+from startrack.io import from_table, read_table
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,18 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import State
-from startrack.camera import Camera
-from startrack.case import Case
 from startrack.catalog import open_sky
-from startrack.chain import (
+from startrack.core import Camera, Estimate, Frame, Matches, Spots, Status, Streams, whole
+from startrack.design import Case
+from startrack.detection import detect
+from startrack.detector import expected, frame_of
+from startrack.identification import identify, track
+from startrack.metrics import Outcome, judge
+from startrack.motion import trace
+from startrack.sequence.flight import Flight, flight, shown
+from startrack.sequence.follow import Known, carry, take
+from startrack.sequence.parameters import Sequence
+from startrack.trial import (
     estimated,
     index_of,
     light_of,
@@ -25,20 +33,8 @@ from startrack.chain import (
     psf_of,
     random_attitude,
     throughput,
+    trust,
 )
-from startrack.checks import whole
-from startrack.detection import detect
-from startrack.detector import expected, frame_of
-from startrack.error import Outcome, judge
-from startrack.identification import identify, track
-from startrack.motion import trace
-from startrack.sequence.flight import Flight, flight
-from startrack.sequence.follow import Known, carry, take
-from startrack.sequence.gyro import shown
-from startrack.sequence.parameters import Sequence
-from startrack.single import trust
-from startrack.streams import Streams
-from startrack.values import Estimate, Frame, Matches, Spots, Status
 
 NUMBER_OF_FRAMES = 2**32  # by which the streams of one sequence's frames are apart
 AXES = "xyz"

@@ -8,8 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.error import Interval, rms_interval, share_interval
-from startrack.error.judge import FALSE_ANGLE
+from startrack.metrics import FALSE_ANGLE, Interval, rms_interval, share_interval
 from startrack.sequence.run import Mode
 
 

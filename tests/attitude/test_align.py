@@ -6,7 +6,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Observability, align, davenport, foam, quest, svd
-from startrack.units import arcsec, deg
+from startrack.core.units import arcsec, deg
 
 EPS = 2.0**-52
 # Eight fixed turns, half turns among them.

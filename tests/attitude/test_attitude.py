@@ -4,9 +4,9 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Attitude, refine, solve
-from startrack.attitude.scale import scale_unknown
-from startrack.camera import Camera
-from startrack.values import Matches, Spots, Status
+from startrack.attitude.solve import scale_unknown
+from startrack.core.camera import Camera
+from startrack.core.values import Matches, Spots, Status
 
 CAMERA = Camera(1024, 1024, 4800.0)
 EXACT = Attitude(centroid_floor=0.0)

@@ -3,9 +3,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Attitude, consensus, solve
-from startrack.camera import Camera
-from startrack.units import arcsec
-from startrack.values import Matches, Spots, Status
+from startrack.core.camera import Camera
+from startrack.core.units import arcsec
+from startrack.core.values import Matches, Spots, Status
 
 CAMERA = Camera(1024, 1024, 4800.0)
 SIGMA = 10 * arcsec

@@ -4,7 +4,7 @@ from scipy import linalg, stats
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Gyroscope, correct, predict, start
-from startrack.units import arcsec, deg
+from startrack.core.units import arcsec, deg
 
 GYROSCOPE = Gyroscope(angle_random_walk=2 * arcsec, rate_random_walk=0.05 * arcsec)
 SEEN = np.diag([3.0, 3.0, 20.0]) ** 2 * arcsec**2

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from startrack.attitude import Mounting
-from startrack.units import deg
+from startrack.core.units import deg
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from startrack import cli
 from startrack.benchmark import STAGES, Clocked, Stage, markdown, measure, values
 from startrack.benchmark.stage import ROUNDS
 from startrack.benchmark.stamping import exact
 from startrack.benchmark.table import figure, spent
+from startrack.cli import main as cli
 
 
 def busy(seconds: float) -> None:

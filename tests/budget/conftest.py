@@ -2,9 +2,9 @@ from dataclasses import replace
 
 import pytest
 
-from startrack.case import Case
-from startrack.catalog import shipped
-from startrack.design import load_design
+from startrack.design.case import Case
+from startrack.design.files import load_design
+from startrack.io import shipped
 
 
 @pytest.fixture(scope="session")
@@ -17,7 +17,7 @@ def case() -> Case:
 def troubled(case) -> Case:
     """The same with something wrong of every kind that no frame shows."""
     from startrack.attitude import Mounting
-    from startrack.units import arcsec, deg
+    from startrack.core.units import arcsec, deg
 
     sky = replace(case.catalog, epoch=2036.3, aberration=True, parallax=True)
     instrument = replace(

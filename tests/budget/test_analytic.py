@@ -7,15 +7,16 @@ import pytest
 from numpy.typing import NDArray
 
 from startrack.budget import Term, analytic
-from startrack.case import Case
-from startrack.chain import path_of, trial
-from startrack.error import Interpretation
+from startrack.core.streams import Streams
+from startrack.core.units import arcsec
+from startrack.design.case import Case
+from startrack.metrics import Interpretation
 from startrack.motion import Broadband, Motion, Tone, wander
-from startrack.single import errors
-from startrack.single.chart import BRIGHTEST, chart, detected, scale
-from startrack.streams import Streams
-from startrack.study.requirements import limiting_magnitude
-from startrack.units import arcsec
+from startrack.optimise.margins import limiting_magnitude
+from startrack.trial import errors
+from startrack.trial.chain import run_random_trial
+from startrack.trial.star_response import BRIGHTEST, chart, detection_probability, scale
+from startrack.trial.view import path_of
 
 
 def line(case: Case, name: str) -> NDArray[np.float64]:
@@ -25,7 +26,7 @@ def line(case: Case, name: str) -> NDArray[np.float64]:
 
 def test_it_is_near_to_trials(case):
     """240 trials know an rms to 4 % across and 5 % about; 13 % and 16 % are three sigma."""
-    outcomes = [trial(case, 11, number) for number in range(240)]
+    outcomes = [run_random_trial(case, 11, number) for number in range(240)]
     across = np.sqrt(np.mean([(o.error_x**2 + o.error_y**2) / 2 for o in outcomes]))
     about = np.sqrt(np.mean([o.error_z**2 for o in outcomes]))
     budget = analytic(case)
@@ -123,7 +124,7 @@ def test_half_of_the_stars_at_the_limit_are_detected(case):
     """The limiting magnitude of the matched filter, derived another way; its kernel is the PSF's
     own, that of this design a Gaussian: within a quarter of a magnitude."""
     grid = np.arange(6, 11, 0.01)
-    half = np.interp(-0.5, -detected(case, grid), grid)
+    half = np.interp(-0.5, -detection_probability(case, grid), grid)
     assert half == pytest.approx(limiting_magnitude(case), abs=0.25)
 
 
@@ -150,7 +151,7 @@ def test_a_sky_that_fills_the_wells_leaves_no_star(case, floor):
     for sky in (11.0, 10.0):
         scene = replace(case.scene, background_g=sky)
         bright = replace(case, scene=scene, tracker=tracker)
-        assert trial(bright, 1, 0).spots == 0
+        assert run_random_trial(bright, 1, 0).spots == 0
         with pytest.raises(ValueError, match="must see enough stars somewhere"):
             analytic(bright)
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from startrack.budget import Exclusion, exclusions
-from startrack.design import load_design
+from startrack.core.units import deg
+from startrack.design.files import load_design
+from startrack.io.shipped import shipped
 from startrack.optics import Baffle
-from startrack.shipped import shipped
-from startrack.units import deg
 
 ANGLES = np.array([5.0, 10, 20, 30, 40, 60, 80]) * deg
 

@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from startrack.budget.fields import Fields, Response, attitudes, propagate
 from startrack.catalog import Sky
-from startrack.error import attitude_bound
-from startrack.units import deg
-from startrack.values import Stars
+from startrack.core.units import deg
+from startrack.core.values import Stars
+from startrack.metrics import attitude_bound
 
 FOCAL = 2000.0
 SIGMA = 0.1

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from startrack.budget import INDICES, indices_of
+from startrack.core.units import arcsec, deg
+from startrack.montecarlo.workers import Serial
 from startrack.sequence import Leg, Sequence
-from startrack.study.workers import Serial
-from startrack.units import arcsec, deg
 
 CALM = Sequence((Leg(6.0, rate_x=0.06 * deg),), period=0.5)
 

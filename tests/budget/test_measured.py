@@ -8,17 +8,18 @@ import pytest
 
 from startrack.budget import analytic, causes, measured
 from startrack.budget.measured import contributions, terms
-from startrack.catalog import shipped
-from startrack.chain import observe, random_attitude
-from startrack.design import load_design
+from startrack.core.streams import Streams
+from startrack.core.units import arcsec
+from startrack.design.files import load_design
 from startrack.detection import Detection, detect
 from startrack.detector import Defects
 from startrack.detector.lines import Scan
-from startrack.error import Interpretation
-from startrack.single.quiet import quiet
-from startrack.streams import Streams
-from startrack.study.workers import Serial
-from startrack.units import arcsec
+from startrack.io import shipped
+from startrack.metrics import Interpretation
+from startrack.montecarlo.workers import Serial
+from startrack.trial.chain import observe
+from startrack.trial.star_response import quiet
+from startrack.trial.view import random_attitude
 
 
 def parts(case, number: int = 0) -> dict[str, np.ndarray]:

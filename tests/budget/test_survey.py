@@ -6,9 +6,9 @@ import pytest
 from startrack.budget import analytic, circles, survey
 from startrack.budget.fields import boresights
 from startrack.catalog import Selection, Sky, open_sky, v_from_g
-from startrack.chain import observe
-from startrack.streams import Streams
-from startrack.units import deg
+from startrack.core.streams import Streams
+from startrack.core.units import deg
+from startrack.trial.chain import observe
 
 
 def test_places_are_even():

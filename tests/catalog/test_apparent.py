@@ -8,7 +8,7 @@ from astropy.coordinates import GCRS, SkyCoord, get_sun
 from astropy.time import Time
 
 from startrack.catalog import Observer, aberrate, apparent, earth
-from startrack.units import LIGHT_SPEED, arcsec
+from startrack.core.units import LIGHT_SPEED, arcsec
 
 from .test_catalog import MAS, STARS, catalog
 

@@ -7,7 +7,8 @@ from itertools import permutations
 import pytest
 from astropy.table import Table
 
-from startrack.catalog import read, shipped
+from startrack.catalog import read
+from startrack.io import shipped
 
 from . import layouts
 

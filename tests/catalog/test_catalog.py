@@ -7,7 +7,7 @@ from astropy.coordinates import SkyCoord
 from astropy.time import Time
 
 from startrack.catalog import Catalog, join
-from startrack.units import arcsec, deg
+from startrack.core.units import arcsec, deg
 
 MAS = arcsec / 1000
 # (ra, dec [deg], pm_ra, pm_dec [mas/yr], parallax [mas]): Barnard's star (Gaia DR3), 61 Cygni B

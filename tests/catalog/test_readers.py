@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from astropy.table import Table
 
-from startrack.catalog import Catalog, Selection, open_sky, read, recognise, shipped
-from startrack.units import arcsec
+from startrack.catalog import Catalog, Selection, open_sky, read, recognise
+from startrack.core.units import arcsec
+from startrack.io import shipped
 
 from . import layouts
 from .test_shipped import SAMPLE

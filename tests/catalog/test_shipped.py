@@ -14,17 +14,18 @@ import pytest
 from astropy.io import fits
 from numpy.polynomial import polynomial
 
-from startrack.catalog import Catalog, read, shipped
-from startrack.catalog.bright import (
+from startrack.catalog import Catalog, read
+from startrack.catalog.colour import G_MINUS_HP
+from startrack.catalog.gaia import (
     ESTIMATED_COLOUR,
     GAIA_MOTION,
     HIPPARCOS_ENTRY,
     HIPPARCOS_MOTION,
     MEASURED_COLOUR,
+    read_gaia_catalog,
 )
-from startrack.catalog.colour import G_MINUS_HP
-from startrack.catalog.gaia_deep import read_gaia_catalog
-from startrack.units import arcsec
+from startrack.core.units import arcsec
+from startrack.io import shipped
 
 PATH = shipped("stars/bright.fits")
 MAS = arcsec / 1000

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from startrack.catalog import Selection, Sky, open_sky, v_from_g
-from startrack.units import arcsec, deg
-from startrack.values import Stars
+from startrack.core.units import arcsec, deg
+from startrack.core.values import Stars
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from startrack.core.streams import Streams
+from startrack.core.values import Frame
 from startrack.detection import Detection, detect, gaussian_psf, smeared
-from startrack.streams import Streams
-from startrack.values import Frame
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "centroid_bounds.json").read_text())
 SIDE = 1024

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from startrack.core.streams import Streams
+from startrack.core.values import Frame
 from startrack.detection import Detection, detect
-from startrack.streams import Streams
-from startrack.values import Frame
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "centroid_bounds.json").read_text())
 SIDE, SPACING = 1024, 32

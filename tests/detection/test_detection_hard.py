@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from startrack.core.streams import Streams
+from startrack.core.values import Frame
 from startrack.detection import Detection, detect, subtract_dark
-from startrack.streams import Streams
-from startrack.values import Frame
 
 SIDE = 256
 

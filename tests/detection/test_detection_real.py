@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from startrack.core.values import Frame
 from startrack.detection import Detection, detect, subtract_dark
-from startrack.values import Frame
 
 NAMES = (
     *(f"esa_Alt40_Azi{azimuth}.tiff" for azimuth in (-135, -45, 45, 135)),

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import norm, poisson
 
+from startrack.core.streams import Streams
+from startrack.core.values import Frame
 from startrack.detection import Detection, detect, false_alarms, threshold_of
-from startrack.detection.law import modelled, sigmas
 from startrack.detection.matched import Kernel
 from startrack.detection.pixels import Gain
-from startrack.streams import Streams
-from startrack.values import Frame
+from startrack.detection.threshold import modelled, sigmas
 
 SIDE = 1024
 LINE = np.array([1, 2, 1])

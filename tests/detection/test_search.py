@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
+from startrack.core.streams import Streams
+from startrack.core.values import Frame
 from startrack.detection import (
     Detection,
     detect,
@@ -18,8 +20,6 @@ from startrack.detection import (
 )
 from startrack.detection.connect import lit, peaks
 from startrack.detection.matched import filtered, gaussian_kernel, psf_kernel
-from startrack.streams import Streams
-from startrack.values import Frame
 
 SIDE = 1024
 LIMITS = json.loads((Path(__file__).parents[1] / "oracle" / "detection_limits.json").read_text())[

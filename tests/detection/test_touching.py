@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from startrack.core.streams import Streams
+from startrack.core.values import Frame
 from startrack.detection import Detection, detect
 from startrack.detection.find import find
 from startrack.detection.pixels import pixels
 from startrack.detection.smear import star_image
-from startrack.streams import Streams
-from startrack.values import Frame
 
 SIDE, BACKGROUND, READ_NOISE = 1024, 20.0, 4.0
 

@@ -9,16 +9,12 @@ import pytest
 import tomli_w
 from scipy import constants, ndimage, stats
 
+from startrack.core.streams import Streams
 from startrack.detector import Defects, Detector, Hits, Pattern, Region, Thermal, read_out
-from startrack.detector.bloom import bloom
-from startrack.detector.crosstalk import diffuse
+from startrack.detector.effects import bloom, carry, diffuse, multiply, settle
 from startrack.detector.hits import tracks
-from startrack.detector.lag import carry
 from startrack.detector.maps import dark, read_noise, response
-from startrack.detector.multiply import multiply
-from startrack.detector.settle import settle
-from startrack.streams import Streams
-from startrack.tables import from_table, to_table
+from startrack.io.tables import from_table, to_table
 
 PLAIN = Detector(200, 100, 5e-6, 0.1, full_well=65535.0, bits=16, offset=1000)
 

@@ -10,9 +10,9 @@ import math
 import numpy as np
 import pytest
 
+from startrack.core.streams import Streams
 from startrack.detector import Defects, Detector, Thermal, read_out
 from startrack.detector.maps import dark, response
-from startrack.streams import Streams
 
 SIZE = 400
 LEVELS = np.array([20.0, 200.0, 800.0, 2000.0, 5000.0, 9000.0, 14_000.0])

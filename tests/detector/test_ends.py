@@ -8,10 +8,10 @@ import pytest
 from scipy import special
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
+from startrack.core.streams import Streams
+from startrack.core.values import Light, Path, Psf
 from startrack.detector import Defects, Detector, Hits, Pattern, Thermal, expected, expose, read_out
-from startrack.streams import Streams
-from startrack.values import Light, Path, Psf
 
 REST = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 WAVELENGTH, THROUGHPUT = np.array([600e-9]), np.ones(1)

@@ -7,11 +7,17 @@ import numpy as np
 import pytest
 from scipy import ndimage, optimize, stats
 
+from startrack.core.streams import Streams
 from startrack.detector import Defects, Detector, frame_of
-from startrack.detector.excess import Numbers, excesses, numbers_of, rates_for, tilt_for
-from startrack.detector.ground import ground, ground_tables
+from startrack.detector.background import ground, ground_tables
+from startrack.detector.threshold_crossings import (
+    Numbers,
+    excesses,
+    numbers_of,
+    rates_for,
+    tilt_for,
+)
 from startrack.detector.windows import odd_pixels
-from startrack.streams import Streams
 
 # Few electrons and coarse numbers, where a normal law would be far off.
 DETECTOR = Detector(

@@ -5,11 +5,11 @@ import pytest
 from scipy import special
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
-from startrack.curve import Curve
+from startrack.core.camera import Camera
+from startrack.core.curve import Curve
+from startrack.core.streams import Streams
+from startrack.core.values import Light, Path, Psf
 from startrack.detector import Detector, electron_rate, expected, expose
-from startrack.streams import Streams
-from startrack.values import Light, Path, Psf
 
 WAVELENGTH = np.array([500e-9, 700e-9])
 THROUGHPUT = np.array([2e-4, 1e-4])

@@ -5,13 +5,13 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
-from startrack.curve import Curve
+from startrack.core.camera import Camera
+from startrack.core.curve import Curve
+from startrack.core.streams import Streams
+from startrack.core.values import Glow, Light, Path, Psf
 from startrack.detector import Detector, expected, frame_of
-from startrack.detector.glow import glow_of
+from startrack.detector.collect import glow_of
 from startrack.detector.maps import response
-from startrack.streams import Streams
-from startrack.values import Glow, Light, Path, Psf
 
 WAVELENGTH = np.array([500e-9, 700e-9])
 THROUGHPUT = np.array([0.5, 1.0])

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
+from startrack.core.streams import Streams
+from startrack.core.variates import inverse_normal, poisson_quantile
 from startrack.detector import Detector
 from startrack.detector.digitise import digitise, shot
 from startrack.detector.law import Law, law_of
-from startrack.detector.normal import inverse_normal
-from startrack.detector.poisson import poisson_quantile
 from startrack.detector.tables import EMPTY, tables_for
-from startrack.streams import Streams
 
 
 def summed(mean: float, law: Law) -> np.ndarray:
@@ -155,7 +154,7 @@ def test_normal_quantiles_are_scipys():
 
 
 def test_poisson_from_a_share_is_scipys():
-    from startrack.detector.poisson import drawn
+    from startrack.core.variates import drawn
 
     rng = np.random.default_rng(2)
     for mean in (1e-3, 0.4, 2.9, 3.1, 40.0):

@@ -7,13 +7,13 @@ import pytest
 from scipy import special
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
+from startrack.core.streams import Streams
+from startrack.core.values import Glow, Light, Path, Psf
 from startrack.detection import Detection, detect
 from startrack.detector import Detector, expected, scan, staggered, tdi
 from startrack.detector.lines import Line
 from startrack.detector.scan import scanned
-from startrack.streams import Streams
-from startrack.values import Glow, Light, Path, Psf
 
 FOCAL = 4e5  # pixel, so long that a turn is a shift
 PERIOD = 1e-3

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
+from startrack.core.values import Path
 from startrack.detector import shutter
-from startrack.values import Path
 
 FOCAL = 4e5  # pixel, so long that a turn is a shift
 CAMERA = Camera(200, 100, FOCAL)

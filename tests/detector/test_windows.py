@@ -5,20 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from startrack.core.streams import Streams
+from startrack.core.values import Frame, Psf
 from startrack.detector import Defects, Detector, Hits, Pattern
+from startrack.detector.background import ground, ground_tables
 from startrack.detector.expose import draw, frame_of
-from startrack.detector.ground import ground, ground_tables
 from startrack.detector.hits import tracks
 from startrack.detector.maps import dark
-from startrack.detector.windows import (
-    expose_within,
-    lone_pixels,
-    odd_pixels,
-    only_lone_pixels,
-    put,
-)
-from startrack.streams import Streams
-from startrack.values import Frame, Psf
+from startrack.detector.windows import expose_within, lone_pixels, odd_pixels, only_lone_pixels, put
 
 DETECTOR = Detector(200, 150, 5e-6, 0.1, dark_current=10.0, read_noise=5.0, prnu=0.01, bits=16)
 

@@ -1,22 +1,22 @@
 """Hard cases of every room, one list for the tests and for `experiments/hard_cases.py`."""
 
-from hard import (
+from tests.hard import (
     attitude,
     catalog,
     detection,
     detector,
     earth,
-    error,
     identification,
+    metrics,
     motion,
     optics,
     scene,
 )
-from hard.case import CASES, Hard
+from tests.hard.case import CASES, Hard
 
 ROOMS = (
     *(catalog, scene, earth, optics, motion, detector, detection, identification, attitude),
-    error,
+    metrics,
 )
 
 __all__ = ["CASES", "ROOMS", "Hard"]

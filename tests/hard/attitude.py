@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hard.case import hard, refused
 from startrack.attitude import Observability, align
 from startrack.benchmark.attitude import fields
+from tests.hard.case import hard, refused
 
 CASES = json.loads((Path(__file__).parents[1] / "oracle" / "wahba_cases.json").read_text())["cases"]
 EPS = 2.0**-52

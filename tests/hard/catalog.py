@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hard.case import hard, refused
 from startrack.catalog import Selection, aberrate, earth, open_sky
-from startrack.units import LIGHT_SPEED, arcsec
+from startrack.core.units import LIGHT_SPEED, arcsec
+from tests.hard.case import hard, refused
 
 
 @hard(

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from hard.case import hard, refused
 from startrack.benchmark.starfield import paint
+from startrack.core.streams import Streams
+from startrack.core.values import Frame
 from startrack.detection import Detection, detect
-from startrack.streams import Streams
-from startrack.values import Frame
+from tests.hard.case import hard, refused
 
 SIDE = 256
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hard.case import hard, refused
 from startrack.benchmark.stamping import lens
-from startrack.camera import Camera
-from startrack.detector import Detector, expected, poisson_quantile, read_out
+from startrack.core import poisson_quantile
+from startrack.core.camera import Camera
+from startrack.core.streams import Streams
+from startrack.core.values import Light, Path
+from startrack.detector import Detector, expected, read_out
 from startrack.optics import focus
-from startrack.streams import Streams
-from startrack.values import Light, Path
+from tests.hard.case import hard, refused
 
 BASE = {"columns": 64, "rows": 48, "pixel_pitch": 5e-6, "exposure": 0.1, "offset": 100}
 REST = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hard.case import hard, refused
-from startrack.benchmark.mountains import HEIGHT, STEP, image_rays, mountains, random_rays, towards
-from startrack.scene.earth import Grid, Level, Rays, Scan, cartesian, index
-from startrack.scene.earth.trace import trace
+from startrack.benchmark.terrain import HEIGHT, STEP, image_rays, mountains, random_rays, towards
+from startrack.earth.terrain import Grid, Level, Rays, Scan, cartesian, index
+from startrack.earth.terrain.trace import trace
+from tests.hard.case import hard, refused
 
 
 def plain(height: float, west: float = 10.0, north: float = 47.0, cells: int = 40):

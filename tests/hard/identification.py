@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hard.case import hard, refused
-from startrack.benchmark.skies import SETTINGS, Regime, Seen, design, sky, spots_at, wrong
+from startrack.benchmark.identification import SETTINGS, Regime, Seen, design, sky, spots_at, wrong
+from startrack.core.values import Spots
 from startrack.identification import Identification, build_index, identify
-from startrack.values import Spots
+from tests.hard.case import hard, refused
 
 REGIME = Regime(12, 0.1, 3, 0.0)
 

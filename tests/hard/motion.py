@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
-from hard.case import hard, refused
-from startrack.camera import Camera
+from startrack.core.camera import Camera
+from startrack.core.streams import Streams
 from startrack.motion import Motion, image_path, shake, slew
-from startrack.streams import Streams
+from tests.hard.case import hard, refused
 
 PIXEL = 1e-4
 

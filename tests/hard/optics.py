@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hard.case import hard, refused
 from startrack.optics import Optics, focus
-from startrack.optics.focus import irradiance
+from startrack.optics.pixel_psf import irradiance
+from tests.hard.case import hard, refused
 
 ONE, GREEN = np.ones(1), np.array([550e-9])
 

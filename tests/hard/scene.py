@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hard.case import hard, refused
-from startrack.camera import Camera
+from startrack.core.camera import Camera
+from startrack.core.streams import Streams
+from startrack.core.units import deg
+from startrack.core.values import Light, Stars
 from startrack.scene import Scene, Sight, illuminate
 from startrack.scene.ephemeris import observer_of
-from startrack.streams import Streams
-from startrack.units import deg
-from startrack.values import Light, Stars
+from tests.hard.case import hard, refused
 
 DATE = "2026-03-25T12:00:00"
 CAMERA = Camera.from_field_of_view(400, 300, 20 * deg)

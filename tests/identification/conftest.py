@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
 from startrack.catalog import Selection, open_sky
+from startrack.core.camera import Camera
+from startrack.core.units import deg
+from startrack.core.values import Matches, Spots, Stars
 from startrack.identification import Identification, PatternIndex, build_index, identify
-from startrack.units import deg
-from startrack.values import Matches, Spots, Stars
 
 Floats = NDArray[np.float64]
 SETTINGS = Identification()

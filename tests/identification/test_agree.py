@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
 from startrack.identification import Identification
 from startrack.identification.agree import _excess, agree, settle
 from startrack.identification.fit import fit

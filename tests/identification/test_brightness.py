@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-from startrack.identification.brightness import log_brightness
+from startrack.identification.evidence import log_brightness
 
 SPOTS = np.array([-8.0, -9.5, -7.2, -10.1, -8.8, -6.4, -9.0])
 STARS = SPOTS + 12.0 + np.array([0.3, -0.2, 0.1, 0.0, 0.4, -0.3, -0.1])

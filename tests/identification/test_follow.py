@@ -6,14 +6,14 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
+from startrack.core.units import deg
 from startrack.identification import Identification
 from startrack.identification.fit import derivatives
-from startrack.identification.follow import _away, _chain, _misfit, _update, follow
 from startrack.identification.seen import see
 from startrack.identification.sky import Voters, sky_grid
+from startrack.identification.track import _away, _chain, _misfit, _update, follow
 from startrack.identification.verify import weigh_prior
-from startrack.units import deg
 
 CAMERA = Camera(1024, 1024, 2000.0)
 TURN = Rotation.from_rotvec([0.4, -1.0, 2.0])

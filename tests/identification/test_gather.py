@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
 from startrack.identification import Identification
-from startrack.identification.gather import _brightest, gather
+from startrack.identification.agree import _brightest, gather
 from startrack.identification.seen import see
 from startrack.identification.sky import sky_grid
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from startrack.core.units import deg
+from startrack.core.values import Status
 from startrack.identification import Identification, build_index, identify
-from startrack.units import deg
-from startrack.values import Status
 
 CAMERAS = {8: 6.5, 12: 6.0, 20: 5.0}  # field, degree: faintest magnitude seen
 SKIES = 60

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from startrack.core.units import deg
+from startrack.core.values import Stars, Status
 from startrack.identification import Identification, build_index, identify
-from startrack.units import deg
-from startrack.values import Stars, Status
 
 SETTINGS = Identification()
 

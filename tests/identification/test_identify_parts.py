@@ -6,21 +6,26 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from startrack.core.values import Stars
 from startrack.identification import Identification, build_index
-from startrack.identification.brightness import log_brightness
-from startrack.identification.code import place, separation
-from startrack.identification.evidence import log_evidence
+from startrack.identification.agree import pair
+from startrack.identification.evidence import log_brightness, log_evidence
 from startrack.identification.fit import align, derivatives, fit
-from startrack.identification.index import LENGTHS, UPRIGHT, along, column, upright
-from startrack.identification.merge import merged
-from startrack.identification.pair import pair
+from startrack.identification.index import (
+    LENGTHS,
+    UPRIGHT,
+    along,
+    column,
+    place,
+    separation,
+    upright,
+)
+from startrack.identification.index_stars import local_rank, merged
 from startrack.identification.predict import predict
 from startrack.identification.search import breadth_first
 from startrack.identification.seen import see, usable
-from startrack.identification.sieve import hits, sieve
 from startrack.identification.sky import cone, sky_grid
-from startrack.identification.thin import local_rank
-from startrack.values import Stars
+from startrack.identification.spot_grid import hits, sieve
 
 
 def unit(vectors):

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
 from startrack.catalog import Selection, open_sky
+from startrack.core.camera import Camera
+from startrack.core.units import arcsec, deg
 from startrack.detection import Detection, detect, subtract_dark
 from startrack.identification import Identification, build_index, identify
-from startrack.images import read_image
-from startrack.units import arcsec, deg
+from startrack.io.images import read_image
 
 NAMES = (
     *(f"esa_Alt40_Azi{azimuth}.tiff" for azimuth in (-135, -45, 45, 135)),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from startrack.catalog import Selection, open_sky
+from startrack.core.values import Spots, Status
 from startrack.identification import Identification, identify
-from startrack.values import Spots, Status
 
 PLEIADES = [0.5444, 0.7315, 0.4108]  # RA 56.75, Dec 24.12 deg
 MILKY_WAY = [0.1107, -0.8673, -0.4853]  # to Sagittarius

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from startrack.identification.merge import merged
-from startrack.identification.thin import local_rank
-from startrack.values import Stars
+from startrack.core.values import Stars
+from startrack.identification.index_stars import local_rank, merged
 
 ARC = 1e-4  # radian
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from startrack.identification.pair import pair
+from startrack.identification.agree import pair
 
 
 def scan(plane, place, radius):

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
+from startrack.core.units import deg
+from startrack.core.values import Matches, Status
 from startrack.identification import Identification
+from startrack.identification.agree import refit
 from startrack.identification.blind import TOLERANCE, fields
-from startrack.identification.refit import refit
-from startrack.units import deg
-from startrack.values import Matches, Status
 
 STAR = np.random.default_rng(1).uniform(0, 1023, (30, 2))
 TURN = Rotation.from_rotvec([0.4, -1.0, 2.0])

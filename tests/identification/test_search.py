@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
 from startrack.identification import Identification
 from startrack.identification.index import LENGTHS, STRETCH, along
 from startrack.identification.search import _measure, _namings, search

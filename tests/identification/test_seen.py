@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
+from startrack.core.values import Spots
 from startrack.identification import Identification
-from startrack.identification.seen import first, see, usable
-from startrack.values import Spots
+from startrack.identification.seen import keep_brightest, see, usable
 
 FOCAL = 1500.0
 CAMERA = Camera(1024, 768, FOCAL, 7.0, -4.0)
@@ -74,7 +74,7 @@ def test_magnitudes_and_their_errors():
 
 
 def test_the_first_are_cut_from_all_arrays_and_the_image_stays():
-    every, few = seen(focal_tolerance=0.02), first(seen(focal_tolerance=0.02), 2)
+    every, few = seen(focal_tolerance=0.02), keep_brightest(seen(focal_tolerance=0.02), 2)
     for name, value in few._asdict().items():
         whole = getattr(every, name)
         np.testing.assert_array_equal(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from startrack.identification.sieve import hits, sieve
+from startrack.identification.spot_grid import hits, sieve
 
 LOW, HIGH = np.array([-0.10, -0.06]), np.array([0.12, 0.07])
 LONGER = 0.22  # of both sides

@@ -5,7 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
+from startrack.core.units import deg
+from startrack.core.values import Stars, Status
 from startrack.identification import (
     Identification,
     build_index,
@@ -15,8 +17,6 @@ from startrack.identification import (
     track,
 )
 from startrack.identification.cache import KEPT
-from startrack.units import deg
-from startrack.values import Stars, Status
 
 SETTINGS = Identification()
 

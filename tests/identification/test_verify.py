@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
 from startrack.identification import Identification
 from startrack.identification.seen import see
 from startrack.identification.sky import Voters, sky_grid

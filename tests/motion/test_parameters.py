@@ -3,9 +3,9 @@ import tomllib
 import pytest
 import tomli_w
 
+from startrack.core.units import arcsec
+from startrack.io.tables import from_table, to_table
 from startrack.motion import Broadband, Motion, Tone
-from startrack.tables import from_table, to_table
-from startrack.units import arcsec
 
 FILE = """
 rate_x = "0.1 deg/s"

@@ -5,10 +5,10 @@ import pytest
 from scipy import special
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
+from startrack.core.streams import Streams
 from startrack.motion import Broadband, Motion, Tone, image_path, shake, slew, turn
 from startrack.motion.quadrature import joined, points
-from startrack.streams import Streams
 
 PIXEL = 1e-4
 ONE = Streams(1, 0)

@@ -3,11 +3,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from startrack.catalog import shipped
-from startrack.chain import observe, random_attitude
-from startrack.design import load_design
+from startrack.core.streams import Streams
+from startrack.design.files import load_design
+from startrack.io import shipped
 from startrack.motion import Broadband, Motion, Tone, blur, shake, slew, stability
-from startrack.streams import Streams
+from startrack.trial.chain import observe
+from startrack.trial.view import random_attitude
 
 PIXEL = 1e-4
 TABLE = Broadband("y", (0.05, 3.0, 300.0), (1e-8, 1e-8, 1e-12))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
 from startrack.motion import Motion, Tone, density, image_path, nyquist_mtf, slew, transfer, turn
 
 PIXEL = 1e-8  # so small that the tangent bends no path

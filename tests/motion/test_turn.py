@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import integrate, signal, stats
 
+from startrack.core.streams import Streams
 from startrack.motion import Broadband, Motion, Tone, turn
-from startrack.motion.spectrum import bands
-from startrack.streams import Streams
+from startrack.motion.realisation import bands
 
 TABLE = Broadband("x", (2.0, 20.0, 100.0, 400.0), (1e-9, 1e-9, 2e-10, 1e-13))
 

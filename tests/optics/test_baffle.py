@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.camera import Camera
+from startrack.core.camera import Camera
+from startrack.core.units import deg
+from startrack.core.values import Glare, Light, Path, Psf
 from startrack.detector import Detector, expected
 from startrack.optics import Baffle, Optics, veil
-from startrack.units import deg
-from startrack.values import Glare, Light, Path, Psf
 
 WAVELENGTH = np.array([500e-9, 700e-9])
 REST = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))

@@ -8,12 +8,11 @@ from scipy import special
 
 from startrack.optics import Aberration, Optics, Pupil, Segment
 from startrack.optics.airy import airy, airy_encircled, fresnel_peak, jinc
-from startrack.optics.band import gauss_band
-from startrack.optics.focus import irradiance
 from startrack.optics.fraunhofer import intensity, pupil_samples
 from startrack.optics.fresnel import fresnel
 from startrack.optics.gaussian import gaussian
 from startrack.optics.kirchhoff import ThinLens, profile
+from startrack.optics.pixel_psf import gauss_band, irradiance
 from startrack.optics.pupil import cells, openness
 from startrack.optics.zernike import zernike
 

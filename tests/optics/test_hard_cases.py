@@ -7,7 +7,7 @@ import pytest
 
 from startrack.optics import Aberration, Optics, Pupil, Segment, focus
 from startrack.optics.airy import airy_encircled
-from startrack.optics.focus import irradiance
+from startrack.optics.pixel_psf import irradiance
 
 ONE = np.ones(1)
 GREEN = np.array([550e-9])

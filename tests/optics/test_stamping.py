@@ -62,7 +62,7 @@ def test_stamped_gaussians(sigma):
 
 def test_the_fast_way_of_products_is_the_slow_way():
     """A table that is no product by a hair goes the other way, to the same image."""
-    from startrack.values import Psf
+    from startrack.core.values import Psf
 
     psf = focus(Optics(0.05, 4.0, 5e-6, "gaussian"), 5e-6, GREEN, ONE)
     bent = psf.table.copy()

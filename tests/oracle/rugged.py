@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parents[1]), str(HERE.parents[1] / "tests")]
+sys.path.insert(0, str(HERE.parents[1]))
 
-from scene.earth.scenes import hills, ray  # noqa: E402
+from tests.earth.terrain.scenes import hills, ray  # noqa: E402
 
 
 def main() -> None:

@@ -8,21 +8,22 @@ import re
 import numpy as np
 import pytest
 
-from report.browser import browser
-from startrack.campaign.store import Store
-from startrack.catalog import shipped
-from startrack.chain import observe
-from startrack.cli import main
-from startrack.design import load_design
-from startrack.error import summarise
+from startrack.cli.main import main
+from startrack.core.streams import Streams
+from startrack.core.units import arcsec
+from startrack.design.files import load_design
+from startrack.io import shipped
+from startrack.metrics import summarise
+from startrack.montecarlo.run import run
+from startrack.montecarlo.sampling import Sampling
+from startrack.montecarlo.store import Store
+from startrack.montecarlo.workers import Serial
 from startrack.report import write_report
 from startrack.report.causes import budget
 from startrack.report.page import Section, code, page, paragraph, table
 from startrack.report.write import Depth
-from startrack.streams import Streams
-from startrack.study.montecarlo import Serial, run
-from startrack.units import arcsec
-from startrack.variance.sampling import Sampling
+from startrack.trial.chain import observe
+from tests.report.browser import browser
 
 TITLE = "<script>alert('x')</script> & \"quotes\""
 TRIALS, SEED = 80, 11

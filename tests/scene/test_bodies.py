@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
+from startrack.core.units import BOLTZMANN, LIGHT_SPEED, PLANCK, deg
 from startrack.scene.bodies import (
     EARTH_ALBEDO,
     Disc,
@@ -14,7 +15,6 @@ from startrack.scene.bodies import (
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, Observer, observer_of
 from startrack.scene.parameters import Scene
 from startrack.scene.photometry import WAVELENGTH
-from startrack.units import BOLTZMANN, LIGHT_SPEED, PLANCK, deg
 
 ENERGY = PLANCK * LIGHT_SPEED / WAVELENGTH  # joule of a photon
 

@@ -3,12 +3,12 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from startrack.dates import installed_tables
+from startrack.core.dates import installed_tables
+from startrack.core.streams import Streams
+from startrack.core.units import deg
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, observer_of, on_orbit
 from startrack.scene.parameters import Orbit, Scene
 from startrack.scene.planets import magnitude_v
-from startrack.streams import Streams
-from startrack.units import deg
 
 
 def at(date: str, **changes):

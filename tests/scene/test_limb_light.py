@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from startrack.scene.air import load_limb
+from startrack.core.units import deg, nm
+from startrack.io.shipped import shipped
+from startrack.scene import load_limb
 from startrack.scene.bodies import Disc, Earth, sunlight
 from startrack.scene.ephemeris import AU, EARTH_RADIUS
 from startrack.scene.limb import limb_light
 from startrack.scene.photometry import WAVELENGTH
-from startrack.shipped import shipped
-from startrack.units import deg, nm
 
 FAR = 2800e3  # metre from the observer to the limb
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from startrack.catalog import Selection, open_sky
+from startrack.core.units import deg
 from startrack.scene.photometry import photon_rate
 from startrack.scene.starlight import POLE, starlight, starlight_spectrum
-from startrack.units import deg
 
 BELTS = [(0, 5), (5, 10), (10, 20), (20, 30), (30, 40), (40, 50), (50, 60), (60, 90)]
 

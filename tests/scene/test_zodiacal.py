@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from startrack.core.units import arcsec, deg
 from startrack.scene.photometry import GAIA_APERTURE, ZERO_POINT, passband
 from startrack.scene.zodiacal import OBLIQUITY, zodiacal, zodiacal_spectrum
-from startrack.units import arcsec, deg
 
 
 def ecliptic(longitude, latitude):

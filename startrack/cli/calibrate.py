@@ -1,0 +1,179 @@
+"""`startrack calibrate`: the camera behind images of stars."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from startrack.calibration import UNKNOWNS, Calibrated, Calibration, Prior, calibrate, sample_camera
+from startrack.cli.exits import Exit, WrongUse
+from startrack.cli.options import add_field_and_sky, add_images, describe
+from startrack.cli.terminal import finite, read_stars, say, tell
+from startrack.core import Camera, Frame, Matches, Spots, Stars, within
+from startrack.design import Tracker
+from startrack.detection import Detection, subtract_dark
+from startrack.identification import Identification
+from startrack.io import read_image, save_json
+from startrack.optimise import Ledger, chain_text, chain_values, thinned
+from startrack.plots import draw_corner
+from startrack.trial import track
+
+ROUNDS = 3  # a better camera matches more stars, which make a better camera
+KNOWN = 0.003  # of the focal length, after the first round
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack calibrate`."""
+    describe(
+        parser,
+        "Solves the images, fits one camera to all of them, and prints focal length, principal "
+        "point and distortion with their sigma. Images that cannot be solved make the status 3.",
+    )
+    add_images(parser, ", one camera")
+    parser.add_argument(
+        "--fov", type=float, required=True, metavar="DEG", help="that the columns span, roughly"
+    )
+    add_field_and_sky(parser)
+    parser.add_argument(
+        "--principal", type=float, default=20.0, metavar="PX",
+        help="sigma of the principal point beforehand, 0 for the centre (default: 20)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--distortion", choices=("none", "radial", "full"), default="radial",
+        help="k1 alone by default; full is k1, k2, p1, p2",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, metavar="FILE", help="the same as JSON")
+    parser.add_argument(
+        "--posterior", type=Path, metavar="DIR",
+        help="sample what the camera may be, with the width of its PSF, for posterior.json and "
+        "corner.png (focal length, principal point, k1)",
+    )  # fmt: skip
+
+
+def command(options: argparse.Namespace) -> int:
+    """Solve the images, fit one camera to all, and again with that camera."""
+    try:
+        within(0.01, 179, fov=options.fov)
+        identification = Identification(focal_tolerance=options.fov_tolerance)
+        settings = Calibration(
+            focal_length=options.fov_tolerance,
+            principal=options.principal,
+            k2=1.0 if options.distortion == "full" else 0.0,
+            k1=0.0 if options.distortion == "none" else 1.0,
+            tangential=0.01 if options.distortion == "full" else 0.0,
+        )
+        dark = read_image(options.dark) if options.dark else None
+        frames = [read_image(path) for path in options.images]
+        if dark is not None:
+            frames = [subtract_dark(frame, dark) for frame in frames]
+    except (ValueError, OSError) as error:
+        raise WrongUse(str(error)) from None
+    stars = read_stars(options.catalog, options.epoch)
+    shapes = {frame.image.shape for frame in frames}
+    if len(shapes) > 1:
+        raise WrongUse(f"images must be of one camera, got sizes {sorted(shapes)}")
+    rows, columns = shapes.pop()
+    camera = Camera.from_field_of_view(columns, rows, math.radians(options.fov))
+    found, answers = None, list[tuple[Spots, Matches]]()
+    for _ in range(ROUNDS):
+        answers = _solved(frames, camera, stars, identification)
+        if any(len(matches) for _, matches in answers):
+            spots, matches = [one for one, _ in answers], [one for _, one in answers]
+            found = calibrate(spots, matches, camera, settings)
+        if found is None:
+            say("startrack calibrate: none of the images could be solved")
+            tell(options, {"status": "unsolved", "images": len(frames)}, "unsolved")
+            return Exit.UNSOLVED
+        camera = found.camera
+        identification = replace(identification, focal_tolerance=KNOWN)
+    assert found is not None
+    result = _values(found, len(frames))
+    text = _text(found, len(frames))
+    if options.posterior:
+        result["posterior"], more = _posterior(options, answers, frames, found.camera)
+        text += f"\n{more}"
+    if options.out:
+        save_json(options.out, finite(result))
+    tell(options, result, text)
+    if options.posterior and not result["posterior"]["converged"]:
+        return Exit.UNSOLVED
+    return Exit.DONE if found.frames == len(frames) else Exit.UNSOLVED
+
+
+def _solved(
+    frames: list[Frame], camera: Camera, stars: Stars, identification: Identification
+) -> list[tuple[Spots, Matches]]:
+    tracker = Tracker(Detection(), identification)
+    return [track(frame, camera, stars, tracker)[:2] for frame in frames]
+
+
+def _posterior(
+    options: argparse.Namespace,
+    answers: list[tuple[Spots, Matches]],
+    frames: list[Frame],
+    camera: Camera,
+) -> tuple[dict[str, Any], str]:
+    """Sample the camera, and leave posterior.json and corner.png; nothing of doubtful chains."""
+    prior = Prior(options.fov_tolerance, options.principal, 1.0, 1e-3, 3.0)
+    say("startrack calibrate: sampling, some tens of seconds an image")
+    with Ledger(options.posterior / "ledger.sqlite") as ledger:
+        spots, matches = [one for one, _ in answers], [one for _, one in answers]
+        found = sample_camera(spots, matches, camera, prior, 0, ledger=ledger, images=frames)
+    values = chain_values(found.chains)
+    if not found.chains.converged:
+        return values, f"posterior: {chain_text(found.chains)}"
+    values |= {
+        "median_and_95": {name: found.interval(name) for name in found.names},
+        "open": list(found.open),
+        "correlation": found.correlation.tolist(),
+    }
+    save_json(options.posterior / "posterior.json", finite(values))
+    labels = [name if name == "k1" else f"{name.removesuffix('_px')} (px)" for name in found.names]
+    draw_corner(
+        options.posterior / "corner.png",
+        thinned(found.samples, 2000),
+        labels,
+        f"camera of {len(frames)} images: {chain_text(found.chains)}",
+    )
+    lines = ["", "posterior: median and 95 % interval"]
+    for name in found.names:
+        middle, low, high = found.interval(name)
+        told = ", hardly told by these images" if name in found.open else ""
+        lines.append(f"{name:16} {middle:12.6g} [{low:.6g}, {high:.6g}]{told}")
+    return values, "\n".join([*lines, chain_text(found.chains)])
+
+
+def _values(found: Calibrated, images: int) -> dict[str, Any]:
+    sigma = np.sqrt(found.covariance.diagonal())
+    return {
+        "status": "calibrated",
+        "images": images,
+        "solved": found.frames,
+        "stars": found.stars,
+        "residual_rms_px": found.residual_rms,
+        "fov_x_deg": math.degrees(found.camera.fov_x),
+        "camera": {
+            "columns": found.camera.columns,
+            "rows": found.camera.rows,
+            **{name: getattr(found.camera, name) for name in UNKNOWNS},
+        },
+        "sigma": dict(zip(UNKNOWNS, sigma.tolist(), strict=True)),
+        "covariance": found.covariance.tolist(),
+    }
+
+
+def _text(found: Calibrated, images: int) -> str:
+    sigma = np.sqrt(found.covariance.diagonal())
+    lines = [
+        f"{found.frames} of {images} images, {found.stars} stars, residual "
+        f"{found.residual_rms:.3f} px; field {math.degrees(found.camera.fov_x):.4f} deg"
+    ]
+    for name, error in zip(UNKNOWNS, sigma, strict=True):
+        value = getattr(found.camera, name)
+        lines.append(f"{name:16} {value:12.5g} " + (f"+- {error:.2g}" if error else "as it was"))
+    return "\n".join(lines)

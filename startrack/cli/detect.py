@@ -1,0 +1,138 @@
+"""`startrack detect`: the stars of images."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from startrack.cli.exits import Exit, WrongUse
+from startrack.cli.options import add_images, describe
+from startrack.cli.terminal import read_design, say, tell
+from startrack.core import Frame, Psf, Spots
+from startrack.detection import Detection, detect, divide_flat, false_alarms, subtract_dark
+from startrack.io import read_image
+from startrack.plots import draw_spots
+from startrack.trial import psf_of
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack detect`."""
+    describe(
+        parser,
+        "Prints a row a spot, brightest first: place (the centre of the first pixel is 0, 0) and "
+        "its sigma, light, signal over noise, area. An image that cannot be read makes the status "
+        "1; the others are searched all the same.",
+    )
+    add_images(parser)
+    parser.add_argument(
+        "--design", type=Path, metavar="DESIGN.toml",
+        help="take the tracker's settings and the PSF from a design",
+    )  # fmt: skip
+    parser.add_argument(
+        "--threshold", type=float, metavar="SIGMA", help="that a star must exceed (default: 5.5)"
+    )
+    parser.add_argument(
+        "--false", type=float, metavar="N",
+        help="instead: the false spots that noise may make in an image on average, such as 0.05",
+    )  # fmt: skip
+    parser.add_argument(
+        "--sigma", type=float, metavar="PIXEL", help="of a star's image (default: 1)"
+    )
+    parser.add_argument(
+        "--centroid", metavar="NAME", help="gravity (default), weighted, gaussian or likelihood"
+    )
+    parser.add_argument("--dark", type=Path, metavar="IMAGE", help="dark frame to subtract")
+    parser.add_argument("--flat", type=Path, metavar="IMAGE", help="flat field to divide by")
+    parser.add_argument(
+        "--overlay", type=Path, metavar="DIR", help="draw each image with its spots into DIR"
+    )
+
+
+def command(options: argparse.Namespace) -> int:
+    """Search image after image; one that cannot be read does not keep the others waiting."""
+    try:
+        settings, psf = _settings(options)
+        dark = read_image(options.dark) if options.dark else None
+        flat = read_image(options.flat) if options.flat else None
+    except (ValueError, TypeError, OSError) as error:
+        raise WrongUse(str(error)) from None
+    status = Exit.DONE
+    for path in options.images:
+        try:
+            frame = read_image(path)
+            if dark is not None:
+                frame = subtract_dark(frame, dark)
+            if flat is not None:
+                frame = divide_flat(frame, flat)
+            spots = detect(frame, settings, psf)
+        except (ValueError, TypeError) as error:
+            say(f"startrack detect: {error}")
+            if options.json:
+                tell(options, {"image": str(path), "status": "failed", "reason": str(error)}, "")
+            status = Exit.FAILED
+            continue
+        rows, columns = frame.image.shape
+        chance = false_alarms(settings, columns, rows, psf)
+        result = {"image": str(path), "status": "done", **_result(spots, chance)}
+        text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} a frame"
+        if options.overlay:
+            result["overlay"] = str(_overlay(options.overlay, path, frame, spots))
+        tell(options, result, "\n".join([text, *_table(spots)]))
+    return status
+
+
+def _settings(options: argparse.Namespace) -> tuple[Detection, Psf | None]:
+    settings, psf = Detection(), None
+    if options.design:
+        case = read_design(options.design).case
+        settings, psf = case.tracker.detection, psf_of(case.instrument)
+    asked = {
+        "threshold": options.threshold,
+        "false_per_frame": options.false,
+        "kernel_sigma": options.sigma,
+        "centroid": options.centroid,
+    }
+    return replace(settings, **{k: v for k, v in asked.items() if v is not None}), psf
+
+
+def _result(spots: Spots, chance: float) -> dict[str, Any]:
+    variance = spots.covariance
+    return {
+        "expected_false": chance,
+        "spots": [
+            {
+                "x": float(spots.x[i]),
+                "y": float(spots.y[i]),
+                "flux": float(spots.flux[i]),
+                "snr": float(spots.snr[i]),
+                "sigma_x": float(variance[i, 0, 0] ** 0.5),
+                "sigma_y": float(variance[i, 1, 1] ** 0.5),
+                "correlation": float(
+                    variance[i, 0, 1] / (variance[i, 0, 0] * variance[i, 1, 1]) ** 0.5
+                ),
+                "area": int(spots.area[i]),
+            }
+            for i in range(len(spots))
+        ],
+    }
+
+
+def _table(spots: Spots) -> list[str]:
+    if not len(spots):
+        return []
+    lines = ["    #  x (pixel)  y (pixel)  sigma x  sigma y   flux (DN)     SNR  area"]
+    for i in range(len(spots)):
+        across, down = spots.covariance[i, 0, 0] ** 0.5, spots.covariance[i, 1, 1] ** 0.5
+        lines.append(
+            f"{i + 1:5} {spots.x[i]:10.3f} {spots.y[i]:10.3f} {across:8.3f} {down:8.3f} "
+            f"{spots.flux[i]:11.1f} {spots.snr[i]:7.1f} {spots.area[i]:5}"
+        )
+    return lines
+
+
+def _overlay(folder: Path, image: Path, frame: Frame, spots: Spots) -> Path:
+    path = folder / f"{image.stem}.spots.png"
+    draw_spots(path, frame, spots, f"{image.name}: {len(spots)} spots")
+    return path

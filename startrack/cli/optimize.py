@@ -1,0 +1,76 @@
+"""`startrack optimize`: a better design."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from startrack.cli.exits import Exit
+from startrack.cli.options import add_study
+from startrack.cli.study import open_study
+from startrack.cli.terminal import finite, progress, summary_values, tell
+from startrack.design import Campaign, Design, Objective, save_design
+from startrack.io import save_json, save_text
+from startrack.optimise import Optimum, comparison, optimize, write_evaluations
+from startrack.plots import draw_convergence
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack optimize`."""
+    add_study(
+        parser,
+        "optimize",
+        "Varies what [campaign] names, under its requirements, and judges the best on fresh "
+        "frames. Leaves best.toml (a design for any other command), comparison.md (before and "
+        "after), convergence.png, evaluations.csv, result.json, and ledger.sqlite, from which the "
+        "same command goes on where it was cut short. The status is 3 where a requirement is not "
+        "met.",
+    )
+
+
+def command(options: argparse.Namespace) -> int:
+    """Leave best.toml, comparison.md, convergence.png, evaluations.csv and result.json."""
+    with (
+        open_study(options, "optimising") as (case, campaign, bench, out),
+        progress("designs", campaign.evaluations) as advance,
+    ):
+        optimum = optimize(case, campaign, bench, lambda _: advance(1))
+    table = comparison(optimum, campaign)
+    note = f"found by startrack optimize, seed {options.seed}"
+    save_design(out / "best.toml", Design(optimum.best, campaign), note)
+    save_text(out / "comparison.md", table + "\n")
+    write_evaluations(out / "evaluations.csv", optimum.evaluations)
+    draw_convergence(out / "convergence.png", optimum, campaign.objective)
+    result = {"out": str(out), "seed": options.seed, **optimum_values(optimum, campaign)}
+    save_json(out / "result.json", finite(result))
+    tell(
+        options,
+        result,
+        f"{table}\n\nthe search ended: {optimum.ending}; the folder {out} holds it all",
+    )
+    return Exit.DONE if optimum.feasible else Exit.UNSOLVED
+
+
+def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
+    """An optimum for JSON."""
+    box, factor, optimism = optimum.box, optimum.factor, optimum.optimism
+    return {
+        "objective": str(Objective.read(campaign.objective)),
+        "branch": optimum.branch,
+        "start": summary_values(optimum.fresh[0]),
+        "best": summary_values(optimum.fresh[1]),
+        "factor": factor.value,
+        "factor_95": [factor.low, factor.high],
+        "optimism": optimism.value,
+        "optimism_95": [optimism.low, optimism.high],
+        "availability": optimum.availability.value,
+        "availability_bounds": [optimum.availability.low, optimum.availability.high],
+        "values": box.text(optimum.best),
+        "values_si": box.values(box.place(optimum.best)),
+        "margins": optimum.margins,
+        "lacking": optimum.lacking,
+        "evaluations": len(optimum.evaluations),
+        "trials": optimum.trials,
+        "feasible": optimum.feasible,
+        "ending": optimum.ending,
+    }

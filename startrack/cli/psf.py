@@ -1,0 +1,136 @@
+"""`startrack psf`: how the optics of a design blur a star."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import Any
+
+import numpy as np
+
+from startrack.cli.exits import Exit
+from startrack.cli.options import add_design, add_out, describe
+from startrack.cli.terminal import example, finite, read_design, tell
+from startrack.core import Psf, Streams
+from startrack.design import Instrument
+from startrack.io import save_json
+from startrack.motion import image_path, transfer
+from startrack.optics import (
+    BLOCKS,
+    POINT,
+    RADII,
+    Choice,
+    Quality,
+    blur_transfer,
+    choose,
+    focus,
+    modulation,
+    pixel_transfer,
+    quality,
+)
+from startrack.plots import Curves, draw_psf
+from startrack.scene import WAVELENGTH
+from startrack.trial import detected_spectrum, path_of, psf_of
+
+FREQUENCY = np.linspace(0.0, 0.5, 51)  # cycle / pixel, to Nyquist
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack psf`."""
+    describe(
+        parser,
+        "Prints which model of diffraction serves and how far it may err, width, energy within "
+        "circles and pixels, and the modulation at Nyquist factor by factor; leaves psf.png and "
+        "psf.json.",
+    )
+    add_design(parser)
+    add_out(parser, "startrack-psf")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the table; leave psf.png and psf.json."""
+    path = options.design or example()
+    instrument = read_design(path).case.instrument
+    weight = detected_spectrum(instrument)
+    response = psf_of(instrument)
+    image = focus(instrument.optics, instrument.detector.pitch, WAVELENGTH, weight, POINT)
+    mean = float(weight @ WAVELENGTH / weight.sum())
+    pitch = instrument.detector.pitch
+    choice = choose(instrument.optics, pitch, mean)
+    judged = quality(response, image)
+    curves = [_curves(instrument, response, image, angle) for angle in (0.0, math.pi / 2)]
+    result = _values(judged, choice, mean, curves) | {
+        "design": str(path),
+        "png": str(options.out / "psf.png"),
+    }
+    draw_psf(options.out / "psf.png", image, FREQUENCY, curves, _title(path.stem, choice, mean))
+    save_json(options.out / "psf.json", finite(result))
+    tell(options, result, _text(judged, choice, mean, curves) + f"\nwrote {result['png']}")
+    return Exit.DONE
+
+
+def _curves(instrument: Instrument, response: Psf, image: Psf, angle: float) -> Curves:
+    """Each factor of the modulation along one direction of the detector, up to Nyquist."""
+    optics, detector, camera = instrument.optics, instrument.detector, instrument.camera
+    pitch = detector.pitch
+    factors = {
+        "optics": modulation(image, FREQUENCY, angle),
+        "pixel": np.abs(pixel_transfer(FREQUENCY, math.sqrt(detector.fill_factor))),
+    }
+    if optics.total_blur:
+        factors["blur in optics"] = blur_transfer(FREQUENCY, optics.total_blur / pitch)
+    if detector.diffusion:
+        factors["diffusion"] = blur_transfer(FREQUENCY, detector.diffusion / pitch)
+    # The motion of one exposure, for a star in the middle of the field; trial 0 of seed 0.
+    path = path_of(instrument, Streams(0, 0))
+    if len(path.time) > 1:
+        axis = np.array([math.cos(angle), math.sin(angle)])
+        offset = image_path(path, camera, camera.unproject(np.array(camera.centre))[0])
+        factors["motion"] = np.abs(transfer(offset, path.weight, np.outer(FREQUENCY, axis)))
+    total = modulation(response, FREQUENCY, angle) * factors.get("motion", 1.0)
+    return {**factors, "total": total}
+
+
+def _values(judged: Quality, choice: Choice, mean: float, curves: list[Curves]) -> dict[str, Any]:
+    return {
+        "model": choice.model,
+        "model_error": choice.error,
+        "model_reason": choice.reason,
+        "model_errors": choice.errors,
+        "mean_wavelength_nm": mean * 1e9,
+        "fwhm_x_px": judged.fwhm_x,
+        "fwhm_y_px": judged.fwhm_y,
+        "encircled_energy": dict(zip(map(str, RADII), judged.encircled, strict=True)),
+        "ensquared_energy": dict(zip(map(str, BLOCKS), judged.ensquared, strict=True)),
+        "energy_in_table": judged.energy,
+        "mtf_nyquist_x": {name: float(curve[-1]) for name, curve in curves[0].items()},
+        "mtf_nyquist_y": {name: float(curve[-1]) for name, curve in curves[1].items()},
+    }
+
+
+def _text(judged: Quality, choice: Choice, mean: float, curves: list[Curves]) -> str:
+    lines = [
+        f"model               {choice.model}, because {choice.reason}; it may err by "
+        f"{choice.error:.2g} of the peak",
+        f"mean wavelength     {mean * 1e9:.0f} nm, of a sunlike star",
+        f"FWHM                {judged.fwhm_x:.3f} x {judged.fwhm_y:.3f} pixel before the pixels",
+        "energy within       " + ", ".join(
+            f"{radius:g} px {100 * share:.1f} %"
+            for radius, share in zip(RADII, judged.encircled, strict=True) if math.isfinite(share)
+        ),
+        "energy in pixels    " + ", ".join(
+            f"{block} x {block} {100 * share:.1f} %"
+            for block, share in zip(BLOCKS, judged.ensquared, strict=True) if math.isfinite(share)
+        ),
+        f"outside the table   {100 * (1 - judged.energy):.2g} %",
+        "MTF at Nyquist         x      y",
+    ]  # fmt: skip
+    for name in curves[0]:
+        lines.append(f"  {name:<17} {curves[0][name][-1]:6.3f} {curves[1][name][-1]:6.3f}")
+    return "\n".join(lines)
+
+
+def _title(name: str, choice: Choice, mean: float) -> str:
+    return (
+        f"{name}: {choice.model}, within {choice.error:.1g} of the peak, {mean * 1e9:.0f} nm mean"
+    )

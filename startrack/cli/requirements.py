@@ -1,0 +1,69 @@
+"""`startrack requirements`: what a design must meet, how far it does; Earth cameras, too."""
+
+from __future__ import annotations
+
+import argparse
+
+from startrack.cli.earth_requirements import earth_requirements
+from startrack.cli.exits import Exit, WrongUse
+from startrack.cli.options import add_campaign, describe
+from startrack.cli.terminal import example, read_design, tell
+from startrack.core import arcsec
+from startrack.design import Objective
+from startrack.optimise import expect, expected_error
+
+EARTH_TOO = (
+    "; or an Earth camera, waoss, hsrs, mertis, ads40 or a scene file, for its ground resolution, "
+    "MTF, SNR, dynamics and data rate; or a file with a table [goals] (catalogs/scenes/goals.toml) "
+    "for focal length, aperture and clock"
+)
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack requirements`."""
+    describe(
+        parser,
+        "Prints the margin of each requirement, and the error that the analytic budget expects. "
+        "The status is 3 where one is not met.",
+    )
+    add_campaign(parser, EARTH_TOO)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the margins of a design and what its analytic budget expects; no trial is done."""
+    earth = earth_requirements(options)
+    if earth is not None:
+        return earth
+    path = options.campaign or example()
+    design = read_design(path)
+    campaign = design.campaign
+    if campaign is None:
+        raise WrongUse(f"{path} must have a table [campaign] with requirements")
+    budget, margins = expect(design.case, campaign)
+    objective = Objective.read(campaign.objective)
+    error = expected_error(objective, budget) / arcsec
+    met = all(margin >= 0 for margin in margins.values())
+    needs = campaign.requirements
+    costs = {
+        "mass_kg": needs.mass(design.case),
+        "volume_m3": needs.volume(design.case),
+        "power_w": needs.power(design.case),
+        "data_rate_bit_per_s": needs.data_rate(design.case),
+        "cost": needs.cost(design.case),
+    }
+    result = {"design": str(path), "met": met, "margins": margins, **costs}
+    result |= {"objective": str(objective), "expected_arcsec": error, "stars": budget.stars}
+    lines = [f"{'requirement':20} {'margin':>8}"]
+    lines += [
+        f"{name:20} {margin:+8.3f}{'' if margin >= 0 else '  NOT MET'}"
+        for name, margin in margins.items()
+    ]
+    lines += [
+        "",
+        *(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()),
+        "",
+        f"expected {objective}: {error:.3f} arcsec with {budget.stars:.1f} stars; availability by "
+        "the analytic budget. A margin is a share of its limit, that of the stars in magnitudes.",
+    ]
+    tell(options, result, "\n".join(lines))
+    return Exit.DONE if met else Exit.UNSOLVED

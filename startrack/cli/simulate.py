@@ -1,0 +1,91 @@
+"""`startrack simulate`: render one frame of a design."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+from startrack.cli.exits import Exit
+from startrack.cli.options import (
+    LARGEST_SEED,
+    add_design,
+    add_out,
+    add_seed,
+    decimal,
+    describe,
+    whole,
+)
+from startrack.cli.terminal import example, quaternion, read_design, tell
+from startrack.core import Streams
+from startrack.io import celestial, pointing, write_fits
+from startrack.plots import draw_frame
+from startrack.trial import observe, random_attitude
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack simulate`."""
+    describe(
+        parser,
+        "Leaves frame.fits, with its WCS and a table of its true stars, and frame.png. Without "
+        "--ra, --dec and --roll it looks where the numbers of seed and trial say; where one is "
+        "given the others are 0.",
+    )
+    add_design(parser)
+    parser.add_argument(
+        "--ra", type=decimal(), metavar="DEG", help="right ascension of the boresight, ICRS"
+    )
+    parser.add_argument(
+        "--dec", type=decimal(-90, 90), metavar="DEG", help="declination of the boresight, ICRS"
+    )
+    parser.add_argument(
+        "--roll", type=decimal(), metavar="DEG",
+        help="celestial north, counter-clockwise from image up",
+    )  # fmt: skip
+    add_seed(parser)
+    parser.add_argument(
+        "--trial", type=whole(0, LARGEST_SEED), default=0, metavar="N",
+        help="its number within the seed (default: 0)",
+    )  # fmt: skip
+    add_out(parser, "startrack-simulate")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write frame.fits and frame.png; of a matrix with its WCS and a table of its true stars."""
+    case = read_design(options.design or example()).case
+    streams = Streams(options.seed, options.trial)
+    angles = (options.ra, options.dec, options.roll)
+    if any(angle is not None for angle in angles):
+        attitude = pointing(*(angle or 0.0 for angle in angles))
+    else:
+        attitude = random_attitude(streams)
+    record = observe(case, attitude, streams)
+    camera = case.instrument.camera
+    ra, dec, roll = celestial(attitude)
+    fits, png = options.out / "frame.fits", options.out / "frame.png"
+    history = f"startrack simulate, seed {options.seed}, trial {options.trial}"
+    matrix = None if case.instrument.detector.scan else camera
+    write_fits(fits, record.frame, matrix, attitude, record.stars, history)
+    title = (
+        f"RA {ra:.3f}, Dec {dec:+.3f}, roll {roll:.1f} deg; field {math.degrees(camera.fov_x):.2f} "
+        f"deg; exposure {1e3 * record.frame.exposure:g} ms"
+    )
+    draw_frame(png, record.frame, title)
+    result = {
+        "fits": str(fits),
+        "png": str(png),
+        "icrs_to_camera_xyzw": quaternion(attitude),
+        "ra_deg": ra,
+        "dec_deg": dec,
+        "roll_deg": roll,
+        "fov_x_deg": math.degrees(camera.fov_x),
+        "spots": record.outcome.spots,
+        "matches": record.outcome.stars,
+        "status": str(record.estimate.status),
+    }
+    tell(
+        options,
+        result,
+        f"{title}\nthe tracker finds {record.outcome.spots} spots, matches "
+        f"{record.outcome.stars}: {record.estimate.status}\nwrote {fits} and {png}",
+    )
+    return Exit.DONE

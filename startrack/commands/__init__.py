@@ -1,1 +1,0 @@
-"""What each command does, one file a command; `terminal` holds how they speak."""

@@ -1,0 +1,57 @@
+"""What all rooms share: units, values, camera, rotations, random streams, checks.
+
+units      Units as SI floats, constants with their source, and `"50 mm"` read and written at the
+           border.
+checks     The few ways to refuse a parameter: each names the parameter, the rule and the value.
+streams    A seed, a trial and a cause enter; a generator leaves, the same for any number of
+           workers.
+scratch    Arrays that last: a large one made anew costs more than the few windows written to it.
+curve      A dimensionless curve over wavelength, such as a transmission or a quantum efficiency.
+rotations  Rotation matrices -> quaternions and scipy's Rotations, in compiled code.
+camera     Direction to pixel and pixel to direction, both ways together, with OpenCV's
+           distortion.
+values     The nouns that flow from room to room; every array has its shape and unit here.
+dates      A date as text enters; a time leaves, converted with the tables that are installed.
+variates   Random variates for compiled code: bits of a counter, normal and Poisson quantiles.
+"""
+
+from startrack.core.camera import Camera
+from startrack.core.checks import finite, non_negative, one_of, positive, whole, within
+from startrack.core.curve import ALL, Curve
+from startrack.core.dates import installed_tables, utc
+from startrack.core.rotations import quaternion, rotation_of
+from startrack.core.scratch import canvas, scratch
+from startrack.core.streams import Streams
+from startrack.core.units import (
+    BOLTZMANN,
+    GOLDEN_ANGLE,
+    LIGHT_SPEED,
+    PLANCK,
+    Unit,
+    arcsec,
+    deg,
+    mm,
+    nm,
+    parse,
+    um,
+    write,
+)
+from startrack.core.values import (
+    Estimate,
+    Floats,
+    Frame,
+    Glare,
+    Glow,
+    Ints,
+    Light,
+    Matches,
+    Path,
+    Psf,
+    Spots,
+    Stars,
+    Status,
+)
+from startrack.core.variates import bits, drawn, inverse_normal, key, poisson_quantile, uniform
+
+# Public; the other imports serve other rooms.
+__all__ = ["poisson_quantile"]

@@ -1,0 +1,166 @@
+"""Direction to pixel and pixel to direction, both ways together, with OpenCV's distortion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.core.checks import finite, positive, whole
+
+Floats = NDArray[np.float64]
+NO_ROTATION = np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole with radial and tangential distortion.
+
+        x / z, y / z  ->  distorted (OpenCV)  ->  pixel = principal point + focal length * distorted
+
+    Camera axes: +z boresight, +x to larger columns, +y to larger rows. The centre of the first
+    pixel is (0, 0), so the centre of the array is ((columns - 1) / 2, (rows - 1) / 2).
+
+    columns, rows          pixel
+    focal_length_px        pixel
+    principal_x, _y        pixel from the centre of the array
+    k1, k2, p1, p2, k3     OpenCV's distortion coefficients
+    """
+
+    columns: int
+    rows: int
+    focal_length_px: float
+    principal_x: float = 0.0
+    principal_y: float = 0.0
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+
+    def __post_init__(self) -> None:
+        whole(1, 2**20, columns=self.columns, rows=self.rows)
+        positive(focal_length_px=self.focal_length_px)
+        finite(principal_x=self.principal_x, principal_y=self.principal_y)
+        finite(k1=self.k1, k2=self.k2, p1=self.p1, p2=self.p2, k3=self.k3)
+
+    @classmethod
+    def from_field_of_view(cls, columns: int, rows: int, fov_x: float) -> Camera:
+        """The undistorted camera whose columns span `fov_x` radian, edge to edge."""
+        if not 0 < fov_x < math.pi:
+            raise ValueError(f"fov_x must lie in (0, pi) radian, got {fov_x}")
+        return cls(columns, rows, columns / 2 / math.tan(fov_x / 2))
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Pixel (x, y) of the principal point."""
+        return (self.columns - 1) / 2 + self.principal_x, (self.rows - 1) / 2 + self.principal_y
+
+    @property
+    def distorted(self) -> bool:
+        """Whether any distortion coefficient is not zero."""
+        return any((self.k1, self.k2, self.p1, self.p2, self.k3))
+
+    @property
+    def fov_x(self) -> float:
+        """Radian, angle that the columns span edge to edge, distortion left out."""
+        return 2 * math.atan(self.columns / 2 / self.focal_length_px)
+
+    @property
+    def fov_y(self) -> float:
+        """Radian, angle that the rows span edge to edge, distortion left out."""
+        return 2 * math.atan(self.rows / 2 / self.focal_length_px)
+
+    @cached_property
+    def half_diagonal(self) -> float:
+        """Radian, from the boresight to the farthest corner."""
+        corners = [(x, y) for x in (-0.5, self.columns - 0.5) for y in (-0.5, self.rows - 0.5)]
+        return float(np.arccos(self.unproject(np.array(corners))[:, 2].min()))
+
+    def lattice(self, count: int) -> Floats:
+        """Directions of places evenly spaced from the first pixel's centre to the last's.
+
+        count    places along each side
+        Returns  (count^2, 3) unit vectors in camera axes, row by row
+        """
+        x = np.linspace(0, self.columns - 1, count)
+        y = np.linspace(0, self.rows - 1, count)
+        return self.unproject(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+
+    def scaled(self, factor: float) -> Camera:
+        """The same camera with another focal length."""
+        return replace(self, focal_length_px=self.focal_length_px * factor)
+
+    def project(self, direction: Floats) -> Floats:
+        """Where directions fall on the pixel grid.
+
+        direction  (n, 3) in camera axes, of any length
+        Returns    (n, 2) pixel (x, y); NaN for what lies behind the camera
+        Errors     numerical: 1e-12 of the array's width.
+        """
+        direction = np.atleast_2d(np.ascontiguousarray(direction, float))
+        if not self.distorted:
+            return np.asarray(_pinhole(direction, self.focal_length_px, *self.centre))
+        plane = _pinhole(direction, 1.0, 0.0, 0.0)
+        if len(plane):
+            points = np.column_stack([plane, np.ones(len(plane))])
+            pixel, _ = cv2.projectPoints(
+                points, NO_ROTATION, NO_ROTATION, self._matrix, self._coefficients
+            )
+            return np.asarray(pixel, float).reshape(-1, 2)
+        return plane
+
+    def unproject(self, pixel: Floats) -> Floats:
+        """Which directions fall on these pixels.
+
+        pixel    (n, 2) pixel (x, y)
+        Returns  (n, 3) unit vectors in camera axes
+        Errors   numerical: 1e-9 pixel, where the distortion can be inverted at all.
+        """
+        pixel = np.atleast_2d(np.asarray(pixel, float))
+        if self.distorted and len(pixel):
+            plane = cv2.undistortPoints(
+                pixel.reshape(-1, 1, 2),
+                self._matrix,
+                self._coefficients,
+                criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-14),
+            ).reshape(-1, 2)
+        else:
+            plane = (pixel - self.centre) / self.focal_length_px
+        direction = np.column_stack([plane, np.ones(len(plane))])
+        return direction / np.linalg.norm(direction, axis=1, keepdims=True)
+
+    def holds(self, pixel: Floats, margin: float = 0.0) -> NDArray[np.bool_]:
+        """Which pixels (n, 2) lie on the array, or at most `margin` pixel outside."""
+        x, y = np.asarray(pixel, float).T
+        return (
+            (x >= -0.5 - margin)
+            & (x <= self.columns - 0.5 + margin)
+            & (y >= -0.5 - margin)
+            & (y <= self.rows - 0.5 + margin)
+        )
+
+    @property
+    def _matrix(self) -> Floats:
+        x, y = self.centre
+        return np.array([[self.focal_length_px, 0, x], [0, self.focal_length_px, y], [0, 0, 1.0]])
+
+    @property
+    def _coefficients(self) -> Floats:
+        return np.array([self.k1, self.k2, self.p1, self.p2, self.k3])
+
+
+@njit(cache=True, error_model="numpy")
+def _pinhole(direction: Floats, focal: float, x: float, y: float) -> Floats:
+    """Pixels (n, 2); NaN for what does not lie ahead."""
+    pixel = np.full((len(direction), 2), np.nan)
+    for k in range(len(direction)):
+        if direction[k, 2] > 0:
+            pixel[k, 0] = direction[k, 0] / direction[k, 2] * focal + x
+            pixel[k, 1] = direction[k, 1] / direction[k, 2] * focal + y
+    return pixel

@@ -1,0 +1,48 @@
+"""A dimensionless curve over wavelength, such as a transmission or a quantum efficiency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core.checks import positive, within
+from startrack.core.units import Unit
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Values in [0, 1] at wavelengths, straight lines between them and zero outside.
+
+    A curve with one value and no wavelength is the same everywhere.
+
+    wavelength  metre, rising
+    value       1
+    """
+
+    wavelength: Annotated[tuple[float, ...], Unit("m", "nm")] = ()
+    value: tuple[float, ...] = (1.0,)
+
+    def __post_init__(self) -> None:
+        if len(self.wavelength) != (len(self.value) if len(self.value) > 1 else 0):
+            raise ValueError(
+                "wavelength and value must have the same length (or one value and no wavelength), "
+                f"got {len(self.wavelength)} and {len(self.value)}"
+            )
+        for each in self.wavelength:
+            positive(wavelength=each)
+        for each in self.value:
+            within(0, 1, value=each)
+        if any(b <= a for a, b in zip(self.wavelength, self.wavelength[1:], strict=False)):
+            raise ValueError(f"wavelength must rise, got {self.wavelength}")
+
+    def __call__(self, wavelength: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The curve at wavelengths in metre."""
+        if not self.wavelength:
+            return np.full(np.shape(wavelength), self.value[0])
+        return np.interp(wavelength, self.wavelength, self.value, left=0.0, right=0.0)
+
+
+ALL = Curve()  # nothing is lost at any wavelength

@@ -1,0 +1,224 @@
+"""The nouns that flow from room to room; every array has its shape and unit here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.core.camera import Camera
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Stars:
+    """Stars of the sky.
+
+    identifier   (n,) Gaia DR3 source_id, or minus the Hipparcos number
+    direction    (n, 3) unit vectors, ICRS axes
+    magnitude_g  (n,) magnitude in Gaia's G band (Vega)
+    colour       (n,) magnitude BP - RP; NaN where unknown
+    """
+
+    identifier: Ints
+    direction: Floats
+    magnitude_g: Floats
+    colour: Floats
+
+    def __len__(self) -> int:
+        return len(self.identifier)
+
+    def __getitem__(self, choice: slice | Ints | NDArray[np.bool_]) -> Stars:
+        return Stars(
+            self.identifier[choice],
+            self.direction[choice],
+            self.magnitude_g[choice],
+            self.colour[choice],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Glow:
+    """Light of the sky that varies over the frame: a spectrum times a map.
+
+    spectrum  (k,) photon / s / m^2 / sr in each bin
+    share     (p, q) 1, at places evenly spaced from the centre of the frame's first pixel to that
+              of its last, row by row; straight lines between them
+    """
+
+    spectrum: Floats
+    share: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Glare:
+    """A body whose light reaches the detector on ways that are not those of the image.
+
+    direction    (n, 3) unit vectors to its parts, ICRS axes
+    share        (n,) 1, of each part in the light of the spectrum
+    photon_rate  (k,) photon / s / m^2 in each bin
+    """
+
+    direction: Floats
+    share: Floats
+    photon_rate: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """What arrives at the entrance pupil from the point sources and from the sky between them.
+
+    direction    (n, 3) unit vectors, ICRS axes
+    wavelength   (k,) metre, centres of the spectral bins
+    photon_rate  (n, k) photon / s / m^2 in each bin
+    background   (k,) photon / s / m^2 / sr in each bin, the same over the field
+    glow         what varies over it, besides
+    glare        bodies so bright that they are seen beside the field
+    """
+
+    direction: Floats
+    wavelength: Floats
+    photon_rate: Floats
+    background: Floats
+    glow: tuple[Glow, ...] = ()
+    glare: tuple[Glare, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Psf:
+    """The image of a point, integrated over pixels.
+
+    table         (m, m) 1, share of the energy that falls into a pixel whose centre lies at
+                  ((column - m // 2) / oversampling, (row - m // 2) / oversampling) pixel from
+                  the point's image
+    oversampling  samples per pixel
+    energy        1, share of the star's energy inside the box of the table
+    """
+
+    table: Floats
+    oversampling: int
+    energy: float
+
+    @property
+    def half_width(self) -> float:
+        """Pixel, from the centre of the table to its edge."""
+        return (self.table.shape[0] // 2) / self.oversampling
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """How the line of sight moves in one exposure.
+
+    time      (m,) second from the middle of the exposure
+    weight    (m,) 1, share of the exposure that each point stands for; sums to 1
+    rotation  (m, 3) radian, rotation vector of icrs_to_camera at `time` times the inverse of that
+              at the middle, in camera axes: how the sky turns before the camera
+    """
+
+    time: Floats
+    weight: Floats
+    rotation: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A digital image, and what its maker knows of its numbers (NaN where unknown).
+
+    image             (rows, columns) digital number
+    exposure          second
+    electrons_per_dn  electron per digital number
+    offset            digital number of an empty pixel
+    read_noise        electron rms
+    """
+
+    image: NDArray[np.number]
+    exposure: float = float("nan")
+    electrons_per_dn: float = float("nan")
+    offset: float = 0.0
+    read_noise: float = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """What the detection found, brightest first.
+
+    x, y        (n,) pixel, column and row of the centroid
+    flux        (n,) digital number above the background
+    covariance  (n, 2, 2) pixel^2, of (x, y)
+    snr         (n,) 1, flux over its standard deviation
+    area        (n,) pixel, size of the connected component
+    """
+
+    x: Floats
+    y: Floats
+    flux: Floats
+    covariance: Floats
+    snr: Floats
+    area: Ints
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+
+class Status(StrEnum):
+    """How an identification or an attitude ended. A sky that cannot be solved is data."""
+
+    SOLVED = "solved"
+    AMBIGUOUS = "ambiguous"
+    TOO_FEW = "too few stars"
+    NO_MATCH = "no match"
+    BLANK = "blank image"
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Which spot is which catalogue star.
+
+    status             solved, or why not
+    reason             one sentence
+    spot               (m,) index into the spots
+    star               (m,) index into the tracker's catalogue
+    direction          (m, 3) unit vectors of these stars, ICRS axes
+    camera             the tracker's camera, its focal length refined if it was allowed to be
+    icrs_to_camera     first attitude, None if there is none
+    false_probability  bound on the probability that chance alone made such a match
+    """
+
+    status: Status
+    reason: str
+    spot: Ints
+    star: Ints
+    direction: Floats
+    camera: Camera
+    icrs_to_camera: Rotation | None
+    false_probability: float
+
+    def __len__(self) -> int:
+        return len(self.spot)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The attitude that the tracker reports.
+
+    status             solved, or why not
+    reason             one sentence
+    icrs_to_camera     attitude, None if there is none
+    covariance         (3, 3) radian^2, of the small rotation about the camera's axes
+    residual_rms       pixel, root mean square over both axes of the stars used
+    stars              how many stars were used
+    false_probability  as in Matches
+    """
+
+    status: Status
+    reason: str
+    icrs_to_camera: Rotation | None
+    covariance: Floats
+    residual_rms: float
+    stars: int
+    false_probability: float

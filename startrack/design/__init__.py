@@ -1,0 +1,29 @@
+"""Instrument, Tracker, Scene and campaign: what a design file holds.
+
+case          Case: what is true and what the tracker believes, kept apart; how faithful a trial
+              is to it.
+products      A table of a design enters; it leaves with the values of the detector that it names.
+parameter     A dotted name enters with a case; what stands there, its unit, or a case with
+              another value.
+variables     Variable, Link, Box: named parameters of a case as points of a unit cube.
+choice        Choice: a part of a design that is one of several; cases enter, a branch for each
+              leaves.
+objective     Outcomes of trials enter; the error that is to be made small leaves, and ratios of
+              it.
+requirements  Requirements: what a design must meet before its accuracy counts.
+campaign      Campaign: what a study of a design is asked.
+files         Design files: a case, and optionally a campaign on it, as TOML with units in
+              strings.
+"""
+
+from startrack.design.campaign import Campaign
+from startrack.design.case import Case, Fidelity, Instrument, Tracker
+from startrack.design.choice import Choice, branches
+from startrack.design.files import Design, load_design, save_design
+from startrack.design.objective import AXES, Objective
+from startrack.design.parameter import replaced
+from startrack.design.requirements import Requirements
+from startrack.design.variables import Box, Link, Variable
+
+# Public; the other imports serve other rooms.
+__all__ = ["Box", "Campaign", "Choice", "Link", "Objective", "Requirements", "Variable", "replaced"]

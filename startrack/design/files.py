@@ -1,0 +1,58 @@
+"""Design files: a case, and optionally a campaign on it, as TOML with units in strings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from startrack.design.campaign import Campaign
+from startrack.design.case import Case
+from startrack.design.products import with_product
+from startrack.io import from_table, read_table, save_text, to_table
+
+
+@dataclass(frozen=True)
+class Design:
+    """What a design file holds.
+
+    case      the instrument, the tracker, the scene and the sky
+    campaign  the question put to it, None if the file asks none
+    """
+
+    case: Case
+    campaign: Campaign | None = None
+
+
+def load_design(path: Path) -> Design:
+    """Read a design file.
+
+    `product = "cmv4000"` under `[instrument.detector]` stands for the values of that detector in
+    the catalogue; keys beside it override them.
+
+    Errors  ValueError, one sentence with the file, the place in it, the rule and the value.
+    """
+    path = Path(path)
+    table = read_table(path, "a design file")
+    try:
+        campaign = table.pop("campaign", None)
+        return Design(
+            from_table(Case, with_product(table)),
+            None if campaign is None else from_table(Campaign, campaign, "campaign"),
+        )
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def save_design(path: Path, design: Design, comment: str = "") -> None:
+    """Write a design file that `load_design` reads back to an equal design.
+
+    All values of the detector are written, not the name of a product, whose values may change.
+    """
+    import tomli_w
+
+    table: dict[str, Any] = to_table(design.case)
+    if design.campaign is not None:
+        table["campaign"] = to_table(design.campaign)
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    save_text(path, head + tomli_w.dumps(table))

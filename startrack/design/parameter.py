@@ -1,0 +1,98 @@
+"""A dotted name enters with a case; what stands there, its unit, or a case with another value."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from startrack.core import Unit, parse, write
+from startrack.io import unit_of
+
+
+def find(case: Any, name: str) -> Any:
+    """What stands at a name, such as "instrument.motion.tones.0.rms_x".
+
+    Errors  ValueError where there is no such parameter.
+    """
+    at = case
+    for part in name.split("."):
+        if isinstance(at, tuple) and part.isdecimal() and int(part) < len(at):
+            at = at[int(part)]
+        elif dataclasses.is_dataclass(at) and hasattr(at, part):
+            at = getattr(at, part)
+        else:
+            raise ValueError(f"{name} must be a parameter of the design, but {part} is none")
+    return at
+
+
+def number(case: Any, name: str) -> float:
+    """The number at a name.
+
+    Errors  ValueError where there is none that can vary.
+    """
+    value = find(case, name)
+    if isinstance(value, bool) or not isinstance(value, float | int):
+        raise ValueError(f"{name} must be a number that can vary, got {value!r}")
+    return float(value)
+
+
+def replaced(case: Any, name: str, value: Any) -> Any:
+    """The case with another value at a name; a number is rounded where a whole one stands.
+
+    Errors  ValueError with the name, where the parameter refuses the value.
+    """
+    held = find(case, name)
+    if isinstance(held, int) and not isinstance(held, bool) and isinstance(value, float):
+        value = round(value)
+    try:
+        return _with(case, name.split("."), value)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def unit_at(case: Any, name: str) -> Unit | None:
+    """The unit of a parameter, None where it has none."""
+    find(case, name)
+    parts = name.split(".")
+    while parts[-1].isdecimal():  # a tuple's numbers have the unit of the tuple
+        parts.pop()
+    owner = find(case, ".".join(parts[:-1])) if len(parts) > 1 else case
+    return unit_of(type(owner), parts[-1])
+
+
+def quantity(case: Any, name: str, value: float | str) -> float:
+    """A number or a text with a unit as the SI value for a parameter.
+
+    Errors  ValueError where the parameter has a unit and the value none, or the reverse.
+    """
+    unit = unit_at(case, name)
+    if unit and isinstance(value, str):
+        try:
+            return parse(value, unit.si)
+        except ValueError as error:
+            raise ValueError(f"{name}: bound {error}") from None
+    if unit or isinstance(value, str):
+        wanted = f"have a unit, such as '1 {unit.shown}'" if unit else "be a number without unit"
+        raise ValueError(f"{name}: bound must {wanted}, got {value!r}")
+    return float(value)
+
+
+def text(case: Any, name: str, value: float) -> str:
+    """A value as a person writes it, four digits and the parameter's unit."""
+    unit = unit_at(case, name)
+    rounded = float(f"{value:.4g}")
+    if not unit:
+        return f"{rounded:g}"
+    count, _, shown = write(value, unit.si, unit.shown).partition(" ")
+    return f"{float(count):.4g} {shown}"
+
+
+def _with(owner: Any, parts: list[str], value: Any) -> Any:
+    head, *rest = parts
+    if isinstance(owner, tuple):
+        at = int(head)
+        value = _with(owner[at], rest, value) if rest else value
+        return (*owner[:at], value, *owner[at + 1 :])
+    if rest:
+        value = _with(getattr(owner, head), rest, value)
+    return dataclasses.replace(owner, **{head: value})

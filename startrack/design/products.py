@@ -1,0 +1,51 @@
+"""A table of a design enters; it leaves with the values of the detector that it names."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+from startrack.io import shipped
+
+PLACE = "instrument.detector.product"
+
+
+def with_product(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Replace `product` under `instrument.detector` by that product's values.
+
+    What the design names beside it overrides the catalogue, key by key in tables too.
+
+    table    of a whole design
+    Returns  a table without the key
+    Errors   ValueError for a name that the catalogue does not have.
+    """
+    match table:
+        case {"instrument": {"detector": {"product": _} as detector} as instrument}:
+            pass
+        case _:
+            return dict(table)
+    own = {key: value for key, value in detector.items() if key != "product"}
+    merged = _merge(_read(detector["product"]), own)
+    return {**table, "instrument": {**instrument, "detector": merged}}
+
+
+def products() -> list[str]:
+    """The detectors of the catalogue."""
+    return sorted(path.stem for path in shipped("detectors").glob("*.toml"))
+
+
+def _read(product: object) -> dict[str, Any]:
+    if product not in products():
+        raise ValueError(f"{PLACE} must be one of {', '.join(products())}, got {product!r}")
+    return tomllib.loads(shipped(f"detectors/{product}.toml").read_text(encoding="utf-8"))
+
+
+def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    both = {
+        key: _merge(base[key], value)
+        if isinstance(base.get(key), Mapping) and isinstance(value, Mapping)
+        else value
+        for key, value in over.items()
+    }
+    return {**base, **both}

@@ -1,0 +1,159 @@
+"""Variable, Link, Box: named parameters of a case as points of a unit cube."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import finite, one_of
+from startrack.design.case import Case
+from startrack.design.parameter import number, quantity, replaced, text
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One parameter that may change.
+
+    name       path in the case, such as "instrument.optics.focal_length"; in a list by number,
+               such as "instrument.motion.tones.0.rms_x". A whole number is rounded
+    low, high  bounds, with a unit where the parameter has one
+    scale      "linear" or "log": how the range is walked through
+    """
+
+    name: str
+    low: float | str
+    high: float | str
+    scale: str = "linear"
+
+    def __post_init__(self) -> None:
+        one_of(("linear", "log"), scale=self.scale)
+
+
+@dataclass(frozen=True)
+class Link:
+    """One parameter that follows another, from their values in the design.
+
+        value = value_0 (to / to_0)^power
+
+    name  path of the parameter that follows
+    to    path of the one that it follows, which may be no variable itself but follow one
+    """
+
+    name: str
+    to: str
+    power: float = 1.0
+
+    def __post_init__(self) -> None:
+        finite(power=self.power)
+
+
+@dataclass(frozen=True)
+class Box:
+    """The designs that differ from `case` in the variables, and in what follows them.
+
+    links  taken in their order, after the variables
+    adapt  a Python function that makes the last changes to each design, None for none; what it
+           refuses with a ValueError is no design of the box
+
+    Errors  ValueError where a name is no number of the case, a bound has a wrong unit, the bounds
+            are not in order, or the start lies outside them.
+    """
+
+    case: Case
+    variables: tuple[Variable, ...]
+    links: tuple[Link, ...] = ()
+    adapt: Callable[[Case], Case] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.variables:
+            raise ValueError("variables must name at least one parameter, got none")
+        names = [one.name for one in self.variables] + [one.name for one in self.links]
+        if len(set(names)) < len(names):
+            raise ValueError(f"variables must not name a parameter twice, got {', '.join(names)}")
+        for variable, (low, high) in zip(self.variables, self._bounds, strict=True):
+            self._check(variable, low, high)
+        for link in self.links:
+            for name in (link.to, link.name):
+                if not (value := number(self.case, name)) > 0:
+                    shown = text(self.case, name, value)
+                    raise ValueError(f"{name} must be positive where a link holds it, got {shown}")
+        for corner in (np.zeros(len(self)), np.ones(len(self))):
+            self._replaced(corner)  # which refuses bounds that the parameters refuse
+
+    def _check(self, variable: Variable, low: float, high: float) -> None:
+        if not low < high:
+            raise ValueError(
+                f"{variable.name}: low must be below high, got {variable.low} and {variable.high}"
+            )
+        if variable.scale == "log" and low <= 0:
+            raise ValueError(f"{variable.name}: low must be positive for a log scale")
+        start = number(self.case, variable.name)
+        if not low <= start <= high:
+            raise ValueError(
+                f"{variable.name} must start in its bounds, from {variable.low} to "
+                f"{variable.high}, got {text(self.case, variable.name, start)}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.variables)
+
+    @property
+    def start(self) -> NDArray[np.float64]:
+        """The place (n,) of the case itself in the unit cube."""
+        return self.place(self.case)
+
+    def place(self, case: Case) -> NDArray[np.float64]:
+        """The place (n,) of a design in the unit cube."""
+        result = np.empty(len(self))
+        for i, (variable, (low, high)) in enumerate(zip(self.variables, self._bounds, strict=True)):
+            value = number(case, variable.name)
+            if variable.scale == "log":
+                low, high, value = math.log(low), math.log(high), math.log(value)
+            result[i] = (value - low) / (high - low)
+        return result
+
+    def values(self, place: NDArray[np.float64]) -> dict[str, float]:
+        """The values (SI) of the variables at a place in the unit cube."""
+        result = {}
+        for u, variable, (low, high) in zip(place, self.variables, self._bounds, strict=True):
+            u = min(max(float(u), 0.0), 1.0)
+            log = variable.scale == "log"
+            value = low * (high / low) ** u if log else low + (high - low) * u
+            result[variable.name] = min(max(value, low), high)
+        return result
+
+    def design(self, place: NDArray[np.float64]) -> Case:
+        """The case at a place in the unit cube.
+
+        Errors  ValueError where the parameters, or `adapt`, refuse it.
+        """
+        case = self._replaced(place)
+        return self.adapt(case) if self.adapt else case
+
+    def _replaced(self, place: NDArray[np.float64]) -> Case:
+        case = self.case
+        for name, value in self.values(place).items():
+            case = replaced(case, name, value)
+        for link in self.links:
+            ratio = number(case, link.to) / number(self.case, link.to)
+            case = replaced(case, link.name, number(self.case, link.name) * ratio**link.power)
+        return case
+
+    def text(self, case: Case) -> dict[str, str]:
+        """The variables of a design as a person writes them, four digits and a unit."""
+        return {
+            variable.name: text(case, variable.name, number(case, variable.name))
+            for variable in self.variables
+        }
+
+    @cached_property
+    def _bounds(self) -> list[tuple[float, float]]:
+        return [
+            (quantity(self.case, v.name, v.low), quantity(self.case, v.name, v.high))
+            for v in self.variables
+        ]

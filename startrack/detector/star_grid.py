@@ -1,0 +1,56 @@
+"""A detector, a PSF, stars and companions -> one Frame with a cell for each star, without noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Frame, Psf
+from startrack.detector.effects import diffuse
+from startrack.detector.expose import told
+from startrack.detector.law import law_of, mean_numbers
+from startrack.detector.maps import device_streams
+from startrack.detector.parameters import Detector
+from startrack.detector.stamp import stamp
+
+Floats = NDArray[np.float64]
+
+
+def star_grid(
+    stars: Floats,
+    companions: Floats,
+    across: int,
+    side: int,
+    smear: Floats,
+    psf: Psf,
+    detector: Detector,
+    sky: float,
+) -> tuple[Frame, Floats]:
+    """Expected numbers of stars, each in the middle of a cell of its own.
+
+    Stars that stand under one another see the same pixels, of a response drawn for their column.
+
+    stars       (n, 3) x and y (pixel) from the middle of the cell, electron
+    companions  (n, 3) x and y (pixel) from the star, electron, of another star in the cell
+    across      cells in a row; n is a multiple of it
+    side        pixel, odd, of a cell
+    smear       (m, 3) weight, x and y (pixel) of the points of a star's path
+    sky         electron in a pixel of mean response
+    Returns     Frame of real numbers, and (n, 2) pixel where the stars are
+    """
+    gain = np.ones((side, across * side))
+    if detector.prnu:
+        draw = device_streams(detector)("response of a grid").standard_normal(gain.shape)
+        gain = np.maximum(1 + detector.prnu * draw, 0.0)
+    gain = np.tile(gain, (len(stars) // across, 1))
+    electrons = sky * gain
+    row, column = np.divmod(np.arange(len(stars)), across)
+    place = np.column_stack([column, row]) * side + side // 2 + stars[:, :2]
+    for weight, dx, dy in smear:
+        for each in (stars, companions):
+            at = place if each is stars else place + companions[:, :2]
+            stamp(electrons, psf, at[:, 0] + dx, at[:, 1] + dy, weight * each[:, 2], gain)
+    if detector.crosstalk:
+        electrons = diffuse(electrons, detector.crosstalk)
+    electrons += detector.dark_rate * detector.exposure
+    return told(mean_numbers(electrons, law_of(detector)), detector), place

@@ -1,0 +1,392 @@
+"""A filter, its levels -> where noise alone passes them, and the numbers of the pixels there.
+
+A pixel of the filtered frame that passes a high level is too rare to wait for. So the numbers
+under the filter are drawn from a law in which it is common, each pixel's own law times
+exp(theta weight number), and what is drawn is kept with the probability that makes up for it:
+
+    rate of proposals   exp(K(theta) - theta level)
+    kept with           exp(-theta (filtered - level)),   filtered > level
+
+where K is the logarithm of the expectation of exp(theta filtered). What is kept has exactly the
+law of the numbers, given that the filtered pixel passes the level, and comes at exactly its rate.
+
+Source: Siegmund (1976), Importance sampling in the Monte Carlo study of sequential tests, Annals
+of Statistics 4, 673, for the tilted law; here with rejection in place of weights.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.core import Streams, bits, key, uniform
+from startrack.detector.background import ground
+from startrack.detector.law import law_of
+from startrack.detector.parameters import Detector
+from startrack.detector.tables import BITS, build, levels_between
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LEAST = -1e9  # of K, where no pixel of a tile is asked for
+MOST_PROPOSALS = 0.05  # of the pixels; beyond, the whole frame is cheaper
+STEPS = 30  # of the search for theta
+
+
+class Numbers(NamedTuple):
+    """The laws of the numbers of a frame without stars.
+
+    probability  (levels, n) of the numbers lowest, lowest + 1, ...
+    place        (rows, columns) level of each pixel, between two of them
+    lowest       digital number
+    """
+
+    probability: Floats
+    place: NDArray[np.float32]
+    lowest: int
+
+
+@lru_cache(maxsize=2)
+def numbers_of(detector: Detector, sky: float, odd: bytes) -> Numbers:
+    """The laws of an even sky, some odd pixels taken for middling ones.
+
+    odd     numbers of these pixels, as bytes of int64
+    Errors  ValueError where the noise spans too many numbers for a table.
+    """
+    law, mean = law_of(detector), ground(detector, sky).copy()
+    mean.ravel()[np.frombuffer(odd, np.int64)] = np.median(mean)
+    place = levels_between(mean, law.noise)
+    first, last = math.floor(place.min()), math.ceil(place.max())
+    tables = build(law, first, last - first + 1)
+    if not tables.levels:
+        raise ValueError(
+            "windows need noise that spans fewer than 4096 digital numbers, and the detector has "
+            "more; choose the fidelity frame or fewer bits"
+        )
+    share = np.diff(tables.limit.astype(float), axis=1, prepend=0.0) / 2.0**BITS
+    return Numbers(share, (place - first).astype(np.float32), tables.lowest)
+
+
+class Tilt(NamedTuple):
+    """What the drawing of excesses needs of a frame, a filter and a typical level.
+
+    theta   1 / digital number
+    most    (tiles,) the largest K of a pixel in each tile, row by row
+    among   (tiles, mesh^2) sums of exp(K - most) over the pixels of a tile up to each, row by row;
+            rounding them moves an excess by a pixel once in some thousand times
+    weight  (2 m + 1, 2 n + 1) of the filter
+    kind    (2 m + 1, 2 n + 1) which of the weights that differ each is
+    sums    (kinds, levels, n) of the tilted law, of the numbers up to the lowest, lowest + 1, ...
+    """
+
+    theta: float
+    most: Floats
+    among: NDArray[np.float32]
+    weight: Floats
+    kind: Ints
+    sums: Floats
+
+
+def tilt_for(numbers: Numbers, weight: Floats, level: float, mesh: int, border: int) -> Tilt:
+    """The theta that makes the level typical, and K of each pixel, whatever is about it.
+
+    weight  of the filter, which is mirrored at the frame's border
+    level   digital number, in the filtered frame
+    mesh    pixel, side of a tile
+    border  pixel; nearer to the frame's border no excess is asked for
+    """
+    middle = float(np.median(numbers.place))
+    theta = _theta(numbers, weight, level - numbers.lowest * weight.sum(), middle)
+    each, kind = np.unique(weight, return_inverse=True)
+    kind = kind.reshape(weight.shape)
+    tilted = np.exp(theta * np.outer(each, np.arange(numbers.probability.shape[1])))
+    sums = np.cumsum(numbers.probability * tilted[:, None], axis=2)
+    tiles = _tiles(*numbers[:2], theta, weight, kind, sums, mesh, border)
+    most = np.maximum(tiles.max(axis=1), LEAST)
+    tiles -= most[:, None]
+    np.cumsum(np.exp(tiles, out=tiles), axis=1, out=tiles)
+    return Tilt(theta, most, tiles.astype(np.float32), weight, kind, sums)
+
+
+class Rates(NamedTuple):
+    """How often the tilted law is to be tried in each tile, (tiles,) row by row.
+
+    level  digital number to be passed, above that of numbers that are all the lowest
+    share  1, of all tries, those of the tiles before among them
+    total  tries in a frame
+    """
+
+    level: Floats
+    share: Floats
+    total: float
+
+
+def rates_for(numbers: Numbers, tilt: Tilt, level: Floats) -> Rates:
+    """What the levels of tiles ask for.
+
+    level   (down, across) digital number, of each tile
+    Errors  ValueError where the levels are so low that whole frames are cheaper.
+    """
+    shift = level.ravel() - numbers.lowest * tilt.weight.sum()
+    rate = np.exp(tilt.most - tilt.theta * shift) * tilt.among[:, -1]
+    total = float(rate.sum())
+    if not total < max(MOST_PROPOSALS * numbers.place.size, 100.0):
+        raise ValueError(
+            "windows need a detection threshold that noise seldom passes, and here it is looked at "
+            f"{total:.0f} times a frame; choose the fidelity frame"
+        )
+    return Rates(shift, np.cumsum(rate) / total, total)
+
+
+def excesses(
+    numbers: Numbers,
+    tilt: Tilt,
+    rates: Rates,
+    mesh: int,
+    border: int,
+    regions: Ints,
+    streams: Streams,
+) -> tuple[Ints, Ints]:
+    """Draw where the noise of a frame passes the levels of its tiles.
+
+    regions  (w, 4) left, top, right, bottom, the last two not in it: where none is asked for
+    Returns  (k,) row * columns + column, and (k, 2 m + 1, 2 n + 1) the digital numbers about it
+    Errors   model: excesses are strewn as if each knew nothing of the others, which they do where
+             they lie a filter's width apart; two that overlap come as often as chance has it.
+    """
+    count = int(streams("false spots").poisson(rates.total))
+    start = key(streams, "numbers of false spots")
+    pixel, drawn = np.empty(count, np.int64), np.empty((count, *tilt.weight.shape), np.int64)
+    kept = _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, *numbers[:2])
+    return pixel[:kept], drawn[:kept] + numbers.lowest
+
+
+def _theta(numbers: Numbers, weight: Floats, level: float, middle: float) -> float:
+    """Where K'(theta) is the level: there, half of what is drawn passes it."""
+    low, high = 0.0, 1.0
+    law = numbers.probability
+
+    def typical(theta: float) -> float:
+        step = 1e-4 * max(theta, 1e-3)
+        ends = (_cumulant(law, middle, (theta + s * step) * weight) for s in (1, -1))
+        return float(np.subtract(*ends)) / (2 * step)
+
+    most = weight.sum() * (law.shape[1] - 1)
+    level = min(level, 0.99 * most)
+    while typical(high) < level and high < 1e6:
+        high *= 2
+    for _ in range(STEPS):
+        middle_theta = (low + high) / 2
+        low, high = (middle_theta, high) if typical(middle_theta) < level else (low, middle_theta)
+    return (low + high) / 2
+
+
+@njit(cache=True, error_model="numpy")
+def _moment(probability, place, tilt):  # type: ignore[no-untyped-def]
+    """Expectation of exp(tilt number) at a level between two."""
+    k = min(int(place), len(probability) - 1)
+    above = min(k + 1, len(probability) - 1)
+    t = place - k
+    total, factor, growth = 0.0, 1.0, math.exp(tilt)
+    for d in range(probability.shape[1]):
+        total += ((1 - t) * probability[k, d] + t * probability[above, d]) * factor
+        factor *= growth
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _cumulant(probability, place, tilts):  # type: ignore[no-untyped-def]
+    """K of a filter whose pixels are all of one level."""
+    total = 0.0
+    for tilt in tilts.ravel():
+        total += math.log(_moment(probability, place, tilt))
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _folded(weight, x, y, shape):  # type: ignore[no-untyped-def]
+    """The weights about a pixel, those beyond the border added to the pixels that mirror them."""
+    rows, columns = shape
+    down, across = weight.shape[0] // 2, weight.shape[1] // 2
+    folded = np.zeros_like(weight)
+    for j in range(weight.shape[0]):
+        v = y + j - down
+        v = -1 - v if v < 0 else (2 * rows - 1 - v if v >= rows else v)
+        for i in range(weight.shape[1]):
+            u = x + i - across
+            u = -1 - u if u < 0 else (2 * columns - 1 - u if u >= columns else u)
+            folded[v - y + down, u - x + across] += weight[j, i]
+    return folded
+
+
+@njit(cache=True, error_model="numpy")
+def _tiles(probability, place, theta, weight, kind, sums, mesh, border):  # type: ignore[no-untyped-def]
+    """K of each pixel, (tiles, mesh^2); minus infinity where none is asked for."""
+    rows, columns = place.shape
+    down, across = -(-rows // mesh), -(-columns // mesh)
+    tiles = np.full((down * across, mesh * mesh), -np.inf)
+    # Moments over those of a middling level, so that their product stays within numbers.
+    middle = probability.shape[0] // 2
+    moment, usual = sums[:, :, -1].copy(), 0.0
+    for j in range(len(moment)):
+        usual += (kind == j).sum() * math.log(moment[j, middle])
+        moment[j] /= moment[j, middle]
+    for y in range(border, rows - border):
+        for x in range(border, columns - border):
+            tile, at = (y // mesh) * across + x // mesh, (y % mesh) * mesh + x % mesh
+            if _inside(x, y, place, weight):
+                tiles[tile, at] = usual + math.log(_product(x, y, moment, kind, place))
+            else:
+                folded = _folded(weight, x, y, place.shape)
+                tiles[tile, at] = _at_border(probability, place, x, y, theta * folded)
+    return tiles
+
+
+@njit(cache=True, error_model="numpy")
+def _product(x, y, moment, kind, place):  # type: ignore[no-untyped-def]
+    """The product of the moments (kinds, levels) of the pixels about one."""
+    height, width = kind.shape
+    product = 1.0
+    for j in range(height):
+        for i in range(width):
+            level = place[y + j - height // 2, x + i - width // 2]
+            k = min(int(level), moment.shape[1] - 1)
+            t, above = level - k, min(k + 1, moment.shape[1] - 1)
+            product *= (1 - t) * moment[kind[j, i], k] + t * moment[kind[j, i], above]
+    return product
+
+
+@njit(cache=True, error_model="numpy")
+def _at_border(probability, place, x, y, tilts):  # type: ignore[no-untyped-def]
+    """K of a pixel, whose filter ends where the frame does."""
+    rows, columns = place.shape
+    total = 0.0
+    for j in range(tilts.shape[0]):
+        for i in range(tilts.shape[1]):
+            v, u = y + j - tilts.shape[0] // 2, x + i - tilts.shape[1] // 2
+            if 0 <= v < rows and 0 <= u < columns:
+                total += math.log(_moment(probability, place[v, u], tilts[j, i]))
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probability, place):  # type: ignore[no-untyped-def]
+    """Write the proposals that are kept; returns how many."""
+    rows, columns = place.shape
+    across = -(-columns // mesh)
+    size = np.uint64(3 + tilt.weight.size)
+    kept = 0
+    for n in range(len(pixel)):
+        at = np.uint64(n) * size
+        tile = _picked_of(rates.share, uniform(bits(start, at)))
+        among = tilt.among[tile]
+        inside = _picked_of(among, among[-1] * uniform(bits(start, at + np.uint64(1))))
+        x = (tile % across) * mesh + inside % mesh
+        y = (tile // across) * mesh + inside // mesh
+        if not (border <= x < columns - border and border <= y < rows - border):
+            continue  # by rounding
+        if _held(x, y, regions):
+            continue
+        first = at + np.uint64(3)
+        if _inside(x, y, place, tilt.weight):
+            filtered = _look_up(drawn[kept], start, first, x, y, tilt, place)
+        else:
+            folded = _folded(tilt.weight, x, y, place.shape)
+            filtered = _draw(
+                drawn[kept], start, first, x, y, tilt.theta, folded, probability, place
+            )
+        over = filtered - rates.level[tile]
+        chance = uniform(bits(start, at + np.uint64(2)))
+        if over > 0 and chance < math.exp(-tilt.theta * over):
+            pixel[kept] = y * columns + x
+            kept += 1
+    return kept
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _picked_of(sums, wanted):  # type: ignore[no-untyped-def]
+    """The first of rising sums that exceeds a number."""
+    return min(np.searchsorted(sums, wanted, side="right"), len(sums) - 1)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _held(x, y, regions):  # type: ignore[no-untyped-def]
+    for k in range(len(regions)):
+        if regions[k, 0] <= x < regions[k, 2] and regions[k, 1] <= y < regions[k, 3]:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _inside(x, y, place, weight):  # type: ignore[no-untyped-def]
+    """Whether all that the filter sees about a pixel lies in the frame."""
+    down, across = weight.shape[0] // 2, weight.shape[1] // 2
+    return down <= y < place.shape[0] - down and across <= x < place.shape[1] - across
+
+
+@njit(cache=True, error_model="numpy")
+def _look_up(numbers, start, at, x, y, tilt, place):  # type: ignore[no-untyped-def]
+    """As `_draw`, by the sums that are known already where no weight is folded."""
+    height, width = tilt.weight.shape
+    filtered = 0.0
+    for j in range(height):
+        for i in range(width):
+            level = place[y + j - height // 2, x + i - width // 2]
+            kind, k = tilt.kind[j, i], min(int(level), tilt.sums.shape[1] - 1)
+            t, above = level - k, min(k + 1, tilt.sums.shape[1] - 1)
+            low, high = tilt.sums[kind, k], tilt.sums[kind, above]
+            share = uniform(bits(start, at + np.uint64(j * width + i)))
+            wanted = share * ((1 - t) * low[-1] + t * high[-1])
+            least, most = 0, len(low) - 1
+            while least < most:
+                middle = (least + most) // 2
+                if (1 - t) * low[middle] + t * high[middle] > wanted:
+                    most = middle
+                else:
+                    least = middle + 1
+            filtered += tilt.weight[j, i] * least
+            numbers[j, i] = least
+    return filtered
+
+
+@njit(cache=True, error_model="numpy")
+def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type: ignore[no-untyped-def]
+    """Write numbers of the tilted law about a pixel; returns the filtered number."""
+    rows, columns = place.shape
+    down, across = folded.shape[0] // 2, folded.shape[1] // 2
+    filtered = 0.0
+    for j in range(folded.shape[0]):
+        v = y + j - down
+        for i in range(folded.shape[1]):
+            u = x + i - across
+            if not (0 <= v < rows and 0 <= u < columns):
+                numbers[j, i] = -1
+                continue
+            tilt = theta * folded[j, i]
+            moment = _moment(probability, place[v, u], tilt)
+            wanted = uniform(bits(start, at + np.uint64(j * folded.shape[1] + i))) * moment
+            number = _picked(probability, place[v, u], tilt, wanted)
+            filtered += folded[j, i] * number
+            numbers[j, i] = number
+    return filtered
+
+
+@njit(cache=True, error_model="numpy")
+def _picked(probability, place, tilt, wanted):  # type: ignore[no-untyped-def]
+    """The number at which the sum behind `_moment` passes a value."""
+    k = min(int(place), len(probability) - 1)
+    above = min(k + 1, len(probability) - 1)
+    t = place - k
+    total, factor, growth = 0.0, 1.0, math.exp(tilt)
+    last = probability.shape[1] - 1
+    for d in range(last):
+        total += ((1 - t) * probability[k, d] + t * probability[above, d]) * factor
+        if total > wanted:
+            return d
+        factor *= growth
+    return last

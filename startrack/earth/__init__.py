@@ -1,0 +1,14 @@
+"""Earth cameras: what a pixel on the ground looks like in digital numbers.
+
+terrain     rays meet terrain on the WGS84 ellipsoid
+geometry    a camera in flight: orbit or aircraft, sensor and pointing; what each pixel sees
+atmosphere  radiance at a sensor from tables of radiative transfer
+imager      images of Earth cameras: radiance, PSF, detector, digital numbers
+"""
+
+import lazy_loader
+
+# A star tracker needs none of these: each is loaded when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__, submodules=["terrain", "geometry", "atmosphere", "imager"]
+)

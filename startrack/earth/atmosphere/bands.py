@@ -1,0 +1,184 @@
+"""AirTable and bands -> BandTable: every term as energy in each band, seen from one altitude."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from startrack.core import positive
+from startrack.earth.atmosphere.table import AirTable
+
+Floats = NDArray[np.float64]
+
+# Scale heights, metre: what share of a gas lies below. Water: Bird and Riordan take 2 km; mixed
+# gases thin out as the air does; ozone lies between the two heights.
+WATER_SCALE, AIR_SCALE = 2e3, 8e3
+OZONE_FROM, OZONE_TO = 12e3, 35e3
+WATER_ABOVE_SCATTERING = 0.5  # of the water, that light scattered by the air crosses (as 6S)
+
+
+@dataclass(frozen=True, eq=False)
+class BandTable:
+    """Terms of the radiance in bands, over geometry, for one altitude of the sensor.
+
+    height, sensor, sun, azimuth  as in AirTable
+    path         (h, v, s, p, b) watt / m^2 / sr, of the air alone
+    direct       (h, v, s, b) watt / m^2 / sr, that a white horizontal ground in the beam alone adds
+    sky          (h, v, s, b) watt / m^2 / sr, that it adds under the sky alone
+    around       (h, v, s, b) watt / m^2 / sr, that white ground around adds, under both
+    backscatter  (h, b) 1, spherical albedo
+    through      (h, v, b) 1, share of the ground's own light that goes straight to the sensor,
+                 lines of gases included
+    rise         (h, v, b) watt / m^2 / sr, heat of the air on its way to the sensor
+    fall         (h, v, b) watt / m^2 / sr, heat of the sky that white ground reflects to the
+                 sensor; both None where `radiance` is to take the air for isothermal
+    """
+
+    height: Floats
+    sensor: Floats
+    sun: Floats
+    azimuth: Floats
+    path: Floats
+    direct: Floats
+    sky: Floats
+    around: Floats
+    backscatter: Floats
+    through: Floats
+    rise: Floats | None = None
+    fall: Floats | None = None
+
+
+def in_bands(
+    table: AirTable, response: Floats, altitude: float, distance: float = 1.0
+) -> BandTable:
+    """Weigh the spectrum with the response of each band.
+
+    Products of transmittances are taken before they are averaged over a band, so that lines and
+    slopes inside it count.
+
+    response  (b, f) 1 / metre or 1 over table.spectrum: the band's radiance is the integral of
+              response times spectral radiance
+    altitude  metre, of the sensor above the ground
+    distance  astronomical unit, of the Sun
+    Returns   BandTable; its unit is watt / m^2 / sr times that of `response` times metre
+    Errors    ValueError where no response lies inside the table's spectrum, or the sensor on the
+              ground.
+              model: under the table's lowest altitude the air below the sensor is less in
+              proportion; at 500 m of 2 km its light is 10 to 20 % low, as haze is densest there.
+              numerical: a cubic spline over the logarithm of wavelength and altitude.
+    """
+    positive(altitude=altitude, distance=distance)
+    flat = response * np.gradient(table.spectrum)
+    weights = flat * table.irradiance / distance**2
+    require_response(weights, table.spectrum)
+    used = np.flatnonzero(weights.any(0))
+    weights, flat, at = weights[:, used], flat[:, used], np.log(table.spectrum[used])
+    position = np.log(np.clip(altitude, *table.altitude[[0, -1]]))
+    thin = min(altitude / float(table.altitude[0]), 1.0)
+
+    def fine(values: Floats, has_altitude: bool) -> Floats:
+        """(k, h, [a,] ...) -> (h, ..., f), at the altitude asked for."""
+        if has_altitude:
+            values = _along(np.log(table.altitude), values, 2, np.array([position]))[:, :, 0]
+        return np.moveaxis(_along(np.log(table.wavelength), values, 0, at), 0, -1)
+
+    gas = table.gas[:, used]
+    seen, around = fine(table.seen, True) ** thin, fine(table.around, True) * thin
+    beam, skylight = fine(table.beam, False), fine(table.skylight, False)
+    cosine = np.cos(table.sun)
+    shape = len(table.height), len(table.sensor), len(table.sun)
+    direct, sky, spread = np.empty((3, *shape, len(weights)))
+    path = np.empty((*shape, len(table.azimuth), len(weights)))
+    spectral_path = _along(np.log(table.altitude), table.path, 2, np.array([position]))[:, :, 0]
+    spectral_path *= thin
+    for h, v, s in np.ndindex(shape):
+        through, halfway = _gases(table, gas, h, v, s, altitude)
+        lit = weights * through / math.pi
+        direct[h, v, s] = lit @ (cosine[s] * beam[h, s] * seen[h, v])
+        sky[h, v, s] = lit @ (skylight[h, s] * seen[h, v])
+        spread[h, v, s] = lit @ ((cosine[s] * beam[h, s] + skylight[h, s]) * around[h, v])
+        air = _along(np.log(table.wavelength), spectral_path[:, h, v, s], 0, at)
+        path[h, v, s] = ((weights * halfway) @ air).T
+    own = np.empty((*shape[:2], len(weights)))
+    for h, v in np.ndindex(shape[:2]):
+        masses = _masses(table, h, v, altitude)
+        own[h, v] = flat @ (seen[h, v] * _transmitted(table, gas, masses)) / flat.sum(-1)
+    total = weights.sum(-1)
+    backscatter = fine(table.backscatter, False) @ weights.T / total
+    return BandTable(
+        table.height,
+        table.sensor,
+        table.sun,
+        table.azimuth,
+        path,
+        direct,
+        sky,
+        spread,
+        backscatter,
+        own,
+    )
+
+
+def require_response(weights: Floats, spectrum: Floats) -> None:
+    """Refuse bands (b, f) that see nothing of a spectrum (f,) in metre."""
+    if not (weights.any(-1).all() and np.isfinite(weights).all()):
+        low, high = spectrum[[0, -1]]
+        raise ValueError(
+            f"every band must have a response between {low * 1e9:.0f} and {high * 1e9:.0f} nm"
+        )
+
+
+def _along(nodes: Floats, values: Floats, axis: int, at: Floats) -> Floats:
+    """A cubic spline along one axis, or what there is where there is one node."""
+    if len(nodes) == 1:
+        return np.repeat(values, len(at), axis)
+    return CubicSpline(nodes, values, axis)(at)
+
+
+def _gases(
+    table: AirTable, gas: Floats, h: int, v: int, s: int, altitude: float
+) -> tuple[Floats, Floats]:
+    """Transmittance of all gases for light from the ground, and for light of the air alone."""
+    whole = 1 / math.cos(table.sun[s])
+    down = np.array([_below(table.height[h], 1e6, gas) for gas in range(3)]) * whole
+    masses = _masses(table, h, v, altitude) + down
+    through = _transmitted(table, gas, masses)
+    masses[0] *= WATER_ABOVE_SCATTERING
+    return through, _transmitted(table, gas, masses)
+
+
+def _masses(table: AirTable, h: int, v: int, altitude: float) -> Floats:
+    """(3,) air masses of each gas between ground and sensor."""
+    ground = table.height[h]
+    return np.array([_below(ground, ground + altitude, gas) for gas in range(3)]) / math.cos(
+        table.sensor[v]
+    )
+
+
+def _below(low: float, high: float, gas: int) -> float:
+    """Share of a gas, in the order of GASES, between two heights above the sea."""
+    if gas < 2:
+        scale = (WATER_SCALE, AIR_SCALE)[gas]
+        return math.exp(-low / scale) - math.exp(-high / scale)
+    edges = np.clip((np.array([low, high]) - OZONE_FROM) / (OZONE_TO - OZONE_FROM), 0, 1)
+    return float(edges[1] - edges[0])
+
+
+def _transmitted(table: AirTable, gas: Floats, masses: Floats) -> Floats:
+    each = [_interpolate(table.mass, gas[i], masses[i]) for i in range(3)]
+    return np.prod(each, axis=0)
+
+
+def _interpolate(mass: Floats, gas: Floats, at: float) -> Floats:
+    """(f, m) at one air mass; strong lines go with its square root."""
+    root = np.sqrt(mass)
+    i = int(np.clip(np.searchsorted(mass, at) - 1, 0, len(mass) - 2))
+    share = (math.sqrt(min(at, mass[-1])) - root[i]) / (root[i + 1] - root[i])
+    return np.exp(
+        (1 - share) * np.log(np.maximum(gas[:, i], 1e-12))
+        + share * np.log(np.maximum(gas[:, i + 1], 1e-12))
+    )

@@ -1,0 +1,207 @@
+"""An orbit or a flight, and times -> where it is over the turning Earth, and where the Sun."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Unit, finite, installed_tables, positive, utc, within
+from startrack.earth.geometry.aircraft import Aircraft
+from startrack.earth.terrain import EQUATORIAL
+
+Floats = NDArray[np.float64]
+
+GRAVITY = 398600.8e9  # m^3 / s^2, WGS72, as SGP4 wants it (Vallado et al. 2006, AIAA 2006-6753)
+DAY = 86400.0
+SPIN: Floats = np.array([0.0, 0.0, 7.292115146706979e-5])  # rad / s, IERS conventions 2010
+EPOCH_1949 = 2433281.5  # Julian date from which SGP4 counts its days
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A satellite by its mean elements at an epoch, moved by SGP4 without drag.
+
+    epoch         UTC, as ISO 8601
+    altitude      metre of the semi-major axis above the equatorial radius
+    inclination   radian
+    node          radian, right ascension of the ascending node
+    anomaly       radian, mean, from the perigee
+    perigee       radian, its argument
+    eccentricity  1
+    """
+
+    epoch: str
+    altitude: Annotated[float, Unit("m", "km")] = 600e3
+    inclination: Annotated[float, Unit("rad", "deg")] = math.radians(97.8)
+    node: Annotated[float, Unit("rad", "deg")] = 0.0
+    anomaly: Annotated[float, Unit("rad", "deg")] = 0.0
+    perigee: Annotated[float, Unit("rad", "deg")] = 0.0
+    eccentricity: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive(altitude=self.altitude)
+        within(0, math.pi, inclination=self.inclination)
+        within(0, 0.9, eccentricity=self.eccentricity)
+        finite(node=self.node, anomaly=self.anomaly, perigee=self.perigee)
+        if (EQUATORIAL + self.altitude) * (1 - self.eccentricity) < EQUATORIAL + 80e3:
+            raise ValueError(
+                "altitude and eccentricity must keep the perigee above 80 km, got "
+                f"{self.altitude / 1e3:g} km and {self.eccentricity:g}"
+            )
+        utc(self.epoch)
+
+    def satellite(self) -> Any:
+        """The record that SGP4 moves."""
+        from sgp4.api import WGS72, Satrec
+
+        axis = EQUATORIAL + self.altitude
+        record, date = Satrec(), utc(self.epoch)
+        record.sgp4init(
+            WGS72, "i", 1, (date.jd1 - EPOCH_1949) + date.jd2, 0.0, 0.0, 0.0, self.eccentricity,
+            self.perigee % math.tau, self.inclination, self.anomaly % math.tau,
+            60 * math.sqrt(GRAVITY / axis**3), self.node % math.tau,
+        )  # fmt: skip
+        return record
+
+
+@dataclass(frozen=True)
+class TwoLines:
+    """A satellite by its two-line element set, moved by SGP4."""
+
+    first: str
+    second: str
+
+    def __post_init__(self) -> None:
+        for number, line in ((1, self.first), (2, self.second)):
+            if len(line) != 69 or not line.startswith(f"{number} "):
+                raise ValueError(f"line {number} must be 69 characters long, got {line!r}")
+            if _checksum(line) != line[-1]:
+                raise ValueError(
+                    f"line {number} must end in its checksum {_checksum(line)}, got {line!r}"
+                )
+
+    @property
+    def epoch(self) -> str:
+        """UTC, as ISO 8601."""
+        from astropy.time import Time
+
+        record = self.satellite()
+        with installed_tables():
+            date = Time(record.jdsatepoch, record.jdsatepochF, format="jd", scale="utc")
+            return str(date.isot)
+
+    def satellite(self) -> Any:
+        """The record that SGP4 moves."""
+        from sgp4.api import WGS72, Satrec
+
+        return Satrec.twoline2rv(self.first, self.second, WGS72)
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A satellite or an aircraft at some times, in the Earth's fixed axes (ITRS).
+
+    second        (n,) since the epoch of its orbit
+    position      (n, 3) metre
+    velocity      (n, 3) metre / second, over the turning Earth
+    inertial      (n, 3) metre / second, against the stars, in the same axes
+    course        (n, 3) metre / second, that a camera keeps its rows along: against the stars for a
+                  satellite, over ground for an aircraft
+    icrs_to_itrs  (n,) rotations
+    """
+
+    second: Floats
+    position: Floats
+    velocity: Floats
+    inertial: Floats
+    course: Floats
+    icrs_to_itrs: Rotation
+
+
+Carrier = Orbit | TwoLines | Aircraft  # what a camera flies on
+
+
+def the_carrier(orbit: Orbit | None, tle: tuple[str, ...], aircraft: Aircraft | None) -> Carrier:
+    """The one of the three that a scene gives; ValueError where it gives none or several."""
+    if (orbit is not None) + bool(tle) + (aircraft is not None) != 1:
+        raise ValueError("one of orbit, tle and aircraft must be given, and no other")
+    if tle and len(tle) != 2:
+        raise ValueError(f"tle must be two lines, got {len(tle)}")
+    return orbit or aircraft or TwoLines(*tle)
+
+
+def fly(orbit: Carrier, second: Floats) -> Flight:
+    """Where a satellite or an aircraft is at (n,) seconds after its epoch.
+
+    Source: SGP4 (Vallado et al. 2006) by the package sgp4; axes by astropy (ERFA).
+
+    Raises    ValueError where SGP4 gives up, with its reason; ImportError without sgp4
+    Accuracy  model: SGP4 is good to a kilometre near the epoch. Beyond the installed Earth
+              orientation less than 0.84 km of ground more (`startrack.dates`).
+    """
+    second = np.asarray(second, float)
+    teme_to_itrs, icrs_to_itrs = _axes(orbit.epoch, second)
+    if isinstance(orbit, Aircraft):
+        where, velocity = orbit.places(second)
+        inertial = velocity + np.cross(SPIN, where)
+        return Flight(second, where, velocity, inertial, velocity, icrs_to_itrs)
+    _need_sgp4()
+    from sgp4.api import SGP4_ERRORS
+
+    date = utc(orbit.epoch)
+    code, position, velocity = orbit.satellite().sgp4_array(
+        np.full(len(second), date.jd1), date.jd2 + second / DAY
+    )
+    if code.any():
+        raise ValueError(f"the orbit must last, got {SGP4_ERRORS[int(code[code > 0][0])]}")
+    where, inertial = (teme_to_itrs.apply(1e3 * one) for one in (position, velocity))
+    return Flight(second, where, inertial - np.cross(SPIN, where), inertial, inertial, icrs_to_itrs)
+
+
+def sun_direction(epoch: str, second: float = 0.0) -> Floats:
+    """Unit vector (3,) towards the Sun in ITRS, seen from the Earth's centre.
+
+    Errors  model: astropy's built-in ephemeris, 3 arcsec; 9 arcsec of parallax are left out.
+    """
+    from astropy import units
+    from astropy.coordinates import ITRS, get_body
+
+    with installed_tables():
+        date = utc(epoch) + second * units.s
+        there = get_body("sun", date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
+    return np.asarray(there / np.linalg.norm(there))
+
+
+def _axes(epoch: str, second: Floats) -> tuple[Rotation, Rotation]:
+    """TEME to ITRS and ICRS to ITRS, at (n,) seconds after an epoch."""
+    from astropy import units
+    from astropy.coordinates import GCRS, ITRS, TEME, CartesianRepresentation
+
+    with installed_tables():
+        date = utc(epoch) + np.repeat(second, 3) * units.s
+        unit = CartesianRepresentation(np.tile(np.eye(3), len(second)) * units.m)
+        turned = [
+            frame(unit, obstime=date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
+            for frame in (TEME, GCRS)
+        ]
+    # The columns of each matrix are where the three axes go.
+    from_teme, from_icrs = (one.reshape(3, -1, 3).transpose(1, 0, 2) for one in turned)
+    return Rotation.from_matrix(from_teme), Rotation.from_matrix(from_icrs)
+
+
+def _checksum(line: str) -> str:
+    return str(sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10)
+
+
+def _need_sgp4() -> None:
+    try:
+        import sgp4.api  # noqa: F401
+    except ImportError:
+        raise ImportError(
+            "sgp4 must be installed to fly an orbit: pip install 'startrack[earth]'"
+        ) from None

@@ -1,0 +1,116 @@
+"""A detector's elements and the times of its lines -> which pixel looks when.
+
+As in orekit's Rugged, the dating of lines knows nothing of where elements look, and the elements
+know nothing of time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import finite, positive, whole
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Dating:
+    """When each line of the image is taken.
+
+        time = start + line * period
+
+    start   second after the epoch
+    period  second from line to line; 0 for a matrix, whose lines are all taken at once
+    """
+
+    start: float = 0.0
+    period: float = 0.0
+
+    def __post_init__(self) -> None:
+        finite(start=self.start, period=self.period)
+
+    def at(self, line: Floats) -> Floats:
+        """Seconds after the epoch, of whole or broken lines."""
+        return self.start + line * self.period
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """Where the elements that make one line of the image sit on the camera's pixel grid.
+
+    x, y   (columns, stages) pixel, of each column of the image; a stage is a row whose charge or
+           number is added to the others'
+    delay  (columns, stages) lines by which a stage looks later than the line says
+    """
+
+    x: Floats
+    y: Floats
+    delay: Floats
+
+
+def line_elements(columns: int, y: float) -> Elements:
+    """One row of pixels at the row `y` of the camera."""
+    whole(1, 2**20, columns=columns)
+    finite(y=y)
+    x = np.arange(float(columns))[:, None]
+    return Elements(x, np.full_like(x, y), np.zeros_like(x))
+
+
+def staggered_elements(
+    columns: int, y: float, rows_apart: float, forwards: int = -1, lines_a_pixel: float = 2.0
+) -> Elements:
+    """Two rows, the second shifted by half a pixel, whose pixels alternate in the image.
+
+    The rows see a place on the ground at different times; the image is put together so that both
+    see it in the same line.
+
+    columns        of the image, twice those of a row
+    rows_apart     pixel from the first row to the second
+    forwards       1 where the ground moves to larger rows, -1 where it moves to smaller ones, as it
+                   does below a Pointing
+    lines_a_pixel  in which the ground moves on by a pixel: 2 where the image samples both ways
+                   alike
+    """
+    whole(2, 2**20, columns=columns)
+    finite(y=y, rows_apart=rows_apart)
+    positive(lines_a_pixel=lines_a_pixel)
+    odd = np.arange(float(columns))[:, None] % 2
+    x = np.arange(float(columns))[:, None] / 2
+    return Elements(x, y + rows_apart * odd, forwards * rows_apart * lines_a_pixel * odd)
+
+
+def tdi_elements(columns: int, y: float, stages: int, forwards: int = -1) -> Elements:
+    """Rows whose charge moves on with the ground: stage s sits s rows on and looks s lines later.
+
+    forwards  as for staggered elements
+    """
+    whole(1, 2**20, columns=columns)
+    whole(1, 4096, stages=stages)
+    stage = np.arange(float(stages)) - (stages - 1) / 2
+    x = np.broadcast_to(np.arange(float(columns))[:, None], (columns, stages)).copy()
+    return Elements(x, y + stage + 0 * x, forwards * stage + 0 * x)
+
+
+def matrix_elements(columns: int, rows: int) -> list[Elements]:
+    """The rows of a matrix, one for each line of the image."""
+    whole(1, 2**20, rows=rows)
+    return [line_elements(columns, float(row)) for row in range(rows)]
+
+
+def together(lines: list[Elements]) -> Elements:
+    """The elements of several lines as those of one, line after line."""
+    return Elements(
+        np.concatenate([one.x for one in lines]),
+        np.concatenate([one.y for one in lines]),
+        np.concatenate([one.delay for one in lines]),
+    )
+
+
+def inside_pixel(side: int) -> Floats:
+    """Offsets (side^2, 2) pixel of rays that share a pixel evenly."""
+    positive(side=side)
+    at = (np.arange(side) + 0.5) / side - 0.5
+    return np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)

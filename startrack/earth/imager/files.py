@@ -1,0 +1,103 @@
+"""Picture -> FITS that grows on disk while it is rendered; and GeoTIFF with its ground points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.earth.atmosphere import Terms
+from startrack.earth.imager.render import Picture
+from startrack.io import whole
+
+BLOCK = 2880  # bytes, to which a part of a FITS file is filled up
+POINTS = 9  # along each side of the image, that tie a GeoTIFF to the ground
+# The terms of the radiance in a picture's file, each with what its header says of it.
+ABOUT: dict[str, str] = {
+    "direct": "sunlight that the ground reflects",
+    "indirect": "light of sky and slopes that the ground reflects",
+    "scattered": "light that the air scatters",
+    "emitted": "heat of the ground",
+    "thermal": "heat of the air",
+}
+RADIANCE = "W m-2 sr-1 um-1"
+
+
+def open_fits(path: Path, lines: int, columns: int, cards: dict[str, Any]) -> Picture:
+    """A picture whose arrays are parts of a new FITS file; `path` is written by name.
+
+    The file has its size at once; what is not filled in is zero.
+
+    cards  of the first header, each a value or (value, comment)
+    """
+    from astropy.io import fits
+
+    parts = [fits.PrimaryHDU(np.zeros((1, 1), np.int32))]
+    for key, value in cards.items():
+        parts[0].header[key] = value
+    for name, text in ABOUT.items():
+        part = fits.ImageHDU(np.zeros((1, 1), np.float32), name=name)
+        part.header["BUNIT"] = RADIANCE
+        part.header.add_comment(text)
+        parts.append(part)
+    for name in ("longitude", "latitude"):
+        parts.append(fits.ImageHDU(np.zeros((1, 1)), name=name))
+        parts[-1].header["BUNIT"] = "deg"
+    places = []
+    with path.open("wb") as file:
+        for part in parts:
+            part.header["NAXIS1"], part.header["NAXIS2"] = columns, lines
+            file.write(part.header.tostring().encode("ascii"))
+            kind = np.dtype({32: ">i4", -32: ">f4", -64: ">f8"}[part.header["BITPIX"]])
+            places.append((file.tell(), kind))
+            size = lines * columns * kind.itemsize
+            file.seek(-(-size // BLOCK) * BLOCK, 1)
+        file.truncate(file.tell())
+    arrays = [np.memmap(path, kind, "r+", offset, (lines, columns)) for offset, kind in places]
+    return Picture(arrays[0], Terms(*arrays[1:6]), arrays[6], arrays[7])
+
+
+def write_geotiff(path: Path, picture: Picture) -> None:
+    """Numbers and terms as bands, tied to the ground by points on a lattice.
+
+    Errors  ImportError without rasterio; ValueError where too little ground is seen.
+    """
+    try:
+        import rasterio
+        from rasterio.control import GroundControlPoint
+    except ImportError:
+        raise ImportError(
+            "rasterio must be installed to write GeoTIFF: pip install 'startrack[earth]'"
+        ) from None
+    lines, columns = picture.numbers.shape
+    points = [
+        GroundControlPoint(j + 0.5, i + 0.5, *_place(picture, j, i))
+        for j in np.linspace(0, lines - 1, POINTS).round().astype(int)
+        for i in np.linspace(0, columns - 1, POINTS).round().astype(int)
+        if np.isfinite(picture.longitude[j, i])
+    ]
+    if len(points) < 3:
+        raise ValueError(f"a GeoTIFF needs 3 points of ground, got {len(points)}")
+    options: dict[str, Any] = {
+        "driver": "GTiff", "height": lines, "width": columns, "count": 6, "dtype": "float32",
+        "gcps": points, "crs": "EPSG:4326", "compress": "deflate",
+    }  # fmt: skip
+    with whole(path) as draft, rasterio.open(draft, "w", **options) as file:
+        names = ("digital number", *(f"{name} ({RADIANCE})" for name in ABOUT))
+        for n, (name, values) in enumerate(
+            zip(names, (picture.numbers, *picture.terms), strict=True)
+        ):
+            file.set_band_description(n + 1, name)
+            file.write(np.asarray(values, np.float32), n + 1)
+
+
+def _place(picture: Picture, j: int, i: int) -> tuple[float, float]:
+    return float(picture.longitude[j, i]), float(picture.latitude[j, i])
+
+
+def thinned(values: NDArray[Any], most: int) -> NDArray[Any]:
+    """Every so many lines and columns, so that a picture has at most `most` of each."""
+    step = max(1, -(-max(values.shape) // most))
+    return np.asarray(values[::step, ::step])

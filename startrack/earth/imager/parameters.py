@@ -1,0 +1,250 @@
+"""Imager, its channels, and Survey (camera, land and air of an Earth image), and their files."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import ALL, LIGHT_SPEED, PLANCK, Curve, Unit, finite, positive, whole, within
+from startrack.detector import Detector
+from startrack.earth.atmosphere import Air
+from startrack.earth.geometry import (
+    Aircraft,
+    Carrier,
+    EarthScene,
+    Orbit,
+    Pointing,
+    Sensor,
+    Terrain,
+    ground_rate,
+    the_carrier,
+)
+from startrack.earth.imager.land import Land
+from startrack.io import from_table, read_table, shipped
+from startrack.optics import Optics
+
+Floats = NDArray[np.float64]
+
+UNKNOWN = {
+    "optics": ("principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3"),
+    "detector": ("region", "row_delay", "crosstalk", "lag"),
+}
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One image that a camera makes: a lens, a filter, a detector of one kind.
+
+    What its pictures would leave out is refused: distortion and a lens off the middle, and what
+    passes from row to row, from frame to frame or between pixels of an array.
+
+    band      what the filter lets through, 1 over wavelength
+    forwards  radian by which it looks ahead of the camera's axis; stereo lines differ in it
+    period    second from line to line; None for square pixels below, and the exposure is all of it
+    """
+
+    name: str
+    optics: Optics
+    detector: Detector
+    band: Curve = ALL
+    forwards: Annotated[float, Unit("rad", "deg")] = 0.0
+    period: Annotated[float, Unit("s", "ms")] | None = None
+
+    def __post_init__(self) -> None:
+        finite(forwards=self.forwards)
+        if self.period is not None:
+            positive(period=self.period)
+        if self.detector.scan and self.detector.scan.kind == "lines":
+            raise ValueError("detector.scan.kind must be line, staggered or tdi, got lines")
+        if not self.name or "/" in self.name:
+            raise ValueError(f"name must be a name for a file, got {self.name!r}")
+        for part, names in UNKNOWN.items():
+            for name in names:
+                if value := getattr(getattr(self, part), name):
+                    raise ValueError(
+                        f"{part}.{name} must be left out: the pictures of a channel know none, "
+                        f"got {value}"
+                    )
+
+    def photoelectrons(self, wavelength: Floats) -> Floats:
+        """(f,) electron / joule that arrives at the lens: equation (4)'s brackets, tau and QE."""
+        passed = self.band(wavelength) * self.optics.transmission(wavelength)
+        efficiency = self.detector.quantum_efficiency(wavelength) * self.detector.fill_factor
+        return wavelength / (PLANCK * LIGHT_SPEED) * passed * efficiency
+
+    def etendue(self) -> float:
+        """Square metre steradian of a pixel: (pi / 4) A_d / f#^2, the pupil's shape included."""
+        return self.optics.area * (self.detector.pitch / self.optics.image_distance) ** 2
+
+    @property
+    def kind(self) -> str:
+        """matrix, line, staggered or tdi."""
+        return self.detector.scan.kind if self.detector.scan else "matrix"
+
+    @property
+    def columns(self) -> int:
+        """Of the image."""
+        return self.detector.columns * (2 if self.kind == "staggered" else 1)
+
+    def sensor(self, rays: int, rate: float, pitch: float = 0.0) -> Sensor:
+        """The channel as the geometry takes it: what looks ahead is early, to see the same ground.
+
+        rate   radian / second of the ground below
+        pitch  radian by which the camera's axis looks ahead
+        """
+        detector = self.detector
+        late = (math.tan(pitch) - math.tan(pitch + self.forwards)) / rate
+        stages = 1
+        if detector.scan:
+            stages = detector.scan.stages if self.kind == "tdi" else round(detector.scan.distance)
+        return Sensor(
+            self.kind, self.columns, detector.rows, self.optics.image_distance, detector.pitch,
+            self.period, max(stages, 1), rays, late,
+        )  # fmt: skip
+
+    def cropped(self, columns: int | None, lines: int | None) -> Channel:
+        """The same with the middle columns of its image, and as many lines."""
+        detector = self.detector
+        wide = detector.columns
+        if columns is not None:
+            wide = min(wide, max(columns // (2 if self.kind == "staggered" else 1), 2))
+        kept = replace(detector, columns=wide, rows=lines or detector.rows)
+        return replace(self, detector=kept)
+
+
+@dataclass(frozen=True)
+class Imager:
+    """A camera for surfaces, of one or more channels."""
+
+    channels: tuple[Channel, ...]
+
+    def __post_init__(self) -> None:
+        names = [channel.name for channel in self.channels]
+        if not names or len(set(names)) < len(names):
+            raise ValueError(f"channels must be one or more with different names, got {names}")
+
+
+@dataclass(frozen=True)
+class Survey:
+    """An image to be rendered: what flies which camera over what.
+
+    camera         its channels
+    lines, columns  of the image, where it is not to be the whole detector's
+    rays           along each side of a pixel
+    sky_rays       by which each point looks for the sky; 0 for none
+    air            its state, as one of the shipped tables has it; None: no air
+    land           what the ground is
+    surroundings   1, reflectance of the ground around, which lights air and slopes; None for the
+                   mean of what is seen
+    sun_distance   astronomical unit
+    """
+
+    camera: Imager
+    terrain: Terrain
+    orbit: Orbit | None = None
+    tle: tuple[str, ...] = ()
+    aircraft: Aircraft | None = None
+    pointing: Pointing = field(default_factory=Pointing)
+    lines: int | None = None
+    columns: int | None = None
+    rays: int = 2
+    sky_rays: int = 0
+    air: Air | None = None
+    land: Land = field(default_factory=Land)
+    surroundings: float | None = None
+    sun_distance: float = 1.0
+
+    def __post_init__(self) -> None:
+        whole(1, 16, rays=self.rays)
+        for name in ("lines", "columns"):
+            if getattr(self, name) is not None:
+                whole(2, 2**16, **{name: getattr(self, name)})
+        whole(0, 2**12, sky_rays=self.sky_rays)
+        if self.surroundings is not None:
+            within(0, 1, surroundings=self.surroundings)
+        positive(sun_distance=self.sun_distance)
+        _ = self.carrier
+
+    @property
+    def carrier(self) -> Carrier:
+        """What flies the camera."""
+        return the_carrier(self.orbit, self.tle, self.aircraft)
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Those of the camera, cut to the size of the image."""
+        return tuple(each.cropped(self.columns, self.lines) for each in self.camera.channels)
+
+    def scene(self, channel: Channel) -> EarthScene:
+        """The geometry of one channel's image."""
+        turned = replace(self.pointing, pitch=self.pointing.pitch + channel.forwards)
+        rate = ground_rate(self.carrier)
+        return EarthScene(
+            self.terrain, channel.sensor(self.rays, rate, self.pointing.pitch), self.orbit,
+            self.tle, self.aircraft, turned, self.sky_rays,
+        )  # fmt: skip
+
+
+def smear(channel: Channel, period: float, rate: float) -> float:
+    """Pixel that the ground moves along the track in an exposure of one line or frame.
+
+    period  second from line to line, 0 for a matrix
+    rate    radian / second of the ground below
+    """
+    exposure = channel.detector.exposure
+    time = min(exposure, period) if period else exposure
+    return rate * time * channel.optics.image_distance / channel.detector.pitch
+
+
+def exposure_of(channel: Channel, period: float) -> float:
+    """Second that a pixel of the image gathers light: of all its stages together."""
+    if not channel.detector.scan:
+        return channel.detector.exposure
+    once = min(channel.detector.exposure, period)
+    return once * (channel.detector.scan.stages if channel.kind == "tdi" else 1)
+
+
+def load_survey(path: Path) -> Survey:
+    """Read a scene file; `camera = "hsrs"` stands for the one of the catalogue.
+
+    Errors  ValueError, one sentence with the file, the place in it, the rule and the value.
+    """
+    path = Path(path)
+    table = read_table(path, "a scene file")
+    camera = table.get("camera")
+    try:
+        if isinstance(camera, str):
+            table = {**table, "camera": _camera(camera, path.parent)}
+        return from_table(Survey, table)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def load_imager(name: str, folder: Path = Path()) -> Imager:
+    """A camera of the catalogue by its name, or of a file in a folder.
+
+    Errors  ValueError as `load_survey`.
+    """
+    return from_table(Imager, _camera(name, folder))
+
+
+def cameras() -> list[str]:
+    """The cameras of the catalogue that look at surfaces."""
+    return sorted(path.stem for path in shipped("cameras").glob("*.toml") if _is_imager(path))
+
+
+def _camera(name: str, folder: Path) -> dict[str, Any]:
+    if name in cameras():
+        return read_table(shipped(f"cameras/{name}.toml"), "a camera file")
+    if name.endswith(".toml"):
+        return read_table(folder / name, "a camera file")
+    raise ValueError(f"camera must be one of {', '.join(cameras())} or a TOML file, got {name!r}")
+
+
+def _is_imager(path: Path) -> bool:
+    return "channels" in read_table(path, "a camera file")

@@ -1,0 +1,264 @@
+"""Survey and Channel -> a picture: radiance at the sensor in five terms, and digital numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Psf, Streams, deg, um
+from startrack.detector import Detector, dark, read_out, response
+from startrack.earth.atmosphere import Terms, at_sensor
+from startrack.earth.geometry import (
+    Carrier,
+    EarthScene,
+    Sensor,
+    Strip,
+    fly,
+    ground_rate,
+    observe_earth,
+)
+from startrack.earth.imager.blur import blurred, weights_of
+from startrack.earth.imager.land import Land, burning, reflectance, temperature
+from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
+from startrack.earth.imager.through import Band, band_of
+from startrack.earth.terrain import Ground, geodetic
+from startrack.optics import focus
+
+Floats = NDArray[np.float64]
+
+COARSE = 24  # lines or columns, at most, by which the surroundings are looked at beforehand
+FAINT = 1e-12  # share of a pixel below which a fire does not count
+BLACK = np.zeros(1)  # reflectance
+MOST_LINES = 2**20  # of an image, so that no two channels share their noise
+
+
+class Picture(NamedTuple):
+    """What a channel makes, to be filled in; arrays in memory or on disk.
+
+    numbers    (lines, columns) digital number
+    terms      (lines, columns) each, watt / m^2 / sr / um: mean spectral radiance in the band, as
+               the detector weighs it, before the lens
+    longitude, latitude  (lines, columns) degree, of the ground that each pixel sees, in the mean of
+               its rays; NaN for the sky
+    """
+
+    numbers: NDArray[np.integer]
+    terms: Terms
+    longitude: Floats
+    latitude: Floats
+
+    @classmethod
+    def blank(cls, lines: int, columns: int) -> Picture:
+        """One in memory."""
+        shape = lines, columns
+        return cls(
+            np.zeros(shape, np.int32), Terms(*np.zeros((5, *shape), np.float32)),
+            *np.zeros((2, *shape)),
+        )  # fmt: skip
+
+
+class Setting(NamedTuple):
+    """What holds for a whole image.
+
+    period       second between lines, 0 for a matrix
+    exposure     second that a pixel of the image gathers light
+    smear        pixel along the track
+    psf          of its pixels
+    band         how it sees through the air
+    surroundings  1, mean reflectance of what is seen
+    electrons    electron of a mean spectral radiance of 1 watt / m^2 / sr / m
+    """
+
+    period: float
+    exposure: float
+    smear: float
+    psf: Psf
+    band: Band
+    surroundings: float
+    electrons: float
+
+
+def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
+    """Look up what an image needs, once.
+
+        electrons = (pi / 4) (1 / f#^2) A_d ff t_int Int [lambda / (h c)] L tau QE dlambda
+
+    Source: Krutz et al. (2011), eq. (4).
+
+    Errors  ValueError as `band_of`, `focus` and the geometry; OSError for files that are missing.
+    """
+    scene = survey.scene(channel)
+    flight = scene.flight
+    glimpse = _glimpse(scene, folder)
+    start = fly(flight, np.zeros(1)).position
+    ground = np.concatenate([seen.height for seen in glimpse])
+    above = float(geodetic(start)[2][0]) - (float(ground.mean()) if len(ground) else 0.0)
+    band = band_of(channel, survey.air, max(above, 1.0), survey.sun_distance)
+    period = scene.sensor.dating(flight).period
+    exposure = exposure_of(channel, period)
+    detector = channel.detector
+    psf = focus(
+        channel.optics, detector.pitch, band.wavelength, band.weight, detector.fill_factor,
+        detector.diffusion,
+    )  # fmt: skip
+    around = survey.surroundings
+    if around is None:
+        around = _mean_reflectance(survey.land, glimpse, band)
+    electrons = channel.etendue() * exposure * band.electrons
+    drift = smear(channel, period, ground_rate(flight))
+    return Setting(period, exposure, drift, psf, band, around, electrons)
+
+
+def render(
+    survey: Survey, channel: Channel, folder: Path, seed: int, picture: Picture,
+    advance: Callable[[int], None] = lambda lines: None,
+) -> Setting:  # fmt: skip
+    """Fill in the picture of one channel, some lines at a time.
+
+        DN = electrons (2^depth - 1) / full well, with the detector's noise, quantised and clipped
+
+    Source: Krutz et al. (2011), eqs. (1) to (5).
+
+    folder   from which files are sought
+    seed     of the noise
+    advance  called with the lines that are done
+    Errors   as `prepare`. model: the solid angle of a pixel is that on the axis; the PSF is that
+             of the axis. The memory is that of some lines besides the picture's own.
+    """
+    setting = prepare(survey, channel, folder)
+    weights = weights_of(
+        setting.psf, survey.rays, channel.detector.columns / channel.columns,
+        _lines_apart(channel, setting), setting.smear,
+    )  # fmt: skip
+    strips = _strips(survey, channel, folder, setting, picture, advance)
+    names = [each.name for each in survey.camera.channels]
+    first, own = 0, names.index(channel.name) * MOST_LINES
+    for light in blurred(strips, weights):
+        electrons = gathered(channel, setting, light)
+        streams = Streams(seed, own + first)
+        numbers = read_out(electrons, _as_matrix(channel, len(light)), streams)
+        picture.numbers[first : first + len(light)] = numbers
+        first += len(light)
+    return setting
+
+
+def gathered(channel: Channel, setting: Setting, light: NDArray[np.floating]) -> Floats:
+    """Expected electrons of lines of an image.
+
+    light    (lines, columns) watt / m^2 / sr / m
+    Returns  (lines, columns)
+    """
+    scan = channel.detector.scan
+    device = _as_matrix(channel, _stages(channel) if scan else channel.detector.rows)
+    gain, current = response(device), np.asarray(dark(device), float)
+    if scan:  # a column of the image is the mean of its stages
+        gain = None if gain is None else gain.mean(0)
+        current = current.mean(0) if current.ndim else current
+    electrons = setting.electrons * light.astype(np.float64)
+    if gain is not None:
+        electrons *= gain
+    return electrons + current * setting.exposure
+
+
+def _strips(
+    survey: Survey, channel: Channel, folder: Path, setting: Setting, picture: Picture,
+    advance: Callable[[int], None],
+) -> Iterator[NDArray[np.float32]]:  # fmt: skip
+    """Radiance (lines, columns, rays), before the lens; the picture's terms on the way."""
+    scene = survey.scene(channel)
+    spread = channel.detector.pitch / channel.optics.image_distance / survey.rays
+    for strip in observe_earth(scene, folder):
+        lines, columns, rays = strip.shape
+        here = slice(strip.first, strip.first + lines)
+        terms = lights(survey.land, strip.ground, setting, spread)
+        for whole, part in zip(picture.terms, terms, strict=True):
+            whole[here] = part.reshape(strip.shape).mean(2) * um
+        longitude, latitude = _place(strip)
+        picture.longitude[here], picture.latitude[here] = longitude / deg, latitude / deg
+        stages = rays // survey.rays**2
+        total = terms.total.reshape(lines, columns, stages, survey.rays**2)
+        yield total.mean(2)
+        advance(lines)
+
+
+def lights(land: Land, ground: Ground, setting: Setting, spread: float) -> Terms:
+    """The terms of n rays, (n,) each, watt / m^2 / sr / m.
+
+    spread  radian between rays
+    """
+    band = setting.band
+    rho = reflectance(land, ground, band.wavelength, band.weight)
+    warm = temperature(land, ground)
+    around = np.array([setting.surroundings])
+    found = at_sensor(ground, band.table, rho[:, None], around, band.heat, warm)
+    terms = Terms(*(each[:, 0] for each in found))
+    if band.heat is None or not land.hot_spots:
+        return terms
+    shares = [burning(spot, ground, spread) for spot in land.hot_spots]
+    emitted = terms.emitted.copy()
+    for spot, share in zip(land.hot_spots, shares, strict=True):
+        burns = np.flatnonzero(share > FAINT)
+        flame = np.full(len(burns), spot.temperature)
+        black = at_sensor(ground[burns], band.table, BLACK, around, band.heat, flame)
+        emitted[burns] += share[burns] * (black.emitted[:, 0] - terms.emitted[burns])
+    left = np.maximum(1 - sum(shares), 0).astype(np.float32)  # what burns is black
+    return terms._replace(
+        direct=terms.direct * left, indirect=terms.indirect * left, emitted=emitted
+    )
+
+
+def _place(strip: Strip) -> tuple[Floats, Floats]:
+    """Longitude and latitude, (lines, columns) radian, of the mean point that each pixel sees."""
+    point = np.stack([strip.mean(along) for along in strip.ground.point.T], -1)
+    return geodetic(point)[:2]
+
+
+def _glimpse(scene: EarthScene, folder: Path) -> list[Ground]:
+    """The ground of the image, seen by a few rays."""
+    coarse = replace(scene, sensor=_coarse(scene.sensor, scene.flight), sky_rays=0)
+    return [strip.ground[strip.ground.hit] for strip in observe_earth(coarse, folder)]
+
+
+def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
+    seen = [reflectance(land, ground, band.wavelength, band.weight) for ground in glimpse]
+    values = np.concatenate(seen)
+    return float(values.mean()) if len(values) else 0.0
+
+
+def _coarse(sensor: Sensor, flight: Carrier) -> Sensor:
+    """One of a few pixels that sees the same ground."""
+    across, lines = sensor.camera.columns, min(COARSE, sensor.lines)
+    columns = min(COARSE, sensor.columns)
+    period = sensor.dating(flight).period * sensor.lines / lines or None
+    if sensor.detector == "matrix":  # its pixels stay square
+        larger = max(1.0, max(across, sensor.lines) / COARSE)
+        columns, lines = math.ceil(across / larger), math.ceil(sensor.lines / larger)
+    return replace(
+        sensor, detector="matrix" if sensor.detector == "matrix" else "line", lines=lines,
+        columns=max(columns, 2), pixel_pitch=sensor.pixel_pitch * across / max(columns, 2), rays=1,
+        period=period,
+    )  # fmt: skip
+
+
+def _lines_apart(channel: Channel, setting: Setting) -> float:
+    """Pixel of the detector between lines of the image."""
+    if not setting.period:
+        return 1.0
+    once = min(channel.detector.exposure, setting.period)
+    return setting.smear / once * setting.period if setting.smear else 1.0
+
+
+def _stages(channel: Channel) -> int:
+    scan = channel.detector.scan
+    return scan.stages if scan and scan.kind == "tdi" else 1
+
+
+def _as_matrix(channel: Channel, rows: int) -> Detector:
+    """The detector of an image whose lines are made."""
+    return replace(channel.detector, scan=None, rows=rows, columns=channel.columns)

@@ -1,0 +1,114 @@
+"""Channel and Air -> BandTable and Heat of its one band, weighted as the detector counts light."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import um
+from startrack.earth.atmosphere import (
+    Air,
+    AirTable,
+    BandTable,
+    Heat,
+    InfraredTable,
+    heat_of,
+    in_bands,
+    infrared_bands,
+    load_infrared,
+    load_table,
+    vacuum,
+)
+from startrack.earth.imager.parameters import Channel
+from startrack.io import shipped
+
+Floats = NDArray[np.float64]
+
+INFRARED = 3 * um  # from where a band is counted as infrared: heat there outshines scattered light
+PARTS = 16  # of the distance between wavelengths of a table, over which a response is averaged
+LEAST = 0.98  # of a band's response that a table must hold
+
+
+class Band(NamedTuple):
+    """How a channel sees through the air.
+
+    wavelength, weight  (f,) metre; (f,) 1, share of each wavelength in what an even spectrum of
+                        energy leaves; sums to one
+    electrons           electron / joule, their mean over the band times its width: an even
+                        spectral radiance of one leaves so many electrons a second and etendue,
+                        electron metre / joule
+    table               its one band is a mean spectral radiance, watt / m^2 / sr / m
+    heat                of a blackbody, likewise
+    """
+
+    wavelength: Floats
+    weight: Floats
+    electrons: float
+    table: BandTable
+    heat: Heat | None
+
+
+def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: float) -> Band:
+    """The band of a channel.
+
+        L = Int R L(lambda) dlambda / Int R dlambda,   R = lambda / (h c) filter tau QE
+
+    air       None: a planet without any; beyond 3 micrometre one table stands for all, that of
+              mid-latitude summer
+    altitude  metre above the ground
+    Errors    ValueError where no shipped table has this air, or holds this band.
+    """
+    fine = np.geomspace(0.2, 60, 20001) * um
+    every = channel.photoelectrons(fine) * np.gradient(fine)
+    if not every.any():
+        raise ValueError(
+            f"channel {channel.name}: band, transmission and quantum_efficiency must overlap "
+            "between 0.2 and 60 um"
+        )
+    middle = float(every @ fine / every.sum())
+    table = _table(air, middle > INFRARED)
+    step = np.gradient(table.spectrum)
+    response = _in_cells(channel, table.spectrum)
+    if response @ step < LEAST * every.sum():
+        low, high = table.spectrum[[0, -1]] / um
+        raise ValueError(
+            f"channel {channel.name}: the band must lie in the air's table, {low:.2f} to "
+            f"{high:.2f} um, got {100 * response @ step / every.sum():.0f} % of it"
+        )
+    electrons = float(response @ step)
+    flat = (response / electrons)[None]
+    if isinstance(table, AirTable):
+        bands = in_bands(table, flat, altitude, sun_distance)
+    else:
+        bands = infrared_bands(table, flat, altitude, sun_distance)
+    warm = heat_of(table.spectrum, flat) if middle > INFRARED / 2 else None
+    return Band(table.spectrum, flat[0] * step, electrons, bands, warm)
+
+
+def _in_cells(channel: Channel, spectrum: Floats) -> Floats:
+    """The mean of a channel's response between the wavelengths of a table; edges count in part."""
+    edges = np.concatenate([spectrum[:1], (spectrum[1:] + spectrum[:-1]) / 2, spectrum[-1:]])
+    inside = edges[:-1, None] + np.diff(edges)[:, None] * (np.arange(PARTS) + 0.5) / PARTS
+    return channel.photoelectrons(inside).mean(1)
+
+
+@lru_cache(maxsize=4)
+def _table(air: Air | None, infrared: bool) -> AirTable | InfraredTable:
+    if air is None:
+        return vacuum()
+    if infrared:
+        return load_infrared(shipped("atmosphere/infrared.fits"))
+    known = []
+    for path in sorted(shipped("atmosphere").glob("*.fits")):
+        if path.stem not in ("infrared", "limb"):
+            table = load_table(path)
+            if table.air == air:
+                return table
+            known.append(f"{table.air.aerosol} {table.air.visibility / 1e3:g} km")
+    raise ValueError(
+        f"air must be that of a shipped table, {', '.join(known)} with 29.2 kg / m2 of water and "
+        f"3.32 mm of ozone, got {air}"
+    )

@@ -1,0 +1,166 @@
+"""Rays enter in bundles; the exact points and normals where they meet a surface leave."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
+from startrack.earth.terrain.march import above, lay, onset
+from startrack.earth.terrain.path import Path, path_at
+
+POLISHED = 1e-9  # metre, what Newton's next step would still change
+NEAR = 1.0  # metre, over which a path is its ray to 1e-12 m, and the vertical to 2e-7 radian
+STEPS = 60  # of bisection at worst, which take a path of 100 km to 1e-13 m
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def refine(lines, ox, oy, oz, dx, dy, dz, guess, i, j, a, b, c, d):  # type: ignore[no-untyped-def]
+    """Three steps of Newton's method in one cell, from a guess that is nearly right.
+
+    i, j     column and row of the cell
+    a, b, c, d  as of `corners`
+    Returns  whether they found the point; its distance; columns, rows and height there, sine and
+             cosine of the latitude
+    """
+    path = path_at(lines, ox + guess * dx, oy + guess * dy, oz + guess * dz, dx, dy, dz)
+    u0, v0 = path.u0 - i, path.v0 - j
+    u0 = u0 - lines.turn * math.floor(u0 / lines.turn + 0.5)
+    t = step = change = 0.0
+    for _ in range(3):
+        u, v = u0 + t * (path.u1 + t * path.u2), v0 + t * (path.v1 + t * path.v2)
+        height = path.h0 + t * (path.h1 + t * path.h2)
+        change = path.h1 + 2 * t * path.h2 - (b + d * v) * (path.u1 + 2 * t * path.u2)
+        change = change - (c + d * u) * (path.v1 + 2 * t * path.v2)
+        step = (a + b * u + (c + d * u) * v - height) / change
+        t = t + step
+    u, v = u0 + t * (path.u1 + t * path.u2), v0 + t * (path.v1 + t * path.v2)
+    height = path.h0 + t * (path.h1 + t * path.h2)
+    found = (abs(step) < POLISHED) & (abs(t) < NEAR) & (change < 0)
+    found = found & (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+    return found, guess + t, u + i, v + j, height, path.sine, path.cosine
+
+
+@njit(cache=True, error_model="numpy")
+def settle(lines, heights, slot, j, i, ox, oy, oz, dx, dy, dz, low, high, s):  # type: ignore[no-untyped-def]
+    """The root between two distances, where the ray goes from above the surface to below.
+
+    Newton's method, kept between its bounds, on paths that are laid anew where it strays.
+    """
+    base = s
+    path = path_at(lines, ox + s * dx, oy + s * dy, oz + s * dz, dx, dy, dz)
+    for _ in range(STEPS):
+        value, change, twist = above(lines, heights, slot, j, i, path, s - base)
+        if value > 0:
+            low = s
+        else:
+            high = s
+        step = -value / change
+        if change < 0 and low <= s + step <= high:
+            s += step
+            if step * step * (twist + 1e-6) < -POLISHED * change:
+                break
+        else:
+            s = 0.5 * (low + high)
+            if high - low < POLISHED:
+                break
+        if abs(s - base) > NEAR:
+            base = s
+            path = path_at(lines, ox + s * dx, oy + s * dy, oz + s * dz, dx, dy, dz)
+    t = s - base
+    u, v = path.u0 + t * (path.u1 + t * path.u2), path.v0 + t * (path.v1 + t * path.v2)
+    return s, u, v, path.h0 + t * (path.h1 + t * path.h2), path.sine, path.cosine
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def normal_at(lines, x, y, height, sine, cosine, to_column, to_row):  # type: ignore[no-untyped-def]
+    """The normal of the surface at a point of it, from its change with columns and rows.
+
+    normal ~ up - h_lon / ((N + h) cos(lat)) east - h_lat / (M + h) north
+    """
+    across = math.sqrt(x * x + y * y)
+    per_across = 1 / (across if across > 1e-3 else 1e-3)
+    per_bend = 1 / (1 - ECCENTRICITY_2 * sine * sine)
+    meridian = EQUATORIAL * (1 - ECCENTRICITY_2) * per_bend * math.sqrt(per_bend)
+    lean = -to_column * lines.per_column * per_across
+    tilt = to_row * lines.per_row / (meridian + height)
+    scale = 1 / math.sqrt(1 + lean * lean + tilt * tilt)
+    cosine_x, sine_y = x * per_across, y * per_across
+    radial = cosine - tilt * sine
+    return (
+        scale * (radial * cosine_x - lean * sine_y),
+        scale * (radial * sine_y + lean * cosine_x),
+        scale * (sine + tilt * cosine),
+    )
+
+
+WIDTH = 128  # rays, of which all rows fit into the innermost cache
+
+(
+    OX, OY, OZ, DX, DY, DZ, START,  # what is given: origin, direction, from where to follow
+    BEGIN, END, MIDDLE, HALF, MARGIN, U0, U1, U2, V0, V1, V2, H0, H1, H2, SINE, COSINE,  # the path
+) = range(0, 23 * WIDTH, WIDTH)  # fmt: skip
+# What takes the place of the path once a ray has met a cell: which, its corners; then the point.
+GUESS, LOW, HIGH, ROW, COLUMN, A, B, C, D = range(BEGIN, BEGIN + 9 * WIDTH, WIDTH)
+FOUND, U, V, HEIGHT, NX, NY, NZ = range(D + WIDTH, D + 8 * WIDTH, WIDTH)
+
+
+@njit(cache=True, error_model="numpy")
+def empty_bundle():  # type: ignore[no-untyped-def]
+    """Rays that are all alike and meet nothing, to be filled in."""
+    bundle = np.zeros(23 * WIDTH)
+    bundle[OX : OX + WIDTH] = 1e8
+    bundle[DX : DX + WIDTH] = 1.0
+    return bundle
+
+
+@njit(cache=True, error_model="numpy")
+def lay_all(bundle, lines, exact):  # type: ignore[no-untyped-def]
+    """The first path of each ray, as `onset` and `lay` find it."""
+    for k in range(WIDTH):
+        ox, oy, oz = bundle[OX + k], bundle[OY + k], bundle[OZ + k]
+        dx, dy, dz = bundle[DX + k], bundle[DY + k], bundle[DZ + k]
+        start = bundle[START + k]
+        begin, end = onset(lines, ox, oy, oz, dx, dy, dz, start)
+        # A shadow begins on the surface, where its path must be best.
+        ahead = (not exact) & (begin <= start)
+        middle, half, margin, path = lay(lines, ox, oy, oz, dx, dy, dz, begin, end, ahead)
+        bundle[BEGIN + k], bundle[END + k] = begin, end
+        bundle[MIDDLE + k], bundle[HALF + k], bundle[MARGIN + k] = middle, half, margin
+        bundle[U0 + k], bundle[U1 + k], bundle[U2 + k] = path.u0, path.u1, path.u2
+        bundle[V0 + k], bundle[V1 + k], bundle[V2 + k] = path.v0, path.v1, path.v2
+        bundle[H0 + k], bundle[H1 + k], bundle[H2 + k] = path.h0, path.h1, path.h2
+        bundle[SINE + k], bundle[COSINE + k] = path.sine, path.cosine
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def path_of(bundle, k):  # type: ignore[no-untyped-def]
+    """The path that was laid for ray k."""
+    return Path(
+        bundle[U0 + k], bundle[U1 + k], bundle[U2 + k],
+        bundle[V0 + k], bundle[V1 + k], bundle[V2 + k],
+        bundle[H0 + k], bundle[H1 + k], bundle[H2 + k],
+        bundle[SINE + k], bundle[COSINE + k],
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def refine_all(bundle, lines):  # type: ignore[no-untyped-def]
+    """The point and the normal in each ray's cell, as `refine` and `normal_at` find them."""
+    for k in range(WIDTH):
+        ox, oy, oz = bundle[OX + k], bundle[OY + k], bundle[OZ + k]
+        dx, dy, dz = bundle[DX + k], bundle[DY + k], bundle[DZ + k]
+        i, j = bundle[COLUMN + k], bundle[ROW + k]
+        b, c, d = bundle[B + k], bundle[C + k], bundle[D + k]
+        found, s, u, v, height, sine, cosine = refine(
+            lines, ox, oy, oz, dx, dy, dz, bundle[GUESS + k], i, j, bundle[A + k], b, c, d
+        )
+        nx, ny, nz = normal_at(
+            lines, ox + s * dx, oy + s * dy, height, sine, cosine,
+            b + d * (v - j), c + d * (u - i),
+        )  # fmt: skip
+        bundle[FOUND + k] = s if found else np.nan
+        bundle[U + k], bundle[V + k], bundle[HEIGHT + k] = u, v, height
+        bundle[NX + k], bundle[NY + k], bundle[NZ + k] = nx, ny, nz

@@ -1,0 +1,106 @@
+"""The nouns of an Earth scene: the rays that look at it, and the ground that they see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.earth.terrain.ellipsoid import up
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Lines of sight in the Earth's fixed axes (ITRS).
+
+    origin     (n, 3) metre
+    direction  (n, 3) unit vectors, away from the camera
+    spread     (n,) radian, angle between neighbouring rays; 0 asks for the finest terrain
+    """
+
+    origin: Floats
+    direction: Floats
+    spread: Floats
+
+    def __len__(self) -> int:
+        return len(self.origin)
+
+    def __getitem__(self, choice: Flags | NDArray[np.intp] | slice) -> Rays:
+        return Rays(self.origin[choice], self.direction[choice], self.spread[choice])
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What rays meet: a point of the terrain, or the sky. All vectors in the Earth's fixed axes.
+
+    hit                  (n,) whether the ray meets the ground; where not, it sees the sky, and all
+                         floats below but `tangent_height` are NaN
+    distance             (n,) metre from the ray's origin
+    point                (n, 3) metre
+    longitude, latitude  (n,) radian
+    height               (n,) metre above the ellipsoid
+    normal               (n, 3) unit vector of the terrain's surface
+    incidence            (n,) radian, between the normal and the way back to the camera
+    sun_incidence        (n,) radian, between the normal and the sun; beyond pi / 2 it is behind
+    shadow               (n,) whether no direct sunlight comes: the sun stands behind the slope,
+                         behind other terrain or under the horizon; false for the sky
+    sky_view             (n,) 1, share of the light of a uniform sky that reaches the slope; 1
+                         where it was not asked for
+    tangent_height       (n,) metre, least height of the ray above the ellipsoid where it sees the
+                         sky; that of its origin where it looks upwards; NaN for hits
+    level                (n,) of the terrain's pyramid, 0 the finest; -1 for the sky
+    maps                 of each name (n,) values of the accompanying map, in its own unit
+    sun                  (3,) unit vector towards the sun
+    direction            (n, 3) unit vectors, of the rays
+    """
+
+    hit: Flags
+    distance: Floats
+    point: Floats
+    longitude: Floats
+    latitude: Floats
+    height: Floats
+    normal: Floats
+    incidence: Floats
+    sun_incidence: Floats
+    shadow: Flags
+    sky_view: Floats
+    tangent_height: Floats
+    level: NDArray[np.int8]
+    sun: Floats
+    direction: Floats
+    maps: dict[str, Floats] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.hit)
+
+    def __getitem__(self, choice: Flags | NDArray[np.intp] | slice) -> Ground:
+        maps = {name: values[choice] for name, values in self.maps.items()}
+        apart = ("sun", "maps")
+        of_rays = {
+            one.name: getattr(self, one.name)[choice]
+            for one in fields(self)
+            if one.name not in apart
+        }
+        return replace(self, **of_rays, maps=maps)
+
+    @property
+    def view_zenith(self) -> Floats:
+        """(n,) radian, between the vertical of the ground and the way back to the camera."""
+        return between(up(self.longitude, self.latitude), -self.direction)
+
+    @property
+    def sun_zenith(self) -> Floats:
+        """(n,) radian, between the vertical of the ground and the sun."""
+        return between(up(self.longitude, self.latitude), self.sun)
+
+
+def between(one: Floats, other: Floats) -> Floats:
+    """Angle between unit vectors, radian, without the loss of digits of the cosine alone."""
+    other = np.broadcast_to(other, one.shape)
+    across = np.linalg.norm(np.cross(one, other), axis=-1)
+    return np.arctan2(across, np.einsum("...i,...i", one, other))

@@ -1,0 +1,410 @@
+"""A ray and a surface -> the cell where they first meet: max-mip marching on curved paths.
+
+Blocks of cells are skipped where the path stays above their maximum by more than it may be wrong;
+what remains within a cell is decided on the exact geodetic height of the ray, where need be.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from startrack.earth.terrain.ellipsoid import shell
+from startrack.earth.terrain.path import crossing, path_at, reach
+from startrack.earth.terrain.surface import corners
+from startrack.earth.terrain.tile import CELLS, PATCH, SIZE, block, patch
+
+MISS, HIT, ABSENT = 0, 1, 2  # absent: the ray has come to a tile that is not in memory
+SHELL_MARGIN = 2.0  # metre, more than `shell` differs from a surface of constant height
+DIVE = 4  # levels that a ray goes down at a time, if it falls more steeply than 8 to 1
+CLOSED = 1e-6  # metre, more than the height above a surface without gap jumps by from cell to cell
+JUST = 0.1  # metre, more than a path is wrong by along its ray
+STRAIGHT = 5e-4  # 1, bend of a path up to which `crossing` is its series
+SEAMLESS = 0.9  # of a turn, up to which no path leaves a grid and comes back on its other side
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def onset(lines, ox, oy, oz, dx, dy, dz, start):  # type: ignore[no-untyped-def]
+    """Between which distances a ray can meet a surface; the second is the lesser if it cannot."""
+    enter, end = shell(ox, oy, oz, dx, dy, dz, lines.highest + SHELL_MARGIN)
+    below, _ = shell(ox, oy, oz, dx, dy, dz, lines.lowest - SHELL_MARGIN)
+    begin = start if start > enter else enter
+    return begin, below if begin < below < end else end
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def lay(lines, ox, oy, oz, dx, dy, dz, begin, end, ahead):  # type: ignore[no-untyped-def]
+    """The path with which a ray goes on from `begin`.
+
+    ahead    whether its middle lies at `begin`, where it is then best, and not half its length on
+    Returns  its middle, half its length, its margin at the ends, all in metres, and the path
+    """
+    x, y, z = ox + begin * dx, oy + begin * dy, oz + begin * dz
+    wish = end - begin if ahead else 0.5 * (end - begin)
+    half, margin = reach(lines, x, y, z, dx, dy, dz, wish)
+    middle = begin if ahead else begin + half
+    x, y, z = ox + middle * dx, oy + middle * dy, oz + middle * dz
+    return middle, half, margin, path_at(lines, x, y, z, dx, dy, dz)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def march(  # type: ignore[no-untyped-def]
+    lines, heights, maxima, steepness, top, slots, used,
+    ox, oy, oz, dx, dy, dz, begin, end, middle, half, margin, path, exact,
+):  # fmt: skip
+    """Follow one ray, a unit direction from a point, on its first path and those after it.
+
+    exact    whether the place is wanted; a shadow only asks if there is one
+    Returns  MISS, HIT or ABSENT; two distances that the meeting point is between, and a guess of
+             it, or thrice the distance from which to go on; row and column of the cell that was
+             hit, or of the tile that is absent
+    """
+    while True:
+        status, low, high, guess, j, i = _along(
+            lines, heights, maxima, steepness, top, slots, used, path, margin, begin - middle, half,
+            ox, oy, oz, dx, dy, dz, middle, exact,
+        )  # fmt: skip
+        if status != MISS:
+            return status, middle + low, middle + high, middle + guess, j, i
+        if not begin < middle + half < end:
+            return MISS, math.inf, math.inf, math.inf, 0, 0
+        begin = middle + half
+        middle, half, margin, path = lay(lines, ox, oy, oz, dx, dy, dz, begin, end, False)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _along(  # type: ignore[no-untyped-def]
+    lines, heights, maxima, steepness, top, slots, used, path, margin, begin, half,
+    ox, oy, oz, dx, dy, dz, middle, exact,
+):  # fmt: skip
+    """Follow a path from `begin` to half, in pieces on which columns and rows are monotonic."""
+    first = _turning(path.u1, path.u2, half)
+    second = _turning(path.v1, path.v2, half)
+    # A path that leaves a closed grid on one side comes back on the other.
+    around = 1 if lines.columns > SEAMLESS * lines.turn else 0
+    for end in (min(first, second), max(first, second), half):
+        if end <= begin:
+            continue
+        centre = 0.5 * (begin + end)
+        east = 1 if path.u1 + 2 * path.u2 * centre >= 0 else -1
+        south = 1 if path.v1 + 2 * path.v2 * centre >= 0 else -1
+        for side in range(-around, around + 1):
+            u0 = path.u0 - east * side * lines.turn
+            from_, to = _within(u0, path.u1, path.u2, east, lines.columns, begin, end)
+            if from_ < to:
+                from_, to = _within(path.v0, path.v1, path.v2, south, lines.rows, from_, to)
+            if from_ < to:
+                found = _through(
+                    lines, heights, maxima, steepness, top, slots, used,
+                    path, margin, u0, half, begin, from_, to, east, south,
+                    ox, oy, oz, dx, dy, dz, middle, exact,
+                )  # fmt: skip
+                if found[0] != MISS:
+                    return found
+        begin = end
+    return MISS, math.inf, math.inf, math.inf, 0, 0
+
+
+@njit(cache=True, error_model="numpy")
+def _turning(q1, q2, half):  # type: ignore[no-untyped-def]
+    """Where a quadratic turns around, if it does between -half and half; else half."""
+    if abs(q1) >= 2 * abs(q2) * half:
+        return half
+    return -q1 / (2 * q2)
+
+
+@njit(cache=True, error_model="numpy")
+def _within(q0, q1, q2, sign, cells, begin, end):  # type: ignore[no-untyped-def]
+    """The part of a monotonic piece on which a coordinate lies between 0 and `cells`."""
+    at_begin, at_end = q0 + begin * (q1 + begin * q2), q0 + end * (q1 + end * q2)
+    early, late = (0.0, float(cells)) if sign > 0 else (float(cells), 0.0)
+    if sign * (at_end - early) < 0 or sign * (at_begin - late) > 0:
+        return end, begin
+    if sign * (at_begin - early) < 0:
+        begin = max(begin, crossing(q0, q1, q2, sign, early))
+    if sign * (at_end - late) > 0:
+        end = min(end, crossing(q0, q1, q2, sign, late))
+    return begin, end
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _border(q0, q1, q2, inverse, curl, sign, target):  # type: ignore[no-untyped-def]
+    """As `crossing`, with 1 / q1 and q2 / q1 at hand; these are NaN for the other branch."""
+    straight = (target - q0) * inverse
+    bend = straight * curl
+    if abs(bend) < STRAIGHT:
+        return straight * (1 - bend * (1 - bend * (2 - bend * (5 - bend * 14))))
+    return crossing(q0, q1, q2, sign, target)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _cell(position, low, high):  # type: ignore[no-untyped-def]
+    return min(max(math.floor(position), low), high)
+
+
+# Long, because each step needs nearly all of the state: place, block, tile.
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _through(  # type: ignore[no-untyped-def]
+    lines, heights, maxima, steepness, top, slots, used, path, margin, u0, half,
+    begin, s, end, east, south,
+    ox, oy, oz, dx, dy, dz, middle, exact,
+):  # fmt: skip
+    """Follow a monotonic piece through the blocks of the grid."""
+    u1, u2 = path.u1, path.u2
+    v0, v1, v2 = path.v0, path.v1, path.v2
+    h0, h1, h2 = path.h0, path.h1, path.h2
+    per_u = 1 / u1 if east * u1 > 0 else math.nan
+    per_v = 1 / v1 if south * v1 > 0 else math.nan
+    curl_u, curl_v = u2 * per_u, v2 * per_v
+    past_u, past_v = 1 if east > 0 else 0, 1 if south > 0 else 0
+    last_i, last_j = lines.columns - 1, lines.rows - 1
+    i, j = _cell(u0 + s * (u1 + s * u2), 0, last_i), _cell(v0 + s * (v1 + s * v2), 0, last_j)
+    last_u, last_v = u0 + end * (u1 + end * u2), v0 + end * (v1 + end * v2)
+    end_i, end_j = math.floor(last_u), math.floor(last_v)
+    # What a block's steepness must not exceed for a ray that rises to outrun it; the path's error
+    # grows by no more than the last term.
+    fast_u = max(abs(u1 + 2 * s * u2), abs(u1 + 2 * end * u2))
+    fast_v = max(abs(v1 + 2 * s * v2), abs(v1 + 2 * end * v2))
+    slack = 3 * margin / half
+    slope = h1 + 2 * s * h2
+    slot = slots[j >> SIZE, i >> SIZE]
+    level, sure, drop = SIZE, False, 1
+    if slot >= 0 and slope > 0:
+        used[slot] = 1
+        sure = _over(heights, path, u0, slot, j, i, s)
+        level = _start(
+            maxima, steepness, slot, j, i, sure, h0 + s * (h1 + s * h2) - margin,
+            slope - slack, fast_u, fast_v,
+        )  # fmt: skip
+    elif slot >= 0:  # begin with blocks about as large as the piece is long
+        level = 0
+        extent = max(abs(last_u - i), abs(last_v - j))
+        while level < SIZE and extent > (1 << level):
+            level += 1
+        # A ray that falls steeply meets what is in a block soon after it comes as low.
+        steep = slope * slope / (1 - slope * slope)
+        while steep > 4 and drop < DIVE:
+            steep *= 0.25
+            drop += 1
+    while True:
+        # A ray that ends in the block it is in does not leave it.
+        exit_u = exit_v = math.inf
+        if (i ^ end_i) >> level:
+            exit_u = _border(
+                u0, u1, u2, per_u, curl_u, east, float(((i >> level) + past_u) << level)
+            )
+        if (j ^ end_j) >> level:
+            exit_v = _border(
+                v0, v1, v2, per_v, curl_v, south, float(((j >> level) + past_v) << level)
+            )
+        leave = max(s, min(min(exit_u, exit_v), end))
+        slope = h1 + 2 * s * h2
+        lowest = h0 + s * (h1 + s * h2) if slope >= 0 else h0 + leave * (h1 + leave * h2)
+        if slope < 0 < h1 + 2 * leave * h2:
+            lowest = h0 - 0.25 * h1 * h1 / h2
+        bound = math.inf
+        if level == SIZE:
+            bound = top[j >> SIZE, i >> SIZE]
+        elif level > 0:
+            bound = maxima[
+                slot, block(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
+            ]
+        if lowest <= bound + margin and not (
+            slope > 0
+            and sure
+            and level >= PATCH
+            and slot >= 0
+            and _outruns(steepness, slot, level, j, i, slope - slack, fast_u, fast_v)
+        ):
+            if level > 0:
+                if level == SIZE:
+                    slot = slots[j >> SIZE, i >> SIZE]
+                    if slot < 0:
+                        return ABSENT, s, s, s, j >> SIZE, i >> SIZE
+                # The height is convex, so its tangent reaches the bound before the path does.
+                spare = h0 + s * (h1 + s * h2) - bound - margin
+                if spare > 0 and slope < 0:
+                    s = min(s - spare / slope, leave)
+                    west, north = (i >> level) << level, (j >> level) << level
+                    size = (1 << level) - 1
+                    i = _cell(u0 + s * (u1 + s * u2), west, min(west + size, last_i))
+                    j = _cell(v0 + s * (v1 + s * v2), north, min(north + size, last_j))
+                level = max(0, level - drop)
+                continue
+            used[slot] = 1
+            found, low, high, guess = _leaf(heights, path, margin, u0, half, s, leave, slot, j, i)
+            if found == ABSENT:
+                found, low, high, guess = _doubt(
+                    lines, heights, slot, j, i, begin, s, leave, east, south,
+                    ox, oy, oz, dx, dy, dz, middle,
+                )  # fmt: skip
+            if found == HIT:
+                return HIT, low, high, guess, j, i
+            sure = not math.isnan(low)
+        else:
+            sure = bound > -math.inf  # no hole, under which a ray could go on below the surface
+        if leave >= end:
+            return MISS, math.inf, math.inf, math.inf, 0, 0
+        s = leave
+        old_j, old_i = j, i
+        size = (1 << level) - 1
+        if exit_u <= exit_v:
+            west, north = (i >> level) << level, (j >> level) << level
+            i = west + size + 1 if east > 0 else west - 1
+            j = _cell(v0 + s * (v1 + s * v2), north, min(north + size, last_j))
+            outer = (old_i ^ i) >> (level + 1)
+        else:
+            west, north = (i >> level) << level, (j >> level) << level
+            j = north + size + 1 if south > 0 else north - 1
+            i = _cell(u0 + s * (u1 + s * u2), west, min(west + size, last_i))
+            outer = (old_j ^ j) >> (level + 1)
+        if i < 0 or j < 0 or i > last_i or j > last_j:
+            return MISS, math.inf, math.inf, math.inf, 0, 0
+        if outer and level < SIZE:  # out of the block around this one too
+            level += 1
+            if (old_i ^ i) >> SIZE or (old_j ^ j) >> SIZE:
+                slot = slots[j >> SIZE, i >> SIZE]
+                level = SIZE
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _leaf(heights, path, margin, u0, reached, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
+    """Whether the path meets the surface of one cell between two distances, and about where.
+
+    A parabola through three heights above the surface tells: clear of it, clearly through it, or,
+    as ABSENT, that exact heights must decide. Of a hole the first distance is NaN.
+    """
+    a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
+    half = 0.5 * (leave - s)
+    first = _clear(path, u0 - i, path.v0 - j, a, b, c, d, s)
+    second = _clear(path, u0 - i, path.v0 - j, a, b, c, d, s + half)
+    third = _clear(path, u0 - i, path.v0 - j, a, b, c, d, leave)
+    # What the path may be wrong by grows with the cube of the distance from its middle.
+    share = max(abs(s), abs(leave)) / reached
+    margin *= share * share * share
+    if not _dip(first, second, third)[0] <= margin:  # true of a hole too
+        return MISS, first, math.inf, math.inf
+    if first > margin and third < -margin:
+        bend, slope = 0.5 * (first + third) - second, 0.5 * (third - first)
+        place = 2 * second / (math.sqrt(max(0.0, slope * slope - 4 * bend * second)) - slope)
+        return HIT, s, leave, s + half * (1 + min(max(place, -1.0), 1.0))
+    return ABSENT, s, s, s
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _outruns(steepness, slot, level, j, i, slope, fast_u, fast_v):  # type: ignore[no-untyped-def]
+    """Whether a path that is above the surface rises too steeply to meet it within a block."""
+    place = patch(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
+    return steepness[slot, place, 0] * fast_u + steepness[slot, place, 1] * fast_v < slope
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _start(  # type: ignore[no-untyped-def]
+    maxima, steepness, slot, j, i, sure, height, slope, fast_u, fast_v
+):
+    """Level of the largest block, or nearly so, that a rising path leaves without meeting it."""
+    if not sure:
+        return 0
+    if _outruns(steepness, slot, SIZE, j, i, slope, fast_u, fast_v):
+        return SIZE
+    level = PATCH - 1
+    while _outruns(steepness, slot, level + 1, j, i, slope, fast_u, fast_v):
+        level += 1
+    if level >= PATCH:
+        return level
+    level, j, i = 0, j & (CELLS - 1), i & (CELLS - 1)
+    while (
+        level < SIZE - 1 and maxima[slot, block(level + 1, j >> level + 1, i >> level + 1)] < height
+    ):
+        level += 1
+    return level
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _over(heights, path, u0, slot, j, i, s):  # type: ignore[no-untyped-def]
+    """Whether a path is above the surface of a cell; not so in a hole."""
+    a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
+    return _clear(path, u0 - i, path.v0 - j, a, b, c, d, s) > 0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _clear(path, u0, v0, a, b, c, d, s):  # type: ignore[no-untyped-def]
+    """Height of a path above a bilinear cell."""
+    u, v = u0 + s * (path.u1 + s * path.u2), v0 + s * (path.v1 + s * path.v2)
+    return path.h0 + s * (path.h1 + s * path.h2) - (a + b * u + (c + d * u) * v)
+
+
+@njit(cache=True, error_model="numpy")
+def _doubt(  # type: ignore[no-untyped-def]
+    lines, heights, slot, j, i, begin, s, leave, east, south, ox, oy, oz, dx, dy, dz, middle
+):
+    """As `_leaf`, on exact heights."""
+    half = 0.5 * (leave - s)
+    low, high, guess = s, leave, s + half
+    first = second = third = 0.0
+    for turn in range(4):
+        here = guess if turn == 3 else s + turn * half
+        at = middle + here
+        x, y, z = ox + at * dx, oy + at * dy, oz + at * dz
+        path = path_at(lines, x, y, z, dx, dy, dz)
+        value = above(lines, heights, slot, j, i, path, 0.0)[0]
+        if turn == 0 and s > begin and not value >= -CLOSED:
+            # Out of a hole or over an edge, whose place the path tells less well than the ray.
+            late = _entry(lines, path, j, i, east, south)
+            s += late
+            value = above(lines, heights, slot, j, i, path, late)[0]
+        if turn == 0 and value <= 0:  # from the side, or from below
+            return HIT, s, s, s
+        if value <= 0:
+            high = here
+            break
+        first, second, third = second, third, value
+        if turn == 2:
+            place = _dip(first, second, third)[1]
+            if not -1 < place < 1:
+                return MISS, math.inf, math.inf, math.inf
+            guess = s + half * (1 + place)
+    if not value <= 0:
+        return MISS, math.inf, math.inf, math.inf
+    return HIT, low, high, 0.5 * (low + high)
+
+
+@njit(cache=True, error_model="numpy")
+def _entry(lines, path, j, i, east, south):  # type: ignore[no-untyped-def]
+    """Distance from the middle of an exact path to where it has just come into a cell; 0 if not."""
+    u0 = path.u0 - lines.turn * math.floor((path.u0 - i) / lines.turn + 0.5)
+    by_u = (i + (0 if east > 0 else 1) - u0) / path.u1
+    by_v = (j + (0 if south > 0 else 1) - path.v0) / path.v1
+    nearer = by_u if abs(by_u) < abs(by_v) else by_v
+    return nearer if abs(nearer) < JUST else 0.0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _dip(first, second, third):  # type: ignore[no-untyped-def]
+    """Least value of the parabola through values at -1, 0 and 1 within [-1, 1], and its place."""
+    slope, bend = 0.5 * (third - first), 0.5 * (first + third) - second
+    if bend > 0 and abs(slope) < 2 * bend:
+        return second - 0.25 * slope * slope / bend, -0.5 * slope / bend
+    if first < third:
+        return first, -1.0
+    return third, 1.0  # of NaN, NaN
+
+
+@njit(cache=True, error_model="numpy")
+def above(lines, heights, slot, j, i, path, s):  # type: ignore[no-untyped-def]
+    """Height of an exact path above the surface, its change with the distance, and its twist.
+
+    The cell is the one near [j, i] that the place falls into: the value is continuous.
+    """
+    u0 = path.u0 - lines.turn * math.floor((path.u0 - i) / lines.turn + 0.5)
+    u = u0 + s * (path.u1 + s * path.u2) - ((i >> SIZE) << SIZE)
+    v = path.v0 + s * (path.v1 + s * path.v2) - ((j >> SIZE) << SIZE)
+    i = _cell(u, 0, min(CELLS, lines.columns - ((i >> SIZE) << SIZE)) - 1)
+    j = _cell(v, 0, min(CELLS, lines.rows - ((j >> SIZE) << SIZE)) - 1)
+    a, b, c, d = corners(heights, slot, j, i)
+    u, v = u - i, v - j
+    to_column, to_row = path.u1 + 2 * s * path.u2, path.v1 + 2 * s * path.v2
+    height = path.h0 + s * (path.h1 + s * path.h2)
+    change = path.h1 + 2 * s * path.h2 - (b + d * v) * to_column - (c + d * u) * to_row
+    return height - (a + b * u + c * v + d * u * v), change, abs(2 * d * to_column * to_row)

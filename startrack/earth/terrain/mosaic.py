@@ -1,0 +1,126 @@
+"""Sources of different resolution and extent -> one pyramid of tiles, the best source first."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.earth.terrain.sources import Source
+from startrack.earth.terrain.surface import FULL_TURN, SEAM, Grid
+from startrack.earth.terrain.tile import CELLS, VERTICES
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Mosaic:
+    """Sources that cover parts of one grid.
+
+    A level has every second vertex of the one before. At each vertex the finest source counts
+    that has a value there.
+
+    sources  in any order
+    """
+
+    sources: tuple[Source, ...]
+
+    def __post_init__(self) -> None:
+        if not self.sources:
+            raise ValueError("sources must be one or more, got none")
+
+    @cached_property
+    def ordered(self) -> tuple[Source, ...]:
+        """The finest source first."""
+        return tuple(sorted(self.sources, key=lambda one: one.grid.step_y))
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The vertices of level 0: those of the finest source, as far as the sources reach."""
+        first = self.ordered[0].grid
+        if first.closed:
+            west, columns = first.west, first.columns
+        else:
+            west, width = _span([one.grid for one in self.sources])
+            before = math.floor((first.west - west) % FULL_TURN / first.step_x + SEAM)
+            west = first.west - before * first.step_x
+            columns = math.ceil(width / first.step_x - SEAM) + 1
+            columns = min(columns, round(FULL_TURN / first.step_x))
+        north = max(one.grid.north for one in self.sources)
+        south = min(one.grid.south for one in self.sources)
+        before = math.floor((north - first.north) / first.step_y + SEAM)
+        north = first.north + before * first.step_y
+        rows = math.floor((north - south) / first.step_y + SEAM) + 1
+        return Grid(west, north, first.step_x, first.step_y, columns, rows)
+
+    @cached_property
+    def levels(self) -> int:
+        """How many, down to one of a few cells; around the Earth, as long as they close."""
+        grid = self.grid
+        most = max(1, (min(grid.columns, grid.rows) - 1).bit_length() - 1)
+        if not grid.closed:
+            return most
+        return min(most, (grid.columns & -grid.columns).bit_length())
+
+    def shape(self, level: int) -> tuple[int, int]:
+        """Cells down and across at a level; they reach over the edges by less than a cell."""
+        grid = self.grid
+        across = grid.columns if grid.closed else grid.columns - 1
+        return -(-(grid.rows - 1) >> level), -(-across >> level)
+
+    def level_of(self, place: Floats) -> NDArray[np.int8]:
+        """The level of the finest source at longitudes and latitudes (n, 2); (n,).
+
+        Beside all sources that of the coarsest.
+        """
+        finest = self.grid.step_y
+        levels = [round(math.log2(one.grid.step_y / finest)) for one in self.ordered]
+        out = np.full(len(place), min(levels[-1], self.levels - 1), np.int8)
+        for source, level in zip(reversed(self.ordered), reversed(levels), strict=True):
+            grid = source.grid
+            width = (grid.columns - (0 if grid.closed else 1)) * grid.step_x
+            east = (place[:, 0] - grid.west) % FULL_TURN
+            inside = (east <= width) & (place[:, 1] <= grid.north) & (place[:, 1] >= grid.south)
+            out[inside] = min(level, self.levels - 1)
+        return out
+
+    def window(self, level: int, j: int, i: int) -> Grid | None:
+        """The vertices of one tile that lie over the grid; None where they are beyond a pole."""
+        grid, scale = self.grid, 1 << level
+        step_x, step_y = grid.step_x * scale, grid.step_y * scale
+        down, across = self.shape(level)
+        north = grid.north - j * CELLS * step_y
+        rows = min(VERTICES, down - j * CELLS + 1, int((north + math.pi / 2) / step_y + SEAM) + 1)
+        columns = min(VERTICES, across - i * CELLS + 1)
+        if rows < 2:
+            return None
+        return Grid(grid.west + i * CELLS * step_x, north, step_x, step_y, columns, rows)
+
+    def read(self, level: int, j: int, i: int) -> Singles:
+        """The values of one tile, (513, 513); NaN where no source has any."""
+        tile = np.full((VERTICES, VERTICES), np.nan, np.float32)
+        window = self.window(level, j, i)
+        if window:
+            part = tile[: window.rows, : window.columns]
+            for source in self.ordered:
+                np.copyto(part, source.read(window), where=np.isnan(part))
+                if not np.isnan(part).any():
+                    break
+        return tile
+
+
+def _span(grids: list[Grid]) -> tuple[float, float]:
+    """West edge and width of the shortest span of longitudes that holds all grids."""
+    best = (0.0, math.inf)
+    for first in grids:
+        if first.closed:
+            return first.west, FULL_TURN
+        width = max(
+            (one.west - first.west) % FULL_TURN + (one.columns - 1) * one.step_x for one in grids
+        )
+        best = min(best, (first.west, width), key=lambda each: each[1])
+    return best[0], min(best[1], FULL_TURN)

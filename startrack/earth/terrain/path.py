@@ -1,0 +1,125 @@
+"""A straight ray -> its path over a grid, near one of its points: quadratic in the distance."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from numba import njit
+
+from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
+from startrack.earth.terrain.surface import locate
+
+TOLERANCE = 1e-2  # metre, or of a cell where that is less: how far a path may leave its ray
+LONGEST = 0.125  # of the distance from the Earth's axis, over which a path may reach
+
+
+class Path(NamedTuple):
+    """The path at a distance s from its middle: each of u, v, h is q0 + q1 s + q2 s^2.
+
+    u, v    columns and rows from the vertex [0, 0]
+    h       metre above the ellipsoid
+    sine    of the latitude at the middle
+    cosine  of the latitude at the middle
+    """
+
+    u0: float
+    u1: float
+    u2: float
+    v0: float
+    v1: float
+    v2: float
+    h0: float
+    h1: float
+    h2: float
+    sine: float
+    cosine: float
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def reach(lines, x, y, z, dx, dy, dz, longest):  # type: ignore[no-untyped-def]
+    """Half the length of a path that keeps to its tolerance, at most `longest`; its margin.
+
+    The third derivatives of the path, in metres, stay below 8 c / p^2, with c the horizontal
+    share of the direction and p the distance from the axis: of the height 3 sin(e) cos^2(e) / r^2,
+    of the latitude 6 c / r^2, of the longitude 6 c / p^2. Taylor's remainder does the rest.
+
+    Returns  metre; metre by which height less terrain may be wrong at the ends
+    """
+    across_2 = x * x + y * y
+    across_2 = across_2 if across_2 > 1e-6 else 1e-6
+    across = math.sqrt(across_2)
+    along = x * dx + y * dy + z * dz
+    level_2 = 1 - along * along / (across_2 + z * z)
+    level = math.sqrt(level_2 if level_2 > 0 else 0.0) + 0.005  # grows on its way
+    width, depth = across / lines.per_column, EQUATORIAL / lines.per_row
+    cell = width if width < depth else depth
+    tolerance = TOLERANCE * (cell if cell < 1 else 1.0)
+    half = _cube_root(6 * tolerance * across_2 / (8 * level))
+    most = half if half < LONGEST * across else LONGEST * across
+    half = most if most < longest else longest
+    share = half / most
+    margin = tolerance + (lines.highest - lines.lowest) * 2 * tolerance / cell
+    return half, margin * share * share * share
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _cube_root(volume):  # type: ignore[no-untyped-def]
+    """From below, for more than a cubic metre: 1/3 = 1/4 + 1/16 + ...; 12 % short at 1e11."""
+    first = math.sqrt(math.sqrt(volume))
+    second = math.sqrt(math.sqrt(first))
+    return first * second * math.sqrt(math.sqrt(second))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def path_at(lines, x, y, z, dx, dy, dz):  # type: ignore[no-untyped-def]
+    """The path around a point, its derivatives from those of the local axes.
+
+    With e, n, w the parts of the direction to the east, to the north and upwards:
+        lon' = e / p,  lat' = n / (M + h),  h' = w,  p' = cos(lat) w - sin(lat) n
+        e' = lon' (sin(lat) n - cos(lat) w),  n' = -lat' w - lon' sin(lat) e,
+        w' = lat' n + lon' cos(lat) e
+    """
+    u, v, height, sine, cosine, across = locate(lines, x, y, z)
+    across = across if across > 1e-3 else 1e-3
+    per_across = 1 / across
+    radial = (x * dx + y * dy) * per_across
+    east = (x * dy - y * dx) * per_across
+    north = cosine * dz - sine * radial
+    rise = sine * dz + cosine * radial
+    per_bend = 1 / (1 - ECCENTRICITY_2 * sine * sine)
+    meridian = EQUATORIAL * (1 - ECCENTRICITY_2) * per_bend * math.sqrt(per_bend)
+    per_radius = 1 / (meridian + height)
+    turn, climb = east * per_across, north * per_radius
+    growth = 3 * ECCENTRICITY_2 * meridian * sine * cosine * per_bend * climb + rise
+    turn_2 = (turn * (sine * north - cosine * rise) - turn * radial) * per_across
+    climb_2 = (-climb * rise - turn * sine * east - climb * growth) * per_radius
+    rise_2 = climb * north + turn * cosine * east
+    return Path(
+        u, turn * lines.per_column, 0.5 * turn_2 * lines.per_column,
+        v, -climb * lines.per_row, -0.5 * climb_2 * lines.per_row,
+        height, rise, 0.5 * rise_2, sine, cosine,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def crossing(q0, q1, q2, sign, target):  # type: ignore[no-untyped-def]
+    """Where a quadratic comes to `target` on its branch that rises (sign 1) or falls (-1).
+
+    Nearly straight ones by the reverted series, to 1e-16; infinity where it does not get there.
+    """
+    rest = target - q0
+    slow = q1 * q1
+    bend = q2 * rest
+    if abs(bend) < 5e-4 * slow and sign * q1 > 0:
+        bend /= slow
+        return rest / q1 * (1 - bend * (1 - bend * (2 - bend * (5 - bend * 14))))
+    root = slow + 4 * bend
+    if root < 0:
+        return math.inf
+    root = math.sqrt(root)
+    if sign * q1 > 0:
+        return 2 * rest / (q1 + sign * root)
+    if q2 == 0:
+        return math.inf
+    return (sign * root - q1) / (2 * q2)

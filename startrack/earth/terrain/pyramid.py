@@ -1,0 +1,157 @@
+"""Terrain of any size -> Hits: each ray on the level that its resolution needs, tile by tile."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import finite
+from startrack.earth.terrain.ellipsoid import EQUATORIAL
+from startrack.earth.terrain.ground import Rays
+from startrack.earth.terrain.intersector import Flags, Levels, beside, under
+from startrack.earth.terrain.level import meet_level
+from startrack.earth.terrain.march import ABSENT
+from startrack.earth.terrain.mosaic import Mosaic
+from startrack.earth.terrain.sources import Source
+from startrack.earth.terrain.surface import Surface
+from startrack.earth.terrain.tile import CELLS, Cache
+from startrack.earth.terrain.trace import Hits, ask_on, go_on, no_hits, waiting
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Pyramid:
+    """Terrain that is read where rays go.
+
+    terrain          the sources of its heights
+    sea              metre, height of what no source covers, above the geoid if there is one, else
+                     above the ellipsoid
+    geoid            undulations, where the heights are above the geoid; None where they are above
+                     the ellipsoid
+    lowest, highest  metre above the ellipsoid, between which all heights lie
+    tiles            that fit into memory
+    sharpness        1, ground resolution of a ray over the cells of the level that it gets; 1 for
+                     cells of at most the size of a pixel's side, 0 for the finest level always
+    """
+
+    terrain: Mosaic
+    sea: float = 0.0
+    geoid: Source | None = None
+    lowest: float = -500.0
+    highest: float = 9000.0
+    tiles: int = 64
+    sharpness: float = 1.0
+    cache: Cache = field(init=False)
+    _surfaces: dict[int, Surface] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        finite(sea=self.sea, lowest=self.lowest, highest=self.highest, sharpness=self.sharpness)
+        if self.lowest >= self.highest:
+            raise ValueError(
+                f"highest must be above lowest, got {self.highest:g} and {self.lowest:g} metre"
+            )
+        object.__setattr__(self, "cache", Cache(self._read, self.tiles))
+
+    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
+        """Where rays meet the terrain, each on its own level.
+
+        Errors  OSError where a tile cannot be read; ValueError where a height lies beyond the
+                bounds. model: a ray keeps the level that its resolution at the ellipsoid asks for.
+        """
+        level, out = self.choose(rays), no_hits(len(rays))
+        for each in np.unique(level):
+            mine = np.flatnonzero(level == each)
+            some, surface = rays[mine], self._surface(int(each))
+            hits = waiting(len(mine), 0.0)
+            while self._fetch(int(each), hits):
+                go_on(surface, some.origin, some.direction, *hits)
+            out.put(mine, beside(surface, self.sea, some, hits))
+        return out, level
+
+    def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
+        """Which rays meet the terrain at given levels, the sea, or the Earth below all."""
+        out = np.zeros(len(rays), np.bool_)
+        for each in np.unique(level):
+            mine = np.flatnonzero(level == each)
+            some, surface = rays[mine], self._surface(int(each))
+            hits = waiting(len(mine), start)
+            while self._fetch(int(each), hits):
+                ask_on(surface, some.origin, some.direction, hits.status, hits.distance, hits.tile)
+            out[mine] = hits.hit | under(surface, self.sea, some, start)
+        return out
+
+    def choose(self, rays: Rays) -> Levels:
+        """The level of each ray, from its resolution where it meets the ellipsoid.
+
+        level = floor(log2(sharpness * distance * spread / cell)),  at least that of the source
+        """
+        there = meet_level(rays, 0.0)
+        seen = there.hit & (rays.spread > 0) & (self.sharpness > 0)
+        cell = self.terrain.grid.step_y * EQUATORIAL
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wanted = np.log2(self.sharpness * there.distance * rays.spread / cell)
+        level = np.zeros(len(rays), np.int8)
+        level[seen] = np.clip(np.floor(wanted[seen]), 0, self.terrain.levels - 1)
+        hit = there.hit
+        level[hit] = np.maximum(level[hit], self.terrain.level_of(there.place[hit, :2]))
+        return level
+
+    def _fetch(self, level: int, hits: Hits) -> bool:
+        """Bring tiles that rays wait for; whether any ray waits.
+
+        Half of the cache in one turn: what was read in the turn before is then still there, and
+        the first ray that waits gets on with every turn.
+        """
+        self.cache.refresh()
+        waiting = np.flatnonzero(hits.status == ABSENT)
+        slot = self._surface(level).slot
+        tile = hits.tile[waiting].astype(np.int64)
+        _, first = np.unique(tile[:, 0] * slot.shape[1] + tile[:, 1], return_index=True)
+        # A ray that has not begun names a tile that it may not need; it says so itself.
+        wanted = [n for n in np.sort(first) if hits.tile[waiting[n]].min() >= 0]
+        for n in wanted[: self.cache.capacity // 2]:
+            self._load(level, *map(int, tile[n]))
+        return len(waiting) > 0
+
+    def _load(self, level: int, j: int, i: int) -> None:
+        surface = self._surface(level)
+        slot, gone, lowest, highest = self.cache.load((level, j, i))
+        if gone:
+            self._surface(gone[0]).slot[gone[1:]] = -1
+        if not (self.lowest <= lowest and highest <= self.highest):
+            raise ValueError(
+                f"heights must lie in [{self.lowest:g}, {self.highest:g}] metre above the "
+                f"ellipsoid, got {lowest:g} to {highest:g}"
+            )
+        surface.slot[j, i], surface.top[j, i] = slot, highest
+
+    def _read(self, level: int, j: int, i: int) -> Singles:
+        """Heights of a tile above the ellipsoid, sea where there are none."""
+        tile = self.terrain.read(level, j, i)
+        window = self.terrain.window(level, j, i)
+        if window is None:
+            return tile
+        part = tile[: window.rows, : window.columns]
+        part[np.isnan(part)] = self.sea
+        if self.geoid is not None:
+            undulation = self.geoid.read(window)
+            if np.isnan(undulation).any():
+                raise ValueError("geoid must cover all of the terrain, but has no value at some")
+            part += undulation
+        return tile
+
+    def _surface(self, level: int) -> Surface:
+        if level not in self._surfaces:
+            grid, cells = self.terrain.grid, self.terrain.shape(level)
+            tiles = tuple(-(-count // CELLS) for count in cells)
+            self._surfaces[level] = Surface(
+                grid.west, grid.north, grid.step_x * (1 << level), grid.step_y * (1 << level),
+                cells[1], cells[0], self.lowest, self.highest, self.cache.heights,
+                self.cache.maxima, self.cache.steepness, np.full(tiles, -1, np.int32),
+                np.full(tiles, self.highest), self.cache.used,
+            )  # fmt: skip
+        return self._surfaces[level]

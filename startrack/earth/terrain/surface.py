@@ -1,0 +1,241 @@
+"""Heights at the vertices of a grid -> the one surface that hits, normals and shadows share.
+
+Between four vertices the height is bilinear in longitude and latitude. A cell with a vertex that
+is not a number is a hole.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.core import finite, positive, whole
+from startrack.earth.terrain.ellipsoid import angle, vertical
+from startrack.earth.terrain.tile import BLOCKS, CELLS, PATCHES, VERTICES, cut, fill
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+FULL_TURN = 2 * math.pi
+SEAM = 1e-6  # of a step, within which a grid closes around the Earth or reaches a pole
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Where the vertices of an array of heights lie: north up, west left, evenly in angle.
+
+    west, north      radian, longitude and latitude of the vertex [0, 0]
+    step_x, step_y   radian, to the next column eastwards and to the next row southwards
+    columns, rows    vertices
+    """
+
+    west: float
+    north: float
+    step_x: float
+    step_y: float
+    columns: int
+    rows: int
+
+    def __post_init__(self) -> None:
+        finite(west=self.west, north=self.north)
+        positive(step_x=self.step_x, step_y=self.step_y)
+        whole(2, 2**31, columns=self.columns, rows=self.rows)
+        if (self.columns - 1) * self.step_x > FULL_TURN * (1 + SEAM):
+            raise ValueError(
+                f"columns must not reach around more than a full turn, got {self.columns} of "
+                f"{math.degrees(self.step_x):g} degree"
+            )
+        if max(self.north, -self.south) > math.pi / 2 + SEAM * self.step_y:
+            raise ValueError(
+                "rows must lie between the poles, got latitudes from "
+                f"{math.degrees(self.south):g} to {math.degrees(self.north):g} degree"
+            )
+
+    @property
+    def south(self) -> float:
+        """Radian, latitude of the last row."""
+        return self.north - (self.rows - 1) * self.step_y
+
+    @property
+    def closed(self) -> bool:
+        """Whether the column after the last one is the first."""
+        return abs(self.columns * self.step_x - FULL_TURN) < SEAM * self.step_x
+
+
+class Surface(NamedTuple):
+    """The surface as the kernels read it: tiles of 512 x 512 cells with the maxima of their blocks.
+
+    A block of level k holds 2**k by 2**k cells; one of level 9 is a tile.
+
+    west, north, step_x, step_y  as in Grid, for the vertex [0, 0] of tile [0, 0]
+    columns, rows                cells
+    lowest, highest              metre, bounds of all heights
+    heights                      (slots, 513, 513) metre, float32
+    maxima                       (slots, 87381) metre, of the blocks of each tile
+    steepness                    (slots, 5461, 2) metre to a column and to a row, of the larger ones
+    slot                         (tiles down, tiles across) of a tile in `heights`, -1 if absent
+    top                          (tiles down, tiles across) metre, bound of each tile
+    used                         (slots,) set to 1 where a tile was read
+    """
+
+    west: float
+    north: float
+    step_x: float
+    step_y: float
+    columns: int
+    rows: int
+    lowest: float
+    highest: float
+    heights: Singles
+    maxima: Singles
+    steepness: Singles
+    slot: NDArray[np.int32]
+    top: Floats
+    used: NDArray[np.uint8]
+
+
+def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
+    """The surface through heights that are all in memory.
+
+    heights  (rows, columns) metre above the ellipsoid; NaN is a hole, through which rays fall
+    Returns  the surface, all its tiles present; it holds its own copy of the heights and takes
+             1.38 times their memory, where they fill its tiles
+    Errors   ValueError where the shape is not that of the grid, where an infinity hides, or all
+             are NaN. numerical: heights are kept in single precision,
+             which rounds by 0.3 mm at most up to 8 km.
+    """
+    if heights.shape != (grid.rows, grid.columns):
+        raise ValueError(
+            f"heights must have the shape of their grid, {(grid.rows, grid.columns)}, "
+            f"got {heights.shape}"
+        )
+    heights, north = close(grid, heights.astype(np.float32, copy=False))
+    rows, columns = heights.shape[0] - 1, heights.shape[1] - 1
+    down, across = -(-rows // CELLS), -(-columns // CELLS)
+    tiles = np.empty((down * across, VERTICES, VERTICES), np.float32)
+    maxima = np.empty((down * across, BLOCKS), np.float32)
+    steepness = np.empty((down * across, PATCHES, 2), np.float32)
+    slot = np.arange(down * across, dtype=np.int32).reshape(down, across)
+    top = np.empty((down, across))
+    lowest = math.inf
+    for (j, i), place in np.ndenumerate(slot):
+        tiles[place] = cut(heights, j, i)
+        low, top[j, i] = fill(tiles[place], maxima[place], steepness[place])
+        lowest = min(lowest, low)
+    highest = float(top.max())
+    if not (math.isfinite(lowest) and math.isfinite(highest)):
+        raise ValueError(
+            f"heights must be finite or NaN, and not all NaN, got {lowest} to {highest}"
+        )
+    return Surface(
+        grid.west, north, grid.step_x, grid.step_y, columns, rows, lowest, highest,
+        tiles, maxima, steepness, slot, top, np.zeros(slot.size, np.uint8),
+    )  # fmt: skip
+
+
+def close(grid: Grid, heights: Singles) -> tuple[Singles, float]:
+    """Add the column that closes the turn and the rows that reach the poles, where they belong.
+
+    Rows of pixel centres end half a step before the pole. The row put beyond it makes the height
+    at the pole the mean of the last row from every side.
+
+    Returns  the heights, and the latitude of their first row in radian
+    """
+    if not grid.closed:
+        return heights, grid.north
+    north = grid.north
+    heights = np.concatenate([heights, heights[:, :1]], axis=1)
+    gap = math.pi / 2 - grid.north
+    if SEAM * grid.step_y < gap < (1 - SEAM) * grid.step_y:
+        heights = np.concatenate([_beyond(heights[:1], gap / grid.step_y), heights])
+        north = grid.north + grid.step_y
+    gap = math.pi / 2 + grid.south
+    if SEAM * grid.step_y < gap < (1 - SEAM) * grid.step_y:
+        heights = np.concatenate([heights, _beyond(heights[-1:], gap / grid.step_y)])
+    return heights, north
+
+
+def _beyond(row: Singles, share: float) -> Singles:
+    mean = row[0, :-1].mean()
+    return ((mean - (1 - share) * row) / share).astype(np.float32)
+
+
+class Lattice(NamedTuple):
+    """Where the lines of a surface's grid run: all that the kernels need but its arrays.
+
+    Numba counts references to arrays whenever it takes them out of a tuple, which would cost more
+    than a ray does; they go beside this one.
+
+    cosine, sine         of the longitude in the middle of the grid
+    middle               columns to there
+    north                radian, of the first row
+    per_column, per_row  columns and rows to a radian
+    turn                 columns around the Earth
+    columns, rows        cells
+    lowest, highest      metre, bounds of all heights
+    """
+
+    cosine: float
+    sine: float
+    middle: float
+    north: float
+    per_column: float
+    per_row: float
+    turn: float
+    columns: int
+    rows: int
+    lowest: float
+    highest: float
+
+
+@njit(cache=True, error_model="numpy")
+def lattice(surface):  # type: ignore[no-untyped-def]
+    """The lines of a surface."""
+    longitude = surface.west + 0.5 * surface.columns * surface.step_x
+    return Lattice(
+        math.cos(longitude), math.sin(longitude), 0.5 * surface.columns, surface.north,
+        1 / surface.step_x, 1 / surface.step_y, FULL_TURN / surface.step_x,
+        surface.columns, surface.rows, surface.lowest, surface.highest,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def locate(lines, x, y, z):  # type: ignore[no-untyped-def]
+    """Where one Earth-fixed point lies over a grid, at most half a turn from its middle.
+
+    Returns  columns and rows from the vertex [0, 0], height, sine and cosine of the latitude,
+             distance from the axis
+    """
+    sine, cosine, height, across = vertical(x, y, z)
+    east = angle(lines.cosine * y - lines.sine * x, lines.cosine * x + lines.sine * y)
+    u = lines.middle + east * lines.per_column
+    v = (lines.north - angle(sine, cosine)) * lines.per_row
+    return u, v, height, sine, cosine, across
+
+
+@njit(cache=True, error_model="numpy")
+def corners(heights, slot, j, i):  # type: ignore[no-untyped-def]
+    """Height = a + b x + c y + d x y within the cell [j, i] of a slot; NaN in a hole."""
+    a = float(heights[slot, j, i])
+    b = float(heights[slot, j, i + 1]) - a
+    c = float(heights[slot, j + 1, i]) - a
+    d = float(heights[slot, j + 1, i + 1]) - a - b - c
+    return a, b, c, d
+
+
+@njit(cache=True, error_model="numpy")
+def covered(surface, place):  # type: ignore[no-untyped-def]
+    """Which places, (n, 3) longitude and latitude in radian and any third, lie over the grid."""
+    out = np.zeros(len(place), np.bool_)
+    turn = FULL_TURN / surface.step_x
+    for n in range(len(place)):
+        u = (place[n, 0] - surface.west) / surface.step_x
+        u -= turn * math.floor((u - 0.5 * surface.columns) / turn + 0.5)
+        v = (surface.north - place[n, 1]) / surface.step_y
+        out[n] = 0 <= u <= surface.columns and 0 <= v <= surface.rows
+    return out

@@ -1,0 +1,85 @@
+"""Rays and ground -> Ground: what each ray sees, how the sun stands there, and what hides it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import GOLDEN_ANGLE, whole
+from startrack.earth.terrain.ground import Ground, Rays, between
+from startrack.earth.terrain.intersector import Intersector, Levels
+from startrack.earth.terrain.level import tangent_height
+
+Floats = NDArray[np.float64]
+
+LIFT = 1e-3  # metre on the way to the light, so that a point does not shade itself
+
+
+def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> Ground:
+    """What rays see of the ground.
+
+    sun       (3,) unit vector towards the sun, Earth-fixed; the sun is taken as a point
+    sky_rays  rays by which each point looks for the sky; 0 asks for none
+    Returns   Ground, its maps empty
+    Errors    ValueError where `sun` is not a unit vector. numerical: that of the intersector; the
+              share of the sky that is seen as in `view_sky`.
+    """
+    whole(0, 2**16, sky_rays=sky_rays)
+    sun = np.asarray(sun, float)
+    if sun.shape != (3,) or not abs(np.linalg.norm(sun) - 1) < 1e-9:
+        raise ValueError(f"sun must be one unit vector, got {sun.tolist()}")
+    hits, level = ground.meet(rays)
+    hit = hits.hit
+    distance = np.where(hit, hits.distance, np.nan)
+    point = rays.origin + distance[:, None] * rays.direction
+    sun_incidence = between(hits.normal, sun)
+    shadow = sun_incidence > np.pi / 2
+    lit = hit & ~shadow
+    shadow[lit] = ground.stops(_towards(point[lit], sun), level[lit], LIFT)
+    sky_view = np.where(hit, 1.0, np.nan)
+    if sky_rays:
+        sky_view[hit] = view_sky(ground, point[hit], hits.normal[hit], level[hit], sky_rays)
+    tangent = np.full(len(rays), np.nan)
+    tangent[~hit] = tangent_height(Rays(rays.origin[~hit], rays.direction[~hit], rays.spread[~hit]))
+    longitude, latitude, height = hits.place.T
+    return Ground(
+        hit, distance, point, longitude, latitude, height, hits.normal,
+        between(hits.normal, -rays.direction), sun_incidence, shadow, sky_view, tangent,
+        np.where(hit, level, -1).astype(np.int8), sun, rays.direction,
+    )  # fmt: skip
+
+
+def view_sky(
+    ground: Intersector, point: Floats, normal: Floats, level: Levels, count: int
+) -> Floats:
+    """Share of the light of a uniform sky that reaches each point.
+
+        V = (1 / pi) Int visible(w) cos(w, normal) dw, over the half space before the slope
+
+    Source: Dozier and Frew (1990), IEEE TGRS 28, 963, eq. (3), which this sums over directions
+    drawn in proportion to the cosine.
+
+    point, normal  (n, 3) metre, unit vectors
+    count          rays
+    Returns        (n,) 1
+    Errors         numerical: rms 0.03, 0.013, 0.005 and 0.002 with 16, 64, 256 and 1024 rays in a
+                   spherical bowl, whose share is known.
+    """
+    seen = np.zeros(len(point))
+    east = np.cross([0.0, 0.0, 1.0], normal)
+    east[np.linalg.norm(east, axis=1) < 1e-9] = [1.0, 0.0, 0.0]
+    east /= np.linalg.norm(east, axis=1, keepdims=True)
+    north = np.cross(normal, east)
+    for k in range(count):
+        radius, angle = np.sqrt((k + 0.5) / count), k * GOLDEN_ANGLE
+        direction = (
+            np.sqrt(1 - radius**2) * normal
+            + radius * np.cos(angle) * east
+            + radius * np.sin(angle) * north
+        )
+        seen += ~ground.stops(Rays(point, direction, np.zeros(len(point))), level, LIFT)
+    return seen / count
+
+
+def _towards(point: Floats, sun: Floats) -> Rays:
+    return Rays(point, np.broadcast_to(sun, point.shape).copy(), np.zeros(len(point)))

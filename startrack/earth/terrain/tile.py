@@ -1,0 +1,180 @@
+"""Heights enter; square tiles of cells leave, with maxima and steepness, cached in memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.core import whole
+
+SIZE = 9  # a tile is a block of level 9
+CELLS = 1 << SIZE  # of a tile, along each side
+VERTICES = CELLS + 1  # neighbours share their outermost vertices
+BLOCKS = (4**SIZE - 1) // 3  # of the levels 1 to 9 in a tile
+PATCH = 3  # the level from which on the steepness of blocks is known
+PATCHES = (4 ** (SIZE + 1 - PATCH) - 1) // 3  # of the levels 3 to 9 in a tile
+
+
+@njit(cache=True, error_model="numpy")
+def block(level, j, i):  # type: ignore[no-untyped-def]
+    """Place of a block within the maxima of its tile: level 1 first, each level row by row."""
+    return ((1 << 2 * SIZE) - (1 << 2 * (SIZE + 1 - level))) // 3 + (j << (SIZE - level)) + i
+
+
+@njit(cache=True, error_model="numpy")
+def patch(level, j, i):  # type: ignore[no-untyped-def]
+    """Place of a block of level 3 or more within the steepness of its tile."""
+    return block(level, j, i) - (BLOCKS - PATCHES)
+
+
+@njit(cache=True, error_model="numpy")
+def fill(tile, maxima, steepness):  # type: ignore[no-untyped-def]
+    """Fill in the maxima and the steepness of a tile, in place; returns its extreme heights.
+
+    NaN, a hole, counts as below all: blocks of holes are never entered; and as infinitely steep.
+
+    tile       (513, 513) metre
+    maxima     (87381,) metre; that of a block covers all vertices of its cells
+    steepness  (5461, 2) metre to a column and to a row, at most, between neighbouring vertices;
+               of the blocks of level 3 and more
+    Returns    lowest and highest height
+    """
+    _fill_steepness(tile, steepness)
+    return _fill_maxima(tile, maxima)
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_steepness(tile, steepness):  # type: ignore[no-untyped-def]
+    along, down = np.empty(CELLS, np.float32), np.empty(VERTICES, np.float32)
+    side = 1 << PATCH
+    for j in range(CELLS >> PATCH):
+        along[:], down[:] = 0, 0
+        for b in range(j * side, j * side + side + 1):
+            _keep_larger(along, tile[b, 1:], tile[b, :-1])
+        for b in range(j * side, j * side + side):
+            _keep_larger(down, tile[b + 1], tile[b])
+        for i in range(CELLS >> PATCH):
+            place = patch(PATCH, j, i)
+            steepness[place, 0] = along[i * side : i * side + side].max()
+            steepness[place, 1] = down[i * side : i * side + side + 1].max()
+    for level in range(PATCH + 1, SIZE + 1):
+        for j in range(CELLS >> level):
+            for i in range(CELLS >> level):
+                place, finer = patch(level, j, i), patch(level - 1, 2 * j, 2 * i)
+                below = finer + (CELLS >> (level - 1))
+                for way in range(2):
+                    steepness[place, way] = max(
+                        max(steepness[finer, way], steepness[finer + 1, way]),
+                        max(steepness[below, way], steepness[below + 1, way]),
+                    )
+
+
+@njit(cache=True, error_model="numpy")
+def _keep_larger(most, one, other):  # type: ignore[no-untyped-def]
+    for i in range(len(most)):
+        change = abs(one[i] - other[i])
+        change = change if change == change else np.float32(np.inf)
+        most[i] = change if change > most[i] else most[i]
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_maxima(tile, maxima):  # type: ignore[no-untyped-def]
+    lowest, highest = math.inf, -math.inf
+    for j in range(CELLS // 2):
+        for i in range(CELLS // 2):
+            most = np.float32(-np.inf)
+            for b in range(2 * j, 2 * j + 3):
+                for a in range(2 * i, 2 * i + 3):
+                    height = tile[b, a]
+                    most = height if height > most else most
+                    lowest = height if height < lowest else lowest
+            maxima[(j << (SIZE - 1)) + i] = most
+            highest = most if most > highest else highest
+    for level in range(2, SIZE + 1):
+        for j in range(CELLS >> level):
+            for i in range(CELLS >> level):
+                finer = block(level - 1, 2 * j, 2 * i)
+                below = finer + (CELLS >> (level - 1))
+                maxima[block(level, j, i)] = max(
+                    max(maxima[finer], maxima[finer + 1]), max(maxima[below], maxima[below + 1])
+                )
+    return lowest, highest
+
+
+def cut(heights: NDArray[np.float32], j: int, i: int) -> NDArray[np.float32]:
+    """One tile of an array, NaN beyond its edges.
+
+    heights  (rows, columns) metre
+    j, i     row and column of the tile
+    Returns  (513, 513)
+    """
+    tile = np.full((VERTICES, VERTICES), np.nan, heights.dtype)
+    part = heights[j * CELLS : j * CELLS + VERTICES, i * CELLS : i * CELLS + VERTICES]
+    tile[: part.shape[0], : part.shape[1]] = part
+    return tile
+
+
+Singles = NDArray[np.float32]
+Key = tuple[int, int, int]  # level, row and column of a tile
+
+
+@dataclass(eq=False)
+class Cache:
+    """Tiles with the maxima and steepness of their blocks; the least recently used makes room.
+
+    read      gives the (513, 513) heights of a tile
+    capacity  tiles
+    """
+
+    read: Callable[[int, int, int], Singles]
+    capacity: int
+    hits: int = 0
+    misses: int = 0
+    touched: set[Key] = field(default_factory=set)
+    heights: Singles = field(init=False)
+    maxima: Singles = field(init=False)
+    steepness: Singles = field(init=False)
+    used: NDArray[np.uint8] = field(init=False)
+    _slots: dict[Key, int] = field(default_factory=dict, init=False)  # the last used is the last
+
+    def __post_init__(self) -> None:
+        whole(2, 2**16, capacity=self.capacity)
+        self.heights = np.empty((self.capacity, VERTICES, VERTICES), np.float32)
+        self.maxima = np.empty((self.capacity, BLOCKS), np.float32)
+        self.steepness = np.empty((self.capacity, PATCHES, 2), np.float32)
+        self.used = np.zeros(self.capacity, np.uint8)
+
+    @property
+    def memory(self) -> int:
+        """Bytes of all tiles."""
+        return self.heights.nbytes + self.maxima.nbytes + self.steepness.nbytes
+
+    def refresh(self) -> None:
+        """Count the tiles that were used since the last call, and remember that they were."""
+        for key in [key for key, slot in self._slots.items() if self.used[slot]]:
+            self._slots[key] = self._slots.pop(key)
+            self.hits += 1
+        self.used[:] = 0
+
+    def load(self, key: Key) -> tuple[int, Key | None, float, float]:
+        """Read a tile that is not there.
+
+        Returns  its slot, the tile that made room, and the tile's lowest and highest height
+        """
+        gone = None
+        if len(self._slots) < self.capacity:
+            slot = len(self._slots)
+        else:
+            gone = next(iter(self._slots))
+            slot = self._slots.pop(gone)
+        self.heights[slot] = self.read(*key)
+        lowest, highest = fill(self.heights[slot], self.maxima[slot], self.steepness[slot])
+        self._slots[key] = slot
+        self.misses += 1
+        self.touched.add(key)
+        return slot, gone, lowest, highest

@@ -1,0 +1,259 @@
+"""Rays and a surface -> where they meet it, and with which normal; or only whether they do."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from startrack.earth.terrain import bundle as of
+from startrack.earth.terrain.bundle import (
+    WIDTH,
+    empty_bundle,
+    lay_all,
+    normal_at,
+    path_of,
+    refine_all,
+    settle,
+)
+from startrack.earth.terrain.ground import Rays
+from startrack.earth.terrain.march import ABSENT, HIT, MISS, march
+from startrack.earth.terrain.surface import FULL_TURN, Surface, corners, lattice, locate
+from startrack.earth.terrain.tile import CELLS, SIZE
+
+Floats = NDArray[np.float64]
+
+
+class Hits(NamedTuple):
+    """Where rays meet a surface; NaN, and infinity as the distance, where they do not.
+
+    status    (n,) MISS, HIT, or ABSENT: the ray waits at `distance` for the tile `tile`
+    distance  (n,) metre
+    place     (n, 3) longitude and latitude in radian, height in metre
+    normal    (n, 3) unit vectors
+    tile      (n, 2) row and column of the absent tile; -1 before the ray has begun
+    """
+
+    @property
+    def hit(self) -> NDArray[np.bool_]:
+        """Which rays meet the surface."""
+        return self.status == HIT
+
+    def put(self, choice: NDArray[np.intp] | NDArray[np.bool_], other: Hits) -> None:
+        """Take the rays of `choice` from other hits, in their order."""
+        self.status[choice], self.distance[choice] = other.status, other.distance
+        self.place[choice], self.normal[choice] = other.place, other.normal
+        self.tile[choice] = other.tile
+
+    def of(self, choice: NDArray[np.intp] | NDArray[np.bool_]) -> Hits:
+        """The hits of some rays."""
+        return Hits(
+            self.status[choice],
+            self.distance[choice],
+            self.place[choice],
+            self.normal[choice],
+            self.tile[choice],
+        )
+
+    status: NDArray[np.uint8]
+    distance: Floats
+    place: Floats
+    normal: Floats
+    tile: NDArray[np.int32]
+
+
+def trace(surface: Surface, rays: Rays) -> Hits:
+    """Find the nearest point at which each ray meets a surface that is in memory.
+
+    The ray is straight; the surface is bilinear in longitude and latitude above WGS84. A ray that
+    begins under the surface, or comes under it from its side or out of a hole, ends there.
+
+    Errors   numerical: 1e-8 m of the exact intersection, in the middle 1e-9 m; a ray that grazes
+             a ridge within 1e-6 m may be judged on the wrong side. Nothing is ABSENT
+             where all tiles are in memory.
+    """
+    hits = waiting(len(rays), 0.0)
+    go_on(surface, rays.origin, rays.direction, *hits)
+    return hits
+
+
+def waiting(count: int, start: float) -> Hits:
+    """Hits of rays that have not begun, to be filled in by `go_on`; `start` in metres."""
+    return Hits(
+        np.full(count, ABSENT, np.uint8),
+        np.full(count, start),
+        np.empty((count, 3)),
+        np.empty((count, 3)),
+        np.full((count, 2), -1, np.int32),
+    )
+
+
+def no_hits(count: int) -> Hits:
+    """Hits of rays that meet nothing."""
+    nothing = np.full((count, 3), np.nan)
+    return Hits(
+        np.zeros(count, np.uint8),
+        np.full(count, np.inf),
+        nothing,
+        nothing.copy(),
+        np.full((count, 2), -1, np.int32),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def go_on(surface, origin, direction, status, distance, place, normal, tile):  # type: ignore[no-untyped-def]
+    """Follow the rays whose status is ABSENT, from where they are, until they end or wait again."""
+    lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
+    n = 0
+    while n < len(origin):
+        n, count = _gather(bundle, who, n, origin, direction, status, distance)
+        lay_all(bundle, lines, True)
+        _march_all(surface, lines, bundle, who, count, True, status, distance, tile)
+        refine_all(bundle, lines)
+        _tell_all(surface, lines, bundle, who, count, status, distance, place, normal)
+
+
+@njit(cache=True, error_model="numpy")
+def ask_on(surface, origin, direction, status, distance, tile):  # type: ignore[no-untyped-def]
+    """As `go_on`, but without finding the points."""
+    lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
+    n = 0
+    while n < len(origin):
+        n, count = _gather(bundle, who, n, origin, direction, status, distance)
+        lay_all(bundle, lines, False)
+        _march_all(surface, lines, bundle, who, count, False, status, distance, tile)
+
+
+@njit(cache=True, error_model="numpy")
+def _gather(bundle, who, n, origin, direction, status, distance):  # type: ignore[no-untyped-def]
+    """Fill a bundle with waiting rays from number n on; returns where to go on, and how many."""
+    count = 0
+    while n < len(origin) and count < WIDTH:
+        if status[n] == ABSENT:
+            who[count] = n
+            bundle[of.OX + count] = origin[n, 0]
+            bundle[of.OY + count] = origin[n, 1]
+            bundle[of.OZ + count] = origin[n, 2]
+            bundle[of.DX + count] = direction[n, 0]
+            bundle[of.DY + count] = direction[n, 1]
+            bundle[of.DZ + count] = direction[n, 2]
+            bundle[of.START + count] = distance[n]
+            count += 1
+        n += 1
+    return n, count
+
+
+@njit(cache=True, error_model="numpy")
+def _march_all(surface, lines, bundle, who, count, exact, status, distance, tile):  # type: ignore[no-untyped-def]
+    """Follow the rays of a bundle to a cell each, whose corners are put in the path's place."""
+    heights, maxima, steepness = surface.heights, surface.maxima, surface.steepness
+    top, slots, used = surface.top, surface.slot, surface.used
+    for k in range(count):
+        n = who[k]
+        begin, end = bundle[of.BEGIN + k], bundle[of.END + k]
+        if not begin < end:
+            status[n], distance[n] = MISS, math.inf
+            continue
+        found, low, high, guess, j, i = march(
+            lines, heights, maxima, steepness, top, slots, used,
+            bundle[of.OX + k], bundle[of.OY + k], bundle[of.OZ + k],
+            bundle[of.DX + k], bundle[of.DY + k], bundle[of.DZ + k],
+            begin, end, bundle[of.MIDDLE + k], bundle[of.HALF + k], bundle[of.MARGIN + k],
+            path_of(bundle, k), exact,
+        )  # fmt: skip
+        status[n], distance[n] = found, guess
+        if found == ABSENT:
+            tile[n, 0], tile[n, 1] = j, i
+        elif found == HIT and exact:
+            bundle[of.GUESS + k], bundle[of.LOW + k], bundle[of.HIGH + k] = guess, low, high
+            bundle[of.COLUMN + k], bundle[of.ROW + k] = i, j
+            a, b, c, d = corners(
+                heights, slots[j >> SIZE, i >> SIZE], j & (CELLS - 1), i & (CELLS - 1)
+            )
+            bundle[of.A + k] = a if low < high else math.nan  # met from the side, not from above
+            bundle[of.B + k], bundle[of.C + k], bundle[of.D + k] = b, c, d
+
+
+@njit(cache=True, error_model="numpy")
+def _tell_all(surface, lines, bundle, who, count, status, distance, place, normal):  # type: ignore[no-untyped-def]
+    """Give each ray that hit its point and normal; where they were not found, seek on."""
+    for k in range(count):
+        n = who[k]
+        if status[n] == MISS:
+            place[n, :] = math.nan
+            normal[n, :] = math.nan
+        if status[n] != HIT:
+            continue
+        if not np.isnan(bundle[of.FOUND + k]):
+            distance[n] = bundle[of.FOUND + k]
+            _put_place(surface, bundle[of.U + k], bundle[of.V + k], place, n)
+            place[n, 2] = bundle[of.HEIGHT + k]
+            normal[n, 0] = bundle[of.NX + k]
+            normal[n, 1] = bundle[of.NY + k]
+            normal[n, 2] = bundle[of.NZ + k]
+            continue
+        j, i = int(bundle[of.ROW + k]), int(bundle[of.COLUMN + k])
+        ox, oy, oz = bundle[of.OX + k], bundle[of.OY + k], bundle[of.OZ + k]
+        dx, dy, dz = bundle[of.DX + k], bundle[of.DY + k], bundle[of.DZ + k]
+        s, u, v, height, sine, cosine = settle(
+            lines, surface.heights, surface.slot[j >> SIZE, i >> SIZE], j, i,
+            ox, oy, oz, dx, dy, dz,
+            bundle[of.LOW + k], bundle[of.HIGH + k], bundle[of.GUESS + k],
+        )  # fmt: skip
+        distance[n] = s
+        _describe(
+            surface, lines, j >> SIZE, i >> SIZE, ox + s * dx, oy + s * dy, u, v, height, sine,
+            cosine, place, normal, n,
+        )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _put_place(surface, u, v, place, n):  # type: ignore[no-untyped-def]
+    longitude = surface.west + u * surface.step_x
+    place[n, 0] = longitude - FULL_TURN * math.floor(longitude / FULL_TURN + 0.5)
+    place[n, 1] = surface.north - v * surface.step_y
+
+
+@njit(cache=True, error_model="numpy")
+def _describe(  # type: ignore[no-untyped-def]
+    surface, lines, tile_j, tile_i, x, y, u, v, height, sine, cosine, place, normal, n
+):
+    """Geodetic place of a point of the surface in a tile, and the surface's normal there."""
+    _put_place(surface, u, v, place, n)
+    place[n, 2] = height
+    west, north = tile_i << SIZE, tile_j << SIZE
+    u -= lines.turn * math.floor((u - west - 0.5 * CELLS) / lines.turn + 0.5)
+    u, v = u - west, v - north
+    i = min(max(math.floor(u), 0), min(CELLS, surface.columns - west) - 1)
+    j = min(max(math.floor(v), 0), min(CELLS, surface.rows - north) - 1)
+    _, b, c, d = corners(surface.heights, surface.slot[tile_j, tile_i], j, i)
+    normal[n, 0], normal[n, 1], normal[n, 2] = normal_at(
+        lines, x, y, height, sine, cosine, b + d * (v - j), c + d * (u - i)
+    )
+
+
+def blocked(surface: Surface, rays: Rays, start: float) -> NDArray[np.bool_]:
+    """Whether each ray meets a surface in memory at all, beyond the distance `start` in metres."""
+    hits = waiting(len(rays), start)
+    ask_on(surface, rays.origin, rays.direction, hits.status, hits.distance, hits.tile)
+    return hits.hit
+
+
+@njit(cache=True, error_model="numpy")
+def describe_all(surface, point, choice, place, normal):  # type: ignore[no-untyped-def]
+    """Place and normal of (n, 3) points on a surface in memory, where `choice` says so."""
+    lines = lattice(surface)
+    for n in range(len(point)):
+        if not choice[n]:
+            continue
+        x, y, z = point[n]
+        u, v, height, sine, cosine, _ = locate(lines, x, y, z)
+        i = min(max(math.floor(u), 0), surface.columns - 1)
+        j = min(max(math.floor(v), 0), surface.rows - 1)
+        _describe(
+            surface, lines, j >> SIZE, i >> SIZE, x, y, u, v, height, sine, cosine,
+            place, normal, n,
+        )  # fmt: skip

@@ -1,0 +1,143 @@
+"""Image files to frames, and frames to FITS with their WCS and their truth."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Camera, Frame, Stars
+from startrack.io.saving import whole
+from startrack.io.wcs import camera_to_wcs
+
+FITS = {".fits", ".fit", ".fts"}
+
+
+def read_image(path: Path) -> Frame:
+    """Read a FITS, TIFF, PNG or JPEG file as one frame.
+
+    Of a colour image the largest of the three channels is taken, because a star is bright in
+    at least one. What the file does not say of its detector stays NaN.
+
+    Errors  ValueError, in one sentence with the path, where the file is missing, empty, cut,
+            no image, or holds no finite number.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"{path} must be a file, but there is none")
+    if path.stat().st_size == 0:
+        raise ValueError(f"{path} must hold an image, but it is empty")
+    is_fits = bool(FITS & {suffix.lower() for suffix in path.suffixes})
+    frame = _read_fits(path) if is_fits else Frame(_read_picture(path))
+    if frame.image.size == 0 or not np.isfinite(frame.image).any():
+        raise ValueError(f"{path} must hold finite pixel values, but it has none")
+    return frame
+
+
+def write_fits(
+    path: Path,
+    frame: Frame,
+    camera: Camera | None,
+    icrs_to_camera: Rotation,
+    stars: Stars | None = None,
+    history: str = "",
+) -> None:
+    """Save a frame with the WCS of its true attitude, and its stars as the table TRUTH.
+
+    An image without a camera, such as that of lines that scan, gets neither.
+
+    Pixel columns of the table count from (0, 0); the WCS, as FITS asks, from (1, 1).
+    """
+    from astropy.io import fits
+
+    header = camera_to_wcs(camera, icrs_to_camera).to_header(relax=True) if camera else None
+    primary = fits.PrimaryHDU(frame.image, header)
+    cards = primary.header
+    quaternion = icrs_to_camera.as_quat(canonical=True)
+    for axis, value in zip("XYZW", quaternion, strict=True):
+        cards[f"QUAT_{axis}"] = (float(value), "ICRS to camera, scalar last")
+    numbers = {
+        "EXPTIME": (frame.exposure, "[s] exposure"),
+        "GAIN": (frame.electrons_per_dn, "[electron/DN]"),
+        "RDNOISE": (frame.read_noise, "[electron] rms"),
+        "PEDESTAL": (frame.offset, "[DN] of an empty pixel"),
+    }
+    for name, (number, comment) in numbers.items():
+        if np.isfinite(number):
+            cards[name] = (number, comment)
+    for line in history.splitlines():
+        cards["HISTORY"] = line
+    tables = [_truth(camera, icrs_to_camera, stars)] if camera and stars else []
+    with whole(path) as draft:
+        fits.HDUList([primary, *tables]).writeto(draft, checksum=True)
+
+
+def _truth(camera: Camera, icrs_to_camera: Rotation, stars: Stars):  # type: ignore[no-untyped-def]
+    from astropy.io import fits
+
+    pixel = camera.project(icrs_to_camera.apply(stars.direction))
+    inside = camera.holds(pixel)
+    stars, (x, y) = stars[inside], pixel[inside].T
+    ra = np.degrees(np.arctan2(stars.direction[:, 1], stars.direction[:, 0])) % 360
+    dec = np.degrees(np.arcsin(np.clip(stars.direction[:, 2], -1, 1)))
+    columns = [
+        fits.Column("IDENTIFIER", "K", array=stars.identifier),
+        fits.Column("X", "D", unit="pixel", array=x),
+        fits.Column("Y", "D", unit="pixel", array=y),
+        fits.Column("RA", "D", unit="deg", array=ra),
+        fits.Column("DEC", "D", unit="deg", array=dec),
+        fits.Column("G", "D", unit="mag", array=stars.magnitude_g),
+        fits.Column("BP_RP", "D", unit="mag", array=stars.colour),
+    ]
+    return fits.BinTableHDU.from_columns(columns, name="TRUTH")
+
+
+def _read_fits(path: Path) -> Frame:
+    from astropy.io import fits
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a cut file is only a warning to astropy
+            # From memory: astropy leaves a cut file open when it gives up.
+            with fits.open(io.BytesIO(path.read_bytes())) as units:
+                image, header = next(
+                    (np.asarray(unit.data), unit.header)
+                    for unit in units
+                    if unit.is_image and unit.header.get("NAXIS", 0) >= 2
+                )
+    except StopIteration:
+        raise ValueError(f"{path} must hold an image of two axes, but it has none") from None
+    except (OSError, ValueError, TypeError, Warning) as error:
+        raise ValueError(f"{path} must be a whole FITS file: {error}") from None
+    image = np.squeeze(image)
+    if image.ndim == 3:
+        image = image.max(axis=0)
+    if image.ndim != 2:
+        raise ValueError(f"{path} must hold an image of two axes, got shape {image.shape}")
+    return Frame(
+        image.astype(image.dtype.newbyteorder("=")),
+        _number(header, "EXPTIME"),
+        _number(header, "GAIN"),
+        _number(header, "PEDESTAL", 0.0),
+        _number(header, "RDNOISE"),
+    )
+
+
+def _number(header, key: str, otherwise: float = float("nan")) -> float:  # type: ignore[no-untyped-def]
+    value = header.get(key, otherwise)
+    return float(value) if isinstance(value, int | float) else otherwise
+
+
+def _read_picture(path: Path) -> np.ndarray:
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    except (OSError, cv2.error) as error:
+        raise ValueError(f"{path} must be readable as an image: {error}") from None
+    if image is None:
+        raise ValueError(f"{path} must be a whole FITS, TIFF, PNG or JPEG image")
+    return image if image.ndim == 2 else image[:, :, :3].max(axis=2)

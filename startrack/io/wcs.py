@@ -1,0 +1,107 @@
+"""Camera and attitude as a FITS world coordinate system, and back to pixels by any reader."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Camera
+
+if TYPE_CHECKING:
+    from astropy.wcs import WCS
+
+SIP_ORDERS = (3, 5, 7, 9)
+SIP_TOLERANCE = 5e-4  # pixel
+
+
+def camera_to_wcs(camera: Camera, icrs_to_camera: Rotation) -> WCS:
+    """The gnomonic (TAN) WCS of a frame; distortion goes into SIP polynomials.
+
+    A pinhole is a gnomonic projection, so that without distortion the two are the same to
+    rounding. FITS counts pixels from one; astropy's 0-based calls take that away again.
+
+    Errors  ValueError where no polynomial of order 9 follows the distortion within 5e-4 pixel.
+    """
+    from astropy.wcs import WCS, Sip
+
+    east_north, (ra, dec) = _tangent(icrs_to_camera)
+    wcs = WCS(naxis=2)
+    wcs.wcs.crpix = np.add(camera.centre, 1)
+    wcs.wcs.crval = [ra, dec]
+    wcs.wcs.cunit = ["deg", "deg"]
+    wcs.wcs.cd = np.degrees(east_north) / camera.focal_length_px
+    wcs.wcs.radesys = "ICRS"
+    kind = "-SIP" if camera.distorted else ""
+    wcs.wcs.ctype = [f"RA---TAN{kind}", f"DEC--TAN{kind}"]
+    if camera.distorted:
+        forward, inverse = _sip(camera)
+        wcs.sip = Sip(*forward, *inverse, wcs.wcs.crpix)
+    wcs.wcs.set()
+    return wcs
+
+
+def celestial(icrs_to_camera: Rotation) -> tuple[float, float, float]:
+    """Right ascension and declination of the boresight, and roll, in degree.
+
+    Roll is the angle from the image's up (-y) to celestial north, counter-clockwise.
+    """
+    east_north, (ra, dec) = _tangent(icrs_to_camera)
+    north_x, north_y = east_north[1]
+    return ra, dec, float(np.degrees(np.arctan2(-north_x, -north_y)) % 360)
+
+
+def pointing(ra: float, dec: float, roll: float) -> Rotation:
+    """The attitude icrs_to_camera of angles in degree as `celestial` gives them."""
+    ra_, dec_ = np.radians(ra), np.radians(dec)
+    boresight = np.array([np.cos(dec_) * np.cos(ra_), np.cos(dec_) * np.sin(ra_), np.sin(dec_)])
+    east = np.array([-np.sin(ra_), np.cos(ra_), 0.0])
+    north = np.cross(boresight, east)
+    c, s = np.cos(np.radians(roll)), np.sin(np.radians(roll))
+    return Rotation.from_matrix([-c * east - s * north, s * east - c * north, boresight])
+
+
+def _tangent(icrs_to_camera: Rotation) -> tuple[np.ndarray, tuple[float, float]]:
+    """East and north at the boresight as rows over camera (x, y), and its RA and Dec in degree."""
+    axes = icrs_to_camera.as_matrix()
+    boresight = axes[2]
+    ra = np.arctan2(boresight[1], boresight[0]) % (2 * np.pi)
+    dec = np.arctan2(boresight[2], np.hypot(boresight[0], boresight[1]))
+    east = np.array([-np.sin(ra), np.cos(ra), 0.0])
+    north = np.cross(boresight, east)
+    rows = np.array([east, north]) @ axes[:2].T
+    return rows, (float(np.degrees(ra)), float(np.degrees(dec)))
+
+
+def _sip(camera: Camera) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Polynomials (A, B) from distorted to plain offsets, and (AP, BP) back."""
+    x, y = np.meshgrid(
+        np.linspace(-0.5, camera.columns - 0.5, 41), np.linspace(-0.5, camera.rows - 0.5, 41)
+    )
+    seen = np.column_stack([x.ravel(), y.ravel()])
+    direction = camera.unproject(seen)
+    seen = seen - camera.centre
+    plain = direction[:, :2] / direction[:, 2:] * camera.focal_length_px
+    return _fit(seen, plain), _fit(plain, seen)
+
+
+def _fit(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    scale = np.abs(source).max()
+    u, v = (source / scale).T
+    for order in SIP_ORDERS:
+        powers = [(p, q) for p in range(order + 1) for q in range(order + 1 - p) if p + q > 0]
+        terms = np.column_stack([u**p * v**q for p, q in powers])
+        solution, *_ = np.linalg.lstsq(terms, target - source, rcond=None)
+        worst = np.abs(terms @ solution - (target - source)).max()
+        if worst < SIP_TOLERANCE:
+            break
+    else:
+        raise ValueError(
+            f"the distortion must follow a polynomial of order {SIP_ORDERS[-1]} within "
+            f"{SIP_TOLERANCE} pixel to be written to FITS, it is off by {worst:.2g} pixel"
+        )
+    result = np.zeros((2, order + 1, order + 1))
+    for (p, q), pair in zip(powers, solution, strict=True):
+        result[:, p, q] = pair / scale ** (p + q)
+    return result[0], result[1]

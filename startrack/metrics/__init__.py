@@ -1,0 +1,45 @@
+"""The estimate against the truth: outcomes, statistics, confidence levels, bounds.
+
+bounds   Cramer-Rao bounds of centroid and attitude, and the error of the centre of gravity.
+judge    Estimate and true attitude -> Outcome of one trial.
+summary  Many outcomes -> rms errors and availability, each with its interval.
+levels   Errors of many trials and times -> the size not exceeded at a stated confidence.
+indices  A sequence of errors -> the indices of ECSS-E-ST-60-10C.
+"""
+
+from startrack.metrics.bounds import Star, attitude_bound, centre_of_gravity_error, centroid_bound
+from startrack.metrics.indices import Indices, indices, reproducibility
+from startrack.metrics.judge import FALSE_ANGLE, JUDGED, Outcome, judge, judge_all
+from startrack.metrics.levels import (
+    LEVELS,
+    Interpretation,
+    fewest_trials,
+    level,
+    level_interval,
+    levels,
+)
+from startrack.metrics.summary import Interval, Summary, rms_interval, share_interval, summarise
+
+# Public; the other imports serve other rooms.
+__all__ = [
+    "LEVELS",
+    "Indices",
+    "Interpretation",
+    "Interval",
+    "Outcome",
+    "Star",
+    "Summary",
+    "attitude_bound",
+    "centre_of_gravity_error",
+    "centroid_bound",
+    "fewest_trials",
+    "indices",
+    "judge",
+    "level",
+    "level_interval",
+    "levels",
+    "reproducibility",
+    "rms_interval",
+    "share_interval",
+    "summarise",
+]

@@ -1,0 +1,169 @@
+"""Cramer-Rao bounds of centroid and attitude, and the error of the centre of gravity."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from startrack.core import non_negative, positive, whole
+
+Floats = NDArray[np.float64]
+
+PHASES = 8  # sub-pixel positions per axis that the mean is taken over
+REACH = 6.0  # sigma, to where a star is followed
+
+
+@dataclass(frozen=True)
+class Star:
+    """A Gaussian star on pixels, and the noise around it.
+
+    flux        electron
+    sigma       pixel, of the Gaussian before the pixels integrate it
+    background  electron per pixel, sky, dark and stray light
+    read_noise  electron rms
+    smear       pixel, length over which an even motion along the columns draws the star
+    """
+
+    flux: float
+    sigma: float
+    background: float = 0.0
+    read_noise: float = 0.0
+    smear: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive(flux=self.flux, sigma=self.sigma)
+        non_negative(background=self.background, read_noise=self.read_noise, smear=self.smear)
+
+
+def centroid_bound(star: Star) -> tuple[float, float]:
+    """Least standard deviation of an unbiased centroid, along and across the smear.
+
+        J = sum_pixels (d mu / d p) (d mu / d p)^T / (mu + read_noise^2),   sigma^2 >= (J^-1)_xx
+
+    for p = position and flux, mu the mean of a pixel; root mean square over sub-pixel positions.
+    Source: Winick (1986), J. Opt. Soc. Am. A 3(11), 1809, with read noise added as variance.
+
+    Returns  pixel, (x, y)
+    Errors   model: read noise as if it were Poisson's; for 30 electrons and a read noise of one
+             electron the exact bound is 1.4 % lower, above 300 electrons less than 0.2 %.
+             numerical: 1e-3, from 8 x 8 sub-pixel positions, above sigma = 0.35 pixel.
+    """
+    reach = math.ceil(REACH * star.sigma + star.smear / 2) + 2
+    total = np.zeros(2)
+    phases = (np.arange(PHASES) + 0.5) / PHASES - 0.5
+    across = [_profile(phase, star.sigma, 0.0, reach) for phase in phases]
+    along = [_profile(phase, star.sigma, star.smear, reach) for phase in phases]
+    for share_x, slope_x in along:
+        for share_y, slope_y in across:
+            shares = np.outer(share_y, share_x)
+            mean = star.flux * shares + star.background + star.read_noise**2
+            slopes = np.array(
+                [
+                    star.flux * np.outer(share_y, slope_x),
+                    star.flux * np.outer(slope_y, share_x),
+                    shares,
+                ]
+            ).reshape(3, -1)
+            # Pixels that nothing reaches hold no information.
+            weight = np.divide(1, mean, out=np.zeros_like(mean), where=mean > 1e-200).ravel()
+            total += np.diag(np.linalg.inv((slopes * weight) @ slopes.T))[:2]
+    x, y = np.sqrt(total / PHASES**2).tolist()
+    return x, y
+
+
+def centre_of_gravity_error(star: Star, window: int) -> tuple[float, float]:
+    """Noise and S-curve of the centre of gravity in a window on the star's pixel, background known.
+
+        x = sum k s_k / sum s_k,   var x = sum (k - x)^2 var s_k / (sum s_k)^2
+
+    window   pixel, odd width of the square window
+    Returns  pixel, root mean square over sub-pixel positions, along x: of noise, of bias
+    Errors   ValueError where the window is not odd.
+             model: noise to first order; more than 5 % low where sum s_k is under 5 times its
+             own noise. No smear.
+    """
+    if window < 1 or window % 2 == 0:
+        raise ValueError(f"window must be odd and positive, got {window}")
+    pixel = np.arange(window) - window // 2
+    phases = (np.arange(4 * PHASES) + 0.5) / (4 * PHASES) - 0.5
+    noise = bias = 0.0
+    for x in phases:
+        share_x = _profile(x, star.sigma, 0.0, window // 2)[0]
+        seen = float((pixel * share_x).sum() / share_x.sum())
+        bias += (seen - x) ** 2
+        for y in phases[::4]:
+            share = np.outer(_profile(y, star.sigma, 0.0, window // 2)[0], share_x)
+            variance = star.flux * share + star.background + star.read_noise**2
+            arms = (pixel - seen) ** 2 * variance
+            noise += float(arms.sum()) / float(star.flux * share.sum()) ** 2
+    return math.sqrt(noise / len(phases) / len(phases[::4])), math.sqrt(bias / len(phases))
+
+
+def _profile(centre: float, sigma: float, smear: float, reach: int) -> tuple[Floats, Floats]:
+    """Share of a line's light in each pixel from -reach to reach, and its slope by the centre."""
+    edge = np.asarray(np.arange(-reach, reach + 2) - 0.5 - centre, np.float64)
+    if smear == 0:
+        below, density = ndtr(edge / sigma), _normal(edge / sigma) / sigma
+    else:  # the mean over the smear, in closed form
+        late, early = (edge + smear / 2) / sigma, (edge - smear / 2) / sigma
+        below = sigma / smear * (_integral(late) - _integral(early))
+        density = (ndtr(late) - ndtr(early)) / smear
+    return np.diff(below), -np.diff(density)
+
+
+def _normal(z: Floats) -> Floats:
+    return np.exp(-z * z / 2) / math.sqrt(2 * math.pi)
+
+
+def _integral(z: Floats) -> Floats:
+    """Integral of the normal distribution function up to z."""
+    return np.asarray(z * ndtr(z) + _normal(z))
+
+
+NODES = 24  # of the quadrature over the field
+
+
+def attitude_bound(
+    fov_x: float, fov_y: float, stars: int, sigma: float
+) -> tuple[float, float, float]:
+    """Expected attitude error of a rectangular field with stars spread evenly over the sky.
+
+        var_z = sigma^2 (1 + r) / ((N - 1) (v_x + v_y)),   r = the scatter of the stars' moment
+        var_x = sigma^2 / (N (1 - m_x)) + var_z v_x / N,   m = <p^2>, v = m over the field
+
+    The information about the roll is the stars' moment about their own middle; the boresight is
+    off that middle, so that the roll shows in it. From the information of each direction p,
+    (I - p p^T) / sigma^2, and the expectation of its inverse to second order in 1 / N.
+
+    fov_x, fov_y  radian, edge to edge, along columns and rows
+    stars         at least 3
+    sigma         radian per axis, centroid error; of unequal ones sqrt(1 / mean(1 / sigma^2))
+    Returns       radian, root mean square about the camera's x, y and z axes
+    Errors        ValueError where a field does not lie in (0, pi) or there are fewer than 3 stars.
+                  model: the series in 1 / N is low by 4 % at 4 stars, 1.5 % at 5, 0.5 % at 10.
+    """
+    for name, field in (("fov_x", fov_x), ("fov_y", fov_y)):
+        if not 0 < field < math.pi:
+            raise ValueError(f"{name} must lie in (0, pi) radian, got {field}")
+    whole(3, 10**6, stars=stars)
+    positive(sigma=sigma)
+    node, weight = np.polynomial.legendre.leggauss(NODES)
+    x, y = np.meshgrid(node * math.tan(fov_x / 2), node * math.tan(fov_y / 2))
+    square = 1 + x * x + y * y
+    share = np.outer(weight, weight) * square**-1.5  # of the sky, per area of the plane
+    share /= share.sum()
+    along_x, along_y = x * x / square, y * y / square
+    m_x, m_y = float((share * along_x).sum()), float((share * along_y).sum())
+    scatter = 0.0
+    for along, m in ((along_x, m_x), (along_y, m_y)):
+        fourth = float((share * along**2).sum())
+        scatter += fourth / stars - m * m * (stars - 3) / (stars * (stars - 1))
+    roll = sigma**2 * (1 + scatter / (m_x + m_y) ** 2) / ((stars - 1) * (m_x + m_y))
+    # A turn about x moves stars by sqrt(1 - p_x^2), and the roll moves their middle along y.
+    across_x = sigma**2 / (stars * (1 - m_x)) + roll * m_x / stars
+    across_y = sigma**2 / (stars * (1 - m_y)) + roll * m_y / stars
+    return math.sqrt(across_x), math.sqrt(across_y), math.sqrt(roll)

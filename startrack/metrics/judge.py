@@ -1,0 +1,86 @@
+"""Estimate and true attitude -> Outcome of one trial."""
+
+from __future__ import annotations
+
+import typing
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Estimate, Status, deg
+
+FALSE_ANGLE = 0.5 * deg  # an attitude farther off than this is not noisy but wrong
+
+
+class Outcome(NamedTuple):
+    """What one trial showed; angles in radian, in the camera's axes, NaN where unsolved.
+
+    error_x, error_y  about the axes along columns and rows: across the boresight
+    error_z           about the boresight
+    sigma_x, _y, _z   what the tracker itself states
+    nees              normalised estimation error squared, 3 on average where the tracker is right
+    stars             matched stars
+    spots             detected spots
+    solved            whether there is an attitude
+    false             whether that attitude is wrong by more than half a degree
+    """
+
+    error_x: float
+    error_y: float
+    error_z: float
+    sigma_x: float
+    sigma_y: float
+    sigma_z: float
+    nees: float
+    stars: int
+    spots: int
+    solved: bool
+    false: bool
+
+
+JUDGED = np.dtype(list(typing.get_type_hints(Outcome).items()))
+
+
+def judge(estimate: Estimate, truth: Rotation, spots: int) -> Outcome:
+    """Compare with the true attitude at the middle of the exposure.
+
+    error = rotation vector of estimate * truth^-1, in camera axes
+    """
+    if estimate.status is not Status.SOLVED or estimate.icrs_to_camera is None:
+        n = float("nan")
+        return Outcome(n, n, n, n, n, n, n, estimate.stars, spots, False, False)
+    error = (estimate.icrs_to_camera * truth.inv()).as_rotvec()
+    x, y, z = error.tolist()
+    sigma_x, sigma_y, sigma_z = np.sqrt(np.diag(estimate.covariance)).tolist()
+    nees = float(error @ np.linalg.solve(estimate.covariance, error))
+    false = bool(np.linalg.norm(error) > FALSE_ANGLE)
+    return Outcome(x, y, z, sigma_x, sigma_y, sigma_z, nees, estimate.stars, spots, True, false)
+
+
+def judge_all(
+    estimate: Rotation,
+    covariance: NDArray[np.float64],
+    truth: Rotation,
+    stars: NDArray[np.int64],
+    spots: NDArray[np.int64],
+    solved: NDArray[np.bool_],
+) -> NDArray[np.void]:
+    """`judge` of many trials.
+
+    estimate, truth  m rotations each
+    covariance       (m, 3, 3) radian^2; that of what is not solved does not matter
+    Returns          (m,) structured array with the fields of `Outcome`
+    """
+    judged = np.zeros(len(stars), JUDGED)
+    error = np.where(solved[:, None], (estimate * truth.inv()).as_rotvec(), np.nan)
+    known = np.where(solved[:, None, None], covariance, np.eye(3))
+    sigma = np.sqrt(np.diagonal(known, axis1=1, axis2=2))
+    for k, axis in enumerate("xyz"):
+        judged[f"error_{axis}"] = error[:, k]
+        judged[f"sigma_{axis}"] = np.where(solved, sigma[:, k], np.nan)
+    judged["nees"] = np.einsum("ni,ni->n", error, np.linalg.solve(known, error[..., None])[..., 0])
+    judged["stars"], judged["spots"], judged["solved"] = stars, spots, solved
+    judged["false"] = np.linalg.norm(error, axis=1) > FALSE_ANGLE
+    return judged

@@ -1,0 +1,102 @@
+"""Errors of many trials and times -> the size not exceeded at a stated confidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import StrEnum
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from startrack.metrics.summary import Interval
+
+Floats = NDArray[np.float64]
+
+# What specifications ask for: 1, 2 and 3 sigma of a normal error.
+LEVELS: tuple[float, ...] = (0.68, 0.9545, 0.9973)
+
+
+class Interpretation(StrEnum):
+    """What a level is a share of (ECSS-E-ST-60-10C, 4.2.1).
+
+    temporal  of the time, for the worst member of the ensemble
+    ensemble  of the ensemble, at the worst time
+    mixed     of both at random
+    """
+
+    TEMPORAL = "temporal"
+    ENSEMBLE = "ensemble"
+    MIXED = "mixed"
+
+
+def level(error: Floats, share: float, interpretation: Interpretation) -> float:
+    """Size of the error that is not exceeded in a share of the cases.
+
+    error    (members, times) of one axis
+    share    in (0, 1)
+    Returns  in the error's unit
+    Errors   ValueError where the share is not in (0, 1) or there is no error.
+             statistical: the worst of few members or times underestimates; `level_interval`
+             gives the uncertainty of the mixed interpretation.
+    """
+    size = _sizes(error, share)
+    if interpretation is Interpretation.TEMPORAL:
+        return float(np.quantile(size, share, axis=1).max())
+    if interpretation is Interpretation.ENSEMBLE:
+        return float(np.quantile(size, share, axis=0).max())
+    return float(np.quantile(size, share))
+
+
+def level_interval(error: Floats, share: float, confidence: float = 0.95) -> Interval:
+    """Level of independent errors with an interval that holds whatever their law.
+
+    The number of n errors below the true level is binomial; so two of the sorted errors bound it.
+    Source: Conover (1999), Practical Nonparametric Statistics, 3.2.
+
+    error       (n,) independent errors of one axis
+    share       in (0, 1)
+    confidence  in (0, 1), at least; that of the upper bound alone is (1 + confidence) / 2
+    Returns     Interval; without an upper bound where there are too few errors
+    Errors      ValueError as in `level`.
+    """
+    size = np.sort(_sizes(np.atleast_2d(error), share)[0])
+    n, tail = len(size), (1 - confidence) / 2
+    low = int(scipy.stats.binom.ppf(tail, n, share))  # that many lie below, or more
+    high = int(scipy.stats.binom.isf(tail, n, share)) + 1
+    return Interval(
+        float(np.quantile(size, share)),
+        float(size[low - 1]) if low > 0 else 0.0,
+        float(size[high - 1]) if high <= n else math.inf,
+    )
+
+
+def fewest_trials(share: float, confidence: float) -> int:
+    """How many trials the largest error needs to bound a level from above.
+
+    n >= log(1 - confidence) / log(share)   (Wilks 1941, Ann. Math. Statist. 12, 91)
+
+    >>> fewest_trials(0.95, 0.95)
+    59
+    """
+    _proper(share)
+    _proper(confidence)
+    return math.ceil(math.log1p(-confidence) / math.log(share))
+
+
+def levels(error: Floats, shares: Sequence[float] = LEVELS) -> tuple[Interval, ...]:
+    """The levels of independent errors (n,) of one axis that specifications ask for."""
+    return tuple(level_interval(error, share) for share in shares)
+
+
+def _sizes(error: Floats, share: float) -> Floats:
+    _proper(share)
+    if error.ndim != 2 or error.size == 0:
+        raise ValueError(f"error must have members and times, got shape {error.shape}")
+    return np.abs(error)
+
+
+def _proper(share: float) -> None:
+    if not 0 < share < 1:
+        raise ValueError(f"share and confidence must lie in (0, 1), got {share}")

@@ -1,0 +1,112 @@
+"""Attitudes of trials: random, by Sobol points, or in turn in each region of the sky."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Streams, whole
+from startrack.trial import random_attitudes, rotations
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Regions:
+    """Bands of equal height in the sine of the declination, cut by hours of right ascension.
+
+    Archimedes: a band of a sphere has the area of its height, so that all cells are equal.
+    """
+
+    bands: int = 6
+    sectors: int = 12
+
+    def __post_init__(self) -> None:
+        whole(1, 1000, bands=self.bands, sectors=self.sectors)
+
+    def __len__(self) -> int:
+        return self.bands * self.sectors
+
+    def of(self, direction: Floats) -> Ints:
+        """The cell (n,) of each direction (n, 3), ICRS axes."""
+        x, y, z = direction.T
+        band = np.floor((z + 1) / 2 * self.bands)
+        sector = np.floor((np.arctan2(y, x) / (2 * math.pi) % 1.0) * self.sectors)
+        return np.asarray(
+            np.clip(band, 0, self.bands - 1) * self.sectors + np.clip(sector, 0, self.sectors - 1),
+            np.int64,
+        )
+
+    def place(self, cell: Ints, share: Floats) -> Floats:
+        """Directions (n, 3), uniform in their cells where the shares (n, 2) in [0, 1) are so."""
+        band, sector = np.divmod(cell, self.sectors)
+        z = 2 * (band + share[:, 0]) / self.bands - 1
+        angle = 2 * math.pi * (sector + share[:, 1]) / self.sectors
+        radius = np.sqrt(1 - z * z)
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
+
+    def corners(self) -> tuple[Floats, Floats]:
+        """Right ascensions (sectors + 1,) and declinations (bands + 1,) of the borders, radian."""
+        return (
+            np.linspace(0, 2 * math.pi, self.sectors + 1),
+            np.arcsin(np.linspace(-1, 1, self.bands + 1)),
+        )
+
+
+REPLICATES = 16  # independent scrambles, whose scatter gives the error
+
+
+def at_random(seed: int, numbers: Sequence[int]) -> Rotation:
+    """Attitudes icrs_to_camera, independent and uniform over all rotations: those of `trial`."""
+    return random_attitudes(seed, numbers)
+
+
+def by_sobol(seed: int, numbers: Sequence[int]) -> Rotation:
+    """Attitudes of scrambled Sobol points, each uniform over all rotations.
+
+    Trial n takes point n // 16 of scramble n % 16, so that each of the 16 is a sample of its own.
+
+    Source: Owen (1998), J. Complexity 14, 466.
+    """
+    number = np.asarray(numbers, np.int64)
+    share = np.empty((len(number), 3))
+    for replicate in np.unique(number % REPLICATES):
+        mine = number % REPLICATES == replicate
+        share[mine] = _points(seed, int(replicate), number[mine] // REPLICATES)
+    return rotations(share)
+
+
+def by_regions(seed: int, numbers: Sequence[int], regions: Regions) -> Rotation:
+    """Attitudes whose boresights lie in each region in turn, uniform within it.
+
+    Trial n looks into region n % len(regions).
+    """
+    share = np.array([Streams(seed, number)("region").random(3) for number in numbers])
+    cell = np.asarray(numbers, np.int64) % len(regions)
+    return towards(regions.place(cell, share[:, :2]), 2 * np.pi * share[:, 2])
+
+
+def towards(boresight: Floats, roll: Floats) -> Rotation:
+    """Attitudes icrs_to_camera with these boresights (n, 3), turned about them by (n,) radian."""
+    x, y, z = boresight.T
+    # Right ascension and declination take the camera's +z there; the roll is taken first.
+    turn = np.column_stack([np.arctan2(y, x), np.arccos(np.clip(z, -1, 1)), roll])
+    return Rotation.from_euler("ZYZ", turn).inv()
+
+
+def _points(seed: int, replicate: int, index: NDArray[np.int64]) -> Floats:
+    """Some points (n, 3) of one scramble."""
+    engine = scipy.stats.qmc.Sobol(3, rng=Streams(seed, replicate)("sobol"))
+    first = int(index.min())
+    if first:
+        engine.fast_forward(first)
+    # A power of two, or scipy would warn of a balance that lies with the caller.
+    count = 1 << (int(index.max()) - first).bit_length()
+    return np.asarray(engine.random(count)[index - first])

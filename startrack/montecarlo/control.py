@@ -1,0 +1,206 @@
+"""Case, attitude and the image of a trial -> its linearised error, and the exact mean of that."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.attitude import refine, tangent
+from startrack.catalog import open_sky
+from startrack.core import Camera, Frame, Ints, Stars
+from startrack.design import Case
+from startrack.detection import Response, half_of, joined, peak_border, response, star_image
+from startrack.detector import Detector, law_of, only_lone_pixels
+from startrack.trial import index_of, psf_of, trust
+
+Floats = NDArray[np.float64]
+
+FEWEST = 3  # stars
+SAME = 2.0  # pixel, between two stars that make one spot
+NEAR = 2.0  # pixel, beyond the border, where a spot's star may lie
+FULL = 0.8  # of the full well, from which on a pixel's number is no linear function of its light
+
+
+class Control(NamedTuple):
+    """A trial to first order in its pixel noise; its expectation over that noise is exact.
+
+    linear    (3,) radian, error of the attitude about the camera's axes
+    middle    (3,) radian, its mean: the error without noise
+    variance  (3,) radian^2, about that mean
+    """
+
+    linear: Floats
+    middle: Floats
+    variance: Floats
+
+
+def control(
+    case: Case, icrs_to_camera: Rotation, stars: Stars, electrons: Floats, image: Floats
+) -> Control | None:
+    """Linearise a trial about its expected image.
+
+        error = e0 + G sum_p g_p (N_p - mean N_p),   variance = sum_p (G g_p)^2 var N_p
+
+    G the weighted least squares of the attitude, g_p the slope of a centroid by pixel p. Which
+    stars take part and what weighs them depends on the attitude alone, never on the noise, so
+    that mean and variance are those of a fixed linear form of independent pixels.
+
+    electrons  (rows, columns) expected, as `expected` gives them
+    image      (rows, columns) digital numbers drawn from them
+    Returns    None where fewer than three stars are bright enough
+    Errors     ValueError where pixels know of each other or the converter bends.
+               numerical: mean and variance of a number take rounding as even noise of 1/12, which
+               is right to 1e-8 where the noise is over 1 digital number; saturated pixels are
+               left out.
+    """
+    detector, camera = case.instrument.detector, case.instrument.camera
+    mean, variance = _law(detector, electrons)
+    sigma = np.sqrt(variance)
+    settings, psf = case.tracker.detection, psf_of(case.instrument)
+    side = half_of(settings, star_image(settings, psf))
+    pixel = _inside(stars.direction, icrs_to_camera, camera, max(side, peak_border(settings)))[0]
+    x, y = np.rint(pixel).astype(np.int64).T
+    frame = Frame(
+        mean.astype(np.float32),
+        detector.exposure,
+        detector.electrons_per_dn,
+        float(detector.offset),
+        detector.noise,
+    )
+    if not len(pixel):
+        return None
+    answer = _apart(
+        pixel, 2 * side + 2, lambda part: response(frame, x[part], y[part], sigma, settings, psf)
+    )
+    good = (answer.snr > settings.threshold) & ~_merged(answer.place)
+    good &= np.isfinite(answer.slope).all(axis=(1, 2, 3))
+    answer, direction, own = _known(answer.of(good), case, icrs_to_camera)
+    weight = answer.covariance + own[:, None, None] * np.eye(2)
+    kept = _agreeing(answer.place, weight, direction, icrs_to_camera, case)
+    if len(kept) < FEWEST:
+        return None
+    answer, direction = answer.of(kept), direction[kept]
+    weight = weight[kept]
+    tolerance = case.tracker.identification.focal_tolerance
+    fitted = refine(
+        answer.place, weight, direction, case.believed_camera, icrs_to_camera, tolerance
+    )
+    gain = _gain(direction, weight, case, fitted.icrs_to_camera)
+    place, slope = _by_pixel(answer, gain, detector.columns)
+    slope = slope * (electrons.ravel()[place] < FULL * detector.full_well)
+    middle = (fitted.icrs_to_camera * icrs_to_camera.inv()).as_rotvec()
+    noise = image.ravel()[place] - mean.ravel()[place]
+    return Control(middle + slope @ noise, middle, slope**2 @ variance.ravel()[place])
+
+
+def _apart(
+    pixel: Floats, distance: float, answer: Callable[[NDArray[np.bool_]], Response]
+) -> Response:
+    """Ask for stars in turns, so that none answers to what is done to another's pixels."""
+    near = np.tril(np.abs(pixel[:, None] - pixel).max(axis=2) < distance, -1)
+    parts, left = [], np.ones(len(pixel), bool)
+    while left.any():
+        turn = left.copy()
+        for star in np.flatnonzero(left):
+            turn[star] = not (near[star] & turn).any()
+        parts.append((turn, answer(turn)))
+        left &= ~turn
+    order = np.argsort(np.concatenate([np.flatnonzero(turn) for turn, _ in parts]))
+    return joined([answered for _, answered in parts]).of(order)
+
+
+def _agreeing(
+    place: Floats, covariance: Floats, direction: Floats, start: Rotation, case: Case
+) -> NDArray[np.int64]:
+    """The stars that the tracker's gate leaves, the worst taken out first."""
+    camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
+    kept = np.arange(len(place))
+    while len(kept) >= FEWEST:
+        fitted = refine(place[kept], covariance[kept], direction[kept], camera, start, tolerance)
+        worst = int(np.argmax(fitted.chi_square))
+        if fitted.chi_square[worst] <= case.tracker.attitude.gate**2:
+            break
+        kept = np.delete(kept, worst)
+    return kept
+
+
+def _merged(place: Floats) -> NDArray[np.bool_]:
+    """Which stars lead to the spot of a brighter one, which comes before them."""
+    distance = np.abs(place[:, None] - place).max(axis=2)
+    return np.asarray(np.tril(distance < SAME, -1).any(axis=1))
+
+
+def _by_pixel(answer: Response, gain: Floats, columns: int) -> tuple[NDArray[np.int64], Floats]:
+    """Pixels (m,) as places in the flat image, and how each moves the attitude, (3, m)."""
+    slope = np.einsum("kna,naji->knji", gain, answer.slope).reshape(3, -1)
+    step = np.arange(answer.slope.shape[-1])
+    rows = (answer.corner[:, 1, None] + step)[:, :, None]
+    place = rows * columns + (answer.corner[:, 0, None] + step)[:, None, :]
+    unique, where = np.unique(place, return_inverse=True)
+    summed = [np.bincount(where.ravel(), line, len(unique)) for line in slope]
+    return unique, np.array(summed)
+
+
+def _law(detector: Detector, electrons: Floats) -> tuple[Floats, Floats]:
+    """Mean and variance of the numbers of independent pixels, far from the converter's ends."""
+    only_lone_pixels(detector)
+    if detector.bend or detector.bow or detector.hits:
+        raise ValueError("a control variate needs a detector without bend, bow and hits")
+    law = law_of(detector)
+    mean = electrons * law.gain + law.offset
+    return mean, law.gain**2 * (electrons + law.noise**2) + 1 / 12
+
+
+def _known(
+    answer: Response, case: Case, icrs_to_camera: Rotation
+) -> tuple[Response, Floats, Floats]:
+    """The spots that the tracker's catalogue explains; for each the direction and the trust there.
+
+    The catalogue of the identification holds one star for those that make one spot. A spot is
+    taken for the nearest.
+    """
+    camera = case.believed_camera
+    index = index_of(open_sky(case.believed_catalog).stars, camera)
+    pixel, direction, star = _inside(index.faint.direction, icrs_to_camera, camera, -NEAR)
+    own = trust(case)[index.faint.member[star]]
+    if not len(pixel):
+        return answer.of(np.zeros(len(answer.place), bool)), direction, own
+    square = ((answer.place[:, None] - pixel) ** 2).sum(axis=2)
+    nearest = np.argmin(square, axis=1)
+    near = square.min(axis=1) < case.tracker.identification.match_radius**2
+    chosen = nearest[near]
+    return answer.of(near), direction[chosen], own[chosen]
+
+
+def _inside(
+    direction: Floats, icrs_to_camera: Rotation, camera: Camera, border: float
+) -> tuple[Floats, Floats, Ints]:
+    """Pixels and directions of the stars that lie so far inside the frame, and which they are."""
+    boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
+    reach = camera.half_diagonal + NEAR / camera.focal_length_px
+    ahead = np.flatnonzero(direction @ boresight > math.cos(reach))
+    pixel = camera.project(icrs_to_camera.apply(direction[ahead]))
+    inside = camera.holds(pixel, -border)
+    return pixel[inside], direction[ahead[inside]], ahead[inside]
+
+
+def _gain(direction: Floats, covariance: Floats, case: Case, attitude: Rotation) -> Floats:
+    """(3, n, 2) radian per pixel: how the attitude follows its centroids.
+
+    A tracker that refines its focal length fits it together with the attitude.
+    """
+    x, y, z = attitude.apply(direction).T
+    plane = np.column_stack([x / z, y / z])
+    focal = case.believed_camera.focal_length_px
+    design, known = focal * tangent(plane), np.zeros((3, 3))
+    if tolerance := case.tracker.identification.focal_tolerance:
+        design = np.concatenate([design, focal * plane[:, :, None]], axis=2)
+        known = np.diag([0, 0, 0, tolerance**-2])
+    left = np.einsum("nia,nij->anj", design, np.linalg.inv(covariance)).reshape(len(known), -1)
+    gain = np.linalg.solve(left @ design.reshape(-1, len(known)) + known, left)
+    return gain[:3].reshape(3, -1, 2)

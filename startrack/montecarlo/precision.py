@@ -1,0 +1,95 @@
+"""When a statistic of a campaign is known well enough; quantiles with exact intervals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import one_of, within
+from startrack.metrics import Interval, level_interval, rms_interval, share_interval
+from startrack.montecarlo.mean_square import mean_square
+
+STATISTICS = ("across", "about", "availability", "across-99.73")
+GROWTH = 1.2, 4.0  # by which a campaign grows from one look to the next, at least and at most
+
+
+@dataclass(frozen=True)
+class Precision:
+    """How well a statistic is to be known.
+
+    relative    1, half-width of its interval over its value, at most
+    statistic   across, about: rms error per axis across, or about the boresight;
+                across-99.73: the angle that 99.73 % of the errors across do not exceed;
+                availability: share of trials with a right attitude
+    confidence  1, of the interval
+    sobol       whether trials lie at Sobol's points. The intervals of an rms then come from the
+                scatter of their scrambles; the others take them for random, which is too wide
+    """
+
+    relative: float
+    statistic: str = "across"
+    confidence: float = 0.95
+    sobol: bool = False
+
+    def __post_init__(self) -> None:
+        within(1e-6, 1, relative=self.relative)
+        within(0.5, 0.9999, confidence=self.confidence)
+        one_of(STATISTICS, statistic=self.statistic)
+
+    def interval(self, outcomes: NDArray[np.void]) -> Interval:
+        """The statistic of structured outcomes; errors over trials with a right attitude.
+
+        An rms is helped by the controls of its trials, where they have them.
+        """
+        right = outcomes[outcomes["solved"] & ~outcomes["false"]]
+        if self.statistic == "availability":
+            return share_interval(len(right), len(outcomes), self.confidence)
+        squares = right["error_x"] ** 2 + right["error_y"] ** 2
+        if self.statistic == "across-99.73":
+            return quantile_interval(np.sqrt(squares), 0.9973, self.confidence)
+        about = self.statistic == "about"
+        if self.sobol or "surplus_across" in (outcomes.dtype.names or ()):
+            return mean_square(outcomes, about, self.sobol).root(self.confidence)
+        return rms_interval(right["error_z"] ** 2 if about else squares / 2, self.confidence)
+
+    def reached(self, outcomes: NDArray[np.void]) -> bool:
+        """Whether the interval is narrow enough."""
+        return half_width(self.interval(outcomes)) <= self.relative
+
+    def next_look(self, outcomes: NDArray[np.void], trials: int) -> int:
+        """How many trials to have at the next look, after one at the outcomes of `trials`.
+
+        A function of outcomes alone, so that a campaign stops at the same trial however it was
+        cut short. Each look is a chance to stop too soon: there are few.
+        """
+        factor = (half_width(self.interval(outcomes)) / self.relative) ** 2
+        factor = min(max(factor, GROWTH[0]), GROWTH[1]) if math.isfinite(factor) else GROWTH[1]
+        return math.ceil(trials * factor)
+
+
+def half_width(interval: Interval) -> float:
+    """Half the width of an interval over its value; infinite where it is open."""
+    width = (interval.high - interval.low) / 2
+    if not math.isfinite(width) or not interval.value > 0:
+        return math.inf
+    return width / interval.value
+
+
+def quantile_interval(
+    values: NDArray[np.float64], share: float, confidence: float = 0.95
+) -> Interval:
+    """A quantile of values that are not negative, with the interval of `level_interval`.
+
+    share    in (0, 1)
+    Returns  the least value that so many do not exceed; its interval is open above where there
+             are too few values to close it
+    Errors   NaN where there is no value. The coverage is at least the confidence.
+    """
+    if len(values) == 0:
+        return Interval(math.nan, math.nan, math.nan)
+    bounds = level_interval(values, share, confidence)
+    rank = max(math.ceil(len(values) * share), 1) - 1
+    return Interval(float(np.partition(values, rank)[rank]), bounds.low, bounds.high)

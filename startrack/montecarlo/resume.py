@@ -1,0 +1,103 @@
+"""Do what a store still lacks: the same trials, the same bytes, however often it was cut short."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import positive, whole
+from startrack.montecarlo.precision import Precision
+from startrack.montecarlo.run import BLOCKS_PER_WORKER, blocks
+from startrack.montecarlo.store import Store
+
+BLOCK = 64  # trials: a second of work, milliseconds to lose, 83 bytes a trial on disk
+FIRST_LOOK = 200  # trials
+MOST_FAILURES = 10  # blocks
+
+
+def resume(
+    store: Store,
+    executor: Executor,
+    workers: int,
+    trials: int,
+    precision: Precision | None = None,
+    seconds: float | None = None,
+    progress: Callable[[int], None] | None = None,
+    block: int = BLOCK,
+) -> NDArray[np.void]:
+    """The outcomes of the first trials of a store, after doing those that it lacks.
+
+    trials     how many; with `precision` at most
+    precision  stop at the first look that finds the statistic this well known. Looks are at
+               numbers of trials that depend on the outcomes alone.
+    seconds    submit no block after this time; the one thing that makes results depend on speed
+    progress   called with the number of trials that were just done
+    block      trials that go to a worker and to disk at a time, at most
+    Returns    (n,) structured array in order of trial, without those of blocks that failed
+    Errors     ValueError where more than 10 blocks fail, or all; OSError where the disk is full.
+    """
+    whole(1, 10**9, trials=trials)
+    whole(1, 10**6, block=block)
+    if seconds is not None:
+        positive(seconds=seconds)
+    end = None if seconds is None else time.monotonic() + seconds  # no clock jumps
+    size = min(FIRST_LOOK, trials) if precision else trials
+    while True:
+        each = min(block, -(-size // (workers * BLOCKS_PER_WORKER)))
+        plan = _until(_missing(store.done(), size, each), end)
+        _fill(store, plan, executor, workers, progress)
+        outcomes = store.outcomes(size)
+        if not len(outcomes) and (failures := store.failures()):
+            raise ValueError(f"all trials failed: {failures[-1][1].strip()}")
+        if precision is None or size == trials or precision.reached(outcomes):
+            return outcomes
+        if end is not None and time.monotonic() >= end:
+            return outcomes
+        size = min(precision.next_look(outcomes, size), trials)
+
+
+def _fill(
+    store: Store,
+    plan: Iterable[range],
+    executor: Executor,
+    workers: int,
+    progress: Callable[[int], None] | None,
+) -> None:
+    done = blocks(store.case, store.seed, plan, executor, workers, sampling=store.sampling)
+    for numbers, result in done:
+        if isinstance(result, Exception):
+            store.keep_failure(numbers, "".join(traceback.format_exception(result)))
+            if len(store.failures()) > MOST_FAILURES:
+                raise ValueError(
+                    f"more than {MOST_FAILURES} blocks of trials failed, the last with: {result}"
+                ) from result
+        else:
+            store.keep(numbers.start, result)
+        if progress:
+            progress(len(numbers))
+
+
+def _missing(done: list[range], trials: int, block: int) -> list[range]:
+    """The trials below `trials` that are not done, cut where the numbers divide by `block`."""
+    missing = []
+    at = 0
+    for held in [*done, range(trials, trials)]:
+        stop = min(held.start, trials)
+        while at < stop:
+            cut = min(stop, (at // block + 1) * block)
+            missing.append(range(at, cut))
+            at = cut
+        at = max(at, held.stop)
+    return missing
+
+
+def _until(plan: Iterable[range], end: float | None) -> Iterator[range]:
+    for numbers in plan:
+        if end is not None and time.monotonic() >= end:
+            return
+        yield numbers

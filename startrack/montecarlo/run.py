@@ -1,0 +1,141 @@
+"""Many trials of one case over workers: the same numbers for any number of them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import whole
+from startrack.design import Case, Fidelity
+from startrack.montecarlo.sampling import Sampling
+from startrack.montecarlo.workers import Serial, one_thread, pool
+from startrack.trial import OUTCOMES
+
+__all__ = ["OUTCOMES", "Block", "Serial", "blocks", "one_thread", "pool", "run", "warm"]
+
+BLOCKS_PER_WORKER = 4  # so that no worker waits long for the last one
+UNDER_WAY = 3  # blocks per worker that are submitted ahead, so that none waits for the master
+FRAMES = Sampling()
+TRIES = 3  # after which a block is given up
+
+
+class Block(NamedTuple):
+    """Some trials that were tried.
+
+    numbers  the trials
+    result   their outcomes, in order, or the error that the last try raised
+    """
+
+    numbers: range
+    result: NDArray[np.void] | Exception
+
+
+def run(
+    case: Case,
+    trials: int,
+    seed: int,
+    executor: Executor,
+    first: int = 0,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+    fidelity: Fidelity = Fidelity.FRAME,
+) -> NDArray[np.void]:
+    """The outcomes of trials first ... first + trials - 1.
+
+    progress  called with the number of trials that were just done
+    Returns   (trials,) structured array: `trial` and the fields of Outcome, in order of trial
+    Errors    what a trial raises, which a sky that cannot be solved does not; BrokenExecutor
+              where a block of trials kills its worker each time.
+    """
+    whole(1, 10**9, trials=trials)
+    size = -(-trials // (workers * BLOCKS_PER_WORKER))
+    end = first + trials
+    plan = [range(at, min(at + size, end)) for at in range(first, end, size)]
+    outcomes = np.empty(trials, OUTCOMES)
+    for numbers, result in blocks(case, seed, plan, executor, workers, 1, Sampling(fidelity)):
+        if isinstance(result, Exception):
+            raise result
+        outcomes[numbers.start - first : numbers.stop - first] = result
+        if progress:
+            progress(len(numbers))
+    return outcomes
+
+
+def warm(case: Case, sampling: Sampling = FRAMES) -> None:
+    """Let numba compile in this process what workers will then find in its cache on disk.
+
+    What a broken case raises here, the workers' trials raise again where it is told.
+    """
+    with suppress(Exception):
+        sampling.trials(case, 0, range(1))
+
+
+def blocks(
+    case: Case,
+    seed: int,
+    plan: Iterable[range],
+    executor: Executor,
+    workers: int = 1,
+    tries: int = TRIES,
+    sampling: Sampling = FRAMES,
+) -> Iterator[Block]:
+    """Blocks of trials as they end, in no order.
+
+    A block whose worker died is repeated alone, for any of those under way may have killed it;
+    the one that kills three workers when alone is given up. So is the one that raises an error
+    in each of its `tries`.
+
+    plan  ranges of numbers of trials, taken one by one as workers become free
+    """
+    waiting = iter(plan)
+    failed = dict[range, int]()  # how often each has failed
+    again = deque[range]()
+    suspects = deque[range]()
+    futures = dict[Future[Any], range]()
+
+    def submit(numbers: range) -> None:
+        futures[executor.submit(sampling.trials, case, seed, numbers)] = numbers
+
+    try:
+        while True:
+            # A suspect runs when nothing else does, so that its next victim names it.
+            if suspects and not futures:
+                submit(suspects.popleft())
+            while not suspects and len(futures) < workers * UNDER_WAY:
+                numbers = again.popleft() if again else next(waiting, None)
+                if numbers is None:
+                    break
+                submit(numbers)
+                if isinstance(executor, Serial):
+                    break
+            if not futures:
+                if suspects:
+                    continue
+                return
+            alone = len(futures) == 1
+            for future in wait(futures, return_when=FIRST_COMPLETED).done:
+                numbers = futures.pop(future)
+                error = future.exception()
+                if error is None:
+                    yield Block(numbers, future.result())
+                    continue
+                broken = isinstance(error, BrokenExecutor)
+                failed[numbers] = failed.get(numbers, 0) + (alone or not broken)
+                if failed[numbers] >= (TRIES if broken else tries):
+                    yield Block(numbers, _exception(error))
+                else:
+                    (suspects if broken else again).append(numbers)
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _exception(error: BaseException) -> Exception:
+    """An error of a worker, such that what stops the master is not among them."""
+    return error if isinstance(error, Exception) else RuntimeError(repr(error))

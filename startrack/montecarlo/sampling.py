@@ -1,0 +1,118 @@
+"""How a campaign draws its trials: fidelity, attitudes, with or without a control variate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Streams, one_of
+from startrack.design import Case, Fidelity
+from startrack.montecarlo.attitudes import at_random, by_sobol
+from startrack.montecarlo.control import control
+from startrack.trial import OUTCOMES, noiseless, observe, run_trials
+
+AXES = "xyz"
+CONTROLS = np.dtype(
+    [(f"{name}_{axis}", float) for name in ("linear", "middle", "variance") for axis in AXES]
+)
+
+
+def sample_controlled(
+    case: Case, seed: int, numbers: Sequence[int], attitudes: Rotation
+) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """Outcomes (n,) of whole frames at chosen attitudes, and the `Control` of each.
+
+    A trial that has no control, for lack of bright stars, has one of zero with variance zero,
+    which the attitude alone decides, so that nothing is biased.
+    """
+    outcomes = np.empty(len(numbers), OUTCOMES)
+    controls = np.zeros(len(numbers), CONTROLS)
+    for k, (number, attitude) in enumerate(zip(numbers, attitudes, strict=True)):
+        streams = Streams(seed, number)
+        record = observe(case, attitude, streams)
+        outcomes[k] = (number, *record.outcome)
+        electrons = noiseless(case, record.stars, record.path, attitude, streams)
+        image = record.frame.image.astype(float)
+        made = control(case, attitude, record.stars, electrons, image)
+        if made is not None:
+            controls[k] = tuple(np.concatenate(made))
+    return outcomes, controls
+
+
+def squares(outcomes: NDArray[np.void], about: bool = False) -> NDArray[np.float64]:
+    """Radian^2, whose mean is the square of the rms across (per axis) or about the boresight.
+
+    Trials without a right attitude count as zero; divide by the availability.
+    """
+    right = outcomes["solved"] & ~outcomes["false"]
+    across = (outcomes["error_x"] ** 2 + outcomes["error_y"] ** 2) / 2
+    return np.where(right, outcomes["error_z"] ** 2 if about else across, 0.0)
+
+
+def surplus(controls: NDArray[np.void], about: bool = False) -> NDArray[np.float64]:
+    """Radian^2, of the linearised error: its square less the exact mean of that; zero on average.
+
+    E |e0 + L|^2 = |e0|^2 + var L
+    """
+    axes = "z" if about else "xy"
+    total = np.zeros(len(controls))
+    for axis in axes:
+        total += controls[f"linear_{axis}"] ** 2 - controls[f"middle_{axis}"] ** 2
+        total -= controls[f"variance_{axis}"]
+    return total / len(axes)
+
+
+ATTITUDES = ("random", "sobol")
+SURPLUS = [("surplus_across", float), ("surplus_about", float)]
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """What every trial of a campaign is.
+
+    fidelity   how much of it is made
+    attitudes  "random": independent; "sobol": scrambled points that fill the sphere evenly
+    control    whether it comes with its control variate, which whole frames alone have
+    """
+
+    fidelity: Fidelity = Fidelity.FRAME
+    attitudes: str = "random"
+    control: bool = False
+
+    def __post_init__(self) -> None:
+        one_of(ATTITUDES, attitudes=self.attitudes)
+        if self.control and self.fidelity is not Fidelity.FRAME:
+            raise ValueError(f"control needs fidelity frame, got {self.fidelity}")
+
+    def __str__(self) -> str:
+        named = [f"fidelity {self.fidelity}"]
+        named += ["Sobol attitudes"] * (self.attitudes == "sobol")
+        return ", ".join(named + ["control"] * self.control)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """`trial`, the fields of Outcome, and with a control its surplus (radian^2)."""
+        return np.dtype(OUTCOMES.descr + SURPLUS) if self.control else OUTCOMES
+
+    def look(self, seed: int, numbers: Sequence[int]) -> Rotation:
+        """The attitudes icrs_to_camera of some trials."""
+        return (by_sobol if self.attitudes == "sobol" else at_random)(seed, numbers)
+
+    def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> NDArray[np.void]:
+        """Outcomes (n,) of some trials, each the same whichever others are asked for.
+
+        Errors  as `startrack.chain.trials` and `startrack.variance.control`
+        """
+        if not self.control:
+            look = None if self.attitudes == "random" else self.look(seed, numbers)
+            return run_trials(case, seed, numbers, self.fidelity, look)
+        outcomes, controls = sample_controlled(case, seed, numbers, self.look(seed, numbers))
+        table = np.empty(len(numbers), self.dtype)
+        table[list(OUTCOMES.names or ())] = outcomes
+        table["surplus_across"], table["surplus_about"] = surplus(controls), surplus(controls, True)
+        return table

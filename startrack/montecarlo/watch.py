@@ -1,0 +1,112 @@
+"""A store that is being filled -> how far it is and what it knows, now and then."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from startrack.core import arcsec
+from startrack.montecarlo.precision import Precision, half_width
+from startrack.montecarlo.store import Store
+
+OFTEN = 1.0  # second between two looks, at least
+SHARE = 0.01  # of the time that looks may take
+
+
+class Watch:
+    """Counts trials as they are done, tells the statistic with its interval, and keeps a log.
+
+    The log has one JSON object a line: seconds since the start, trials, trials_per_s, statistic,
+    value, low, high (arcsec, or a share), confidence, relative_half_width, remaining_s. Numbers
+    that are not known yet are null.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        precision: Precision,
+        most: int,
+        show: Callable[[int, str], None],
+        log: Path | None = None,
+    ):
+        """Begin to watch.
+
+        precision  of which statistic; where it is wanted, remaining_s counts on it
+        most       trials
+        show       called with the number of trials just done, and a sentence or nothing
+        log        file to append to, made where it is missing
+        """
+        self._store, self._precision, self._most, self._show = store, precision, most, show
+        self._held = sum(len(block) for block in store.done())
+        self._began = self._next = time.monotonic()
+        if log:
+            log.parent.mkdir(parents=True, exist_ok=True)
+        self._log = log.open("a", encoding="utf-8") if log else None
+
+    def __call__(self, trials: int) -> None:
+        """Take in that so many trials were tried; those that failed are not in the store."""
+        now = time.monotonic()
+        if now < self._next:
+            self._show(trials, "")
+            return
+        values = self.look()
+        if self._log:
+            self._log.write(json.dumps(values, allow_nan=False) + "\n")
+            self._log.flush()
+        self._show(trials, _sentence(values))
+        self._next = now + max(OFTEN, (time.monotonic() - now) / SHARE)
+
+    def look(self) -> dict[str, Any]:
+        """What is known now; None for what is not."""
+        seconds = time.monotonic() - self._began
+        outcomes = self._store.outcomes()
+        done = len(outcomes)
+        rate = (done - self._held) / seconds if seconds > 0 else math.inf
+        interval = self._precision.interval(outcomes)
+        width = half_width(interval)
+        unit = 1.0 if self._precision.statistic == "availability" else arcsec
+        needed = done * (width / self._precision.relative) ** 2
+        left = max(min(needed, self._most) - done, 0.0)
+        values = {
+            "seconds": seconds,
+            "trials": done,
+            "trials_per_s": rate,
+            "statistic": self._precision.statistic,
+            "value": interval.value / unit,
+            "low": interval.low / unit,
+            "high": interval.high / unit,
+            "confidence": self._precision.confidence,
+            "relative_half_width": width,
+            "remaining_s": left / rate if rate else math.inf,
+        }
+        return {
+            name: None if isinstance(one, float) and not math.isfinite(one) else one
+            for name, one in values.items()
+        }
+
+    def close(self) -> None:
+        """Log the end, and close."""
+        if self._log:
+            self._log.write(json.dumps(self.look(), allow_nan=False) + "\n")
+            self._log.close()
+            self._log = None
+
+    def __enter__(self) -> Watch:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _sentence(values: dict[str, Any]) -> str:
+    told = {name: "?" if one is None else one for name, one in values.items()}
+    numbers = [
+        f"{told[name]:.3f}" if told[name] != "?" else "?" for name in ("value", "low", "high")
+    ]
+    unit = "" if values["statistic"] == "availability" else " arcsec"
+    rate = f"{told['trials_per_s']:.0f}/s, " if told["trials_per_s"] != "?" else ""
+    return f"{rate}{told['statistic']} {numbers[0]} [{numbers[1]}, {numbers[2]}]{unit}"

@@ -1,0 +1,159 @@
+"""Executors: this process, a pool of processes that survives crashes, Dask, MPI."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing.connection import wait
+from typing import Any
+
+import cv2
+
+from startrack.core import whole
+
+
+class Serial(Executor):
+    """The executor of one worker: this process."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call at once; what the call raises comes out of the future's result."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def map(
+        self,
+        fn: Callable[..., Any],
+        *iterables: Iterable[Any],
+        timeout: float | None = None,
+        chunksize: int = 1,
+    ) -> Iterator[Any]:
+        """Call when the result is asked for, so that whoever counts results sees them come."""
+        return map(fn, *iterables)
+
+
+class Lasting(Executor):
+    """A pool of processes that outlives its workers.
+
+    The standard pool is dead for good after one worker died. This one fails the calls that were
+    under way, with BrokenExecutor, and takes new ones: the caller submits them again.
+    """
+
+    def __init__(self, workers: int):
+        self._workers = workers
+        self._pool = self._fresh()
+
+    def _fresh(self) -> ProcessPoolExecutor:
+        # A fresh interpreter: forks of a process with threads can hang.
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=_begin_worker)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call in one of the processes."""
+        try:
+            return self._pool.submit(fn, *args, **kwargs)
+        except BrokenExecutor:
+            self._pool.shutdown(wait=True)
+            self._pool = self._fresh()
+            return self._pool.submit(fn, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes."""
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+
+@contextmanager
+def pool(workers: int) -> Iterator[Executor]:
+    """Workers on this machine: this process for one, a pool of new ones for more."""
+    whole(1, 1024, workers=workers)
+    one_thread()
+    if workers == 1:
+        yield Serial()
+        return
+    executor = Lasting(workers)
+    try:
+        yield executor
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
+
+
+def one_thread() -> None:
+    """Let OpenCV use one thread: the workers share the machine between them."""
+    cv2.setNumThreads(1)
+
+
+def _begin_worker() -> None:
+    one_thread()
+    # Ctrl-C goes to all processes of the terminal; the master alone decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_die_with_master, daemon=True).start()
+
+
+def _die_with_master() -> None:
+    # Trap: the standard pool's workers wait for ever for calls of a master that was killed,
+    # because they hold the writing end of their own queue open.
+    master = multiprocessing.parent_process()
+    if master is not None:
+        wait([master.sentinel])
+        os._exit(1)
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Executor]:
+    """The workers of a Dask scheduler (tcp://host:port), or of MPI ("mpi")."""
+    with mpi_pool() if address == "mpi" else dask_pool(address) as executor:
+        yield executor
+
+
+@contextmanager
+def dask_pool(address: str) -> Iterator[Executor]:
+    """The workers of a Dask cluster, by the address of its scheduler (tcp://host:port).
+
+    Errors  ImportError without the extra `dask`; OSError where no scheduler answers.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ImportError(
+            "--scheduler needs Dask: python -m pip install 'startrack[dask]'"
+        ) from None
+    with Client(address) as client:
+        client.run(one_thread)
+        # Trap: by default the executor takes calls for pure and merges those that are alike.
+        yield client.get_executor(pure=False)
+
+
+@contextmanager
+def mpi_pool() -> Iterator[Executor]:
+    """The other processes of an MPI job, started as
+
+        mpiexec -n 9 python -m mpi4py.futures -m startrack.cli montecarlo --scheduler mpi
+
+    for one master and eight workers.
+
+    Errors  ImportError without mpi4py; ValueError where the job has no worker. A process that
+            dies ends the whole job, as MPI does; the same command then goes on from the store.
+    """
+    try:
+        from mpi4py import MPI
+        from mpi4py.futures import MPIPoolExecutor
+    except (ImportError, RuntimeError) as error:  # a RuntimeError where no MPI library is found
+        raise ImportError(
+            "--scheduler mpi needs mpi4py and an MPI library: python -m pip install mpi4py "
+            f"({error})"
+        ) from None
+    if MPI.COMM_WORLD.Get_size() < 2:
+        raise ValueError(
+            "--scheduler mpi needs workers; start it as: mpiexec -n 9 python -m mpi4py.futures "
+            "-m startrack.cli montecarlo ..."
+        )
+    with MPIPoolExecutor(initializer=one_thread) as executor:
+        yield executor

@@ -1,0 +1,196 @@
+"""Motion enters; MotionRealisation leaves: how the camera turns in one trial, at any time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincinv
+
+from startrack.core import Streams
+from startrack.motion.parameters import AXES, Broadband, Motion, Tone
+
+Floats = NDArray[np.float64]
+
+BANDS_PER_OCTAVE = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """A spectrum, cut so finely that a band is one line for an exposure, or nearly so.
+
+    low       (k,) hertz, where each band begins
+    octave    (k,) 1, natural logarithm of the ratio of its ends
+    exponent  (k,) 1, of the power law frequency * density
+    power     (k,) radian^2, integral of the density over the band
+    """
+
+    low: Floats
+    octave: Floats
+    exponent: Floats
+    power: Floats
+
+    @property
+    def width(self) -> Floats:
+        """(k,) hertz."""
+        return self.low * np.expm1(self.octave)
+
+    def place(self, share: Floats) -> Floats:
+        """Hertz, below which each band has this share (..., k) of its power.
+
+        The inverse of the cumulated power: with a uniform share it draws frequencies in
+        proportion to the density.
+        """
+        flat = np.abs(self.exponent) * self.octave < 1e-9
+        slope = np.where(flat, 1.0, self.exponent)
+        steep = np.log1p(share * np.expm1(slope * self.octave)) / slope
+        return self.low * np.exp(np.where(flat, share * self.octave, steep))
+
+
+@lru_cache(maxsize=64)
+def bands(spectrum: Broadband) -> Bands:
+    """Cut a spectrum at the points of its table and at eight frequencies in each octave.
+
+    Errors  numerical: the powers add up to the integral of the table to 1e-13.
+    """
+    f, s = np.log(spectrum.frequency), np.log(spectrum.density)
+    count = np.maximum(np.ceil(np.diff(f) / np.log(2) * BANDS_PER_OCTAVE), 1).astype(int)
+    low = np.concatenate(
+        [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(f[:-1], f[1:], count, strict=True)]
+    )
+    octave = np.diff(np.append(low, f[-1]))
+    exponent = np.repeat(np.diff(s) / np.diff(f) + 1, count)
+    start = np.exp(np.interp(low, f, s) + low)
+    growth = exponent * octave
+    # (e^u - 1) / u without its hole at 0, where the density falls as 1 / f.
+    mean = np.where(np.abs(growth) < 1e-9, 1.0, np.expm1(growth) / np.where(growth, growth, 1.0))
+    return Bands(np.exp(low), octave, exponent, start * octave * mean)
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """How the camera turns about its own axes: a constant rate and a sum of lines.
+
+        angle(t) = rate t + sum_k cosine_k [cos(2 pi f_k t) - 1] + sine_k sin(2 pi f_k t)
+
+    rate       (3,) radian / second
+    frequency  (k,) hertz
+    cosine     (k, 3) radian
+    sine       (k, 3) radian
+    """
+
+    rate: Floats
+    frequency: Floats
+    cosine: Floats
+    sine: Floats
+
+    def at(self, time: Floats) -> Floats:
+        """The rotation vectors of a Path at these times.
+
+        time     (m,) second from the middle of the exposure
+        Returns  (m, 3) radian. The sky turns against the camera, hence the minus sign.
+        Errors   model: the rotation vectors of slew and jitter are added, which is off by half
+                 their product.
+        """
+        angle = np.multiply.outer(time, self.rate)
+        if len(self.frequency):
+            half = np.multiply.outer(time, np.pi * self.frequency)
+            sine = np.sin(half)
+            # cos - 1 and sin of the whole phase, without the loss of digits that cos - 1 has.
+            angle += -2 * sine**2 @ self.cosine + 2 * sine * np.cos(half) @ self.sine
+        return -angle
+
+    def over(self, start: Floats, step: Floats) -> Floats:
+        """As `at`, at all sums of a start and a step, for the sines of no more than the two.
+
+        start    (p,) second
+        step     (j,) second
+        Returns  (p, j, 3) radian
+        Errors   numerical: 1e-15 of the amplitudes.
+        """
+        first, second = (
+            np.exp(2j * np.pi * np.multiply.outer(time, self.frequency)) for time in (start, step)
+        )
+        amplitude = self.cosine - 1j * self.sine
+        # Per axis, as most lines turn about one only; summed by einsum, because the last digit of
+        # a matrix product depends on the number of threads.
+        lines = []
+        for axis, used in enumerate((amplitude != 0).T):
+            a, b = first[:, used] * amplitude[used, axis], second[:, used].conj()
+            real = [np.concatenate([one.real, one.imag], axis=1) for one in (a, b)]
+            lines.append(np.einsum("pk,jk->pj", *real) - self.cosine[:, axis].sum())
+        time = np.add.outer(start, step)
+        return -(time[..., None] * self.rate + np.stack(lines, axis=-1))
+
+    def later(self, time: float) -> Turn:
+        """The same motion with its zero of time, and of angle, moved to `time` second."""
+        line = (self.cosine - 1j * self.sine) * np.exp(2j * np.pi * time * self.frequency)[:, None]
+        return Turn(self.rate, self.frequency, line.real.copy(), -line.imag)
+
+    @property
+    def speed(self) -> Floats:
+        """(3,) radian / second, root mean square about each axis."""
+        lines = (2 * np.pi * self.frequency[:, None]) ** 2 * (self.cosine**2 + self.sine**2) / 2
+        return np.sqrt(self.rate**2 + lines.sum(axis=0))
+
+
+def turn(motion: Motion, exposure: float, streams: Streams | None = None) -> Turn:
+    """Draw the phases of the tones and the lines of the broadband jitter.
+
+    exposure  second; it decides how much the power of a band varies, and no other draw
+    streams   of the trial; needed only where something is drawn
+    Errors    model: the sum has the covariance of the spectrum at all times exactly; its
+              distribution is normal as far as a sum over tens of bands is.
+    """
+    lines = [
+        _tone(tone, f"tone {place}", streams)
+        for place, tone in enumerate(motion.tones)
+        if not tone.silent
+    ]
+    lines += [_broadband(one, exposure, streams) for one in motion.broadband]
+    rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
+    frequency = np.concatenate([np.zeros(0), *(f for f, _ in lines)])
+    amplitude = np.concatenate([np.zeros((0, 3), complex), *(a for _, a in lines)])
+    return Turn(rate, frequency, amplitude.real.copy(), -amplitude.imag)
+
+
+def _tone(tone: Tone, cause: str, streams: Streams | None) -> tuple[Floats, NDArray[np.complex128]]:
+    """The frequency (1,) and the complex amplitude (1, 3) of a tone."""
+    phase = tone.phase
+    if phase is None:
+        phase = 2 * math.pi * _generator(streams, cause).random()
+    rms = np.array([tone.rms_x, tone.rms_y, tone.rms_z])
+    lead = np.array([0.0, tone.lead_y, tone.lead_z])
+    amplitude = math.sqrt(2) * rms * np.exp(1j * (phase + lead))
+    return np.array([tone.frequency]), amplitude[None, :]
+
+
+def _broadband(
+    spectrum: Broadband, exposure: float, streams: Streams | None
+) -> tuple[Floats, NDArray[np.complex128]]:
+    """One line for each band: (k,) hertz, (k, 3) radian.
+
+    The frequency is drawn in proportion to the density, so that the covariance is exact whatever
+    the width of the band. A process of bandwidth B has B T independent lines in a time T: its
+    power there varies as a gamma distribution of that shape, and below one line as that of one,
+    which makes the amplitude normal. (Source: Shinozuka and Deodatis 1991, Applied Mechanics
+    Reviews 44, 191, for the sum of lines.)
+    """
+    table = bands(spectrum)
+    share, angle, chance = _generator(streams, f"broadband {spectrum.axis}").random(
+        (3, len(table.low))
+    )
+    shape = np.maximum(table.width * exposure, 1.0)
+    power = table.power * gammaincinv(shape, chance) / shape
+    amplitude = np.zeros((len(share), 3), complex)
+    amplitude[:, AXES.index(spectrum.axis)] = np.sqrt(2 * power) * np.exp(2j * np.pi * angle)
+    return table.place(share), amplitude
+
+
+def _generator(streams: Streams | None, cause: str) -> np.random.Generator:
+    if streams is None:
+        raise TypeError(f"streams must be given where {cause} is drawn, got None")
+    return streams(cause)

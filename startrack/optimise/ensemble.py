@@ -1,0 +1,250 @@
+"""A log-probability enters; samples leave, with what tells whether to believe them (emcee)."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import emcee
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import whole
+from startrack.optimise.ledger import Ledger
+
+Floats = NDArray[np.float64]
+
+LONG_ENOUGH = 50  # autocorrelation times, emcee's own rule
+FEWEST = 400  # independent samples of each variable
+FARTHEST = 1.01  # split R-hat
+LEAST_ACCEPTED, MOST_ACCEPTED = 0.05, 0.95
+BURN_IN = 5  # part of the chain that is thrown away: one over this
+REPEATS = 12  # of a log-probability that draws, to see its noise
+NOISIEST = 1.0  # standard deviation of a log-probability that may still be sampled
+
+
+@dataclass(frozen=True)
+class Ensembles:
+    """How to sample.
+
+    count       ensembles that know nothing of each other
+    walkers     of each; None for four a variable, at least 16
+    stretch     steps between two looks at the convergence
+    most_steps  after which sampling ends
+    """
+
+    count: int = 4
+    walkers: int | None = None
+    stretch: int = 1000
+    most_steps: int = 20_000
+
+    def __post_init__(self) -> None:
+        whole(2, 100, count=self.count)
+        whole(100, 10**6, stretch=self.stretch)
+        whole(self.stretch, 10**8, most_steps=self.most_steps)
+
+
+@dataclass(frozen=True, eq=False)
+class Chains:
+    """Samples, without their beginnings.
+
+    samples          (ensembles, steps, walkers, d)
+    acceptance       1, share of accepted moves of the worst ensemble
+    autocorrelation  (d,) steps
+    """
+
+    samples: Floats
+    acceptance: float
+    autocorrelation: Floats
+
+    @property
+    def flat(self) -> Floats:
+        """All samples (n, d)."""
+        return self.samples.reshape(-1, self.samples.shape[-1])
+
+    @property
+    def effective(self) -> Floats:
+        """(d,) independent samples."""
+        return len(self.flat) / np.maximum(self.autocorrelation, 1)
+
+    @property
+    def split_r_hat(self) -> Floats:
+        """(d,) the spread of all samples over that within the halves of ensembles.
+
+            R^2 = (W + B) / W,   W the mean variance in a half, B the variance of their means
+
+        Source: Gelman et al. (2013), Bayesian Data Analysis, 11.4, with ensembles for chains, for
+        the walkers of one ensemble are not independent.
+        """
+        count, steps, walkers, d = self.samples.shape
+        half = steps // 2
+        halves = self.samples[:, : 2 * half].reshape(2 * count, half * walkers, d)
+        within = halves.var(axis=1).mean(axis=0)
+        between = halves.mean(axis=1).var(axis=0, ddof=1)
+        return np.sqrt(1 + between / np.maximum(within, np.finfo(float).tiny))
+
+    @property
+    def doubt(self) -> str:
+        """Why the chains have not converged, empty where they have."""
+        steps = self.samples.shape[1]
+        longest = float(np.max(self.autocorrelation))
+        farthest = float(np.max(self.split_r_hat))
+        fewest = float(np.min(self.effective))
+        if not steps >= LONG_ENOUGH * longest:
+            return (
+                f"{steps} steps are fewer than {LONG_ENOUGH} autocorrelation times of {longest:.0f}"
+            )
+        if not farthest <= FARTHEST:
+            return f"the ensembles differ: split R-hat is {farthest:.3f}, above {FARTHEST}"
+        if not fewest >= FEWEST:
+            return f"{fewest:.0f} independent samples are fewer than {FEWEST}"
+        if not LEAST_ACCEPTED <= self.acceptance <= MOST_ACCEPTED:
+            return f"{self.acceptance:.2f} of the moves were accepted"
+        return ""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the samples may be believed."""
+        return not self.doubt
+
+
+def draw(
+    log_probability: Callable[[Floats], Floats],
+    start: Callable[[np.random.Generator, int], Floats],
+    seed: int,
+    settings: Ensembles | None = None,
+    ledger: Ledger | None = None,
+) -> Chains:
+    """Sample by the stretch move (Goodman and Weare 2010) in independent ensembles.
+
+    log_probability  (n, d) -> (n,), minus infinity where there is none
+    start            places (n, d) of n walkers; spread wider than the law for an honest R-hat
+    ledger           keeps each stretch, so that sampling goes on where it was cut short
+    Errors           ValueError where the log-probability is NaN, minus infinity at all starts, or
+                     is itself drawn with a standard deviation above 1. emcee never asks again
+                     for the place where a walker stands, so that a less noisy one is right on
+                     average (Andrieu and Roberts 2009). See `Chains.doubt` for all else.
+    """
+    settings = settings or Ensembles()
+    chains = [
+        _Ensemble(log_probability, start, (seed, number), settings, ledger or Ledger())
+        for number in range(settings.count)
+    ]
+    while True:
+        for chain in chains:
+            chain.walk()
+        result = _result([chain.sampler for chain in chains])
+        if result.converged or chains[0].sampler.iteration >= settings.most_steps:
+            return result
+
+
+def _result(samplers: list[emcee.EnsembleSampler]) -> Chains:
+    discard = samplers[0].iteration // BURN_IN
+    autocorrelation = np.mean(
+        [one.get_autocorr_time(discard=discard, tol=0, quiet=True) for one in samplers], axis=0
+    )
+    # A variable that never moved has no autocorrelation time.
+    autocorrelation = np.where(np.isfinite(autocorrelation), autocorrelation, np.inf)
+    return Chains(
+        np.array([one.get_chain(discard=discard) for one in samplers]),
+        min(float(np.mean(one.acceptance_fraction)) for one in samplers),
+        autocorrelation,
+    )
+
+
+class _Ensemble:
+    """One ensemble, its steps in the ledger."""
+
+    def __init__(
+        self,
+        log_probability: Callable[[Floats], Floats],
+        start: Callable[[np.random.Generator, int], Floats],
+        entropy: tuple[int, int],
+        settings: Ensembles,
+        ledger: Ledger,
+    ) -> None:
+        sequence = np.random.SeedSequence(entropy)
+        rng = np.random.default_rng(sequence)
+        d = start(rng, 1).shape[1]
+        walkers = settings.walkers or max(16, 4 * d)
+        places = start(rng, walkers)
+        first = log_probability(places)
+        if np.isnan(first).any():
+            raise ValueError("the log-probability must not be NaN at the start")
+        if not np.isfinite(first).all():
+            raise ValueError("the log-probability must be finite where the walkers start")
+        _refuse_noise(log_probability, places, first)
+        # emcee knows but the older generator; each ensemble has one of its own.
+        state = np.random.RandomState(np.random.MT19937(sequence)).get_state()
+        self.sampler = emcee.EnsembleSampler(walkers, d, log_probability, vectorize=True)
+        self._at = emcee.State(places, log_prob=first, random_state=state)
+        self._settings, self._ledger = settings, ledger
+        # The law is known by its values where the walkers start.
+        name = repr((entropy, settings, places.tobytes(), first.tobytes()))
+        self._key = hashlib.blake2b(name.encode(), digest_size=16).digest()
+        self._done = 0
+
+    def walk(self) -> None:
+        """One stretch, from the ledger where that has it."""
+        held = self._ledger.stretch(self._key, self._done)
+        if held is None:
+            self._at = self.sampler.run_mcmc(self._at, self._settings.stretch)
+            self._ledger.keep_stretch(self._key, self._done, self._packed())
+        else:
+            self._unpack(held)
+        self._done += 1
+
+    def _packed(self) -> bytes:
+        size = self._settings.stretch
+        _, key, position, has_gauss, gauss = self._at.random_state
+        file = io.BytesIO()
+        np.savez(
+            file,
+            chain=self.sampler.get_chain()[-size:],
+            log_prob=self.sampler.get_log_prob()[-size:],
+            accepted=self.sampler.backend.accepted,
+            key=key,
+            rest=np.array([position, has_gauss, gauss]),
+        )
+        return file.getvalue()
+
+    def _unpack(self, held: bytes) -> None:
+        stretch = np.load(io.BytesIO(held), allow_pickle=False)
+        backend, size = self.sampler.backend, self._settings.stretch
+        if not backend.initialized:
+            backend.reset(self.sampler.nwalkers, self.sampler.ndim)
+        backend.grow(size, None)
+        backend.chain[backend.iteration :] = stretch["chain"]
+        backend.log_prob[backend.iteration :] = stretch["log_prob"]
+        backend.accepted = stretch["accepted"]
+        backend.iteration += size
+        position, has_gauss, gauss = stretch["rest"]
+        state = ("MT19937", stretch["key"], int(position), int(has_gauss), float(gauss))
+        backend.random_state = state
+        self._at = emcee.State(
+            stretch["chain"][-1], log_prob=stretch["log_prob"][-1], random_state=state
+        )
+
+
+def _refuse_noise(log_probability: Callable[[Floats], Floats], at: Floats, first: Floats) -> None:
+    if np.array_equal(log_probability(at), first):
+        return
+    noise = float(np.max(np.std([log_probability(at) for _ in range(REPEATS)], axis=0, ddof=1)))
+    if not noise <= NOISIEST:
+        raise ValueError(
+            f"the log-probability must not be noisier than {NOISIEST:g}, got a standard deviation "
+            f"of {noise:.2g}; sample with more trials"
+        )
+
+
+def median_and_ends(column: Floats, share: float) -> tuple[float, float, float]:
+    """Median of samples (n,), and the ends of their middle share."""
+    low, middle, high = np.quantile(column, [(1 - share) / 2, 0.5, (1 + share) / 2])
+    return float(middle), float(low), float(high)
+
+
+def thinned(samples: Floats, count: int) -> Floats:
+    """`count` of the samples (n, d), evenly."""
+    return samples[np.linspace(0, len(samples) - 1, min(count, len(samples))).astype(int)]

@@ -1,0 +1,191 @@
+"""A place in a box enters; how good its design is leaves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from scipy import special
+
+from startrack.budget import Budget, Law, analytic
+from startrack.core import arcsec
+from startrack.design import AXES, Box, Campaign, Case, Objective, Requirements
+from startrack.metrics import Summary, summarise
+from startrack.optimise.margins import margins as margins_of
+from startrack.optimise.runner import Bench
+from startrack.trial import OUTCOMES
+
+PENALTY = 10.0  # ln(error) that a margin missed by its full size costs
+LOST = 20.0  # ln(arcsec) of a design that no trial solves
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One design that was tried.
+
+    place     in the unit cube
+    values    of the variables, SI
+    error     radian, the objective; NaN where no trial was solved
+    expected  radian, the objective by the analytic budget; NaN where that sees no attitude
+    score     what is minimised, as `evaluate` says
+    margins   of the requirements, availability with them; below 0, not met
+    summary   of the trials, None where it was not tried
+    note      why not, or empty
+    """
+
+    place: tuple[float, ...]
+    values: dict[str, float]
+    error: float
+    expected: float
+    score: float
+    margins: dict[str, float]
+    summary: Summary | None
+    note: str
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every requirement is met."""
+        return self.summary is not None and all(m >= 0 for m in self.margins.values())
+
+    @property
+    def trials(self) -> int:
+        """How many it was tried with."""
+        return self.summary.trials if self.summary else 0
+
+
+def evaluate(
+    box: Box,
+    campaign: Campaign,
+    place: Floats,
+    bench: Bench,
+    trials: int | None = None,
+    correction: Callable[[Floats], float] | None = None,
+    spare: bool = False,
+    lead: float = math.inf,
+) -> Evaluation:
+    """Score a design by its analytic budget, set right by trials on the bench.
+
+        score = ln(expected / arcsec) + correction(place) + PENALTY sum(max(0, -margin))
+
+    The budget gives the differences between designs without noise; trials, on the same skies and
+    with the same streams for every design, give what it leaves out: the correction, and whether
+    there is an attitude at all. An L1 penalty has the same least place as the constrained problem
+    where PENALTY exceeds the slope of ln(error) along the margin (Fletcher 1987, Practical
+    Methods of Optimization, 14.3).
+
+    trials      None for the campaign's first number
+    correction  ln(error / expected) at a place, None for none
+    spare       whether a design that misses what needs no trials is spared them
+    lead        score of the best so far: what is worse before its trials is spared them, for they
+                can only add penalties
+    Returns     an evaluation; a design that cannot be built or rendered has a note in it.
+    """
+    place = np.clip(place, 0, 1)
+    values = box.values(place)
+    objective = Objective.read(campaign.objective)
+    try:
+        case = box.design(place)
+        margins = margins_of(campaign.requirements, case)
+        expected = forecast(case, objective)
+        score = _log_arcsec(expected) + (correction(place) if correction else 0.0)
+        hopeless = expected > 0 and score + PENALTY * missed(margins) > lead
+        if hopeless or (spare and missed(margins)):
+            outcomes = np.empty(0, OUTCOMES)
+        else:
+            outcomes = bench.run(case, trials or campaign.trials, campaign.fidelity)
+    except ValueError as reason:  # a design that cannot be built is a bad one, not the end
+        refused = LOST + PENALTY
+        return Evaluation(tuple(place), values, math.nan, math.nan, refused, {}, None, str(reason))
+    summary = summarise(outcomes) if len(outcomes) else None
+    if summary:
+        margins |= measured(campaign.requirements, summary)
+    error = float(objective.of(objective.squares(outcomes)))
+    if not expected > 0:
+        score = _log_arcsec(error) + (correction(place) if correction else 0.0)
+    score += PENALTY * missed(margins)
+    return Evaluation(tuple(place), values, error, expected, score, margins, summary, "")
+
+
+def forecast(case: Case, objective: Objective) -> float:
+    """Radian, what the analytic budget expects; NaN where it expects no attitude anywhere."""
+    try:
+        return expected_error(objective, analytic(case))
+    except ValueError:
+        return math.nan
+
+
+def expect(case: Case, campaign: Campaign) -> tuple[Budget, dict[str, float]]:
+    """The analytic budget of a design, and all its margins without a trial.
+
+    Errors  ValueError where the budget expects no attitude anywhere.
+    """
+    budget = analytic(case)
+    margins = margins_of(campaign.requirements, case)
+    margins["availability"] = budget.availability - campaign.requirements.min_availability
+    return budget, margins
+
+
+def foresee(box: Box, campaign: Campaign, place: Floats) -> float:
+    """The score of a design without a trial; NaN where it cannot be built.
+
+    Errors  model: that of the budget, and all that it leaves out. Never the score to end with: an
+            optimiser finds the designs that a model is wrong about.
+    """
+    try:
+        budget, margins = expect(box.design(place), campaign)
+    except ValueError:
+        return math.nan
+    expected = expected_error(Objective.read(campaign.objective), budget)
+    return _log_arcsec(expected) + PENALTY * missed(margins)
+
+
+def _log_arcsec(angle: float) -> float:
+    return math.log(angle / arcsec) if angle > 0 else LOST
+
+
+def measured(requirements: Requirements, summary: Summary) -> dict[str, float]:
+    """The margins that take trials."""
+    return {
+        "availability": summary.availability.value - requirements.min_availability,
+        "false attitudes": -summary.false.value,
+    }
+
+
+def measured_score(one: Evaluation) -> float:
+    """The score of an evaluation by its trials alone."""
+    return _log_arcsec(one.error) + PENALTY * missed(one.margins) if one.summary else one.score
+
+
+def missed(margins: dict[str, float]) -> float:
+    """The sum of what the margins are short of."""
+    return sum(max(0.0, -margin) for margin in margins.values())
+
+
+def expected_error(objective: Objective, budget: Budget) -> float:
+    """Radian, the same statistic of the errors that a budget expects.
+
+        sum_i weight_i P(k / 2, L^2 / (2 square_i)) = share,   P the regularised incomplete
+        gamma function, k = 2, 1, 3 axes, square_i the mean square per axis in field i
+
+    Errors  model: errors that are normal and alike about the axes, in each field.
+    """
+    law = budget.whole.spread
+    assert isinstance(law, Law)
+    axes = AXES[objective.axes]
+    squares = (law.mean**2 + law.sigma**2)[:, axes].mean(axis=1)
+    if objective.share is None:
+        return math.sqrt(float(law.weight @ squares))
+    share, half = objective.share, len(axes) / 2
+
+    def excess(log_square: float) -> float:
+        reached = special.gammainc(half, math.exp(log_square) / (2 * squares))
+        return float(law.weight @ reached) - share
+
+    lowest, highest = math.log(squares.min()) - 40, math.log(squares.max()) + 10
+    return math.exp(scipy.optimize.brentq(excess, lowest, highest) / 2)

@@ -1,0 +1,108 @@
+"""A Case enters; how far it meets the requirements that need no trials leaves."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from startrack.budget import attitudes
+from startrack.catalog import Selection, open_sky
+from startrack.core import Camera, Stars
+from startrack.design import Case, Requirements
+from startrack.detection import threshold_of
+from startrack.detector import electron_rate
+from startrack.motion import blur
+from startrack.scene import illuminate
+from startrack.trial import look, psf_of, throughput
+
+FIELDS = 1024  # attitudes over which the sky is counted
+FOCAL_STEP = 1.05  # ratio of the focal lengths at which they are counted
+MAGNITUDES = np.linspace(-2, 12, 57)
+
+
+def margins(requirements: Requirements, case: Case) -> dict[str, float]:
+    """How far each limit is kept, as a share of it (stars: in magnitudes); below 0, it is not.
+
+    The accuracy and the availability are not here: they need trials.
+    """
+    rate = case.instrument.detector.update_rate
+    asked = {
+        "volume": (requirements.volume, requirements.max_volume),
+        "data rate": (requirements.data_rate, requirements.max_data_rate),
+        "cost": (requirements.cost, requirements.max_cost),
+    }
+    return {name: 1 - model(case) / limit for name, (model, limit) in asked.items() if limit} | {
+        "mass": 1 - requirements.mass(case) / requirements.max_mass,
+        "power": 1 - requirements.power(case) / requirements.max_power,
+        "update rate": rate / requirements.min_update_rate - 1
+        if requirements.min_update_rate
+        else 1.0,
+        "stars in the sky": limiting_magnitude(case)
+        - needed_magnitude(case, requirements.min_stars, requirements.sky_share),
+    }
+
+
+def limiting_magnitude(case: Case) -> float:
+    """The faintest G of a sunlike star that the matched filter sees at the threshold.
+
+        signal / noise = N sqrt(sum p^2) / sqrt(sky + dark + read noise^2 + gain^2 / 12)
+                       = threshold,   p the shares of the smeared star's light in its pixels
+
+    Errors  model: background-limited, which holds at the threshold; the pixel phase is averaged,
+            and the tests that tell a star from a hot pixel cost up to half a magnitude more.
+    """
+    detector = case.instrument.detector
+    pixel = case.instrument.camera.focal_length_px**-2
+    unknown = np.full(len(MAGNITUDES), np.nan)
+    stars = Stars(
+        np.zeros(len(MAGNITUDES), np.int64), np.zeros((len(MAGNITUDES), 3)), MAGNITUDES, unknown
+    )
+    light = illuminate(case.scene, stars)
+    star, sky = electron_rate(light, detector, throughput(case.instrument))
+    noise = (sky * pixel + detector.dark_rate) * detector.integration
+    noise += detector.noise**2 + detector.electrons_per_dn**2 / 12
+    # The sum of squares of the pixel shares, with the mean of the smear: a convolution of each
+    # place with each other place along the path.
+    psf = psf_of(case.instrument)
+    sharpness = float((psf.table**2).sum()) / psf.oversampling**2
+    smear = blur(case.instrument.motion, detector.exposure)
+    # A straight line of this length has the same blur.
+    length = np.sqrt(12) * float(np.hypot(smear[0], smear[1])) / np.sqrt(pixel)
+    sharpness /= np.sqrt(1 + length**2 * sharpness)
+    signal = star * detector.integration * np.sqrt(sharpness)
+    ratio = signal / np.sqrt(noise)
+    threshold = threshold_of(case.tracker.detection, detector.columns, detector.rows, psf)
+    return float(np.interp(-np.log(threshold), -np.log(ratio), MAGNITUDES))
+
+
+def needed_magnitude(case: Case, stars: int, share: float) -> float:
+    """The G that must be seen so that `share` of the sky shows `stars` stars in the field.
+
+    Errors  numerical: 0.02 magnitudes between the focal lengths at which the sky is counted.
+    """
+    camera = case.instrument.camera
+    at, below = math.modf(math.log(camera.focal_length_px) / math.log(FOCAL_STEP))
+    nearer, farther = (
+        _needed(case.believed_catalog, camera.columns, camera.rows, step, stars, share)
+        for step in (int(below), int(below) + 1)
+    )
+    return nearer + at * (farther - nearer)
+
+
+@lru_cache(maxsize=1024)
+def _needed(
+    catalog: Selection, columns: int, rows: int, step: int, stars: int, share: float
+) -> float:
+    """At a focal length of FOCAL_STEP**step pixels."""
+    camera = Camera(columns, rows, FOCAL_STEP**step)
+    sky = open_sky(catalog)
+    faintest = np.empty(FIELDS)
+    for i, attitude in enumerate(attitudes(FIELDS)):
+        seen = look(sky, attitude, camera)
+        inside = camera.holds(camera.project(attitude.apply(seen.direction)))
+        magnitude = seen.magnitude_g[inside]
+        # A field with too few stars in the whole catalogue asks for more than the catalogue has.
+        faintest[i] = magnitude[stars - 1] if len(magnitude) >= stars else catalog.limit_g + 1
+    return float(np.quantile(faintest, share))

@@ -1,0 +1,200 @@
+"""A box and two objectives enter; the designs that none beats in both leave."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import arcsec, one_of, whole
+from startrack.design import Box, Campaign, Objective
+from startrack.optimise.evaluate import PENALTY, expect, expected_error, missed
+from startrack.optimise.runner import FRESH, Bench
+from startrack.optimise.search import least_of_all
+
+Floats = NDArray[np.float64]
+
+METHODS = ("epsilon", "weighted")
+UNITS = {"mass": "kg", "power": "W", "data rate": "bit / s", "volume": "m3", "cost": "1"}
+
+
+@dataclass(frozen=True)
+class Goals:
+    """What is traded for what.
+
+    first, second  an objective of the error, such as "across" or "about-99.73", or what a design
+                   costs: "mass", "power", "data rate", "volume" or "cost"
+    """
+
+    first: str = "across"
+    second: str = "mass"
+
+    def __post_init__(self) -> None:
+        if self.first == self.second:
+            raise ValueError(f"first and second must differ, got {self.first} twice")
+        for goal in (self.first, self.second):
+            if goal not in UNITS:
+                Objective.read(goal)
+
+
+@dataclass(frozen=True)
+class Point:
+    """A design of the front.
+
+    place     in the unit cube
+    values    of the variables, SI
+    expected  of both goals, by the analytic budget where they are errors
+    measured  of both goals, by trials
+    """
+
+    place: tuple[float, ...]
+    values: dict[str, float]
+    expected: tuple[float, float]
+    measured: tuple[float, float]
+
+
+def front(
+    box: Box,
+    campaign: Campaign,
+    goals: Goals,
+    bench: Bench,
+    points: int = 7,
+    method: str = "epsilon",
+    watch: Callable[[Point], None] | None = None,
+) -> list[Point]:
+    """Trade one goal for the other, on the analytic budget; each point is then tried.
+
+    epsilon:   least first goal while the second is at most e, for e between the two extremes
+    weighted:  least w ln first + (1 - w) ln second, for w from 1 to 0
+
+    The first finds points wherever the front lies; the second only those where it bulges towards
+    the origin. Source: Miettinen (1999), Nonlinear Multiobjective Optimization, 3.1 and 3.2.
+
+    Returns  the points that no other beats in both goals by the budget, in order of the first
+    Errors   ValueError where no design of the box meets the requirements.
+             model: the budget's; `measured` shows it.
+    """
+    whole(2, 1000, points=points)
+    one_of(METHODS, method=method)
+    ask = _Asked(box, campaign, goals)
+    first, second = (ask.least(partial(_weighted, share), box.start) for share in (1.0, 0.0))
+    if method == "epsilon":
+        steps = np.linspace(ask(first)[1], ask(second)[1], points)
+        scores = [partial(_limited, limit) for limit in steps]
+    else:
+        scores = [partial(_weighted, share) for share in np.linspace(1, 0, points)]
+    found = [first]
+    for score in scores[1:-1]:
+        found.append(ask.least(score, found[-1]))
+    found.append(second)
+    kept = [found[i] for i in undominated(np.array([ask(place) for place in found]))]
+    kept.sort(key=lambda place: float(ask(place)[0]))
+    result = []
+    for place in kept:
+        result.append(_tried(box, campaign, goals, bench, place, ask(place)))
+        if watch:
+            watch(result[-1])
+    return result
+
+
+def _limited(limit: float, pair: Floats) -> float:
+    return float(pair[0] + PENALTY * max(0.0, pair[1] - limit))
+
+
+def _weighted(share: float, pair: Floats) -> float:
+    return float(share * pair[0] + (1 - share) * pair[1])
+
+
+def undominated(values: Floats) -> list[int]:
+    """Which of values (n, k) no other beats or equals in all columns; of equal ones the first."""
+    return [
+        i
+        for i, one in enumerate(values)
+        if not any(
+            (other <= one).all() and ((other < one).any() or j < i)
+            for j, other in enumerate(values)
+            if j != i
+        )
+    ]
+
+
+def cost_of(campaign: Campaign, goal: str) -> Callable[..., float] | None:
+    """The model of what a design costs, None where the goal is an error."""
+    needs = campaign.requirements
+    models = {
+        "mass": needs.mass,
+        "power": needs.power,
+        "data rate": needs.data_rate,
+        "volume": needs.volume,
+        "cost": needs.cost,
+    }
+    return models.get(goal)
+
+
+class _Asked:
+    """Logarithms of both goals by the budget, each place asked once."""
+
+    def __init__(self, box: Box, campaign: Campaign, goals: Goals) -> None:
+        self._box, self._campaign = box, campaign
+        self._goals = (goals.first, goals.second)
+        self._known = dict[bytes, tuple[Floats, float]]()
+
+    def __call__(self, place: Floats) -> Floats:
+        return self._ask(place)[0]
+
+    def _ask(self, place: Floats) -> tuple[Floats, float]:
+        key = place.tobytes()
+        if key not in self._known:
+            self._known[key] = self._new(place)
+        return self._known[key]
+
+    def _new(self, place: Floats) -> tuple[Floats, float]:
+        try:
+            case = self._box.design(place)
+            budget, margins = expect(case, self._campaign)
+        except ValueError:
+            return np.full(2, math.nan), math.nan
+        pair = []
+        for goal in self._goals:
+            model = cost_of(self._campaign, goal)
+            pair.append(
+                model(case) if model else expected_error(Objective.read(goal), budget) / arcsec
+            )
+        return np.log(pair), missed(margins)
+
+    def least(self, score: Callable[[Floats], float], start: Floats) -> Floats:
+        """The place where a score of both goals is least, of all so far that meet the requirements.
+
+        Errors  ValueError where none does.
+        """
+
+        def asked(place: Floats) -> float:
+            pair, short = self._ask(place)
+            return score(pair) + PENALTY * short
+
+        share = max(1, self._campaign.prospects // 2)
+        least_of_all(asked, start, share, share)
+        met = {key: score(pair) for key, (pair, short) in self._known.items() if short == 0}
+        if not met:
+            raise ValueError("no design of the box meets the requirements that need no trials")
+        return np.frombuffer(min(met, key=met.__getitem__))
+
+
+def _tried(
+    box: Box, campaign: Campaign, goals: Goals, bench: Bench, place: Floats, expected: Floats
+) -> Point:
+    case = box.design(place)
+    outcomes = bench.run(case, campaign.most_trials, campaign.fidelity, FRESH)
+    measured = []
+    for goal, known in zip((goals.first, goals.second), np.exp(expected), strict=True):
+        if cost_of(campaign, goal):
+            measured.append(float(known))
+        else:
+            objective = Objective.read(goal)
+            measured.append(float(objective.of(objective.squares(outcomes))) / arcsec)
+    both = (float(np.exp(expected[0])), float(np.exp(expected[1])))
+    return Point(tuple(place), box.values(place), both, (measured[0], measured[1]))

@@ -1,0 +1,86 @@
+"""Bench: where designs are tried; it remembers each trial, so that none is done twice."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from concurrent.futures import Executor
+
+import numpy as np
+from numpy.typing import NDArray
+
+import startrack
+from startrack.design import Case, Fidelity
+from startrack.montecarlo import Serial, run
+from startrack.optimise.ledger import Ledger
+from startrack.trial import OUTCOMES
+
+FRESH = 10**6  # first trial of the fresh ones: no tuning reaches it
+
+
+class Bench:
+    """Trials of any design on the same skies and with the same streams of noise.
+
+    A study on a bench is deterministic: started again with the ledger of one that was killed, it
+    finds what was done there and ends with the same answer.
+
+    seed    of all random numbers
+    ledger  what is remembered, None for this bench's own memory
+    tried   how many trials this bench has done itself, per fidelity
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        executor: Executor | None = None,
+        workers: int = 1,
+        ledger: Ledger | None = None,
+    ):
+        self.seed = seed
+        self.tried = dict[Fidelity, int]()
+        self._executor = executor or Serial()
+        self._workers = workers
+        self.ledger = ledger or Ledger()
+
+    def run(
+        self,
+        case: Case,
+        trials: int,
+        fidelity: Fidelity = Fidelity.FRAME,
+        first: int = 0,
+        progress: Callable[[int], None] | None = None,
+    ) -> NDArray[np.void]:
+        """The outcomes of trials first ... first + trials - 1 of a design.
+
+        progress  called with the number of trials that were just done
+        Errors    ValueError where the design cannot be tried, also when asked again.
+        """
+        key = self._key(case, fidelity, first)
+        if reason := self.ledger.refusal(key):
+            raise ValueError(reason)
+        held = self.ledger.held(key)
+        lacking = trials - len(held)
+        if lacking <= 0:
+            return held[:trials]
+        try:
+            new = run(
+                case,
+                lacking,
+                self.seed,
+                self._executor,
+                first + len(held),
+                self._workers,
+                progress,
+                fidelity,
+            )
+        except ValueError as error:
+            self.ledger.keep_refusal(key, str(error))
+            raise
+        self.tried[fidelity] = self.tried.get(fidelity, 0) + lacking
+        self.ledger.keep(key, len(held), new)
+        return np.concatenate([held, new]).astype(OUTCOMES)
+
+    def _key(self, case: Case, fidelity: Fidelity, first: int) -> bytes:
+        # A frozen case writes all its numbers, each with all its digits.
+        text = f"{startrack.__version__} {self.seed} {fidelity} {first} {case!r}"
+        return hashlib.blake2b(text.encode(), digest_size=16).digest()

@@ -1,0 +1,198 @@
+"""A function over the unit cube enters; the place where it is least leaves (nlopt)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import nlopt
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import positive, whole, within
+
+Floats = NDArray[np.float64]
+
+REFUSED = 1e6  # what nlopt is told of a place that has no score
+REPEATS = 10  # calls for each evaluation, after which a search that repeats itself is ended
+
+
+class Algorithm(StrEnum):
+    """How to search, by nlopt's name.
+
+    SBPLX              Rowan (1990): Nelder-Mead on subspaces; sees only which of two is less, so
+                       that it bears noise, kinks and refused places
+    BOBYQA             Powell (2009): a quadratic, for smooth functions; COBYLA (1994): a plane
+    DIRECT, CRS, MLSL  the whole cube: Gablonsky and Kelley (2001), Kaelo and Ali (2006), Kucherenko
+                       and Sytsko (2005) with SBPLX for its descents
+    """
+
+    SBPLX = "LN_SBPLX"
+    BOBYQA = "LN_BOBYQA"
+    COBYLA = "LN_COBYLA"
+    DIRECT = "GN_DIRECT_L"
+    CRS = "GN_CRS2_LM"
+    MLSL = "G_MLSL_LDS"
+
+
+@dataclass(frozen=True)
+class Search:
+    """How long and how finely to search.
+
+    evaluations  places that may be tried
+    first_step   1, side of the first simplex
+    last_step    1, steps below which a local search ends
+    seed         of the algorithms that draw
+    """
+
+    algorithm: Algorithm = Algorithm.SBPLX
+    evaluations: int = 200
+    first_step: float = 0.15
+    last_step: float = 2e-3
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        whole(1, 10**7, evaluations=self.evaluations)
+        within(1e-9, 0.5, first_step=self.first_step)
+        positive(last_step=self.last_step)
+        whole(0, 2**32 - 1, seed=self.seed)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """How a search ended.
+
+    place        (d,) the best that was tried, the start where no place has a score
+    score        there; infinite where no place has a score
+    evaluations  how many places were tried
+    ending       one sentence
+    """
+
+    place: Floats
+    score: float
+    evaluations: int
+    ending: str
+
+
+def least(
+    score: Callable[[Floats], float],
+    start: Floats,
+    search: Search,
+    enough: Callable[[], str] | None = None,
+) -> Found:
+    """Search the unit cube from a start, and return the best place that was tried.
+
+    nlopt is kept from its traps: it gets Python floats alone and each place is a copy of its own;
+    what is not finite counts as refused; no place is tried twice; the number of evaluations holds
+    for algorithms that overrun it; and the incumbent is ours, so that rounding errors and stops
+    do not lose it.
+
+    score    of a place (d,); NaN or infinite where it has none
+    enough   asked after each evaluation; a sentence ends the search
+    Errors   what `score` raises; ValueError where the start is not in the cube.
+    """
+    if not ((start >= 0) & (start <= 1)).all():
+        raise ValueError(f"start must lie in the unit cube, got {start}")
+    watch = _Watch(score, start, search.evaluations, enough)
+    ending = "nlopt was content"
+    try:
+        engine = _engine(search, start)
+        engine.set_min_objective(watch)
+        engine.optimize(np.array(start, float))
+        ending = {
+            nlopt.MAXEVAL_REACHED: "all evaluations were used",
+            nlopt.XTOL_REACHED: "the steps became too small to matter",
+        }.get(engine.last_optimize_result(), ending)
+    except _Enough as reason:
+        ending = str(reason)
+    except nlopt.RoundoffLimited:
+        ending = "rounding errors stopped nlopt"
+    except (nlopt.ForcedStop, nlopt.runtime_error, nlopt.invalid_argument) as error:
+        if not watch.seen:
+            raise ValueError(f"nlopt refused to search: {error}") from None
+        ending = "nlopt gave up"
+    return Found(watch.place, watch.best, len(watch.seen), ending)
+
+
+def least_of_all(
+    score: Callable[[Floats], float],
+    start: Floats,
+    wide: int,
+    near: int,
+    enough: Callable[[], str] | None = None,
+) -> Found:
+    """Look at the start, over the whole cube by DIRECT, and around the better of both by Sbplx.
+
+    wide, near  places that each of the searches may try
+    Returns     what the last search found; it is never worse than the start
+    """
+    here = least(score, start, Search(evaluations=1), enough)
+    if enough and enough():
+        return here
+    far = least(score, start, Search(Algorithm.DIRECT, wide), enough)
+    if enough and enough():
+        return far
+    best = min(far, here, key=lambda found: found.score)
+    return least(score, best.place, Search(evaluations=near), enough)
+
+
+class _Enough(Exception):
+    """Thrown through nlopt to end it."""
+
+
+class _Watch:
+    """The objective as nlopt sees it; it remembers each place."""
+
+    def __init__(
+        self,
+        score: Callable[[Floats], float],
+        start: Floats,
+        most: int,
+        enough: Callable[[], str] | None,
+    ) -> None:
+        self.seen = dict[bytes, float]()
+        self.place, self.best = np.array(start, float), math.inf
+        self._score, self._most, self._enough = score, most, enough
+        self._calls = 0
+
+    def __call__(self, buffer: Floats, _gradient: Floats) -> float:
+        place = np.clip(np.array(buffer, float), 0, 1)  # nlopt uses its buffer again
+        key = place.tobytes()
+        self._calls += 1
+        if self._calls > REPEATS * self._most:
+            raise _Enough("the search went in circles")
+        if key not in self.seen:
+            if len(self.seen) >= self._most:
+                raise _Enough("all evaluations were used")
+            self.seen[key] = self._try(place)
+            if self._enough and (reason := self._enough()):
+                raise _Enough(reason)
+        return self.seen[key]
+
+    def _try(self, place: Floats) -> float:
+        value = float(self._score(place.copy()))
+        if not math.isfinite(value):
+            return REFUSED
+        if value < self.best:
+            self.place, self.best = place, value
+        return value
+
+
+def _engine(search: Search, start: Floats) -> Any:
+    nlopt.srand(search.seed)
+    engine = nlopt.opt(getattr(nlopt, search.algorithm), len(start))
+    engine.set_lower_bounds(np.zeros(len(start)))
+    engine.set_upper_bounds(np.ones(len(start)))
+    engine.set_maxeval(search.evaluations)
+    if search.algorithm is Algorithm.MLSL:
+        local = nlopt.opt(nlopt.LN_SBPLX, len(start))
+        local.set_xtol_abs(np.full(len(start), search.last_step))
+        engine.set_local_optimizer(local)
+    elif search.algorithm in (Algorithm.SBPLX, Algorithm.BOBYQA, Algorithm.COBYLA):
+        engine.set_xtol_abs(np.full(len(start), search.last_step))
+        step = search.first_step
+        engine.set_initial_step(np.where(start + step <= 1, step, -step))
+    return engine

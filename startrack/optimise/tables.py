@@ -1,0 +1,190 @@
+"""The results of studies as CSV, JSON lines and Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from startrack.core import arcsec
+from startrack.design import Campaign, Objective
+from startrack.io import save_csv
+from startrack.metrics import Interval
+from startrack.optimise.ensemble import Chains
+from startrack.optimise.evaluate import Evaluation
+from startrack.optimise.margins import margins as margins_of
+from startrack.optimise.optimise import Optimum
+from startrack.optimise.tolerance import Tolerance
+
+SHARES = (0.025, 0.16, 0.5, 0.84, 0.975)
+
+
+def write_evaluations(path: Path, evaluations: Sequence[Evaluation]) -> None:
+    """All designs that were tried; variables in SI, errors in arcsecond."""
+    margins = list(dict.fromkeys(name for one in evaluations for name in one.margins))
+    variables = list(evaluations[0].values)
+    head = ["evaluation", *variables, "across_rms_arcsec", "about_rms_arcsec", "availability",
+            *(f"margin {name}" for name in margins), "score", "feasible", "note"]  # fmt: skip
+    rows = (
+        [
+            number,
+            *one.values.values(),
+            *_errors(one),
+            *(one.margins.get(name, math.nan) for name in margins),
+            one.score,
+            one.feasible,
+            one.note,
+        ]
+        for number, one in enumerate(evaluations)
+    )
+    save_csv(path, head, rows)
+
+
+def comparison(optimum: Optimum, campaign: Campaign) -> str:
+    """Start and best side by side, as Markdown."""
+    box = optimum.box
+    before, after = box.text(optimum.start), box.text(optimum.best)
+    lines = ["| | start | best |", "|---|---|---|"]
+    lines += [f"| {name.split('.', 1)[1]} | {before[name]} | {after[name]} |" for name in before]
+    start, best = optimum.fresh
+    for name in ("across", "about"):
+        lines.append(
+            f"| rms error {name} the boresight (arcsec) "
+            f"| {_told(getattr(start, name))} | {_told(getattr(best, name))} |"
+        )
+    lines.append(
+        f"| availability (%) | {_told(start.availability, 0.01)} "
+        f"| {_told(best.availability, 0.01)} |"
+    )
+    lines.append(f"| matched stars | {start.stars:.1f} | {best.stars:.1f} |")
+    needs = campaign.requirements
+    for title, of in (
+        (f"mass (kg), at most {needs.max_mass:g}", needs.mass),
+        (f"power (W), at most {needs.max_power:g}", needs.power),
+    ):
+        lines.append(f"| {title} | {of(optimum.start):.3f} | {of(optimum.best):.3f} |")
+    rates = [one.instrument.detector.update_rate for one in (optimum.start, optimum.best)]
+    lines.append(
+        f"| update rate (Hz), at least {needs.min_update_rate:g} "
+        f"| {rates[0]:.2f} | {rates[1]:.2f} |"
+    )
+    sky = [margins_of(needs, one)["stars in the sky"] for one in (optimum.start, optimum.best)]
+    lines.append(
+        f"| magnitudes in hand for {needs.min_stars} stars in {100 * needs.sky_share:g} % of the "
+        f"sky | {sky[0]:+.2f} | {sky[1]:+.2f} |"
+    )
+    factor, optimism, share = optimum.factor, optimum.optimism, optimum.availability
+    designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
+    promised = optimum.promised / arcsec
+    lines += [
+        "",
+        f"Better by a factor of {factor.value:.2f} [{factor.low:.2f}, {factor.high:.2f}] in the "
+        f"{Objective.read(campaign.objective)}, on {start.trials} fresh frames, paired. {designs} "
+        f"designs were tried, with {campaign.trials} to {campaign.most_trials} trials each. The "
+        f"tuning trials promised {promised:.{_digits(promised)}f} arcsec; fresh frames show "
+        f"{optimism.value:.3f} [{optimism.low:.3f}, {optimism.high:.3f}] of that. {trials} trials "
+        f"were done in all. The availability is at least {100 * share.low:.2f} % "
+        f"(asked: {100 * needs.min_availability:g} %), a wrong attitude comes in at most "
+        f"{100 * best.false.high:.2f} % of the frames. Brackets and bounds hold with 95 % "
+        "confidence.",
+    ]
+    if optimum.branch:
+        lines += ["", f"Of the choices the best took {optimum.branch}."]
+    if optimum.lacking:
+        short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())
+        lines += ["", f"NOT MET, the least violated first: {short}."]
+    return "\n".join(lines)
+
+
+def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
+    """The tolerance region for JSON, variables in SI."""
+    names = [variable.name for variable in tolerance.box.variables]
+    places = np.quantile(tolerance.samples, SHARES, axis=0)
+    rows = [tolerance.box.values(place) for place in places]
+    return {
+        "limit_arcsec": tolerance.limit / arcsec,
+        "quantiles": list(SHARES),
+        "values_si": {name: [row[name] for row in rows] for name in names},
+        "surface_error": tolerance.surface_error,
+        "check_error": tolerance.check_error,
+        "checks": tolerance.checks,
+        "promised": tolerance.promised,
+        "kept": tolerance.kept,
+        **chain_values(tolerance.chains),
+        "designs": len(tolerance.evaluations),
+    }
+
+
+def chain_values(chains: Chains) -> dict[str, Any]:
+    """For JSON, what tells whether samples may be believed."""
+    return {
+        "acceptance": chains.acceptance,
+        "autocorrelation_steps": float(chains.autocorrelation.max()),
+        "effective_samples": float(chains.effective.min()),
+        "split_r_hat": float(chains.split_r_hat.max()),
+        "converged": chains.converged,
+        "doubt": chains.doubt,
+    }
+
+
+def chain_text(chains: Chains) -> str:
+    """The same for a person."""
+    return (
+        f"{chains.effective.min():.0f} independent samples, acceptance {chains.acceptance:.2f}, "
+        f"split R-hat {chains.split_r_hat.max():.4f} over {len(chains.samples)} independent "
+        f"ensembles, {f'NOT converged: {chains.doubt}' if chains.doubt else 'converged'}"
+    )
+
+
+def tolerance_table(tolerance: Tolerance) -> str:
+    """Where each variable may lie, as Markdown."""
+    box = tolerance.box
+    places = np.quantile(tolerance.samples, SHARES, axis=0)
+    texts = [box.text(box.design(place)) for place in places]
+    centre = box.text(box.case)
+    head = "| variable | design | " + " | ".join(f"{100 * share:g} %" for share in SHARES) + " |"
+    lines = [head, "|---" * (2 + len(SHARES)) + "|"]
+    for name in centre:
+        row = " | ".join(text[name] for text in texts)
+        lines.append(f"| {name.split('.', 1)[1]} | {centre[name]} | {row} |")
+    lines += [
+        "",
+        f"Quantiles of the designs that keep the error below {tolerance.limit / arcsec:.2f} "
+        f"arcsec and meet the requirements: {chain_text(tolerance.chains)}. The response surface "
+        f"is off by {100 * tolerance.surface_error:.1f} % leaving one out, by "
+        f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs "
+        f"({len(tolerance.evaluations)} designs in all); it gave them a probability of "
+        f"{tolerance.promised:.2f} to belong, and {tolerance.kept:.2f} of them did.",
+    ]
+    return "\n".join(lines)
+
+
+def write_samples(path: Path, tolerance: Tolerance) -> None:
+    """The samples of the region; variables in SI."""
+    names = [variable.name for variable in tolerance.box.variables]
+    rows = (tolerance.box.values(place).values() for place in tolerance.samples)
+    save_csv(path, names, rows)
+
+
+def _errors(one: Evaluation) -> tuple[float, float, float]:
+    if one.summary is None:
+        return math.nan, math.nan, math.nan
+    return (
+        one.summary.across.value / arcsec,
+        one.summary.about.value / arcsec,
+        one.summary.availability.value,
+    )
+
+
+def _told(interval: Interval, unit: float = arcsec) -> str:
+    value, low, high = (x / unit for x in (interval.value, interval.low, interval.high))
+    digits = _digits(value)
+    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+def _digits(value: float) -> int:
+    """Decimals that show a value in two digits at least; two for what is none or zero."""
+    return max(2, 1 - math.floor(math.log10(value))) if value > 0 else 2

@@ -1,0 +1,61 @@
+"""The same trials at each fidelity -> speed against error."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.design import Case, Fidelity
+from startrack.metrics import Interval, Summary, summarise
+from startrack.trial import run_trials
+
+
+class Rung(NamedTuple):
+    """One fidelity, on some trials.
+
+    fidelity  its name
+    seconds   of CPU for a trial; the first one, which fills the caches, is not counted
+    summary   of its trials; None where it refused the design
+    apart     radian, rms per axis across between its errors and those of the frames
+    refusal   why it refused, or nothing
+    """
+
+    fidelity: Fidelity
+    seconds: float
+    summary: Summary | None
+    apart: float
+    refusal: str
+
+    @property
+    def across(self) -> Interval:
+        """Radian, rms per axis."""
+        return self.summary.across if self.summary else Interval(*[math.nan] * 3)
+
+
+def rungs(
+    case: Case, seed: int, numbers: Sequence[int], advance: Callable[[int], None]
+) -> list[Rung]:
+    """Every fidelity on the same skies; `frame`, the reference, comes first."""
+    made: list[Rung] = []
+    frames = None
+    for fidelity in Fidelity:
+        try:
+            run_trials(case, seed, numbers[:1], fidelity)
+        except ValueError as error:
+            made.append(Rung(fidelity, math.nan, None, math.nan, str(error)))
+            advance(len(numbers))
+            continue
+        began = time.process_time()
+        outcomes = run_trials(case, seed, numbers, fidelity)
+        seconds = (time.process_time() - began) / len(numbers)
+        frames = outcomes if frames is None else frames
+        both = outcomes["solved"] & frames["solved"] & ~outcomes["false"] & ~frames["false"]
+        between = [outcomes[name][both] - frames[name][both] for name in ("error_x", "error_y")]
+        apart = float(np.sqrt(np.mean(np.square(between)))) if both.any() else math.nan
+        made.append(Rung(fidelity, seconds, summarise(outcomes), apart, ""))
+        advance(len(numbers))
+    return made

@@ -1,0 +1,162 @@
+"""Some trials again, star by star -> error against magnitude, field position and slew rate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Streams, arcsec, deg
+from startrack.design import Case
+from startrack.metrics import Interval, rms_interval, summarise
+from startrack.montecarlo import Serial, run
+from startrack.motion import stability
+from startrack.report.page import BLUE, RED
+from startrack.trial import Record, observe
+
+Floats = NDArray[np.float64]
+
+BINS = 8
+FEWEST = 8  # stars in a bin
+SMEARS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # pixel in an exposure
+
+
+class Seen(NamedTuple):
+    """Matched stars of some trials.
+
+    magnitude  (n,) G
+    radius     (n,) pixel, from the middle of the frame
+    error      (n, 2) pixel, centroid minus true place at the middle of the exposure
+    trials     from how many trials
+    """
+
+    magnitude: Floats
+    radius: Floats
+    error: Floats
+    trials: int
+
+
+class Slew(NamedTuple):
+    """What a slew rate does.
+
+    rate     radian / second
+    smear    pixel
+    across   radian, rms per axis
+    share    of trials with a right attitude
+    """
+
+    rate: float
+    smear: float
+    across: Interval
+    share: Interval
+
+
+def look_again(
+    case: Case,
+    seed: int,
+    numbers: Sequence[int],
+    icrs_to_camera: Rotation,
+    progress: Callable[[int], None],
+) -> Seen:
+    """Do trials once more, and keep what `Outcome` does not: each star's own error.
+
+    icrs_to_camera  the true attitude of each
+    """
+    rows = [np.empty((0, 4))]
+    for number, attitude in zip(numbers, icrs_to_camera, strict=True):
+        rows.append(_stars(case, observe(case, attitude, Streams(seed, number))))
+        progress(1)
+    magnitude, radius, x, y = np.concatenate(rows).T
+    return Seen(magnitude, radius, np.column_stack([x, y]), len(numbers))
+
+
+def _stars(case: Case, record: Record) -> Floats:
+    """(m, 4): magnitude, radius and error of the stars matched, at the mean of the path."""
+    if not record.outcome.solved or record.outcome.false:
+        return np.empty((0, 4))
+    camera, matches = case.instrument.camera, record.matches
+    # A centroid marks the mean of the smear, which the path knows.
+    mean = stability(record.path).mean
+    turned = record.icrs_to_camera.apply(matches.direction)
+    place = camera.project(turned + np.cross(mean, turned))
+    spots = np.column_stack([record.spots.x, record.spots.y])[matches.spot]
+    # Directions of the tracker's catalogue, so the magnitudes are looked up by place.
+    near = np.argmax(matches.direction @ record.stars.direction.T, axis=1)
+    radius = np.hypot(*(place - camera.centre).T)
+    return np.column_stack([record.stars.magnitude_g[near], radius, spots - place])
+
+
+def slews(case: Case, seed: int, trials: int, progress: Callable[[int], None]) -> list[Slew]:
+    """The same trials at other rates of slew, across the rows, all else as the design has it."""
+    instrument, result = case.instrument, []
+    pixel = 1 / instrument.camera.focal_length_px
+    for smear in SMEARS:
+        rate = smear * pixel / instrument.detector.exposure
+        motion = replace(instrument.motion, rate_x=rate, rate_y=0.0, rate_z=0.0)
+        turned = replace(case, instrument=replace(instrument, motion=motion))
+        summary = summarise(run(turned, trials, seed, Serial(), progress=progress))
+        result.append(Slew(rate, smear, summary.across, summary.availability))
+    return result
+
+
+def draw_stars(seen: Seen, half_diagonal: float) -> Figure:
+    """Rms centroid error per axis against magnitude and against field position."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    _binned(left, seen.magnitude, seen.error)
+    _binned(right, seen.radius / half_diagonal, seen.error)
+    left.set(xlabel="magnitude (G)", ylabel="centroid error, rms per axis (pixel)", yscale="log")
+    right.set(xlabel="distance from the middle (half diagonals)", xlim=(0, 1))
+    return figure
+
+
+def _binned(axes: Axes, at: Floats, error: Floats) -> None:
+    """Rms in bins of equal numbers of stars, bars of 95 %."""
+    order = np.argsort(at)
+    count = min(BINS, len(order) // FEWEST)
+    for part in np.array_split(order, count) if count else []:
+        told = rms_interval((error[part] ** 2).mean(axis=1))
+        bars = [[max(told.value - told.low, 0)], [told.high - told.value]]
+        axes.errorbar(float(at[part].mean()), told.value, yerr=bars, fmt="o", ms=4, color=BLUE)
+    # Rasterised, as thousands of points would make a heavy page.
+    axes.plot(at, np.sqrt((error**2).mean(axis=1)), ".", ms=2, alpha=0.25, color=BLUE, zorder=0,
+              rasterized=True)  # fmt: skip
+    axes.grid(lw=0.3)
+
+
+def draw_slews(slewed: Sequence[Slew], own: float) -> Figure:
+    """Error and availability against the rate; `own` is the design's, radian / second."""
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    error, share = figure.subplots(1, 2)
+    rate = np.array([one.rate for one in slewed]) / deg
+    for axes, name, unit in ((error, "across", arcsec), (share, "share", 0.01)):
+        value, low, high = (
+            np.array([getattr(getattr(one, name), part) for one in slewed]) / unit
+            for part in ("value", "low", "high")
+        )
+        # One trial, or none, bounds no error.
+        bars = [np.where(np.isfinite(end), end, 0) for end in (value - low, high - value)]
+        axes.errorbar(rate, value, yerr=bars, fmt="o-", ms=4, color=BLUE)
+        axes.axvline(own / deg, color=RED, lw=0.8, label="of the design")
+        axes.set_xlabel("slew rate (deg / s)")
+        axes.set_xscale("symlog", linthresh=max(rate[1], 1e-9))
+        axes.set_xlim(-0.2 * rate[1], 1.3 * rate[-1])
+        axes.grid(lw=0.3)
+    solved = any(one.across.value > 0 for one in slewed)
+    error.set(ylabel="error across, rms per axis (arcsec)", yscale="log" if solved else "linear")
+    share.set(ylabel="trials with a right attitude (%)", ylim=(-3, 103))
+    error.legend(fontsize=8)
+    return figure
+
+
+def half_diagonal(case: Case) -> float:
+    """Pixel, from the middle of the frame to its corner."""
+    detector = case.instrument.detector
+    return math.hypot(detector.columns, detector.rows) / 2

@@ -1,0 +1,237 @@
+"""One trial, one line a room, in the order in which the light goes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.attitude import solve
+from startrack.catalog import open_sky
+from startrack.core import (
+    Camera,
+    Estimate,
+    Floats,
+    Frame,
+    Matches,
+    Path,
+    Psf,
+    Spots,
+    Stars,
+    Streams,
+)
+from startrack.design import Case, Fidelity, Tracker
+from startrack.detection import detect
+from startrack.detector import expose
+from startrack.identification import (
+    PatternIndex,
+    cache_folder,
+    cached_index,
+    identify,
+    indexed_field,
+)
+from startrack.metrics import JUDGED, Outcome, judge
+from startrack.trial.covariance import outcomes as drawn_outcomes
+from startrack.trial.spots import spots_of
+from startrack.trial.sweep import straighten, sweep
+from startrack.trial.systematic import trust
+from startrack.trial.view import (
+    asked_for,
+    course_of,
+    detected_spectrum,
+    frame_before,
+    light_of,
+    look,
+    path_of,
+    psf_of,
+    random_attitude,
+    throughput,
+)
+from startrack.trial.window import spots_in_windows
+
+__all__ = [
+    "OUTCOMES",
+    "Record",
+    "asked_for",
+    "course_of",
+    "detected_spectrum",
+    "estimated",
+    "index_of",
+    "light_of",
+    "look",
+    "observe",
+    "path_of",
+    "psf_of",
+    "random_attitude",
+    "recognise",
+    "run_random_trial",
+    "run_trial",
+    "run_trials",
+    "throughput",
+    "track",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Everything that one trial made, for those who want to look at more than its outcome.
+
+    icrs_to_camera  true attitude at the middle of the exposure
+    path            true motion around it; its first and last points are the start and the end
+    """
+
+    icrs_to_camera: Rotation
+    stars: Stars
+    frame: Frame
+    spots: Spots
+    matches: Matches
+    estimate: Estimate
+    outcome: Outcome
+    path: Path
+
+
+# A row of the table of trials: its number, and the fields of Outcome.
+OUTCOMES: np.dtype[np.void] = np.dtype([("trial", np.int64), *JUDGED.descr])
+
+
+def run_trials(
+    case: Case,
+    seed: int,
+    numbers: Sequence[int],
+    fidelity: Fidelity = Fidelity.FRAME,
+    icrs_to_camera: Rotation | None = None,
+) -> NDArray[np.void]:
+    """The outcomes of some trials of a seed, each the same whichever others are asked for.
+
+    icrs_to_camera  a true attitude for each; None: the random ones of `trial`
+    Returns  (n,) structured array: `trial` and the fields of Outcome
+    Errors   as `trial`, with a note that names it.
+    """
+    outcomes = np.empty(len(numbers), OUTCOMES)
+    outcomes["trial"] = numbers
+    if fidelity is Fidelity.COVARIANCE:
+        outcomes[list(Outcome._fields)] = drawn_outcomes(case, seed, numbers, icrs_to_camera)
+        return outcomes
+    for n, number in enumerate(numbers):
+        streams = Streams(seed, number)
+        look_at = random_attitude(streams) if icrs_to_camera is None else icrs_to_camera[n]
+        try:
+            outcomes[n] = (number, *run_trial(case, look_at, streams, fidelity))
+        except Exception as error:
+            error.add_note(f"in trial {number} of seed {seed}")
+            raise
+    return outcomes
+
+
+def run_random_trial(
+    case: Case, seed: int, number: int, fidelity: Fidelity = Fidelity.FRAME
+) -> Outcome:
+    """The outcome of trial `number` of a seed: random attitude, random noise.
+
+    Errors  ValueError where the case contradicts itself, or has what the fidelity lacks.
+    """
+    streams = Streams(seed, number)
+    return run_trial(case, random_attitude(streams), streams, fidelity)
+
+
+def run_trial(
+    case: Case, icrs_to_camera: Rotation, streams: Streams, fidelity: Fidelity = Fidelity.FRAME
+) -> Outcome:
+    """The outcome of a trial at a chosen attitude; errors as `trial`."""
+    if fidelity is Fidelity.FRAME:
+        return observe(case, icrs_to_camera, streams).outcome
+    if fidelity is Fidelity.COVARIANCE:
+        alone = Rotation.concatenate([icrs_to_camera])
+        drawn = drawn_outcomes(case, streams.seed, [streams.trial], alone)
+        return Outcome(*drawn[0].item())
+    make = spots_in_windows if fidelity is Fidelity.WINDOW else spots_of
+    spots = make(case, icrs_to_camera, streams)
+    camera, stars = case.believed_camera, open_sky(case.believed_catalog).stars
+    _, estimate = recognise(spots, camera, stars, case.tracker, trust(case))
+    return judge(estimate, asked_for(case, icrs_to_camera, streams), len(spots))
+
+
+def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
+    """Render, detect, identify, estimate, judge.
+
+    icrs_to_camera  true attitude at the middle of the exposure
+    Errors          ValueError where the case contradicts itself.
+    """
+    camera = case.instrument.camera
+    stars = look(open_sky(case.catalog), icrs_to_camera, camera)
+    light = light_of(case, stars, icrs_to_camera, streams)
+    psf = psf_of(case.instrument)
+    path = path_of(case.instrument, streams)
+    detector = case.instrument.detector
+    if detector.scan:
+        frame = sweep(case, light, icrs_to_camera, streams)
+    else:
+        frame = expose(
+            light,
+            psf,
+            path,
+            icrs_to_camera,
+            camera,
+            detector,
+            throughput(case.instrument),
+            streams,
+            course_of(case.instrument, streams),
+            frame_before(case.instrument, light, path, icrs_to_camera, streams),
+        )
+    believed = case.believed_camera
+    spots = detect(frame, case.tracker.detection, psf)
+    if detector.scan:
+        motion = case.believed_motion
+        spots = straighten(spots, detector.scan, detector.exposure, motion, believed)
+    catalog = open_sky(case.believed_catalog).stars
+    matches, estimate = recognise(spots, believed, catalog, case.tracker, trust(case))
+    outcome = judge(estimate, asked_for(case, icrs_to_camera, streams), len(spots))
+    return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
+
+
+def track(
+    frame: Frame, camera: Camera, stars: Stars, tracker: Tracker, psf: Psf | None = None
+) -> tuple[Spots, Matches, Estimate]:
+    """What the flight software does with a frame, real or rendered.
+
+    camera   as the tracker believes it
+    stars    the tracker's catalogue
+    tracker  its settings
+    psf      as the tracker believes it; None: a Gaussian
+    """
+    spots = detect(frame, tracker.detection, psf)
+    return spots, *recognise(spots, camera, stars, tracker)
+
+
+def recognise(
+    spots: Spots, camera: Camera, stars: Stars, tracker: Tracker, own: Floats | None = None
+) -> tuple[Matches, Estimate]:
+    """What the flight software does with its spots; arguments as `track` takes them.
+
+    own  (n,) pixel^2, what each star of the catalogue errs by beside its noise, as `trust` gives it
+    """
+    matches = identify(spots, camera, stars, index_of(stars, camera), tracker.identification)
+    return matches, estimated(spots, matches, tracker, own)
+
+
+def estimated(
+    spots: Spots, matches: Matches, tracker: Tracker, own: Floats | None = None
+) -> Estimate:
+    """The attitude that the tracker makes of its matches; arguments as `recognise` takes them."""
+    tolerance = tracker.identification.focal_tolerance
+    known = None if own is None else own[matches.star]
+    return solve(spots, matches, tracker.attitude, tolerance, known)
+
+
+def index_of(stars: Stars, camera: Camera) -> PatternIndex:
+    """The pattern index of a catalogue; cameras of nearly the same field share one."""
+    return _index(stars, indexed_field(camera))
+
+
+@lru_cache(maxsize=16)
+def _index(stars: Stars, field_of_view: float) -> PatternIndex:
+    return cached_index(stars, field_of_view, cache_folder())

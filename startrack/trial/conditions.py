@@ -1,0 +1,86 @@
+"""What changes a star's error besides noise: dark current, colour, stars too close together."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.special import ndtr
+
+from startrack.catalog import Selection, Sky, open_sky
+from startrack.core import Camera, Floats, Ints, Stars
+from startrack.design import Case
+from startrack.detector import Detector, electron_rate
+from startrack.identification import POINTS, indexed_field, merged
+from startrack.scene import illuminate
+from startrack.trial.view import throughput
+
+
+def dark_currents(detector: Detector) -> tuple[float, float]:
+    """Mean and rms about it over single pixels, electron / second at the reference temperature.
+
+        d = max(N(m, s), 0) + hot,   mean d = m Phi(m/s) + s phi(m/s) + p h
+        var d = (m^2 + s^2) Phi + m s phi - (m Phi + s phi)^2 + (2 p - p^2) h^2
+
+    of normal currents that are nowhere below zero, and hot pixels with the chance p and an
+    exponential law of mean h.
+    """
+    m, defects = detector.dark_current, detector.defects
+    if not defects:
+        return m, 0.0
+    mean, square, s = m, m * m, defects.dsnu
+    if s:
+        share, density = float(ndtr(m / s)), math.exp(-((m / s) ** 2) / 2) / math.sqrt(2 * math.pi)
+        mean, square = m * share + s * density, (m * m + s * s) * share + m * s * density
+    p, h = defects.hot, defects.hot_current
+    return mean + p * h, math.sqrt(max(square - mean**2, 0.0) + (2 * p - p * p) * h * h)
+
+
+def dark(detector: Detector) -> tuple[float, float]:
+    """The same in an exposure, electron in a pixel of the image."""
+    growth = detector.thermal.growth if detector.thermal else 1.0
+    mean, spread = (growth * detector.exposure * one for one in dark_currents(detector))
+    return mean * detector.binning**2, spread * detector.binning
+
+
+COLOURS = np.linspace(-0.6, 4.0, 24)  # BP - RP
+
+
+def dimming(case: Case, known: Floats) -> Floats:
+    """Magnitude by which stars of these colours (n,) are fainter here than sunlike ones of their G.
+
+    known  BP - RP, NaN where it is not known
+    """
+    count = len(COLOURS) + 1
+    colour = np.append(COLOURS, np.nan)
+    stars = Stars(np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count), colour)
+    light = illuminate(case.scene, stars)
+    rate, _ = electron_rate(light, case.instrument.detector, throughput(case.instrument))
+    fainter = -2.5 * np.log10(rate[:-1] / rate[-1])
+    return np.where(np.isnan(known), 0.0, np.interp(known, COLOURS, fainter))
+
+
+@dataclass(frozen=True, eq=False)
+class Separate:
+    """Stars, those too close for the tracker's index as one.
+
+    sky   brightest first
+    name  (n,) which star of the catalogue each is; of several, the brightest
+    """
+
+    sky: Sky
+    name: Ints
+
+
+def separate(selection: Selection, camera: Camera) -> Separate:
+    """The stars of a catalogue as the tracker's index takes them."""
+    return _separate(selection, indexed_field(camera) / POINTS)
+
+
+@lru_cache(maxsize=8)
+def _separate(selection: Selection, resolution: float) -> Separate:
+    stars, name = merged(open_sky(selection).stars, resolution)
+    order = np.argsort(stars.magnitude_g, kind="stable")
+    return Separate(Sky(stars[order]), name[order])

@@ -1,0 +1,198 @@
+"""A Case enters; outcomes of trials leave, from drawn spots with identification assumed perfect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import special
+from scipy.spatial.transform import Rotation
+
+from startrack.attitude import Alignment, Observability, align, scale_unknown
+from startrack.core import Floats, Streams
+from startrack.design import Case
+from startrack.metrics import JUDGED, judge_all
+from startrack.trial.spot_plan import Plan, plan_of, refuse
+from startrack.trial.spots import false_spots, sights, trial_keys
+from startrack.trial.view import asked_for, random_attitudes
+
+SURPRISE = 1e-3  # chance below which residuals are too large to be the noise alone
+
+
+def fitted(
+    case: Case,
+    matrix: Floats,
+    seen: Floats,
+    reference: Floats,
+    noise: Floats,
+    there: NDArray[np.bool_],
+) -> tuple[Alignment, Floats]:
+    """Attitudes of m trials with up to n stars each, and their covariances as the tracker has them.
+
+    matrix     (m, 3, 3) true icrs_to_camera, by which the identification knows its stars
+    seen       (m, n, 2) pixel;  reference  (m, n, 3) directions;  noise  (m, n) pixel^2
+    there      (m, n) which of them are there
+    """
+    camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
+    if tolerance:
+        towards = _turned(matrix, reference)
+        predicted = camera.project(towards.reshape(-1, 3)).reshape(seen.shape)
+        scale = 1 + np.clip(
+            _scales(seen, predicted, noise, there, tolerance), -tolerance, tolerance
+        )
+        seen = camera.centre + (seen - camera.centre) / scale[:, None, None]
+    observed = camera.unproject(seen.reshape(-1, 2)).reshape(reference.shape)
+    weight = np.where(there, camera.focal_length_px**2 / noise, 0.0)
+    found = align(observed, reference, weight)
+    # As the tracker's solver does with residuals that the noise does not explain.
+    freedom = np.maximum(2 * there.sum(axis=1) - (4 if tolerance else 3), 1)
+    chance = special.chdtrc(freedom, 2 * found.loss)
+    excess = np.where(chance < SURPRISE, 2 * found.loss / freedom, 1.0)
+    covariance = found.covariance
+    if tolerance:
+        covariance = scale_unknown(covariance, observed, weight, tolerance)
+    return found, covariance * excess[:, None, None]
+
+
+@njit(cache=True, error_model="numpy")
+def _turned(matrix, direction):  # type: ignore[no-untyped-def]
+    """Directions (m, n, 3) in the axes of m cameras, the same digits for any n."""
+    turned = np.empty_like(direction)
+    for n in range(len(direction)):
+        for k in range(direction.shape[1]):
+            for i in range(3):
+                turned[n, k, i] = (
+                    matrix[n, i, 0] * direction[n, k, 0]
+                    + matrix[n, i, 1] * direction[n, k, 1]
+                    + matrix[n, i, 2] * direction[n, k, 2]
+                )
+    return turned
+
+
+@njit(cache=True, error_model="numpy")
+def _scales(seen, predicted, noise, there, tolerance):  # type: ignore[no-untyped-def]
+    """By how much the identification takes the focal length for longer, (m,) 1.
+
+    It fits the scale together with the attitude, to stars weighted by their noise and with the
+    tolerance as its standard deviation beforehand.
+    """
+    scale = np.zeros(len(seen))
+    for n in range(len(seen)):
+        x = y = total = 0.0
+        for k in range(seen.shape[1]):
+            if there[n, k]:
+                w = 1 / noise[n, k]
+                x, y, total = x + w * predicted[n, k, 0], y + w * predicted[n, k, 1], total + w
+        x, y = x / max(total, 1e-300), y / max(total, 1e-300)
+        along, size = 0.0, tolerance**-2
+        for k in range(seen.shape[1]):
+            if there[n, k]:
+                w = 1 / noise[n, k]
+                arm_x, arm_y = predicted[n, k, 0] - x, predicted[n, k, 1] - y
+                along += w * arm_x * (seen[n, k, 0] - predicted[n, k, 0])
+                along += w * arm_y * (seen[n, k, 1] - predicted[n, k, 1])
+                size += w * (arm_x * arm_x + arm_y * arm_y)
+        scale[n] = along / size
+    return scale
+
+
+BLOCK = 1024  # trials that are drawn together
+TOGETHER = 64  # trials that are solved together
+
+
+def outcomes(
+    case: Case, seed: int, numbers: Sequence[int], icrs_to_camera: Rotation | None = None
+) -> NDArray[np.void]:
+    """The outcomes of some trials, matches taken as known.
+
+        place = projection + bias + root N(0, 1),   found with the probability kept Phi(above)
+
+    All these come from the detection itself, which measures stars of half-magnitude steps at 36
+    places in the pixel, rendered without noise but with smear and with the response of the pixels.
+
+    icrs_to_camera  a true attitude for each; None: those of the same trials of other fidelities
+    Returns  (n,) structured array, as `startrack.error.judge_all` gives it, in the order asked for
+    Errors   ValueError that names what in the case needs an image.
+             model: normal errors, as small as the noise is beside the star; each star alone, with
+             the smear of the field's centre; false spots are counted and never matched. On the
+             example the rms of the attitude's error is that of frames within 5 %; in crowded fields
+             less by a tenth, for stars that merge err more than these.
+    """
+    refuse(case)
+    plan = plan_of(case)
+    parts = []
+    for at in range(0, len(numbers), BLOCK):
+        block = numbers[at : at + BLOCK]
+        if icrs_to_camera is None:
+            attitude = random_attitudes(seed, block)
+        else:
+            attitude = icrs_to_camera[at : at + BLOCK]
+        parts.append(_tried(case, plan, seed, block, attitude))
+    return np.concatenate(parts) if parts else np.empty(0, JUDGED)
+
+
+def _tried(
+    case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: Rotation
+) -> NDArray[np.void]:
+    """Draw, solve and judge a block of trials."""
+    many, most = len(numbers), case.tracker.detection.max_spots
+    matrix = attitude.as_matrix()
+    keys = trial_keys(seed, np.array(numbers, np.uint64))
+    place = np.empty((many, most, 2))
+    star, variance = np.empty((many, most), np.int64), np.empty((many, most))
+    matched, spots = np.empty((2, many), np.int64)
+    _draw(matrix, keys, *plan, place, star, variance, matched, spots)
+    truth = attitude
+    if case.lateness or case.instrument.mounting != case.believed_mounting:
+        truth = Rotation.concatenate(
+            [asked_for(case, attitude[n], Streams(seed, numbers[n])) for n in range(many)]
+        )
+    judged = np.empty(many, JUDGED)
+    # Trials of about as many stars go together, so that few places of the arrays stay empty.
+    for part in np.array_split(np.argsort(matched, kind="stable"), -(-many // TOGETHER)):
+        used = max(int(matched[part[-1]]), 1)
+        there = np.arange(used) < matched[part, None]
+        stars = np.where(there, star[part, :used], 0)
+        reference = plan.field.believed[stars]
+        noise = np.where(there, variance[part, :used], 1.0) + plan.field.own[stars]
+        seen = np.where(there[..., None], place[part, :used], 0.0)
+        found, covariance = fitted(case, matrix[part], seen, reference, noise, there)
+        solved = (matched[part] >= case.tracker.identification.min_matches) & (
+            found.observability == Observability.OBSERVED
+        )
+        judged[part] = judge_all(
+            found.source_to_target, covariance, truth[part], matched[part], spots[part], solved
+        )
+    return judged
+
+
+@njit(cache=True, error_model="numpy")
+def _draw(  # type: ignore[no-untyped-def]
+    attitude, keys, response, pull, field, companions, view, gate, false,
+    place, star, variance, matched, spots,
+):  # fmt: skip
+    """Write the found stars of each trial: place, index, variance; how many matches and spots."""
+    most = place.shape[1]
+    flux = np.empty(most)
+    for n in range(len(attitude)):
+        count = others = 0
+        for seen in sights(attitude[n], keys[n], response, pull, field, companions, view):
+            i = seen.star
+            spread = (seen.xx * seen.xx + seen.yx * seen.yx + seen.yy * seen.yy) / 2
+            reach = gate * gate * 2 * (spread + field.own[i])
+            if not field.known[i] or seen.dx * seen.dx + seen.dy * seen.dy > reach:
+                others += 1
+                continue
+            at = count
+            if count == most:  # the brightest are kept
+                at = int(np.argmin(flux))
+                if flux[at] >= field.flux[i]:
+                    continue
+            else:
+                count += 1
+            place[n, at, 0], place[n, at, 1] = seen.x + seen.dx, seen.y + seen.dy
+            star[n, at], variance[n, at], flux[at] = i, spread, field.flux[i]
+        matched[n] = count
+        spots[n] = min(count + others + false_spots(keys[n], false), most)

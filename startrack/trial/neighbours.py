@@ -1,0 +1,99 @@
+"""Case -> how far each star of a sky is moved by the light of those beside it."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from startrack.catalog import Selection, Sky
+from startrack.core import Floats, Ints
+from startrack.design import Case
+from startrack.trial.conditions import dimming, separate
+from startrack.trial.star_response import RING, cell, images, measure, phases, scale
+
+CONTRAST = np.arange(-2.0, 6.0)  # magnitude, of the neighbour less that of the star
+STEP = 0.5  # pixel
+MERGED = 1.5  # pixel beyond the window's half side, within which two stars are one spot
+TILT = math.radians(30)  # of the line from the star to its neighbour against the columns
+LOST = 1e4  # pixel, the pull of a neighbour beside which a star is not found
+SNR = 100.0  # of the brightest pixel of the star in the chart
+
+
+@lru_cache(maxsize=8)
+def pulls(case: Case, catalog: Selection) -> Floats:
+    """By how much the light of its neighbours moves each separate star of a catalogue.
+
+    A shift along the line to the neighbour, by its distance and contrast, measured on a chart of
+    pairs; those of several neighbours are added. Of two stars in one window the brighter has the
+    spot, and the other is LOST. Stars that the tracker takes for one are one here: their spot is
+    where their light is.
+
+    catalog  the true one, or that of the tracker
+    Returns  (n, 3) pixel, ICRS axes, in the order of `separate`
+    Errors   model: pairs at one angle to the columns stand for all, and smear and scale are those
+             of the boresight.
+    """
+    camera = case.instrument.camera
+    stars = separate(catalog, camera).sky.stars
+    magnitude = stars.magnitude_g + dimming(case, stars.colour)
+    star, other = _pairs(separate(catalog, camera).sky, _reach(case) / camera.focal_length_px).T
+    apart = stars.direction[other] - stars.direction[star]
+    angle = np.linalg.norm(apart, axis=1)
+    distance, contrast = angle * camera.focal_length_px, magnitude[other] - magnitude[star]
+    pull = _pull(case, distance, contrast)
+    merged = distance < case.tracker.detection.window // 2 + MERGED
+    pull[merged & (contrast < 0)] = LOST
+    moved = np.zeros((len(stars), 3))
+    np.add.at(moved, star, (pull / np.maximum(angle, 1e-12))[:, None] * apart)
+    return moved
+
+
+def _pull(case: Case, distance: Floats, contrast: Floats) -> Floats:
+    """Pixel towards the neighbour (k,), zero where it is too far or too faint."""
+    table = _table(case)
+    u = np.clip(distance / STEP, 0, table.shape[1] - 1.001)
+    v = np.clip((contrast - CONTRAST[0]) / (CONTRAST[1] - CONTRAST[0]), 0, len(CONTRAST) - 1.001)
+    i, j = v.astype(int), u.astype(int)
+    s, t = v - i, u - j
+    pull = (1 - s) * ((1 - t) * table[i, j] + t * table[i, j + 1])
+    pull += s * ((1 - t) * table[i + 1, j] + t * table[i + 1, j + 1])
+    # A fainter neighbour pulls by its share of the light.
+    pull *= 10 ** (-0.4 * np.maximum(contrast - CONTRAST[-1], 0))
+    return np.where(distance < _reach(case), pull, 0.0)
+
+
+@lru_cache(maxsize=8)
+def _table(case: Case) -> Floats:
+    """Pull by contrast and distance, pixel; large where the star is lost at any of its places."""
+    instrument, detection = case.instrument, case.tracker.detection
+    reach = _reach(case)
+    distance = np.arange(0, reach + STEP, STEP)
+    side = cell(instrument, detection) + 2 * math.ceil(reach)
+    place = phases()[::4]  # a diagonal pattern of nine
+    star, size = images(instrument, place, side), scale(case)
+    light = SNR * size.pixel / float(star.max())
+    line = np.array([math.cos(TILT), math.sin(TILT)])
+    other = np.stack([images(instrument, place + far * line, side) for far in distance])
+    ratio = 10 ** (-0.4 * CONTRAST[:, None, None, None, None])
+    shape = len(CONTRAST), len(distance), len(place)
+    both = light * (star + ratio * other)
+    seen, _ = measure(case, both.reshape(-1, side, side))
+    alone, _ = measure(case, light * star)
+    pull = (seen.reshape(*shape, 2) - alone) @ line
+    return np.where(np.isfinite(pull), pull, LOST).mean(axis=2)
+
+
+def _reach(case: Case) -> float:
+    """Pixel, from where on a neighbour does not matter."""
+    return case.tracker.detection.window // 2 + RING + 2.0
+
+
+@lru_cache(maxsize=8)
+def _pairs(sky: Sky, radius: float) -> Ints:
+    """All pairs (k, 2) of stars within an angle, radian, each both ways round."""
+    tree = cKDTree(sky.stars.direction)
+    pair = tree.query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
+    return np.concatenate([pair, pair[:, ::-1]])

@@ -1,0 +1,185 @@
+"""Case -> all that its drawn trials share: what can be found, how it is seen, what is refused."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from startrack.catalog import Selection, open_sky
+from startrack.core import Floats, Ints, Light
+from startrack.design import Case
+from startrack.detection import false_alarms, peak_border, star_filter, star_profile, threshold_of
+from startrack.detector import arriving, only_lone_pixels
+from startrack.scene import Scene, illuminate
+from startrack.trial.spot_response import RATIOS, REACH, Grid, Response, pull_of, response_of
+from startrack.trial.systematic import trust
+from startrack.trial.view import psf_of, throughput
+
+FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
+LEAST = 0.5  # sigma, where the threshold is so low that all stars would count
+MOST_ROLL = 0.5  # pixel of smear in the corner, by a turn about the boresight
+TYPICAL = 5.0  # faintest stars' flux: that of the stars whose companions are tried
+
+
+class Field(NamedTuple):
+    """The stars that can be found, in order of the last coordinate of their directions.
+
+    direction, believed  (n, 3) unit vectors, true and in the tracker's catalogue
+    known                (n,) whether they are in that
+    flux                 (n,) logarithm of electrons
+    number               (n,) index into the sky, which names a star in the draws
+    own                  (n,) pixel^2, that the tracker reckons with beside the noise
+    """
+
+    direction: Floats
+    believed: Floats
+    known: NDArray[np.bool_]
+    flux: Floats
+    number: NDArray[np.uint64]
+    own: Floats
+
+
+class Companions(NamedTuple):
+    """The stars near each star of a Field: those from start[i] to start[i + 1] are near star i.
+
+    direction  (k, 3) unit vectors
+    flux       (k,) logarithm of electrons
+    """
+
+    start: Ints
+    direction: Floats
+    flux: Floats
+
+
+class View(NamedTuple):
+    """A camera and what of it the search looks at, for the kernel.
+
+    focal .. k3   as in Camera; centre_x, centre_y of the principal point, pixel
+    border        pixel, that a star must stay from the edge
+    cosine        of the angle from the boresight to the farthest corner
+    """
+
+    columns: int
+    rows: int
+    focal: float
+    centre_x: float
+    centre_y: float
+    k1: float
+    k2: float
+    p1: float
+    p2: float
+    k3: float
+    border: int
+    cosine: float
+
+
+class Plan(NamedTuple):
+    """All that the trials of a case share."""
+
+    response: Response
+    pull: Floats
+    field: Field
+    companions: Companions
+    view: View
+    gate: float
+    false: float
+
+
+def refuse(case: Case) -> None:
+    """Refuse what spots alone cannot show.
+
+    Errors  ValueError that names it.
+    """
+    instrument = case.instrument
+    detector, motion = instrument.detector, instrument.motion
+    only_lone_pixels(detector)
+    corner = math.tan(instrument.camera.half_diagonal) * instrument.camera.focal_length_px
+    there = {
+        "hits": detector.hits,
+        "defects": detector.defects,
+        "row_delay": detector.row_delay,
+        "jitter that each trial draws": motion.drawn,
+        "a rate_z that smears stars in the corners": (
+            abs(motion.rate_z) * detector.exposure * corner > MOST_ROLL
+        ),
+        "lights of the scene": case.scene.lights,
+    }
+    named = [name for name, is_there in there.items() if is_there]
+    if named:
+        raise ValueError(
+            f"covariance needs a case without {' and '.join(named)}; choose the fidelity window "
+            "or frame"
+        )
+
+
+@lru_cache(maxsize=8)
+def plan_of(case: Case) -> Plan:
+    """Measure the stars of a design, once."""
+    instrument, settings = case.instrument, case.tracker.detection
+    detector, camera, psf = instrument.detector, instrument.camera, psf_of(instrument)
+    stars = open_sky(case.catalog).stars
+    flux, sky = arriving(_light(case.catalog, case.scene), camera, detector, throughput(instrument))
+    background = sky + detector.dark_rate * detector.exposure
+    rounding = detector.electrons_per_dn / math.sqrt(12)
+    noise = math.hypot(math.sqrt(background), detector.noise, rounding)
+    noise *= float(np.linalg.norm(star_filter(settings, psf)))
+    threshold = threshold_of(settings, detector.columns, detector.rows, psf)
+    faintest = max(threshold - FAINTEST, LEAST) * noise / float(star_profile(psf, settings)[0])
+    found = np.flatnonzero(flux >= min(faintest, flux.max()))  # one at least, to have arrays
+    found = found[np.argsort(stars.direction[found, 2])]
+    there, known = _believed(case, found)
+    x, y = camera.centre
+    view = View(
+        *(camera.columns, camera.rows, camera.focal_length_px, x, y),
+        *(camera.k1, camera.k2, camera.p1, camera.p2, camera.k3),
+        *(peak_border(settings), math.cos(camera.half_diagonal)),
+    )
+    brightest = float(flux[found].max(initial=faintest))
+    grid = Grid(case, sky)
+    radius = (REACH + 1) / camera.focal_length_px
+    return Plan(
+        response_of(grid, faintest, brightest),
+        pull_of(grid, TYPICAL * faintest),
+        Field(
+            np.ascontiguousarray(stars.direction[found]),
+            np.ascontiguousarray(open_sky(case.believed_catalog).stars.direction[there]), known,
+            np.log(flux[found]), found.astype(np.uint64), trust(case)[there],
+        ),
+        _companions(stars.direction, flux, found, radius),
+        view,
+        case.tracker.attitude.gate,
+        false_alarms(settings, detector.columns, detector.rows, psf),
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=2)
+def _light(catalog: Selection, scene: Scene) -> Light:
+    """The light of all stars of a sky."""
+    return illuminate(scene, open_sky(catalog).stars)
+
+
+def _believed(case: Case, found: Ints) -> tuple[Ints, NDArray[np.bool_]]:
+    """Which of the tracker's catalogue some stars of the sky are, and whether it has them."""
+    true, own = open_sky(case.catalog).stars, open_sky(case.believed_catalog).stars
+    order = np.argsort(own.identifier)
+    wanted = true.identifier[found]
+    at = np.minimum(np.searchsorted(own.identifier[order], wanted), len(own) - 1)
+    there = order[at]
+    return there, own.identifier[there] == wanted
+
+
+def _companions(directions: Floats, flux: Floats, found: Ints, radius: float) -> Companions:
+    """The stars within an angle of each of the found ones, none of them much fainter."""
+    pairs = cKDTree(directions[found]).query_ball_tree(cKDTree(directions), radius)
+    lists = [
+        [k for k in near if k != i and flux[k] > flux[i] * math.exp(RATIOS[0])]
+        for i, near in zip(found, pairs, strict=True)
+    ]
+    start = np.concatenate([[0], np.cumsum([len(each) for each in lists])])
+    other = np.array([k for each in lists for k in each], np.int64)
+    return Companions(start, directions[other].reshape(-1, 3), np.log(flux[other]))

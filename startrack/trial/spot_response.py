@@ -1,0 +1,137 @@
+"""Case -> what its detection makes of a star, by the star's flux and its place in the pixel."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Floats, Streams
+from startrack.design import Case
+from startrack.detection import Expectation, expect, margin
+from startrack.detector import star_grid
+from startrack.trial.view import path_of, psf_of
+
+PHASES = 6  # places in the pixel, along either axis
+STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
+REACH = 7  # pixel, from which a companion pulls at a star
+RATIOS = np.arange(-4, 4) * 0.8  # logarithm of a companion's flux over the star's
+
+
+class Response(NamedTuple):
+    """What the detection makes of a star, by its flux and its place in the pixel.
+
+    first  logarithm of the least flux in electron; the others follow in equal steps
+    bias   (l, p, p, 2) pixel x and y, by row and column of the place
+    root   (l, p, p, 3) pixel electron, triangular root xx, yx, yy of the covariance, times flux
+    light  (l, p, p, 2) digital number, flux that is measured, over electron; its noise over itself
+    above  (l, p, p) sigma, by which a star passes the threshold
+    kept   (l, p, p) 1, chance that it is not taken for a hot pixel then
+    least  (5,) flux in digital number, its sigma, covariance xx, xy, yy of a star at the threshold
+    """
+
+    first: float
+    bias: Floats
+    root: Floats
+    light: Floats
+    above: Floats
+    kept: Floats
+    least: Floats
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Stars laid out for the detection to measure, and what of it they share."""
+
+    case: Case
+    sky: float
+
+    def expect(self, stars: Floats, companions: Floats, across: int) -> tuple[Expectation, Floats]:
+        """What is to be expected of stars (n, 3), and their places; arguments as `star_grid`."""
+        detector, settings = self.case.instrument.detector, self.case.tracker.detection
+        psf, smear = psf_of(self.case.instrument), _smear(self.case)
+        longest = math.ceil(np.abs(smear[:, 1:]).max())
+        side = 2 * (margin(settings, psf) + longest + 2) + 1
+        frame, place = star_grid(stars, companions, across, side, smear, psf, detector, self.sky)
+        dark = self.sky + detector.dark_rate * detector.exposure
+        level = detector.offset + dark / detector.electrons_per_dn
+        area = detector.columns * detector.rows
+        return expect(frame, place, level, area, settings, psf), place
+
+
+def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
+    """The detection's answer to stars of all fluxes at all places in the pixel."""
+    count = math.ceil(math.log(brightest / faintest) / STEP) + 2
+    flux = faintest * np.exp(STEP * np.arange(count))
+    at = (np.arange(PHASES) + 0.5) / PHASES - 0.5
+    y, x = np.meshgrid(at, at, indexing="ij")
+    stars = np.column_stack(
+        [np.tile(x.ravel(), count), np.tile(y.ravel(), count), np.repeat(flux, PHASES**2)]
+    )
+    seen, place = grid.expect(stars, np.zeros_like(stars), PHASES**2)
+    shape = (count, PHASES, PHASES)
+    bias = np.column_stack([seen.x, seen.y]) - place
+    variance_x, variance_y = seen.covariance[:, 0, 0], seen.covariance[:, 1, 1]
+    good = np.isfinite(bias).all(axis=1) & (variance_x > 0) & (variance_y > 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        xx = np.sqrt(variance_x)
+        yx = seen.covariance[:, 0, 1] / xx
+        root = np.stack([xx, yx, np.sqrt(np.maximum(variance_y - yx**2, 0))], axis=-1)
+        light = np.column_stack([seen.flux / stars[:, 2], seen.sigma / seen.flux])
+    root *= stars[:, 2:]
+    return Response(
+        math.log(faintest),
+        np.where(good[:, None], bias, 0.0).reshape(*shape, 2),
+        np.where(good[:, None], root, 0.0).reshape(*shape, 3),
+        np.where(good[:, None], light, 0.0).reshape(*shape, 2),
+        np.where(good, seen.above / seen.spread, -np.inf).reshape(shape),
+        np.where(good, seen.kept, 0.0).reshape(shape),
+        _at_threshold(seen, good.reshape(count, -1)),
+    )
+
+
+def _at_threshold(seen: Expectation, good: NDArray[np.bool_]) -> Floats:
+    """`Response.least`, between the levels of flux (l, places) in the middle of all places."""
+    xx, xy, yy = (seen.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+    each = np.stack([seen.above, seen.flux, seen.sigma, xx, xy, yy]).reshape(6, *good.shape)
+    above, *rest = np.median(each[:, good.all(axis=1)], axis=2)
+    # A saturated star may pass by less than a fainter one.
+    above = np.maximum.accumulate(above)
+    return np.array([np.interp(0.0, above, one) if len(above) else np.nan for one in rest])
+
+
+def pull_of(grid: Grid, flux: float) -> Floats:
+    """How far a companion pulls a centroid, pixel: (r, d, d, 2) by its flux and place.
+
+    NaN where only the companion is found.
+    """
+    offset = np.arange(-REACH, REACH + 1.0)
+    y, x = np.meshgrid(offset, offset, indexing="ij")
+    many = x.size
+    stars = np.tile([0.0, 0.0, flux], (len(RATIOS) * many, 1))
+    companions = np.column_stack([
+        np.tile(x.ravel(), len(RATIOS)), np.tile(y.ravel(), len(RATIOS)),
+        np.repeat(flux * np.exp(RATIOS), many),
+    ])  # fmt: skip
+    seen, place = grid.expect(stars, companions, many)
+    alone, _ = grid.expect(stars[:many], np.zeros((many, 3)), many)
+    centroid = np.column_stack([seen.x, seen.y])
+    pull = centroid - np.tile(np.column_stack([alone.x, alone.y]), (len(RATIOS), 1))
+    pull[:, 1] -= np.repeat(np.arange(len(RATIOS)), many) * (place[many, 1] - place[0, 1])
+    away = np.hypot(*(centroid - place).T)
+    lost = away > np.hypot(*(centroid - place - companions[:, :2]).T)
+    pull[lost & (companions[:, 2] >= flux)] = np.nan
+    side = len(offset)
+    return pull.reshape(len(RATIOS), side, side, 2)
+
+
+def _smear(case: Case) -> Floats:
+    """Weight, x and y (pixel) of the path of a star in the middle of the field, (m, 3)."""
+    camera = case.instrument.camera
+    path = path_of(case.instrument, Streams(0, 0))
+    place = camera.project(Rotation.from_rotvec(path.rotation).apply([0.0, 0.0, 1.0]))
+    return np.column_stack([path.weight, place - camera.centre])

@@ -1,0 +1,218 @@
+"""A Case and an attitude enter; the spots of one trial leave, drawn without an image."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.catalog import belt
+from startrack.core import Spots, Streams, bits, drawn, inverse_normal, key, uniform
+from startrack.design import Case
+from startrack.trial.spot_plan import plan_of, refuse
+from startrack.trial.spot_response import PHASES, RATIOS, REACH, STEP
+
+FALSE = np.uint64(2**63)  # number of the draws of false spots; those of stars are less
+
+
+# What the detection makes of a star in one trial:
+# star        index into the field
+# x, y        pixel, true place;  dx, dy  from it to the centroid
+# xx, yx, yy  pixel, triangular root of the centroid's covariance
+# flux        digital number, that is to be expected;  blur  1, its standard deviation over itself
+# surplus     sigma, by which noise makes the star brighter
+SIGHT = np.dtype([
+    ("star", np.int64),
+    *((name, np.float64) for name in ("x", "y", "dx", "dy", "xx", "yx", "yy")),
+    *((name, np.float64) for name in ("flux", "blur", "surplus")),
+])  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def sights(a, key, response, pull, field, companions, view):  # type: ignore[no-untyped-def]
+    """The stars (k,) that are found in the trial of a key, by a camera whose attitude is `a`."""
+    near = in_view(a, field.direction, view)
+    found = np.empty(len(near), SIGHT)
+    count = 0
+    for i in near:
+        x, y = _project(a, field.direction[i], view)
+        column, row = round(x), round(y)
+        if not (
+            view.border <= column < view.columns - view.border
+            and view.border <= row < view.rows - view.border
+        ):
+            continue
+        start, seen = bits(key, field.number[i]), found[count]
+        if not _measure(x, y, column, row, field.flux[i], start, response, seen):
+            continue
+        for k in range(companions.start[i], companions.start[i + 1]):
+            u, v = _project(a, companions.direction[k], view)
+            dx, dy = _pulled(u - x, v - y, companions.flux[k] - field.flux[i], pull)
+            seen.dx += dx
+            seen.dy += dy
+        if not np.isnan(seen.dx):
+            seen.star, seen.x, seen.y = i, x, y
+            count += 1
+    return found[:count]
+
+
+def trial_keys(seed: int, numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The keys of what is drawn in some trials of a seed."""
+    return _keys(key(Streams(seed, 0), "covariance"), numbers)
+
+
+@njit(cache=True, error_model="numpy")
+def _keys(start, numbers):  # type: ignore[no-untyped-def]
+    keys = np.empty(len(numbers), np.uint64)
+    for n in range(len(numbers)):
+        keys[n] = bits(start, numbers[n])
+    return keys
+
+
+@njit(cache=True, error_model="numpy")
+def false_spots(key, mean):  # type: ignore[no-untyped-def]
+    """How many spots are of noise alone in the trial of a key."""
+    return int(drawn(mean, uniform(bits(key, FALSE))))
+
+
+@njit(cache=True, error_model="numpy")
+def in_view(a, direction, view):  # type: ignore[no-untyped-def]
+    """Which stars (k,) lie in the cone about the frame, of those in order of height (n, 3)."""
+    first, last = belt(direction, a[2, 2], math.acos(view.cosine))
+    found = np.empty(last - first, np.int64)
+    count = 0
+    for i in range(first, last):
+        d = direction[i]
+        if a[2, 0] * d[0] + a[2, 1] * d[1] + a[2, 2] * d[2] >= view.cosine:
+            found[count] = i
+            count += 1
+    return found[:count]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _project(a, d, view):  # type: ignore[no-untyped-def]
+    """`Camera.project` of one direction in front of the camera."""
+    z = a[2, 0] * d[0] + a[2, 1] * d[1] + a[2, 2] * d[2]
+    u = (a[0, 0] * d[0] + a[0, 1] * d[1] + a[0, 2] * d[2]) / z
+    v = (a[1, 0] * d[0] + a[1, 1] * d[1] + a[1, 2] * d[2]) / z
+    r = u * u + v * v
+    radial = 1 + r * (view.k1 + r * (view.k2 + r * view.k3))
+    x = u * radial + 2 * view.p1 * u * v + view.p2 * (r + 2 * u * u)
+    y = v * radial + view.p1 * (r + 2 * v * v) + 2 * view.p2 * u * v
+    return view.centre_x + view.focal * x, view.centre_y + view.focal * y
+
+
+@njit(cache=True, error_model="numpy")
+def _measure(x, y, column, row, flux, start, response, seen):  # type: ignore[no-untyped-def]
+    """Whether a star alone, at a place in a pixel, is found; writes how it is measured."""
+    i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
+    j = min(int((y - row + 0.5) * PHASES), PHASES - 1)
+    at = (flux - response.first) / STEP
+    k = min(max(int(at), 0), len(response.above) - 2)
+    t = min(max(at - k, 0.0), 1.0)
+    above = (1 - t) * response.above[k, j, i] + t * response.above[k + 1, j, i]
+    seen.surplus = inverse_normal(uniform(bits(start, np.uint64(0))))
+    kept = (1 - t) * response.kept[k, j, i] + t * response.kept[k + 1, j, i]
+    if not above + seen.surplus > 0 or uniform(bits(start, np.uint64(3))) > kept:
+        return False
+    normal_x = inverse_normal(uniform(bits(start, np.uint64(1))))
+    normal_y = inverse_normal(uniform(bits(start, np.uint64(2))))
+    electrons = math.exp(flux)
+    seen.xx = _between(response.root, k, t, j, i, 0) / electrons
+    seen.yx = _between(response.root, k, t, j, i, 1) / electrons
+    seen.yy = _between(response.root, k, t, j, i, 2) / electrons
+    seen.dx = _between(response.bias, k, t, j, i, 0) + seen.xx * normal_x
+    seen.dy = _between(response.bias, k, t, j, i, 1) + seen.yx * normal_x + seen.yy * normal_y
+    seen.flux = _between(response.light, k, t, j, i, 0) * electrons
+    seen.blur = _between(response.light, k, t, j, i, 1)
+    return True
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _between(table, k, t, j, i, c):  # type: ignore[no-untyped-def]
+    return (1 - t) * table[k, j, i, c] + t * table[k + 1, j, i, c]
+
+
+@njit(cache=True, error_model="numpy")
+def _pulled(dx, dy, ratio, pull):  # type: ignore[no-untyped-def]
+    """How far a companion pulls a centroid; NaN where it swallows the star."""
+    r, q = (ratio - RATIOS[0]) / (RATIOS[1] - RATIOS[0]), len(RATIOS) - 1
+    if not (abs(dx) < REACH and abs(dy) < REACH) or r < 0:
+        return 0.0, 0.0
+    if np.isnan(pull[min(int(r + 0.5), q), round(dy) + REACH, round(dx) + REACH, 0]):
+        return np.nan, np.nan
+    k, i, j = min(int(r), q - 1), int(dx + REACH), int(dy + REACH)
+    t, u, v = min(r - k, 1.0), dx + REACH - i, dy + REACH - j
+    x = y = total = 0.0
+    for n in range(8):
+        c, b, a = n // 4, (n // 2) % 2, n % 2
+        weight = (t if c else 1 - t) * (v if b else 1 - v) * (u if a else 1 - u)
+        one = pull[k + c, j + b, i + a]
+        if not np.isnan(one[0]):
+            x, y, total = x + weight * one[0], y + weight * one[1], total + weight
+    return x / total, y / total
+
+
+ROW = 7  # x, y, flux, its sigma, xx, xy, yy
+
+
+def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
+    """What the tracker finds, for its identification to name: stars, and false spots among them.
+
+        s = 1 + blur N(0, 1),   flux = s expected flux
+        place = projection + (bias + root N(0, 1)) / s,   covariance = root root^T / s^2
+
+    Stars are those of `outcomes`, those among them that the tracker does not know. What lets a star
+    pass the threshold makes it brighter, and what is divided by the brighter flux smaller. False
+    spots lie anywhere and look like stars at the threshold, which they pass as seldom as the tail
+    of a normal law has it.
+
+    icrs_to_camera  true attitude at the middle of the exposure
+    Returns         Spots, brightest first; their areas are not known, 0
+    Errors          as `outcomes`
+    """
+    refuse(case)
+    plan = plan_of(case)
+    key = trial_keys(streams.seed, np.array([streams.trial], np.uint64))[0]
+    table = _draw(icrs_to_camera.as_matrix(), key, *plan)
+    table = table[np.argsort(-table[:, 2], kind="stable")][: case.tracker.detection.max_spots]
+    x, y, flux, sigma, xx, xy, yy = table.T.copy()
+    covariance = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
+    return Spots(x, y, flux, covariance, flux / sigma, np.zeros(len(x), np.int64))
+
+
+@njit(cache=True, error_model="numpy")
+def _draw(a, key, response, pull, field, companions, view, gate, false):  # type: ignore[no-untyped-def]
+    """The table of all that is found, stars first; the gate is the tracker's matter."""
+    stars = sights(a, key, response, pull, field, companions, view)
+    noise = false_spots(key, false)
+    table = np.empty((len(stars) + noise, ROW))
+    for n in range(len(stars)):
+        _write(table[n], stars[n])
+    for n in range(noise):
+        _strew(table[len(stars) + n], bits(key, FALSE + np.uint64(1 + n)), response.least, view)
+    return table
+
+
+@njit(cache=True, error_model="numpy")
+def _write(row, seen):  # type: ignore[no-untyped-def]
+    """A star, whose noise moves it the less, the brighter noise makes it."""
+    share = max(1 + seen.blur * seen.surplus, seen.blur)
+    row[0], row[1] = seen.x + seen.dx / share, seen.y + seen.dy / share
+    row[2], row[3] = seen.flux * share, seen.flux * seen.blur
+    row[4] = seen.xx * seen.xx / share**2
+    row[5] = seen.xx * seen.yx / share**2
+    row[6] = (seen.yx * seen.yx + seen.yy * seen.yy) / share**2
+
+
+@njit(cache=True, error_model="numpy")
+def _strew(row, start, least, view):  # type: ignore[no-untyped-def]
+    """Write a false spot: anywhere, and as bright as the tail of a normal law has it."""
+    across, down = view.columns - 2 * view.border, view.rows - 2 * view.border
+    row[0] = view.border - 0.5 + across * uniform(bits(start, np.uint64(0)))
+    row[1] = view.border - 0.5 + down * uniform(bits(start, np.uint64(1)))
+    row[2:] = least
+    row[2] -= math.log(uniform(bits(start, np.uint64(2)))) * least[1] ** 2 / least[0]

@@ -1,0 +1,311 @@
+"""A Case enters; how the tracker's centroid responds to single stars of any flux leaves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from startrack.core import Floats, Frame, Psf, Stars, Streams
+from startrack.design import Case, Instrument
+from startrack.detection import (
+    Candidates,
+    Detection,
+    centroid,
+    filtered,
+    kernel_of,
+    pixels,
+    star_image,
+    threshold_over,
+)
+from startrack.detector import (
+    Detector,
+    device_streams,
+    diffuse,
+    electron_rate,
+    normals,
+    offsets,
+    read_noise,
+    settle,
+    stamp,
+)
+from startrack.motion import blur, slew
+from startrack.scene import illuminate
+from startrack.trial.conditions import dark
+from startrack.trial.view import psf_of, throughput
+
+
+def quiet(electrons: Floats, detector: Detector, ripple: float, noise: float) -> Frame:
+    """A frame in which the tracker's background is what it is among noise.
+
+    Where the ring about a star is even, its clipping and its slopes are what they never are in a
+    real frame. So the pixels alternate by their noise, like a chessboard: the ring has the right
+    spread, and the moments of a star do not move.
+
+    electrons  (rows, columns) expected
+    ripple     electron, by which pixels alternate
+    noise      electron rms, that the tracker believes a pixel to have of its own
+    Returns    Frame of numbers that are not rounded
+    """
+    largest = 2.0**detector.bits - 1
+    level = np.minimum(electrons, detector.full_well)
+    if detector.bend:
+        level -= detector.bend * level**2 / detector.full_well
+    if detector.settling:
+        level = settle(level, detector.settling)
+    level += ripple
+    level[::2, 1::2] -= 2 * ripple
+    level[1::2, ::2] -= 2 * ripple
+    level /= detector.electrons_per_dn
+    level += detector.offset
+    if detector.bow:
+        level += 4 * detector.bow * level / largest * (1 - level / largest)
+    return Frame(
+        np.minimum(level, largest).astype(np.float32),
+        detector.exposure,
+        detector.electrons_per_dn,
+        float(detector.offset),
+        noise,
+    )
+
+
+def own_noise(detector: Detector, streams: Streams) -> Floats:
+    """The noise (rows, columns) that read-out adds, electron; its draws are those of `read_out`."""
+    shape = detector.rows, detector.columns
+    noise = np.zeros(shape)
+    if detector.read_noise:
+        noise += read_noise(detector) * normals(shape, streams, "read noise")
+    if detector.reset_noise:
+        noise += detector.reset_noise * normals(shape, streams, "reset noise")
+    if detector.pattern:
+        for offset in offsets(detector.pattern, shape, device_streams(detector), streams):
+            noise += offset
+    return noise / detector.multiplication
+
+
+PHASES = 6  # sub-pixel places per axis
+STEP = 0.5  # magnitude between two rows of the chart
+BRIGHTEST = -1.5
+RING = 3  # pixel, from the window to the outside of the ring that its background is taken from
+FAINTEST_SNR = 3.0  # below this nothing is detected
+
+
+class Chart(NamedTuple):
+    """Stars of m magnitudes, each at p sub-pixel places, as the tracker measures them.
+
+    magnitude   (m,) G of a sunlike star
+    offset      (m, p, 2) pixel, measured minus true; NaN where the tracker drops the star
+    covariance  (m, p, 2, 2) pixel^2, as the tracker states it
+    """
+
+    magnitude: Floats
+    offset: Floats
+    covariance: Floats
+
+
+class Scale(NamedTuple):
+    """What light makes of the detector: electrons in an exposure.
+
+    star        of a sunlike star of G = 0
+    background  in a pixel, of sky and dark current
+    noise       rms of a pixel's own noise, the converter's steps included
+    largest     in a pixel, that its well holds and the converter tells
+    """
+
+    star: float
+    background: float
+    noise: float
+    largest: float
+
+    @property
+    def pixel(self) -> float:
+        """Electron rms of an empty pixel."""
+        return math.hypot(self.noise, math.sqrt(self.background))
+
+
+def scale(case: Case) -> Scale:
+    """The scale of a case; see `electron_rate` for its errors."""
+    detector = case.instrument.detector
+    one = np.zeros(1)
+    sunlike = Stars(np.zeros(1, np.int64), np.zeros((1, 3)), one, np.full(1, np.nan))
+    light = illuminate(case.scene, sunlike)
+    star, sky = electron_rate(light, detector, throughput(case.instrument))
+    solid_angle = case.instrument.camera.focal_length_px**-2
+    return Scale(
+        float(star[0]) * detector.exposure,
+        float(sky) * solid_angle * detector.exposure + dark(detector)[0],
+        math.hypot(detector.noise, detector.electrons_per_dn / math.sqrt(12)),
+        min(
+            detector.full_well,
+            (2**detector.bits - 1 - detector.offset) * detector.electrons_per_dn,
+        ),
+    )
+
+
+def chart(
+    case: Case,
+    magnitude: Floats,
+    gain: Floats | None = None,
+    extra: Floats | None = None,
+    noisy: bool = True,
+) -> Chart:
+    """Measure stars without noise, as the tracker would.
+
+    A star without noise has the error of its centroid's method alone, and the covariance that the
+    tracker states of it is that of its noise.
+
+    magnitude  (m,) G
+    gain       (m, p, side, side) 1, response of the pixels about each star; None for all alike
+    extra      (m, p, side, side) electron in them; None for none
+    noisy      whether the tracker believes the pixels to have noise of their own
+    """
+    light = scale(case).star * 10 ** (-0.4 * magnitude[:, None, None, None])
+    electrons = light * lone(case)
+    if gain is not None:
+        electrons = electrons * gain
+    if extra is not None:
+        electrons = electrons + extra
+    side, shape = electrons.shape[-1], electrons.shape[:2]
+    place, covariance = measure(case, electrons.reshape(-1, side, side), noisy)
+    offset = place.reshape(*shape, 2) - phases()
+    return Chart(magnitude, offset, covariance.reshape(*shape, 2, 2))
+
+
+def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, Floats]:
+    """The tracker's centroid of stars that have a cell each.
+
+    electrons  (n, side, side) of the star in the pixels of its cell, side odd
+    Returns    (n, 2) pixel from the middle of the cell, (n, 2, 2) pixel^2 as stated; NaN for a
+               star that the tracker drops
+    """
+    size, detection = scale(case), case.tracker.detection
+    side, across = electrons.shape[-1], math.gcd(len(electrons), PHASES**2)
+    cells = electrons.reshape(-1, across, side, side).transpose(0, 2, 1, 3)
+    own = size.noise if noisy else 0.0
+    frame = quiet(
+        cells.reshape(-1, across * side) + size.background,
+        case.instrument.detector,
+        math.hypot(own, math.sqrt(size.background)),
+        own,
+    )
+    row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
+    every = replace(detection, max_spots=2**20)
+    psf = star_image(detection, psf_of(case.instrument))
+    candidates = Candidates(column, row, np.ones(len(row), np.int64))
+    spots = centroid(frame, pixels(frame), candidates, every, psf)
+    found = np.column_stack([spots.x, spots.y])
+    cell = np.floor((found + 0.5) / side).astype(np.int64)
+    star = cell[:, 1] * across + cell[:, 0]
+    place, covariance = np.full((len(row), 2), np.nan), np.full((len(row), 2, 2), np.nan)
+    place[star] = found - np.column_stack([column, row])[star]
+    covariance[star] = spots.covariance
+    return place, covariance
+
+
+def detection_probability(case: Case, magnitude: Floats) -> Floats:
+    """Share of the stars (m,) of a magnitude whose filtered peak passes the threshold.
+
+        share = mean over places of Phi(peak / noise - threshold)
+
+    None is where the sky alone fills the pixels.
+
+    Errors  model: the noise of the peak is that of an empty sky; neighbours, and the tests that
+            tell a star from a hot pixel, are left out.
+    """
+    size, detection = scale(case), case.tracker.detection
+    if size.background >= size.largest:
+        return np.zeros(len(magnitude))
+    point = lone(case)
+    star = star_image(detection, psf_of(case.instrument))
+    kernel = kernel_of(detection, star)
+    middle = point.shape[-1] // 2
+    near = slice(middle - 1, middle + 2)
+    peak = np.array([filtered(one, kernel)[near, near].max() for one in point.astype(np.float32)])
+    snr = size.star * 10 ** (-0.4 * magnitude[:, None]) * peak / (size.pixel * kernel.noise)
+    detector = case.instrument.detector
+    threshold = threshold_over(detection, detector.columns * detector.rows, star)
+    return np.asarray(ndtr(snr - threshold).mean(axis=1))
+
+
+def magnitudes(case: Case, faintest: float) -> Floats:
+    """The magnitudes of a chart: from the brightest stars to those that are hardly detected."""
+    size, point = scale(case), lone(case)
+    sharpness = math.sqrt(float((point**2).sum()) / len(point))
+    limit = 2.5 * math.log10(size.star * sharpness / size.pixel / FAINTEST_SNR)
+    end = max(min(faintest, limit) + STEP, BRIGHTEST + 2 * STEP)
+    return np.arange(BRIGHTEST, end + STEP, STEP)
+
+
+@lru_cache(maxsize=8)
+def pattern(cause: str, shape: tuple[int, ...]) -> Floats:
+    """Fixed normal numbers: what one copy of a detector has, the same in all designs."""
+    draw = Streams(0, 0)(cause).standard_normal(shape)
+    draw.flags.writeable = False
+    return draw
+
+
+def lone(case: Case) -> Floats:
+    """A star's light in the pixels about each of its sub-pixel places (p, side, side)."""
+    return _lone(case.instrument, case.tracker.detection)
+
+
+@lru_cache(maxsize=8)
+def _lone(instrument: Instrument, detection: Detection) -> Floats:
+    return images(instrument, phases(), cell(instrument, detection))
+
+
+def cell(instrument: Instrument, detection: Detection) -> int:
+    """Pixel, odd side of the cell that a star with its ring needs for itself."""
+    _, _, _, run = _shaken(instrument)
+    ring = detection.window // 2 + RING + math.ceil(run)
+    return 2 * (max(ring, math.ceil(psf_of(instrument).half_width)) + RING) + 1
+
+
+def images(instrument: Instrument, place: Floats, side: int) -> Floats:
+    """The light of stars in an exposure, at the boresight.
+
+    place    (n, 2) pixel from the middle of a cell
+    Returns  (n, side, side) 1
+    """
+    psf, weight, offset, _ = _shaken(instrument)
+    strip = np.zeros((side, len(place) * side))
+    middle = np.arange(len(place)) * side + side // 2
+    for share, (x, y) in zip(weight, offset, strict=True):
+        stamp(strip, psf, middle + place[:, 0] + x, side // 2 + place[:, 1] + y,
+              np.full(len(place), share))  # fmt: skip
+    share = instrument.detector.crosstalk
+    if share:
+        strip = diffuse(strip, share)
+    return np.ascontiguousarray(strip.reshape(side, -1, side).transpose(1, 0, 2))
+
+
+@lru_cache(maxsize=8)
+def _shaken(instrument: Instrument) -> tuple[Psf, Floats, Floats, float]:
+    """PSF with the blur of the jitter to expect; weight (k,) and place (k, 2), pixel, of the smear.
+
+    The last is how far the smear reaches, pixel.
+    """
+    camera, detector, motion = instrument.camera, instrument.detector, instrument.motion
+    pixel = 1 / camera.focal_length_px
+    still = replace(motion, rate_x=0.0, rate_y=0.0, rate_z=0.0)
+    x, y, _ = blur(still, detector.exposure)
+    if x or y:
+        wide = math.hypot(x, y) / math.sqrt(2) * instrument.optics.image_distance
+        lens = replace(instrument.optics, blur=math.hypot(instrument.optics.blur, wide))
+        instrument = replace(instrument, optics=lens)
+    steady = replace(motion, tones=(), broadband=())
+    path = slew(steady, detector.exposure, pixel, camera.half_diagonal)
+    # The sky turns by r: a star on the boresight moves by (r_y, -r_x).
+    offset = path.rotation[:, [1, 0]] * [1, -1] / pixel
+    return psf_of(instrument), path.weight, offset, float(np.abs(offset).max())
+
+
+@lru_cache(maxsize=1)
+def phases() -> Floats:
+    """(p, 2) pixel, x and y from the middle of the pixel."""
+    line = (np.arange(PHASES) + 0.5) / PHASES - 0.5
+    return np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)

@@ -1,0 +1,199 @@
+"""Case and attitude -> what stands before the detector: stars, light, PSF, path, throughput."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.catalog import Sky, open_sky
+from startrack.core import Camera, Floats, Ints, Light, Path, Psf, Stars, Streams
+from startrack.design import Case, Instrument
+from startrack.detector import Course, arriving, expected
+from startrack.motion import shake, turn
+from startrack.optics import focus, veil
+from startrack.scene import SUN, WAVELENGTH, Sight, blackbody_photons, illuminate
+
+PART = 2**14  # stars
+EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can reach the frame
+
+
+def random_attitude(streams: Streams) -> Rotation:
+    """An attitude icrs_to_camera, uniform over all rotations."""
+    return Rotation.from_quat(_quaternion(streams))
+
+
+def random_attitudes(seed: int, numbers: Sequence[int]) -> Rotation:
+    """Those of some trials of a seed."""
+    return Rotation.from_quat([_quaternion(Streams(seed, number)) for number in numbers])
+
+
+def rotations(cube: NDArray[np.float64]) -> Rotation:
+    """Rotations of points (n, 3) in the unit cube, which are as evenly spread as the points.
+
+    Source: Shoemake (1992), Uniform random rotations, Graphics Gems III, 124.
+    """
+    radius, p, q = np.sqrt(cube[:, 0]), 2 * np.pi * cube[:, 1], 2 * np.pi * cube[:, 2]
+    rest = np.sqrt(1 - cube[:, 0])
+    x, y, z, w = rest * np.sin(p), rest * np.cos(p), radius * np.sin(q), radius * np.cos(q)
+    return Rotation.from_quat(np.column_stack([x, y, z, w]))
+
+
+def _quaternion(streams: Streams) -> NDArray[np.float64]:
+    return streams("attitude").standard_normal(4)
+
+
+def look(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
+    """The stars that can reach the frame, brightest first."""
+    return sky.stars[nearby(sky, icrs_to_camera, camera)]
+
+
+def nearby(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Ints:
+    """Which they are."""
+    boresight = icrs_to_camera.as_matrix()[2]
+    return sky.cone(boresight, camera.half_diagonal + math.radians(EDGE))
+
+
+@lru_cache(maxsize=4)
+def electrons_of(case: Case) -> Floats:
+    """Electrons of each star of the sky in an exposure, computed once per design."""
+    stars, instrument = open_sky(case.catalog).stars, case.instrument
+    camera, detector, through = instrument.camera, instrument.detector, throughput(instrument)
+    # In parts, for their spectra take hundreds of bytes a star.
+    starts = range(0, max(len(stars), 1), PART)
+    parts = (illuminate(case.scene, stars[start : start + PART]) for start in starts)
+    return np.concatenate([arriving(each, camera, detector, through)[0] for each in parts])
+
+
+def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Streams) -> Light:
+    """What arrives at the entrance, with the veil of what the baffle lets through."""
+    instrument = case.instrument
+    sight = Sight(icrs_to_camera, instrument.camera, case.catalog.limit_g, streams)
+    light = illuminate(case.scene, stars, sight)
+    if instrument.baffle is None:
+        return light
+    return veil(light, instrument.baffle, instrument.optics, icrs_to_camera, instrument.camera)
+
+
+@lru_cache(maxsize=8)
+def psf_of(instrument: Instrument) -> Psf:
+    """The PSF for sunlike stars, computed once per design."""
+    detector = instrument.detector
+    return focus(
+        instrument.optics,
+        detector.pitch,
+        WAVELENGTH,
+        detected_spectrum(instrument),
+        detector.fill_factor,
+        detector.diffusion,
+    )
+
+
+def detected_spectrum(instrument: Instrument) -> NDArray[np.float64]:
+    """Electrons per second of a sunlike star in each spectral bin, on a scale of no meaning."""
+    sunlike = blackbody_photons(WAVELENGTH, np.array([SUN]))[0]
+    electrons = sunlike * throughput(instrument)
+    electrons = electrons * instrument.detector.quantum_efficiency(WAVELENGTH)
+    if not electrons.any():
+        raise ValueError("transmission and quantum_efficiency must overlap between 320 and 1100 nm")
+    return electrons
+
+
+def path_of(instrument: Instrument, streams: Streams) -> Path:
+    """The path of the line of sight in the exposure of one trial."""
+    camera = instrument.camera
+    return shake(
+        instrument.motion,
+        instrument.detector.exposure,
+        1 / camera.focal_length_px,
+        streams,
+        camera.half_diagonal,
+    )
+
+
+def course_of(instrument: Instrument, streams: Streams) -> Course | None:
+    """The same motion at any time, which only a rolling shutter asks for."""
+    detector = instrument.detector
+    if not detector.row_delay:
+        return None
+    return turn(instrument.motion, detector.exposure, streams).over
+
+
+def noiseless(
+    case: Case, stars: Stars, path: Path, icrs_to_camera: Rotation, streams: Streams
+) -> NDArray[np.float64]:
+    """The expected electrons (rows, columns) of a trial's frame.
+
+    path  as `path_of` gives it
+    """
+    instrument = case.instrument
+    light = light_of(case, stars, icrs_to_camera, streams)
+    return expected(
+        light,
+        psf_of(instrument),
+        path,
+        icrs_to_camera,
+        instrument.camera,
+        instrument.detector,
+        throughput(instrument),
+        course_of(instrument, streams),
+        frame_before(instrument, light, path, icrs_to_camera, streams),
+    )
+
+
+def frame_before(
+    instrument: Instrument, light: Light, path: Path, icrs_to_camera: Rotation, streams: Streams
+) -> NDArray[np.float64] | None:
+    """What the frame before left in the pixels, which only a lag asks for.
+
+    The camera turned then as it turns now; the frames before that one are taken to be like it.
+    """
+    detector = instrument.detector
+    if not detector.lag:
+        return None
+    earlier, course = motion_before(instrument, path, streams)
+    return expected(
+        light,
+        psf_of(instrument),
+        earlier,
+        icrs_to_camera,
+        instrument.camera,
+        replace(detector, lag=0.0),
+        throughput(instrument),
+        course,
+    )
+
+
+def motion_before(instrument: Instrument, path: Path, streams: Streams) -> tuple[Path, Course]:
+    """The path in the exposure of the frame before, and the same motion at any time."""
+    detector = instrument.detector
+    motion, late = turn(instrument.motion, detector.exposure, streams), 1 / detector.update_rate
+    earlier = replace(path, rotation=motion.at(path.time - late))
+    return earlier, lambda start, step: motion.over(start - late, step)
+
+
+def throughput(instrument: Instrument) -> NDArray[np.float64]:
+    """Area of the aperture times transmission, square metre in each spectral bin."""
+    return instrument.optics.area * instrument.optics.transmission(WAVELENGTH)
+
+
+def asked_for(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
+    """The attitude icrs_to_camera that a tracker must report for the spacecraft to have its own.
+
+    Its time stamp may be late, and the camera may not sit as the tracker believes: the truth is
+    the spacecraft's attitude at the time stated, taken back into the believed camera.
+    """
+    truth = icrs_to_camera
+    if case.lateness:
+        path = turn(case.instrument.motion, case.instrument.detector.exposure, streams)
+        truth = Rotation.from_rotvec(path.at(np.array([case.lateness]))[0]) * truth
+    mounting, believed = case.instrument.mounting, case.believed_mounting
+    if mounting == believed:
+        return truth
+    phase = 2 * math.pi * streams("thermo-elastic").random() if mounting.swings else 0.0
+    return believed.camera_to_body().inv() * mounting.camera_to_body(phase) * truth

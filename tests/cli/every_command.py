@@ -1,0 +1,178 @@
+"""Every command of `startrack` on a small example, on a given day and without a network.
+
+    python -W error tests/every_command.py YEAR FOLDER
+
+The clock starts in the middle of the year; all files go to the folder. The status is 1 where a
+command fails, warns or tries to reach the network. It needs a process of its own, since astropy
+looks for new leap seconds once in a process.
+"""
+
+import datetime
+import ipaddress
+import os
+import sys
+import traceback
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import time_machine
+
+from startrack.cli.main import main
+from startrack.io import shipped
+
+# Audited events that can leave the machine, and which of their arguments is the address.
+EVENTS = {
+    "socket.connect": 1,
+    "socket.sendto": 1,
+    "socket.getaddrinfo": 0,
+    "socket.gethostbyname": 0,
+}
+# A date beyond the Earth orientation and the leap seconds that are installed.
+DATED = """
+[scene]
+lights = ["planets", "sun", "moon", "zodiacal"]
+date = "2044-06-21T10:00:00"
+"""
+COMMANDS = """
+simulate dated.toml --out dated
+simulate --ra 83 --dec -5 --out frame
+psf design.toml --out psf
+detect frame/frame.fits --overlay detect
+solve frame/frame.fits --fov 9.5 --overlay solve
+calibrate frame/frame.fits --fov 9.5 --distortion none --out calibration.json
+requirements design.toml
+requirements hsrs
+budget dated.toml --out budget --workers 1
+montecarlo dated.toml --trials 4 --out dated --workers 1
+montecarlo design.toml --trials 16 --out frames --control --workers 1
+montecarlo design.toml --trials 32 --out covariance --fidelity covariance --workers 1
+combine frames/campaign.sqlite covariance/campaign.sqlite
+report frames/campaign.sqlite --stars 1 --slews 1 --budget 2 --rungs 2 --worst 1
+sequence design.toml --sequences 1 --out sequence --workers 1
+optimize design.toml --out optimize --workers 1
+sample design.toml --out sample --workers 1
+pareto design.toml --points 2 --out pareto --workers 1
+sensitivity design.toml --designs 2 --out sensitivity --workers 1
+earth geometry mountains.toml --out geometry
+earth render hsrs.toml --out render
+earth terrain dem.tif
+bench psf --out bench
+"""  # those that read what others write come after them
+
+
+class NetworkUse(BaseException):
+    """Not an Exception, so that no library takes it for a server that does not answer."""
+
+
+def cut_the_network(attempts: list[str]) -> None:
+    """Record and refuse, from here on, each use of another machine."""
+
+    def refuse(event: str, arguments: tuple[Any, ...]) -> None:
+        if event not in EVENTS:
+            return
+        address = arguments[EVENTS[event]]
+        if isinstance(address, tuple):
+            address = address[0]
+        elif event in ("socket.connect", "socket.sendto"):
+            return  # a socket of this machine's file system
+        if not is_loopback(address):
+            attempts.append(f"{event} {address}")
+            raise NetworkUse(attempts[-1])
+
+    sys.addaudithook(refuse)
+
+
+def is_loopback(host: str | bytes | None) -> bool:
+    name = host.decode() if isinstance(host, bytes) else host
+    if not name or name == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
+
+
+def changed(text: str, *changes: tuple[str, str]) -> str:
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    return text
+
+
+def write_designs(folder: Path) -> None:
+    """A design with two variables and few trials, and one with a dated scene."""
+    design = changed(
+        shipped("designs/nanosatellite.toml").read_text(),
+        ("columns = 512", "columns = 256"),
+        ("rows = 512", "rows = 256"),
+        ('pixel_pitch = "11 um"', 'pixel_pitch = "22 um"'),
+        ('blur = "5 um"', 'blur = "10 um"'),
+        ("\ntrials = 50\nmost_trials = 200", "\ntrials = 4\nmost_trials = 4\nsample_trials = 4"),
+        ("evaluations = 120", "evaluations = 3\nprospects = 2"),
+        ("fresh_trials = 1000", "fresh_trials = 20"),
+    )
+    dated = changed(
+        design,
+        ("\n[scene]\nbackground_g = 22.0\n", DATED),
+        ("epoch = 2026.0", "epoch = 2044.5\naberration = true\nparallax = true"),
+    )
+    (folder / "dated.toml").write_text(dated)
+    variables = design.split("[[campaign.variables]]")
+    (folder / "design.toml").write_text("[[campaign.variables]]".join(variables[:3]))
+
+
+def write_scenes(folder: Path) -> None:
+    """Two scenes over small terrain, and a file of heights."""
+    import rasterio
+
+    mountains = changed(
+        shipped("scenes/mountains.toml").read_text(),
+        ("sky_rays = 16", "sky_rays = 0"),
+        ("= 480", "= 24"),
+        ('"20 um"', '"400 um"'),
+        ("cells = 768", "cells = 300"),
+    )
+    fires = changed(
+        shipped("scenes/hsrs.toml").read_text(),
+        ("lines = 300", "lines = 16"),
+        ("columns = 300", "columns = 16"),
+        ("cells = 1024", "cells = 300"),
+    )
+    (folder / "mountains.toml").write_text(mountains)
+    (folder / "hsrs.toml").write_text(fires)
+    with rasterio.open(
+        folder / "dem.tif", "w", driver="GTiff", width=9, height=9, count=1, dtype="float32",
+        crs="EPSG:4326", transform=rasterio.Affine(1e-3, 0, 10, 0, -1e-3, 47),
+    ) as file:  # fmt: skip
+        file.write(np.ones((9, 9), np.float32), 1)
+
+
+def succeeds(line: str) -> bool:
+    """Whether a command ends as it should; so few trials may leave something unsolved."""
+    try:
+        return main(line.split()) in (0, 3)
+    except (Exception, SystemExit, NetworkUse):
+        traceback.print_exc()
+        return False
+
+
+def run(year: int, folder: Path) -> int:
+    """All commands; the exit status."""
+    folder.mkdir(parents=True, exist_ok=True)
+    os.chdir(folder)
+    write_designs(folder)
+    write_scenes(folder)
+    attempts: list[str] = []
+    cut_the_network(attempts)
+    with time_machine.travel(datetime.datetime(year, 7, 1, tzinfo=datetime.UTC)):
+        failed = [line for line in COMMANDS.strip().splitlines() if not succeeds(line)]
+    for line in failed:
+        print(f"failed: {line}", file=sys.stderr)
+    for attempt in attempts:
+        print(f"network: {attempt}", file=sys.stderr)
+    return int(bool(failed or attempts))
+
+
+if __name__ == "__main__":
+    sys.exit(run(int(sys.argv[1]), Path(sys.argv[2]).resolve()))

@@ -1,0 +1,73 @@
+"""`startrack budget`."""
+
+import json
+
+import pytest
+
+from startrack.budget import Term, indices_of
+from startrack.cli import budget as module
+from startrack.cli.main import main
+
+
+def run(capsys, *arguments: str) -> tuple[int, str, str]:
+    status = main(["budget", *arguments])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def test_the_table_names_causes_and_terms(capsys):
+    status, out, _ = run(capsys)
+    assert status == 0
+    for word in ("read noise", "PRNU", "temporal noise", "pixel spatial", "end to end", "99.73 %"):
+        assert word in out
+
+
+def test_json_holds_both_columns(capsys):
+    status, out, _ = run(capsys, "--json", "--montecarlo", "6", "--times", "2", "--workers", "1")
+    assert status == 0
+    result = json.loads(out)
+    assert set(result["analytic"]["causes"]) == set(result["measured"]["causes"])
+    assert set(result["analytic"]["terms"]) == {term.value for term in Term}
+    assert set(result["measured"]["end to end"]["levels"]) == {"temporal", "ensemble", "mixed"}
+    assert set(result["analytic"]["end to end"]["levels"]) == {"mixed"}
+    assert 0.3 < result["measured"]["end to end"]["across"] < 1.5
+
+
+def test_pictures_and_indices(capsys, tmp_path):
+    profile = tmp_path / "calm.toml"
+    profile.write_text('period = "0.5 s"\n[[legs]]\nduration = "3 s"\n')
+    status, out, _ = run(
+        capsys, "--profile", str(profile), "--sequences", "1", "--workers", "1",
+        "--out", str(tmp_path / "out"),
+    )  # fmt: skip
+    assert status == 0
+    assert "RKE" in out
+    assert {one.name for one in (tmp_path / "out").iterdir()} == {
+        *("budget.json", "budget.png", "sky.png", "curves.png")
+    }
+    assert (
+        json.loads((tmp_path / "out" / "budget.json").read_text())["indices"]["AKE"]["across"] > 0
+    )
+
+
+@pytest.mark.parametrize("arguments", [["none.toml"], ["--profile", "none.toml"]])
+def test_wrong_use_is_a_sentence(capsys, arguments):
+    status, _, err = run(capsys, *arguments)
+    assert status == 2
+    assert "none.toml must be a" in err
+    assert "Traceback" not in err
+
+
+def test_as_many_sequences_are_flown_as_are_asked_for(capsys, tmp_path, monkeypatch):
+    profile = tmp_path / "calm.toml"
+    profile.write_text('period = "0.5 s"\n[[legs]]\nduration = "3 s"\n')
+    flown = []
+
+    def counted(case, sequence, members, *rest):
+        flown.append(members)
+        return indices_of(case, sequence, 1, *rest)
+
+    monkeypatch.setattr(module, "indices_of", counted)
+    asked = ["--profile", str(profile), "--sequences", "3", "--workers", "1"]
+    assert run(capsys, *asked)[0] == 0
+    assert flown == [3]

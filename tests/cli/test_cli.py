@@ -1,0 +1,312 @@
+"""The machine interface: one JSON object a line, exit statuses, errors in one sentence."""
+
+import json
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from astropy.io import fits
+
+from startrack.cli.main import main
+from startrack.design.case import Fidelity
+from startrack.design.files import load_design
+from startrack.io import shipped
+from startrack.montecarlo.sampling import Sampling
+from startrack.montecarlo.store import Store
+
+EXAMPLE = shipped("designs/nanosatellite.toml")
+COMMANDS = (
+    *("simulate", "psf", "detect", "solve", "calibrate", "requirements", "budget", "montecarlo"),
+    *("combine", "report", "sequence", "optimize", "pareto", "sensitivity", "sample", "bench"),
+)
+
+
+@pytest.fixture
+def call(capsys):
+    """Runs a command: exit status, objects on standard output, text on standard error."""
+
+    def run(*arguments):
+        try:
+            status = main([str(one) for one in arguments])
+        except SystemExit as end:
+            status = end.code
+        out, err = capsys.readouterr()
+        return status, [json.loads(line) for line in out.splitlines()], err
+
+    return run
+
+
+@pytest.fixture
+def short(tmp_path):
+    """The example with a campaign of seconds."""
+    text = EXAMPLE.read_text()
+    for old, new in (
+        ("columns = 512", "columns = 256"),
+        ("rows = 512", "rows = 256"),
+        ('pixel_pitch = "11 um"', 'pixel_pitch = "22 um"'),
+        ('blur = "5 um"', 'blur = "10 um"'),
+        ("\ntrials = 50\nmost_trials = 200", "\ntrials = 6\nmost_trials = 6\nsample_trials = 6"),
+        ("evaluations = 120", "evaluations = 5\nprospects = 4"),
+        ("fresh_trials = 1000", "fresh_trials = 20"),
+    ):
+        assert old in text, old
+        text = text.replace(old, new)
+    path = tmp_path / "short.toml"
+    path.write_text(text)
+    return path
+
+
+def test_simulate_then_solve(call, tmp_path):
+    status, (made,), _ = call(
+        *("simulate", "--ra", 83, "--dec", -5, "--roll", 20, "--out", tmp_path, "--json")
+    )
+    assert status == 0
+    assert made["ra_deg"] == pytest.approx(83)
+    assert made["status"] == "solved"
+    assert cv2.imread(made["png"]) is not None
+    status, (found,), _ = call(
+        *("solve", made["fits"], "--fov", 9.5, "--json", "--overlay", tmp_path)
+    )
+    assert status == 0
+    assert found["status"] == "solved"
+    assert found["ra_deg"] == pytest.approx(83, abs=2e-3)
+    assert found["dec_deg"] == pytest.approx(-5, abs=2e-3)
+    assert found["roll_deg"] == pytest.approx(20, abs=1e-2)
+    assert found["fov_x_deg"] == pytest.approx(made["fov_x_deg"], rel=1e-3)
+    assert found["matches"] > 10
+    assert found["false_probability"] < 1e-6
+    overlap = abs(np.dot(found["icrs_to_camera_xyzw"], made["icrs_to_camera_xyzw"]))
+    assert overlap == pytest.approx(1, abs=1e-7)
+    assert cv2.imread(found["overlay"]) is not None
+
+
+def noise(kind: str) -> np.ndarray:
+    rng = np.random.default_rng(5)
+    sky = rng.normal(100, 10, (480, 640)).astype(np.uint16)
+    if kind == "random":
+        return rng.integers(0, 65536, (480, 640), dtype=np.uint16)
+    if kind == "blank":
+        return np.full((480, 640), 7, np.uint16)
+    if kind == "hot pixels":
+        sky[rng.integers(0, 480, 300), rng.integers(0, 640, 300)] += 30000
+    if kind == "false stars":
+        stars = np.zeros((480, 640), np.float32)
+        stars[rng.integers(0, 480, 60), rng.integers(0, 640, 60)] = 20000
+        sky += cv2.GaussianBlur(stars, (0, 0), 1.2).astype(np.uint16)
+    return sky
+
+
+@pytest.mark.parametrize("kind", ["random", "blank", "sky", "hot pixels", "false stars"])
+def test_noise_is_refused_with_a_status_and_a_sentence(call, tmp_path, kind):
+    path = tmp_path / "noise.png"
+    cv2.imwrite(str(path), noise(kind))
+    status, (found,), _ = call("solve", path, "--fov", 12, "--json")
+    assert status == 3
+    assert found["status"] in ("no match", "too few stars", "blank image")
+    assert found["icrs_to_camera_xyzw"] is None
+    assert len(found["reason"]) > 10
+
+
+def test_a_bad_image_does_not_keep_the_others_waiting(call, tmp_path):
+    empty, blank = tmp_path / "empty.fits", tmp_path / "blank.png"
+    empty.write_bytes(b"")
+    cv2.imwrite(str(blank), np.zeros((50, 50), np.uint8))
+    nan = tmp_path / "nan.fits"
+    fits.writeto(nan, np.full((9, 9), np.nan))
+    status, found, err = call("solve", empty, blank, nan, "--fov", 12, "--json")
+    assert status == 1
+    assert [one["status"] for one in found] == ["failed", "blank image", "failed"]
+    assert f"{empty} must hold an image, but it is empty" in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["solve"], "IMAGE"),
+        (["solve", "x.png", "--fov", "-3"], "fov must be positive"),
+        (["solve", "x.png", "--fov", "12", "--fov-tolerance", "2"], "must lie in"),
+        (["solve", "x.png", "--fov", "12", "--catalog", "nothing.csv"], "nothing.csv"),
+        (["solve", "x.png", "--fov", "12", "--dark", "none.png"], "none.png must be a file"),
+        (["solve", "x.png", "--catalog", "brigt"], "--catalog must be bright or deep, or a file"),
+        (["calibrate", EXAMPLE, "--fov", "9", "--principal", "-5"], "principal must not be negat"),
+        (["simulate", "--ra", "nan"], "--ra: must be a finite number, got 'nan'"),
+        (["simulate", "--dec", "95"], "--dec: must be a number from -90 to 90, got '95'"),
+        (["simulate", "--seed", 2**63], f"--seed: must be at most {2**63 - 1}"),
+        (["budget", "--workers", "5000"], "--workers: must be at most 1024, got '5000'"),
+        (["budget", "--window", "0"], "--window: must be positive, got '0'"),
+        (["requirements", "waos"], "waos must be a design file, or one of ads40, hsrs, mertis"),
+        (["montecarlo", "none.toml"], "none.toml must be a design file"),
+        (["montecarlo", "--precision", "0"], "--precision: must be a number from 1e-06 to 1"),
+        (["montecarlo", "--statistic", "mean"], "--statistic: invalid choice: 'mean'"),
+        (["montecarlo", "--confidence", "95"], "--confidence: must be a number from 0.5 to 0.99"),
+        (["montecarlo", "--seconds", "-1"], "--seconds: must be positive, got '-1'"),
+        (["montecarlo", "--scheduler", "here"], "--scheduler: must be tcp://host:port or mpi"),
+        (["montecarlo", "--control", "--fidelity", "window"], "control needs fidelity frame"),
+        (["combine", "one.sqlite"], "campaigns must be two or more, each of another fidelity"),
+        (["combine", "a.sqlite", "./a.sqlite"], "must be files of their own, got a.sqlite more"),
+        (["sensitivity", "--designs", "65"], "--designs: must be a power of two, got '65'"),
+        (["pareto", "--first", "speed"], "objective must be across, about or both"),
+        (["report", "x.sqlite", "--budget", "1"], "--budget: must be a whole number from 2 on"),
+        (["sequence", "--profile", "none.toml"], "none.toml must be a sequence file"),
+        (["earth", "render", "none"], "none must be a scene file, or one of ads40, hsrs, mertis"),
+        (["earth", "terrain", "none.tif"], "none.tif must name files"),
+        (["bench", "psff"], "must be one of psf, stamping"),
+        (["montecarlo", "--trials", "0"], "--trials: must be a whole number from 1 on, got '0'"),
+        (["montecarlo", "--seed", "-1", "--trials", "2"], "--seed: must be a whole number"),
+        (["montecarlo", "--workers", "x"], "--workers: must be a whole number"),
+        (["nonsense"], "invalid choice"),
+        ([], "COMMAND"),
+    ],
+)
+def test_wrong_use_is_two(call, arguments, words):
+    status, found, err = call(*arguments)
+    assert (status, found) == (2, [])
+    assert words in err.replace("\n", " ")
+    assert "Traceback" not in err
+
+
+def test_a_file_that_cannot_be_made_is_named(call, tmp_path):
+    (tmp_path / "taken").touch()
+    status, _, err = call("psf", "--out", tmp_path / "taken")
+    assert status == 1
+    assert f"{tmp_path / 'taken'}: File exists" in err
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, "earth geometry", "earth render", "earth terrain"])
+def test_every_command_says_what_it_does_and_takes(capsys, command):
+    """One sentence in the list of commands, more in its own help, and a word for each option."""
+    with pytest.raises(SystemExit):
+        main([*command.split(), "--help"])
+    text = capsys.readouterr().out
+    assert len(text.split("\n\n")[1]) > 15
+    options = text.partition("options:")[2]
+    for line in options.splitlines():
+        if line.startswith("  --") and len(line.split("  ")) < 3:
+            following = options.splitlines()[options.splitlines().index(line) + 1]
+            assert following.startswith(" " * 10), line
+
+
+def test_a_design_with_an_error_is_wrong_use(call, tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text(EXAMPLE.read_text().replace('"35 mm"', '"35 kg"'))
+    for command in ("simulate", "montecarlo", "optimize", "sample"):
+        status, _, err = call(command, path, "--out", tmp_path / "out")
+        assert status == 2
+        assert "instrument.optics.focal_length must have a unit that converts to m" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_design_without_a_campaign_cannot_be_optimised(call, tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(EXAMPLE.read_text().split("[campaign]")[0])
+    status, _, err = call("optimize", path, "--out", tmp_path / "out")
+    assert status == 2
+    assert "[campaign]" in err
+
+
+def test_montecarlo(call, short, tmp_path):
+    arguments = ("montecarlo", short, "--trials", 12, "--seed", 3, "--json")
+    status, (one,), err = call(*arguments, "--workers", 1, "--out", tmp_path / "a")
+    call(*arguments, "--workers", 2, "--out", tmp_path / "b")
+    assert status == 0
+    assert err == ""
+    assert one["trials"] == 12
+    low, high = one["across_rms_arcsec_95"]
+    assert low < one["across_rms_arcsec"] < high
+    assert one["availability"] == 1
+    assert one["trials_per_s"] > 0
+    tables = [(tmp_path / name / "trials.csv").read_bytes() for name in "ab"]
+    assert tables[0] == tables[1]
+    assert len(tables[0].splitlines()) == 13
+    assert cv2.imread(str(tmp_path / "a" / "errors.png")) is not None
+    assert json.loads((tmp_path / "a" / "summary.json").read_text())["seed"] == 3
+
+
+def test_combine_helps_frames_by_cheaper_trials(call, tmp_path):
+    made = {}
+    for kind, trials in (("frame", 32), ("window", 64), ("covariance", 2000)):
+        path = made[kind] = tmp_path / f"{kind}.sqlite"
+        control = ["--control"] * (kind == "frame")
+        status, (one,), _ = call(
+            *("montecarlo", EXAMPLE, "--trials", trials, "--fidelity", kind, "--store", path),
+            *("--workers", 1, "--json", *control),
+        )
+        assert status == 0
+        assert ("helped" in one) == bool(control)
+    status, (told,), err = call("combine", made["covariance"], made["frame"], "--json")
+    assert (status, err) == (0, "")
+    assert told["trials"] == {"frame": 32, "covariance": 2000}
+    low, high = told["across_rms_arcsec_95"]
+    alone = told["across_alone_rms_arcsec_95"]
+    assert low < told["across_rms_arcsec"] < high
+    assert high - low < alone[1] - alone[0]
+    assert call("combine", *made.values(), "--json")[0] == 0
+    other, even = tmp_path / "other.sqlite", tmp_path / "even.sqlite"
+    Store(other, load_design(EXAMPLE).case, 5, Sampling(Fidelity.WINDOW)).close()
+    Store(even, load_design(EXAMPLE).case, 1, Sampling(Fidelity.WINDOW, "sobol")).close()
+    for wrong, sentence in (
+        ([made["frame"], even], "make it again without --sobol"),
+        ([made["frame"], other], "must hold the design and the seed of"),
+        ([made["frame"], tmp_path / "none"], "must be a campaign store, but there is none"),
+    ):
+        status, out, err = call("combine", *wrong, "--json")
+        assert (status, out) == (2, [])
+        assert sentence in err
+
+
+def test_optimize_leaves_a_folder_that_the_other_commands_accept(call, short, tmp_path):
+    out = tmp_path / "opt"
+    status, (result,), err = call(
+        *("optimize", short, "--out", out, "--seed", 2, "--workers", 1, "--json")
+    )
+    assert status in (0, 3)
+    assert "Traceback" not in err
+    assert result["evaluations"] == 5
+    assert result["start"]["trials"] == result["best"]["trials"] == 20
+    low, high = result["factor_95"]
+    assert low <= result["factor"] <= high
+    assert (out / "ledger.sqlite").is_file()
+    assert len((out / "evaluations.csv").read_text().splitlines()) == 6
+    assert "| start | best |" in (out / "comparison.md").read_text()
+    assert cv2.imread(str(out / "convergence.png")) is not None
+    best = load_design(out / "best.toml")
+    assert best.campaign == load_design(short).campaign
+    status, (again,), _ = call("montecarlo", out / "best.toml", "--trials", 2, "--json")
+    assert again["trials"] == 2
+    status, _, _ = call("simulate", out / "best.toml", "--out", tmp_path / "s", "--json")
+    assert status == 0
+
+
+def test_sample_writes_its_region(call, short, tmp_path):
+    text = short.read_text()
+    variables = text.split("[[campaign.variables]]")
+    short.write_text("[[campaign.variables]]".join(variables[:3]))  # two variables suffice
+    out = tmp_path / "sam"
+    status, (result,), _ = call(
+        *("sample", short, "--out", out, "--seed", 2, "--workers", 1, "--json")
+    )
+    assert status == 0
+    assert result["converged"]
+    assert set(result["values_si"]) == {
+        "instrument.optics.focal_length",
+        "instrument.optics.f_number",
+    }
+    assert all(values == sorted(values) for values in result["values_si"].values())
+    assert cv2.imread(str(out / "corner.png")) is not None
+    assert (out / "samples.csv").read_text().startswith("instrument.optics.focal_length,")
+
+
+def test_help_teaches_and_is_quick_to_import():
+    """--help must not import the rooms: numpy alone would take longer than all of it."""
+    code = (
+        "import sys\nfrom startrack.cli.main import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "print('heavy' if {'numpy', 'cv2', 'astropy'} & set(sys.modules) else 'light')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "light"
+    for word in ("optimize", "exit status", "startrack solve photo.jpg"):
+        assert word in done.stdout

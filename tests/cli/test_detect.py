@@ -1,0 +1,47 @@
+"""`startrack detect` from its arguments to its table, JSON and picture."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from startrack.cli.main import main
+from startrack.core.streams import Streams
+
+
+@pytest.fixture
+def image(tmp_path, sky):
+    light = sky((200, 300), np.array([50.2, 200.7]), np.array([60.4, 150.1]), 8000.0, 1.0) + 40
+    path = tmp_path / "sky.png"
+    cv2.imwrite(str(path), Streams(1, 0)("shot noise").poisson(light).astype(np.uint16))
+    return path
+
+
+def test_table_json_and_overlay(image, tmp_path, capsys):
+    assert main(["detect", str(image)]) == 0
+    table = capsys.readouterr().out.splitlines()
+    assert table[0].startswith(f"{image}: 2 spots; noise alone makes")
+    assert len(table) == 4
+    arguments = ["detect", str(image), "--json", "--overlay", str(tmp_path / "drawn")]
+    assert main([*arguments, "--centroid", "gaussian"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert sorted(spot["x"] for spot in found["spots"]) == pytest.approx([50.2, 200.7], abs=0.05)
+    assert cv2.imread(found["overlay"]).shape[1] > 500
+
+
+def test_settings_of_a_design(image, capsys):
+    from startrack.cli.terminal import example
+
+    arguments = ["detect", str(image), "--json", "--design", str(example())]
+    assert main([*arguments, "--centroid", "likelihood", "--sigma", "1"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["spots"]) == 2
+
+
+def test_what_cannot_be_done_is_told(image, tmp_path, capsys):
+    assert main(["detect", str(image), "--centroid", "best"]) == 2
+    assert "centroid must be one of" in capsys.readouterr().err
+    assert main(["detect", str(tmp_path / "none.png"), str(image), "--json"]) == 1
+    first, second = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    assert (first["status"], second["status"]) == ("failed", "done")
+    assert main(["detect", str(image), "--flat", str(tmp_path / "none.png")]) == 2

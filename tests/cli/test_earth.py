@@ -1,0 +1,137 @@
+"""`startrack earth`: maps of what each pixel sees, and sentences where that cannot be."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import netcdf_file
+
+from startrack.cli.earth import read_scene
+from startrack.cli.main import main
+from startrack.earth.geometry import image, observe_earth
+from startrack.io import shipped
+
+pytest.importorskip("sgp4")
+
+PLACE = ("longitude", "latitude")
+EXAMPLE = shipped("scenes/mountains.toml").read_text()
+
+
+def scene(folder: Path, *changes: tuple[str, str]) -> Path:
+    text = EXAMPLE.replace("sky_rays = 16", "sky_rays = 0").replace("= 480", "= 40")
+    text = text.replace('"20 um"', '"240 um"').replace("cells = 768", "cells = 600")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+def test_the_maps_of_a_scene(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["earth", "geometry", str(scene(tmp_path)), "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["seen"] == 1
+    assert 0.01 < told["shadow"] < 0.5
+    assert max(told["levels"]) >= 2
+    with netcdf_file(out / "geometry.nc", mmap=False) as file:
+        height, longitude = file.variables["height"][:], file.variables["longitude"][:]
+        assert file.variables["height"].units == b"m"
+        assert file.variables["latitude"].units == b"degree"
+    assert height.shape == (40, 40)
+    assert told["height_m"] == pytest.approx([height.min(), height.max()])
+    assert abs(longitude.mean() - 10) < 0.05
+    assert (out / "geometry.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("detector", ["matrix", "staggered", "tdi"])
+def test_other_detectors_see_the_same_mountains(tmp_path, capsys, detector):
+    path = scene(tmp_path, ('"line"', f'"{detector}"'))
+    assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["seen"] == 1
+    assert 1000 < told["height_m"][1] <= 3000
+
+
+def test_a_camera_that_drifts_sees_other_ground(tmp_path, capsys):
+    """A roll of 1e-3 rad/s moves the ground by the angle times the range, and not at the epoch."""
+    places = []
+    for motion in ("", '\n[motion]\nrate_y = "1e-3 rad/s"\n'):
+        path = scene(tmp_path, ('"3000 m"', '"1 m"'), ('roll = "5 deg"', 'roll = "0 deg"'))
+        path.write_text(path.read_text() + motion)
+        assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0
+        capsys.readouterr()
+        with netcdf_file(tmp_path / "geometry.nc", mmap=False) as file:
+            places.append([np.radians(file.variables[name][:, 20]) for name in PLACE])
+    (lon, lat), (moved_lon, moved_lat) = places
+    shift = 6.371e6 * np.hypot(moved_lat - lat, (moved_lon - lon) * np.cos(lat))
+    sensor = read_scene(path)[0].sensor
+    time = sensor.dating(read_scene(path)[0].flight).at(np.arange(40.0))
+    np.testing.assert_allclose(shift, 1e-3 * np.abs(time) * 600e3, rtol=0.03, atol=0.1)
+
+
+def test_a_matrix_is_the_same_in_one_piece_and_row_by_row(tmp_path, monkeypatch):
+    """Three rays a side: rows, columns and rays keep their order."""
+    path = scene(tmp_path, ('"line"', '"matrix"'), ("columns = 40", "columns = 40\nrays = 3"))
+    whole = list(observe_earth(read_scene(path)[0], tmp_path))
+    monkeypatch.setattr(image, "BATCH", 1)
+    rows = list(observe_earth(read_scene(path)[0], tmp_path))
+    assert [len(whole), len(rows)] == [1, 40]
+    for name in PLACE:
+        one = whole[0].mean(getattr(whole[0].ground, name))
+        each = [strip.mean(getattr(strip.ground, name))[0] for strip in rows]
+        np.testing.assert_array_equal(one, each)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (('"5 deg"', '"5 m"'), "pointing.roll must have a unit that converts to rad"),
+        (("cells = 600", "cellls = 600"), "terrain.fractal.cellls is unknown"),
+        (('"line"', '"lines"'), "sensor.detector must be one of matrix, line, staggered, tdi"),
+        (('[orbit]', 'tle = ["1", "2"]\n[orbit]'), "one of orbit, tle and aircraft must be given"),
+        (('"600 km"', '"60 km"'), "perigee above 80 km"),
+        (("[orbit]", "[motion]\nrate = 1\n[orbit]"), "motion.rate is unknown"),
+    ],
+)  # fmt: skip
+def test_a_wrong_scene_is_wrong_use(tmp_path, capsys, change, sentence):
+    assert main(["earth", "geometry", str(scene(tmp_path, change)), "--out", str(tmp_path)]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_files_that_are_not_there(tmp_path, capsys):
+    text = EXAMPLE[: EXAMPLE.index("[terrain.fractal]")] + 'files = ["dem/*.tif"]\n'
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    assert main(["earth", "geometry", str(path), "--out", str(tmp_path / "out")]) == 1
+    assert "must name files, but there are none" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert main(["earth", "geometry", str(tmp_path / "none.toml")]) == 2
+    assert "must be a scene file, but there is none" in capsys.readouterr().err
+
+
+def test_terrain_files_are_listed_and_can_be_flown_over(tmp_path, capsys):
+    """What `terrain` prints goes into a scene file as it stands."""
+    pytest.importorskip("rasterio")
+    from startrack.core.streams import Streams
+    from startrack.earth.terrain import Grid, fractal
+
+    from .test_raster import write
+
+    step = np.radians(8 / 3600)
+    grid = Grid(np.radians(9.7), np.radians(47.3), step, step, 301, 301)
+    write(tmp_path / "dem.tif", fractal(301, 301, Streams(1, 0), 1000.0), grid)
+    assert main(["earth", "terrain", str(tmp_path / "*.tif")]) == 0
+    listed = capsys.readouterr().out
+    assert "301 x 301 cells" in listed
+    table = listed[listed.index("[terrain]") : listed.index("#")]
+    path = scene(tmp_path)
+    head = path.read_text()
+    path.write_text(head[: head.index("[terrain]")] + table)
+    assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["height_m"][1] <= 1000
+    assert main(["earth", "terrain", str(tmp_path / "scene.toml")]) == 2
+    assert "must be a raster file that GDAL reads" in capsys.readouterr().err

@@ -1,0 +1,50 @@
+import pytest
+
+from startrack.design.choice import Choice, branches
+from startrack.design.files import load_design
+from startrack.io import shipped
+
+CASE = load_design(shipped("designs/nanosatellite.toml")).case
+
+
+def test_every_combination_is_a_branch():
+    window = Choice("tracker.detection.window", (3.0, 5.0))
+    blur = Choice("instrument.optics.blur", ("2 um", "3 um", "4 um"))
+    found = branches(CASE, (window, blur))
+    assert len(found) == 6
+    assert found[4].label == "window 5, blur 3 um"
+    assert found[4].case.tracker.detection.window == 5
+    assert found[4].case.instrument.optics.blur == pytest.approx(3e-6)
+
+
+def test_without_choices_there_is_the_case_itself():
+    assert [branch.case for branch in branches(CASE, ())] == [CASE]
+
+
+def test_a_detector_is_chosen_by_product():
+    (one,) = branches(CASE, (Choice("instrument.detector", ("cmv4000",)),))
+    detector = one.case.instrument.detector
+    assert (detector.columns, detector.full_well) == (2048, 13500)
+    assert detector.exposure == CASE.instrument.detector.exposure
+    assert one.case.instrument.optics == CASE.instrument.optics
+
+
+def test_a_name_is_chosen():
+    (_, other) = branches(CASE, (Choice("tracker.detection.centroid", ("gravity", "likelihood")),))
+    assert other.case.tracker.detection.centroid == "likelihood"
+
+
+@pytest.mark.parametrize(
+    ("choice", "words"),
+    [
+        (("tracker.detection.window", (4.0,)), "window must be odd"),
+        (("tracker.detection.centroid", ("best",)), "centroid must be one of"),
+        (("instrument.detector", ("perfect",)), "product must be one of"),
+        (("instrument.optics.blur", (2.0,)), "must have a unit"),
+        (("instrument.optics.bluer", (2.0,)), "bluer is none"),
+        (("tracker.detection.threshold", tuple(4 + 0.01 * i for i in range(300))), "at most 256"),
+    ],
+)
+def test_a_wrong_choice_is_refused(choice, words):
+    with pytest.raises(ValueError, match=words):
+        branches(CASE, (Choice(*choice),))

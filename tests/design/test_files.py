@@ -1,0 +1,115 @@
+from pathlib import Path
+
+import pytest
+
+from startrack.design.case import Case, Fidelity
+from startrack.design.files import Design, load_design, save_design
+from startrack.io import shipped
+from startrack.io.tables import from_table, to_table
+
+EXAMPLE = shipped("designs/nanosatellite.toml")
+
+
+@pytest.fixture
+def edited(tmp_path):
+    """The example with one line replaced, as a file."""
+
+    def edit(old: str, new: str) -> Path:
+        text = EXAMPLE.read_text()
+        assert text.count(old) == 1, old
+        path = tmp_path / "design.toml"
+        path.write_text(text.replace(old, new))
+        return path
+
+    return edit
+
+
+def test_units_become_si():
+    case = load_design(EXAMPLE).case
+    assert case.instrument.optics.focal_length == 0.035
+    assert case.instrument.detector.exposure == 0.08
+    assert case.instrument.detector.quantum_efficiency.wavelength[0] == 350e-9
+
+
+def test_a_design_survives_a_file(tmp_path):
+    design = load_design(EXAMPLE)
+    save_design(tmp_path / "copy.toml", design, "two\nlines")
+    assert load_design(tmp_path / "copy.toml") == design
+    assert (tmp_path / "copy.toml").read_text().startswith("# two\n# lines\n")
+
+
+def test_every_default_survives_a_table():
+    case = load_design(EXAMPLE).case
+    assert from_table(Case, to_table(case)) == case
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('focal_length = "35 mm"', 'focal_length = "35 kg"',
+         "instrument.optics.focal_length must have a unit that converts to m, got '35 kg'"),
+        ('focal_length = "35 mm"', "focal_length = 35",
+         "instrument.optics.focal_length must have a unit, such as '1 mm', got 35"),
+        ('focal_length = "35 mm"', "", "instrument.optics.focal_length is missing"),
+        ("f_number = 2.4", "f_number = -2.4",
+         "instrument.optics.f_number must lie in [0.3, 200], got -2.4"),
+        ("f_number = 2.4", 'f_number = "fast"',
+         "instrument.optics.f_number must be a number, got 'fast'"),
+        ("f_number = 2.4", "f_numbr = 2.4", "instrument.optics.f_numbr is unknown; known here are"),
+        ("bits = 12", "bits = 12.5", "instrument.detector.bits must be a whole number, got 12.5"),
+        ("bits = 12", "bits = true", "instrument.detector.bits must be a whole number, got True"),
+        ('[catalog]\nsource = "bright"\nlimit_g = 7.0\nepoch = 2026.0', "catalog = 3",
+         "catalog must be a table, got 3"),
+        ("value = [0.0, 0.75,", "value = [0.0, 1.75,",
+         "instrument.optics.transmission.value must lie in [0, 1], got 1.75"),
+        ("value = [0.0, 0.75,", "value = [",
+         "instrument.optics.transmission.wavelength and value must have the same length"),
+        ('"400 nm", "430 nm"', '"400 nm", "430 s"',
+         "instrument.optics.transmission.wavelength[1] must have a unit that converts to m"),
+        ('objective = "across"', 'objective = "along"',
+         "campaign.objective must be across, about or both"),
+        ("[catalog]", "[catalogue]", "catalogue is unknown"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named_with_its_place(edited, old, new, words):
+    path = edited(old, new)
+    with pytest.raises(ValueError) as error:
+        load_design(path)
+    assert str(error.value).startswith(f"{path}: {words}")
+    assert "\n" not in str(error.value)
+
+
+def test_files_that_are_no_toml(tmp_path):
+    with pytest.raises(ValueError, match="there is none"):
+        load_design(tmp_path / "nothing.toml")
+    broken = tmp_path / "broken.toml"
+    broken.write_bytes(b"\xff\xfe\x00 = [")
+    with pytest.raises(ValueError, match=r"broken.toml must be a TOML file"):
+        load_design(broken)
+    broken.write_text("[instrument\n")
+    with pytest.raises(ValueError, match=r"broken.toml must be a TOML file"):
+        load_design(broken)
+
+
+def test_a_failed_save_leaves_the_old_file(tmp_path):
+    path = tmp_path / "best.toml"
+    save_design(path, load_design(EXAMPLE))
+    before = path.read_bytes()
+    with pytest.raises(TypeError):
+        save_design(path, Design(None))  # type: ignore[arg-type]
+    assert path.read_bytes() == before
+    assert [one.name for one in tmp_path.iterdir()] == ["best.toml"]
+
+
+def test_a_fidelity_is_read_by_its_name(tmp_path):
+    path = tmp_path / "design.toml"
+    text = shipped("designs/nanosatellite.toml").read_text()
+    path.write_text(text.replace("trials = 50", 'trials = 50\nfidelity = "frame"', 1))
+    design = load_design(path)
+    assert design.campaign is not None
+    assert design.campaign.fidelity is Fidelity.FRAME
+    path.write_text(text.replace("trials = 50", 'trials = 50\nfidelity = "coarse"', 1))
+    with pytest.raises(
+        ValueError, match=r"campaign\.fidelity must be one of frame, window, spots, cov"
+    ):
+        load_design(path)

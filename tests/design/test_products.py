@@ -1,0 +1,120 @@
+"""The catalogue of detectors, and designs that name one of them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from startrack.design.files import load_design, save_design
+from startrack.design.products import products
+from startrack.detector import Detector
+from startrack.io import shipped
+
+DESIGN = """
+[instrument.optics]
+focal_length = "50 mm"
+f_number = 2.0
+[instrument.detector]
+product = "{}"
+exposure = "100 ms"
+"""
+
+
+@pytest.fixture
+def case(tmp_path):
+    """The case of a design that names a detector, with more lines in its table."""
+
+    def build(product: str, more: str = ""):
+        path = tmp_path / "design.toml"
+        path.write_text(DESIGN.format(product) + more)
+        return load_design(path).case
+
+    return build
+
+
+def test_there_are_detectors_of_each_kind():
+    assert len(products()) >= 8
+    assert {"star250", "has2", "cmv4000", "ccd47-20", "ccd201-20", "gsense400bsi"} <= set(
+        products()
+    )
+
+
+@pytest.mark.parametrize("product", products())
+def test_each_detector_is_whole(case, product):
+    """It has light and noise, and every value of its file says where it is from."""
+    detector = case(product).instrument.detector
+    peak = max(detector.quantum_efficiency.value)
+    assert 0.2 < peak <= 0.95
+    assert detector.noise > 0.4
+    assert detector.dark_rate > 0
+    for line in shipped(f"detectors/{product}.toml").read_text().splitlines():
+        name = line.split("=")[0].strip()
+        if line and not line.startswith(("#", "[")) and name not in ("wavelength", "temperature"):
+            assert "#" in line or name == "value", line
+
+
+def test_values_agree_with_what_was_published(oracle):
+    """Against datasheets and measurements; dynamic range and signal to noise are derived here."""
+    for product, known in oracle("detectors.json").items():
+        detector = _detector(product)
+        if "pixels" in known:
+            assert [detector.columns, detector.rows] == known["pixels"]
+        if "pitch_um" in known:
+            assert detector.pixel_pitch == pytest.approx(known["pitch_um"] * 1e-6)
+        noise = known.get("read_e", known.get("kTC_noise_e"))
+        if noise:
+            assert detector.read_noise == noise
+        if "DR_dB" in known:
+            wanted = known["DR_dB"]
+            assert 20 * math.log10(detector.full_well / detector.read_noise) == pytest.approx(
+                wanted, abs=0.7
+            )
+        if "SNRmax_dB" in known:
+            assert 10 * math.log10(detector.full_well) == pytest.approx(
+                known["SNRmax_dB"], abs=0.01
+            )
+        if "full_well_e" in known:
+            assert detector.full_well == known["full_well_e"]
+        for key, wavelength in (("QE_525", 525e-9), ("QE_656nm", 656e-9)):
+            if key in known:
+                assert detector.quantum_efficiency(np.array(wavelength)) == known[key]
+
+
+def _detector(product: str) -> Detector:
+    import tomllib
+
+    from startrack.io.tables import from_table
+
+    table = tomllib.loads(shipped(f"detectors/{product}.toml").read_text())
+    return from_table(Detector, {**table, "exposure": "1 s"})
+
+
+def test_what_a_design_names_overrides_the_catalogue(case):
+    plain = case("has2").instrument.detector
+    changed = case("has2", 'rows = 512\nthermal = { temperature = "273.15 K" }').instrument.detector
+    assert (changed.columns, changed.rows) == (1024, 512)
+    assert changed.thermal.reference == plain.thermal.reference  # tables are merged
+    # Twenty-five kelvin colder, at a doubling of 8 K.
+    assert plain.dark_rate / changed.dark_rate == pytest.approx(2 ** (25 / 8))
+
+
+def test_a_saved_design_reproduces_the_case(case, tmp_path):
+    design = case("ccd47-20", "rows = 100")
+    path = tmp_path / "design.toml"
+    loaded = load_design(path)
+    save_design(tmp_path / "copy.toml", loaded)
+    assert load_design(tmp_path / "copy.toml").case == design
+    assert "product" not in (tmp_path / "copy.toml").read_text()
+
+
+def test_an_unknown_product_is_named_with_those_there_are(case):
+    with pytest.raises(ValueError) as error:
+        case("cmv400")
+    assert "instrument.detector.product must be one of ccd201-20, " in str(error.value)
+    assert "cmv4000, " in str(error.value)
+    assert str(error.value).endswith("got 'cmv400'")
+
+
+def test_an_unknown_key_beside_a_product_is_named(case):
+    with pytest.raises(ValueError, match=r"instrument.detector.reed_noise is unknown"):
+        case("has2", 'reed_noise = "3 electron"')

@@ -1,0 +1,123 @@
+"""The radiative transfer behind the tables, against other solvers and published numbers."""
+
+import math
+
+import numpy as np
+import pytest
+
+from startrack.core.units import nm
+from startrack.earth.atmosphere import Air
+from startrack.earth.atmosphere.aerosol import particles, profile
+
+pytest.importorskip("sasktran2", reason="new tables of the air need the extra `earth`")
+from startrack.earth.atmosphere.solver import TOP, layers, limb_radiance, solve_radiance
+
+GREEN = np.array([550 * nm])
+
+
+def depth(air, wavelength):
+    _, heights, extinction = solve_radiance(
+        air, wavelength, 0.0, 0.5371, [(1.0, 0.0, TOP)], (0.0,), 4
+    )
+    return np.trapezoid(extinction, heights)
+
+
+def test_optical_depth_of_molecules():
+    """Bodhaine et al. (1999), J. Atmos. Ocean. Tech. 16, 1854: 0.0973 at 550 nm and 1013.25 hPa."""
+    assert depth(Air("none"), GREEN)[0] == pytest.approx(0.0973, rel=0.005)
+
+
+def test_rural_particles_are_those_of_shettle_and_fenn():
+    """Their rural aerosol at 0 % humidity, as LOWTRAN 7 prints it."""
+    rural = particles("rural", (550 * nm, 694.3 * nm, 1060 * nm))
+    np.testing.assert_allclose(rural.extinction, [1.0, 0.75203, 0.41943], rtol=0.02)
+    assert 1 - rural.albedo[0] == pytest.approx(0.05930, rel=0.02)
+    np.testing.assert_allclose(rural.moments[:2, 1] / 3, [0.6479, 0.6342], rtol=0.01)
+
+
+def test_extinction_at_the_ground_is_koschmieders():
+    """The contrast falls to 2 % over the visibility."""
+    for visibility in (5e3, 10e3, 23e3, 50e3, 100e3):
+        total = profile(visibility, np.array([0.0]))[0] + 1.16e-5
+        assert total == pytest.approx(3.912 / visibility, rel=0.02)
+
+
+def unit_cells(found, albedos):
+    """Added light per albedo, and the spherical albedo that three albedos give."""
+    first, second = ((lit - found[0]) / a for lit, a in zip(found[1:3], albedos[1:3], strict=True))
+    spherical = (second - first) / (albedos[2] * second - albedos[1] * first)
+    return first * (1 - albedos[1] * spherical), spherical
+
+
+RAYS = [(0.9, 0.3, TOP), (0.55, 2.0, TOP), (0.31, 1.0, 5e3)]
+
+
+@pytest.mark.parametrize("air", [Air("none"), Air("rural", 10e3)])
+def test_any_albedo_follows_from_three(air):
+    albedos = (0.0, 0.25, 0.75, 0.6)
+    found = solve_radiance(air, GREEN, 0.0, 0.5371, RAYS, albedos)[0]
+    added, spherical = unit_cells(found, albedos)
+    np.testing.assert_allclose(found[3], found[0] + 0.6 * added / (1 - 0.6 * spherical), rtol=1e-6)
+
+
+def test_the_spherical_albedo_does_not_know_sun_or_sensor():
+    seen = []
+    for sun in (0.2123, 0.5371, 0.9531):
+        found = solve_radiance(Air(), GREEN, 0.0, sun, RAYS, (0.0, 0.25, 0.75))[0]
+        seen.append(unit_cells(found, (0.0, 0.25, 0.75))[1])
+    np.testing.assert_allclose(np.array(seen), np.mean(seen), rtol=1e-6)
+
+
+def test_clear_air_loses_no_light():
+    """What one side of white air does not send back, it lets through: S + 2 int mu T = 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    cosines, weights = (nodes + 1) / 2, weights / 2  # the solver's own ordinates of 8 streams
+    sun = 0.5371
+    rays = [(cosine, 0.0, TOP) for cosine in [*cosines, sun]]
+    found = solve_radiance(Air("none"), GREEN, 0.0, sun, rays, (0.0, 0.25, 0.75), 8)[0]
+    added, spherical = unit_cells(found, (0.0, 0.25, 0.75))
+    total = math.pi * added[0] / sun
+    total /= math.sqrt(total[-1])
+    assert spherical.mean() + 2 * (weights * cosines) @ total[:-1] == pytest.approx(1, abs=1e-7)
+
+
+def test_fluxes_are_those_of_disort():
+    """PythonicDISORT (Ho and Pierrehumbert 2024), 16 streams, on the same air."""
+    disort = pytest.importorskip("PythonicDISORT")
+    sun, streams = 0.5371, 16
+    found, heights, extinction = solve_radiance(
+        Air("none"), GREEN, 0.0, sun, [(sun, 0.0, TOP)], (0.0, 0.25, 0.75), streams
+    )
+    added, _ = unit_cells(found, (0.0, 0.25, 0.75))
+    total = math.sqrt(math.pi * added[0, 0] / sun)
+    optical = np.trapezoid(extinction, heights)
+    king = 1.0484  # Bates (1984) at 550 nm
+    depolarisation = 6 * (king - 1) / (7 * king + 3)
+    second = (1 - depolarisation) / (2 + depolarisation) / 5
+    phase = np.zeros((1, streams + 1))
+    phase[0, [0, 2]] = 1, second
+    solved = disort.pydisort(
+        optical, np.array([1 - 2e-6]), streams, phase, sun, 1.0, 0.0, only_flux=True
+    )
+    diffuse, direct = solved[2](optical[0])
+    assert total == pytest.approx((diffuse + direct) / sun, rel=1e-5)
+
+
+def test_layers_start_at_the_ground():
+    assert layers(1234.5)[0] == 1234.5
+    assert (np.diff(layers(1234.5)) > 0).all()
+    assert layers(0.0)[-1] == TOP
+
+
+def test_the_limb_is_as_bright_as_others_found():
+    """Magnitude of a pixel of 60 arcsec at 550 nm, the Sun 30 degrees from the zenith.
+
+    Vega's flux and the Sun's irradiance at 550 nm are 3.63e-11 and 1.863 W / m^2 / nm.
+    """
+    tangents = np.array([20e3, 40e3, 60e3, 80e3])
+    light = limb_radiance(
+        GREEN, math.cos(math.radians(30)), [(t, math.pi / 2) for t in tangents], 0.3
+    )
+    pixel = math.radians(1 / 60) ** 2
+    magnitude = -2.5 * np.log10(light[0] * 1.863 * pixel / 3.63e-11)
+    np.testing.assert_allclose(magnitude, [-5.5, -2.4, 0.3, 3.4], atol=0.3)

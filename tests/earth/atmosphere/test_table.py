@@ -1,0 +1,199 @@
+"""Tables of the air: their file, what bands make of them, and what a pixel sees."""
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from startrack.core.units import deg, nm
+from startrack.earth.atmosphere import (
+    Air,
+    AirTable,
+    Reach,
+    Sight,
+    in_bands,
+    load_table,
+    look_up,
+    radiance,
+    refine,
+    save_table,
+)
+from startrack.io import shipped
+
+EVERYWHERE = Reach((0.0, 4e3), (0.0, 70 * deg), (0.0, 70 * deg), (0.0, 180 * deg))
+
+
+@pytest.fixture(scope="module")
+def table() -> AirTable:
+    return load_table(shipped("atmosphere/rural-23km.fits"))
+
+
+@pytest.fixture(scope="module")
+def bands(table):
+    return in_bands(table, response(table, [450, 550, 650]), 600e3)
+
+
+@pytest.fixture(scope="module")
+def fine(bands):
+    return refine(bands, EVERYWHERE)
+
+
+def response(table, centres):
+    """Flat bands of 20 nm."""
+    return (np.abs(table.spectrum / nm - np.array(centres)[:, None]) <= 10) / (20 * nm)
+
+
+def sights(count, rng, reach=EVERYWHERE, **other):
+    places = [rng.uniform(low, high, count) for low, high in reach]
+    incidence = np.cos(places[2])
+    rest = {"incidence": incidence, "lit": np.ones(count), "sky_view": np.ones(count)} | other
+    return Sight(*places, **rest)
+
+
+def test_a_table_survives_its_file(table, tmp_path):
+    save_table(tmp_path / "again.fits", table)
+    again = load_table(tmp_path / "again.fits")
+    assert again.air == table.air == Air()
+    np.testing.assert_array_equal(again.path, table.path)
+
+
+@pytest.mark.parametrize("where", [5000, 200000])
+def test_a_damaged_table_is_refused(tmp_path, where):
+    whole = bytearray(shipped("atmosphere/rural-23km.fits").read_bytes())
+    whole[where] ^= 0xFF
+    (tmp_path / "broken.fits").write_bytes(whole)
+    with pytest.raises(ValueError, match=r"broken\.fits must be"):
+        load_table(tmp_path / "broken.fits")
+
+
+def test_what_is_no_table_is_refused(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        load_table(tmp_path / "none.fits")
+    with pytest.raises(ValueError, match="table of the air of format 1"):
+        load_table(shipped("stars/bright.fits"))
+
+
+def test_numbers_are_physical(table):
+    for share in (table.beam, table.skylight, table.seen, table.around, table.backscatter):
+        assert (share >= 0).all()
+        assert (share <= 1).all()
+    assert (table.path > 0).all()
+    assert (table.seen + table.around <= 1 + 1e-6).all()
+
+
+def test_higher_ground_sees_less_air(bands):
+    assert (np.diff(bands.path, axis=0) < 0).all()
+    assert (np.diff(bands.direct, axis=0) > 0).all()
+
+
+def test_light_is_blue_in_the_air_and_forward(bands):
+    nadir = bands.path[0, 0, 3, 0]
+    assert nadir[0] > nadir[1] > nadir[2]
+    slanted = bands.path[0, 7, 7, :, 1]
+    assert slanted[-1] > 1.5 * slanted[5]  # the Sun in front of the camera
+
+
+def test_a_fine_table_holds_the_nodes(bands, fine):
+    sight = Sight(
+        *(np.array([value]) for value in (1500.0, 30 * deg, 40 * deg, 120 * deg, 0.0, 0.0, 0.0))
+    )
+    *ground, scattered = look_up(fine, sight, np.ones(3), np.zeros(3))
+    node = bands.path[1, 3, 4, 6]
+    np.testing.assert_allclose(scattered[0], node, rtol=1e-5)
+    np.testing.assert_array_equal(ground[0], 0)
+
+
+def test_straight_lines_are_close_to_the_splines(bands, fine):
+    sight = sights(100, np.random.default_rng(1))
+    total = sum(look_up(fine, sight, np.full(3, 0.3), np.full(3, 0.3)))
+    exact = []
+    for i in range(100):
+        here = Reach(*((values[i], values[i]) for values in sight[:4]))
+        one = Sight(*(values[i : i + 1] for values in sight))
+        exact.append(sum(look_up(refine(bands, here), one, np.full(3, 0.3), np.full(3, 0.3)))[0])
+    error = np.abs(total / np.array(exact) - 1)
+    assert np.quantile(error, 0.95) < 1e-3
+
+
+def test_terms_add_up_to_the_closed_form_of_a_flat_ground(table):
+    """Over flat ground of one albedo, L = L0 + rho g / (1 - rho S) with g = white's own light."""
+    fine = refine(in_bands(table, response(table, [550]), 600e3), EVERYWHERE)
+    sight = sights(50, np.random.default_rng(2))
+    black, third, half = (
+        sum(look_up(fine, sight, np.array([rho]), np.array([rho])))[:, 0] for rho in (0, 1 / 3, 0.5)
+    )
+    spherical = np.interp(
+        sight.height, fine.start[0] + fine.step[0] * np.arange(17), fine.backscatter[:, 0]
+    )
+    white = (half - black) / 0.5 * (1 - 0.5 * spherical)
+    np.testing.assert_allclose(third, black + white / 3 / (1 - spherical / 3), rtol=2e-5)
+
+
+def test_shadow_takes_the_beam_and_leaves_the_sky(fine):
+    rng = np.random.default_rng(3)
+    lit = sights(20, rng)
+    dark = lit._replace(lit=np.zeros(20))
+    sunny, shaded = (look_up(fine, one, np.full(3, 0.4), np.full(3, 0.2)) for one in (lit, dark))
+    np.testing.assert_array_equal(shaded[0], 0)
+    np.testing.assert_array_equal(shaded[1], sunny[1])
+    assert (sunny[0] > 0).all()
+
+
+def test_ground_that_turns_from_the_sun_is_dark(fine):
+    away = sights(5, np.random.default_rng(4), incidence=np.full(5, -0.3))
+    np.testing.assert_array_equal(look_up(fine, away, np.ones(3), np.zeros(3))[0], 0)
+
+
+@pytest.mark.parametrize("bad", [-0.1, 1.1, np.nan])
+def test_impossible_reflectance_is_refused(fine, bad):
+    with pytest.raises(ValueError, match=r"reflectance must lie in \[0, 1\]"):
+        look_up(fine, sights(3, np.random.default_rng(5)), np.full(3, bad), np.zeros(3))
+
+
+def test_pixels_beyond_the_reach_are_refused(bands):
+    narrow = refine(bands, EVERYWHERE._replace(sensor=(0.0, 20 * deg)))
+    with pytest.raises(ValueError, match="inside the reach"):
+        look_up(narrow, sights(30, np.random.default_rng(6)), np.zeros(3), np.zeros(3))
+    with pytest.raises(ValueError, match="sun must lie in the table's"):
+        refine(bands, EVERYWHERE._replace(sun=(0.0, 89 * deg)))
+
+
+def test_a_low_sensor_sees_less_air(table):
+    """Against the solver itself at 500 m, a quarter of the lowest altitude; none at 1 m."""
+    pytest.importorskip("sasktran2")
+    from startrack.earth.atmosphere.solver import solve_radiance as solved
+
+    rays = [(1.0, np.pi, 500.0), (1.0, np.pi, 2000.0)]
+    low, high = solved(Air(), np.array([550 * nm]), 0.0, np.cos(40 * deg), rays, (0.0,), 8)[0][0, 0]
+    paths = []
+    for altitude in (1.0, 500.0, 2000.0):
+        found = in_bands(table, response(table, [550]), altitude)
+        paths.append(found.path[0, 0, 4, 0, 0])  # nadir, Sun at 40 degrees
+    assert paths[1] / paths[2] == pytest.approx(low / high, rel=0.25)
+    assert paths[0] < 1e-3 * paths[2]
+    white = in_bands(table, response(table, [550]), 1.0)
+    assert white.around[0, 0, 4, 0] < 1e-3 * white.direct[0, 0, 4, 0]
+    assert white.through[0, 0, 0] == pytest.approx(1, abs=1e-3)
+
+
+def test_a_band_outside_the_spectrum_is_refused(table):
+    with pytest.raises(ValueError, match="every band must have a response between 350 and 4000 nm"):
+        in_bands(table, np.zeros((1, len(table.spectrum))), 600e3)
+    with pytest.raises(ValueError, match="altitude must be positive, got -1"):
+        in_bands(table, response(table, [550]), -1.0)
+
+
+def test_many_pixels_are_the_same_as_few(fine):
+    many = sights(40000, np.random.default_rng(7))
+    whole = radiance(fine, many, np.full(3, 0.2), np.full(3, 0.2)).total
+    last = Sight(*(values[-5:] for values in many))
+    np.testing.assert_array_equal(
+        whole[-5:], radiance(fine, last, np.full(3, 0.2), np.full(3, 0.2)).total
+    )
+
+
+def test_shipped_tables_are_those_that_were_built():
+    folder = shipped("atmosphere")
+    for line in (folder / "SHA256SUMS").read_text().splitlines():
+        digest, name = line.split()
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest

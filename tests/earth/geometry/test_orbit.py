@@ -1,0 +1,88 @@
+"""Orbits and the Sun against what other sources say of them."""
+
+import numpy as np
+import pytest
+
+from startrack.earth.geometry import Orbit, TwoLines, fly, sun_direction
+from startrack.earth.terrain import geodetic
+
+pytest.importorskip("sgp4")
+
+# The ISS, the example of the documentation of the package sgp4.
+FIRST = "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991"
+SECOND = "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482"
+
+
+def test_the_axes_turn_with_the_earth():
+    """TEME to ITRS is a turn by Greenwich mean sidereal time but for the motion of the pole.
+
+    The pole moves by 0.5 arcsec at most, 17 m here. (Vallado et al. 2006, appendix C.)
+    """
+    from sgp4.propagation import gstime
+
+    orbit = TwoLines(FIRST, SECOND)
+    record = orbit.satellite()
+    second = np.array([0.0, 3000.0, 50000.0])
+    flight = fly(orbit, second)
+    for n in range(3):
+        fraction = record.jdsatepochF + second[n] / 86400
+        _, teme, _ = record.sgp4(record.jdsatepoch, fraction)
+        angle = gstime(record.jdsatepoch + fraction)
+        turn = np.array(
+            [[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+        )
+        # UT1 - UTC was -0.17 s in December 2019: 80 m along the equator.
+        np.testing.assert_allclose(flight.position[n], 1e3 * turn @ teme, atol=110)
+
+
+def test_velocities_are_the_slopes_of_positions():
+    orbit = Orbit("2026-06-21T10:00:00", node=1.0, anomaly=2.0)
+    flight = fly(orbit, np.array([99.0, 100.0, 101.0]))
+    slope = (flight.position[2] - flight.position[0]) / 2
+    np.testing.assert_allclose(flight.velocity[1], slope, atol=0.02)
+    fixed = flight.icrs_to_itrs.inv().apply(flight.position)
+    inertial = flight.icrs_to_itrs[1].apply((fixed[2] - fixed[0]) / 2)
+    np.testing.assert_allclose(flight.inertial[1], inertial, atol=0.02)
+
+
+def test_an_orbit_keeps_its_height_and_inclination():
+    """To the short periods of J2: about 10 km in height."""
+    orbit = Orbit("2026-06-21T10:00:00", altitude=600e3, inclination=1.0)
+    second = np.linspace(0, 5800, 60)
+    flight = fly(orbit, second)
+    radius = np.linalg.norm(flight.position, axis=1)
+    assert np.abs(radius - 6378137 - 600e3).max() < 15e3
+    assert np.abs(geodetic(flight.position)[1]).max() == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("epoch", "declination"),
+    [
+        ("2026-03-20T14:46:00", 0.0),
+        ("2026-06-21T08:25:00", 23.437),
+        ("2026-12-21T20:50:00", -23.437),
+    ],
+)
+def test_the_sun_at_equinox_and_solstice(epoch, declination):
+    """Moments of the seasons of 2026, to the minute, from the US Naval Observatory."""
+    sun = sun_direction(epoch)
+    assert np.degrees(np.arcsin(sun[2])) == pytest.approx(declination, abs=0.002)
+
+
+def test_the_sun_at_noon_stands_south_of_greenwich():
+    """On 16 April the equation of time is zero."""
+    sun = sun_direction("2026-04-15T12:00:00")
+    assert np.degrees(np.arctan2(sun[1], sun[0])) == pytest.approx(0.0, abs=0.1)
+
+
+def test_elements_that_cannot_be():
+    with pytest.raises(ValueError, match="epoch must be a time such as"):
+        Orbit("yesterday")
+    with pytest.raises(ValueError, match="perigee above 80 km"):
+        Orbit("2026-06-21T10:00:00", altitude=600e3, eccentricity=0.2)
+    with pytest.raises(ValueError, match="anomaly must be finite, got nan"):
+        Orbit("2026-06-21T10:00:00", anomaly=float("nan"))
+    with pytest.raises(ValueError, match="line 1 must end in its checksum 1"):
+        TwoLines(FIRST[:-1] + "5", SECOND)
+    with pytest.raises(ValueError, match="line 2 must be 69 characters"):
+        TwoLines(FIRST, FIRST)

@@ -1,0 +1,138 @@
+"""Section 2.1 both ways: published figures of cameras, and goals that a first design meets."""
+
+import json
+import math
+
+import pytest
+
+from startrack.cli.main import main
+from startrack.core.curve import Curve
+from startrack.core.units import deg, nm, um
+from startrack.design.files import load_design
+from startrack.detector import Detector, Scan
+from startrack.earth.imager import Channel, Goals, band_of, figures, first_parameters, load_imager
+from startrack.io.shipped import shipped
+from startrack.optics import Optics
+
+# Height, pixel, sampling and swath in metre, field in degree; None where nothing is published.
+# hsrs: DLR's table of BIRD's payload (see catalogs/cameras/hsrs.toml); waoss: DLR, 96 m and 496 km
+# from 300 km, 80 degrees; ads40: 64 degrees, pixels of 6.5 um at 62.5 mm
+PUBLISHED = {
+    "hsrs": (572e3, 370.0, 185.0, 190e3, 19.0),
+    "waoss": (300e3, 96.0, 96.0, 496e3, 80.0),
+    "ads40": (3e3, 0.312, 0.156, None, 64.0),
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_figures_are_those_that_are_published(name):
+    height, pixel, sampling, swath, field = PUBLISHED[name]
+    channel = load_imager(name).channels[0]
+    air = None  # geometry knows nothing of it
+    found = figures(channel, band_of(channel, air, height, 1.0), height, 0.012, light=1e6)
+    assert found.gsd == pytest.approx(pixel, rel=0.01)
+    assert found.sampling_across == pytest.approx(sampling, rel=0.01)
+    assert found.sampling_along == pytest.approx(sampling, rel=0.01)
+    assert found.field / deg == pytest.approx(field, rel=0.015)
+    if swath:
+        assert found.swath == pytest.approx(swath, rel=0.015)
+
+
+def goals(**changed) -> Goals:
+    asked = {
+        "gsd": 10.0, "swath": 20e3, "height": 600e3, "wavelength": 550 * nm,
+        "bandwidth": 50 * nm, "radiance": 100 / um, "snr": 150.0, "mtf": 0.2,
+        "read_noise": 40.0, "efficiency": 0.4, "smear": 0.5,
+    }  # fmt: skip
+    return Goals(**(asked | changed))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{}, {"snr": 20.0, "mtf": 0.1}, {"mtf": 0.5, "snr": 20.0}, {"stages": 16, "gsd": 3.0}],
+    ids=["snr", "rayleigh", "mtf", "tdi"],
+)
+def test_the_first_design_meets_its_goals(changed):
+    """Its figures, by the other way, are the goals: one is met just so, the others at least."""
+    asked = goals(**changed)
+    first = first_parameters(asked)
+    kind = Scan("tdi", stages=asked.stages) if asked.stages > 1 else Scan()
+    low, high = asked.wavelength - asked.bandwidth / 2, asked.wavelength + asked.bandwidth / 2
+    band = Curve((low - 1e-12, low, high, high + 1e-12), (0.0, 1.0, 1.0, 0.0))
+    channel = Channel(
+        "one", Optics(first.focal_length, first.f_number, psf="airy"),
+        Detector(
+            first.columns, 100, asked.pixel_pitch, first.exposure,
+            Curve((), (asked.efficiency,)), read_noise=asked.read_noise * asked.stages**0.5,
+            bits=20, full_well=1e7, scan=kind, pixel_rate=1e9,
+        ),
+        band,
+    )  # fmt: skip
+    rate = asked.speed / asked.height
+    found = figures(channel, band_of(channel, None, 1e3, 1.0), asked.height, rate, asked.radiance)
+    assert found.gsd == pytest.approx(asked.gsd)
+    assert found.swath == pytest.approx(asked.swath, rel=2e-3)
+    assert found.clock == pytest.approx(first.clock)
+    margins = (
+        asked.gsd / found.rayleigh - 1, found.snr / asked.snr - 1, found.mtf_along / asked.mtf - 1
+    )  # fmt: skip
+    assert min(margins) == pytest.approx(0, abs=0.01)
+
+
+def test_goals_that_no_lens_meets():
+    with pytest.raises(ValueError, match=r"mtf must be at most 0\.573, which pixel and smear"):
+        first_parameters(goals(mtf=0.6))
+    with pytest.raises(ValueError, match=r"must leave a lens of f/0\.5 or slower"):
+        first_parameters(goals(snr=3000.0))
+
+
+def test_a_rounded_satellite_is_as_fast_as_the_textbook_says():
+    """7.56 km/s in a circle at 600 km, 6.91 km/s over ground."""
+    assert goals().speed == pytest.approx(6910, rel=2e-3)
+
+
+def test_snr_by_hand():
+    """10,000 electrons, read noise 30, response 1 %: sqrt(10000 + 900 + 10000) = 144.6."""
+    channel = Channel(
+        "one", Optics(0.1, 4.0, psf="airy"),
+        Detector(
+            100, 100, 10e-6, 1e-3, read_noise=30.0, prnu=0.01, bits=24, full_well=1e6, scan=Scan(),
+            pixel_rate=1e6,
+        ),
+        Curve((500 * nm, 501 * nm, 599 * nm, 600 * nm), (0.0, 1.0, 1.0, 0.0)),
+    )  # fmt: skip
+    band = band_of(channel, None, 1e3, 1.0)
+    per_radiance = channel.etendue() * 1e-3 * band.electrons
+    found = figures(channel, band, 600e3, 0.01, light=1e4 / per_radiance)
+    assert found.electrons == pytest.approx(1e4)
+    assert found.noise == pytest.approx(144.57, rel=1e-3)
+    assert found.noise_radiance * per_radiance == pytest.approx(found.noise)
+    assert found.dynamics == pytest.approx(1e6 / 30, rel=1e-3)
+
+
+def test_the_command_goes_both_ways(capsys):
+    assert main(["requirements", "hsrs", "--json"]) == 0
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [one["channel"] for one in told] == ["mir", "tir"]
+    assert told[0]["gsd"] == pytest.approx(370, rel=0.02)
+    assert main(["requirements", str(shipped("scenes/goals.toml")), "--json"]) == 0
+    first = json.loads(capsys.readouterr().out)
+    assert first["focal_length"] == pytest.approx(21.65e-3, rel=2e-3)  # as the scanner's own
+    assert first["columns"] == pytest.approx(2880, rel=2e-3)
+    assert math.isfinite(first["data_rate"])
+    assert first["aperture"] == max(first[f"for_{each}"] for each in ("rayleigh", "mtf", "snr"))
+
+
+def test_wrong_goals_are_wrong_use(tmp_path, capsys):
+    path = tmp_path / "goals.toml"
+    path.write_text(shipped("scenes/goals.toml").read_text().replace("mtf = 0.3", "mtf = 1.3"))
+    assert main(["requirements", str(path)]) == 2
+    assert "mtf must lie in [0.001, 0.99], got 1.3" in capsys.readouterr().err
+
+
+def test_asteroidfinder_is_what_is_published():
+    """F/3.4, 2 x 2 degrees on four detectors, about 400 cm2 (Hartl et al. 2010)."""
+    instrument = load_design(shipped("cameras/asteroidfinder.toml")).case.instrument
+    assert 2 * instrument.camera.fov_x / deg == pytest.approx(2.0, rel=0.01)
+    assert instrument.optics.area * 1e4 == pytest.approx(400, rel=0.02)
+    assert instrument.detector.multiplication > 1

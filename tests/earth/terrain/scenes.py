@@ -1,0 +1,70 @@
+"""Small terrain and rays at it, for the tests of this folder."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core.streams import Streams
+from startrack.earth.terrain import Grid, Rays, cartesian, fractal, up
+
+STEP = np.radians(1 / 3600)  # 31 m along a meridian
+
+
+def mountains(cells: int = 200, relief: float = 1500.0) -> tuple[Grid, NDArray[np.float32]]:
+    grid = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, cells + 1, cells + 1)
+    return grid, fractal(cells + 1, cells + 1, Streams(1, 0), relief)
+
+
+def flat(height: float = 0.0, cells: int = 40) -> tuple[Grid, NDArray[np.float32]]:
+    grid = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, cells + 1, cells + 1)
+    return grid, np.full((cells + 1, cells + 1), height, np.float32)
+
+
+def axes(longitude: float, latitude: float) -> tuple[NDArray, NDArray, NDArray]:
+    """East, north and up."""
+    rise = up(np.array(longitude), np.array(latitude))
+    east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
+    return east, np.cross(rise, east), rise
+
+
+def ray(longitude, latitude, height, elevation, azimuth=0.0, distance=3e5) -> Rays:
+    """Rays that look down at places, from `distance` away at an elevation in degree."""
+    place = np.atleast_2d(cartesian(*np.broadcast_arrays(longitude, latitude, height)))
+    east, north, rise = axes(np.mean(longitude), np.mean(latitude))
+    e, a = np.radians(elevation), np.atleast_1d(azimuth)[:, None]
+    view = np.sin(e) * rise + np.cos(e) * (np.sin(a) * east + np.cos(a) * north)
+    view = np.broadcast_to(view, place.shape)
+    return Rays(place + distance * view, -view, np.zeros(len(place)))
+
+
+def random_rays(
+    grid: Grid, count: int, elevation: float, highest: float, lowest: float = 0.0
+) -> Rays:
+    """From all sides, at random points over the inner three quarters of a grid."""
+    random = np.random.default_rng(1)
+    u, v, height, azimuth = random.random((4, count))
+    return ray(
+        grid.west + (0.125 + 0.75 * u) * (grid.columns - 1) * grid.step_x,
+        grid.north - (0.125 + 0.75 * v) * (grid.rows - 1) * grid.step_y,
+        lowest + (highest - lowest) * height,
+        elevation,
+        2 * np.pi * azimuth,
+    )
+
+
+def hills() -> tuple[Grid, NDArray[np.float32]]:
+    """Hills by a formula, 0 to 1000 m, that another program can be given, too."""
+    step = np.radians(1 / 3600)
+    grid = Grid(np.radians(10.0), np.radians(47.0), step, step, 257, 257)
+    at = np.arange(257)
+    wave = np.sin(at / 9.0) + np.sin(at[:, None] / 7.0) + np.sin((at + 2 * at[:, None]) / 23.0)
+    return grid, (500 + 500 / 3 * wave).astype(np.float32)
+
+
+def globe(per_degree: float = 1.0) -> tuple[Grid, NDArray[np.float32]]:
+    """A whole Earth of pixel centres whose heights change with longitude and latitude."""
+    rows, columns = round(180 * per_degree), round(360 * per_degree)
+    step = np.radians(1 / per_degree)
+    grid = Grid(-np.pi + step / 2, np.pi / 2 - step / 2, step, step, columns, rows)
+    lon = grid.west + step * np.arange(columns)
+    lat = grid.north - step * np.arange(rows)[:, None]
+    return grid, (3000 + 2000 * np.sin(3 * lon) * np.cos(lat)).astype(np.float32)

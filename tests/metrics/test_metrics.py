@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from startrack.core.values import Estimate, Status
+from startrack.metrics import judge, rms_interval, share_interval, summarise
+from startrack.trial.chain import OUTCOMES
+
+TRUTH = Rotation.from_rotvec([0.3, -1.0, 2.0])
+
+
+def estimate(error, sigma=1e-5):
+    attitude = Rotation.from_rotvec(error) * TRUTH
+    return Estimate(Status.SOLVED, "", attitude, np.eye(3) * sigma**2, 0.1, 9, 1e-9)
+
+
+def test_the_error_is_in_camera_axes():
+    """A turn about the boresight is roll, whatever the attitude."""
+    outcome = judge(estimate([0, 0, 2e-5]), TRUTH, 12)
+    assert outcome.error_z == pytest.approx(2e-5, rel=1e-9)
+    assert abs(outcome.error_x) < 1e-15
+    assert outcome.nees == pytest.approx(4, rel=1e-9)
+    assert (outcome.solved, outcome.false, outcome.stars, outcome.spots) == (True, False, 9, 12)
+
+
+def test_half_a_turn_away_is_false_and_finite():
+    outcome = judge(estimate([np.pi, 0, 0]), TRUTH, 3)
+    assert outcome.false
+    assert np.isfinite(outcome.nees)
+
+
+def test_unsolved_is_neither_right_nor_false():
+    none = Estimate(Status.NO_MATCH, "", None, np.full((3, 3), np.nan), np.nan, 0, 1.0)
+    outcome = judge(none, TRUTH, 4)
+    assert (outcome.solved, outcome.false) == (False, False)
+    assert np.isnan(outcome.error_x)
+
+
+def outcomes(rows):
+    table = np.zeros(len(rows), OUTCOMES)
+    for line, (x, y, z, solved, false) in zip(table, rows, strict=True):
+        line["error_x"], line["error_y"], line["error_z"] = x, y, z
+        line["solved"], line["false"] = solved, false
+    return table
+
+
+def test_summary_takes_right_attitudes_alone():
+    summary = summarise(
+        outcomes([(3, 4, 1, 1, 0), (3, 4, 7, 1, 0), (99, 99, 99, 1, 1), (np.nan,) * 3 + (0, 0)])
+    )
+    assert summary.across.value == pytest.approx(np.sqrt(12.5))
+    assert summary.about.value == pytest.approx(5)
+    assert summary.availability.value == 0.5
+    assert summary.false.value == 0.25
+
+
+def test_summary_of_nothing_right():
+    summary = summarise(outcomes([(np.nan,) * 3 + (0, 0)] * 3))
+    assert np.isnan(summary.across.value)
+    assert summary.availability.value == 0
+    assert summary.availability.high == pytest.approx(1 - 0.025 ** (1 / 3))
+
+
+def test_rms_intervals_cover():
+    """1000 repetitions of 200 normal errors; binomial bounds at 1e-4 around 95 %."""
+    draw = np.random.default_rng(0).standard_normal((1000, 200)) ** 2
+    hits = sum(i.low <= 1 <= i.high for i in map(rms_interval, draw))
+    assert 915 < hits < 975
+
+
+def test_share_intervals_cover():
+    """Exact intervals cover at least 95 %; 1e-4 below that is a false alarm."""
+    hits = 0
+    for count in np.random.default_rng(1).binomial(100, 0.97, 1000):
+        interval = share_interval(int(count), 100)
+        hits += interval.low <= 0.97 <= interval.high
+    assert hits >= stats.binom.ppf(1e-4, 1000, 0.95)

@@ -1,0 +1,122 @@
+import os
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+
+from startrack.montecarlo.precision import Precision, half_width
+from startrack.montecarlo.resume import FIRST_LOOK, MOST_FAILURES, resume
+from startrack.montecarlo.store import Store
+from startrack.montecarlo.workers import Serial
+
+
+class Fake(Serial):
+    """Answers blocks of trials with made outcomes: the campaign's own work, without a chain."""
+
+    def __init__(self, outcomes, fails=(), most=10**9):
+        self.outcomes, self.fails, self.left, self.asked = outcomes, fails, most, []
+
+    def submit(self, fn, /, *args, **kwargs):
+        numbers = args[2]
+        if not self.left:
+            raise KeyboardInterrupt
+        self.left -= 1
+        self.asked.append(numbers)
+        future = Future()
+        if set(numbers) & set(self.fails):
+            future.set_exception(ZeroDivisionError(f"in one of {numbers}"))
+        else:
+            future.set_result(self.outcomes[numbers.start : numbers.stop].copy())
+        return future
+
+
+@pytest.fixture
+def store(case):
+    with Store(None, case, 3) as one:
+        yield one
+
+
+def test_a_trial_is_done_once_whatever_is_asked(store, outcomes):
+    table = outcomes(1000)
+    executor = Fake(table)
+    for trials, block in ((100, 64), (70, 64), (500, 64), (1000, 33)):
+        got = resume(store, executor, 1, trials, block=block)
+        assert got.tobytes() == table[:trials].tobytes()
+    asked = np.concatenate([np.array(numbers) for numbers in executor.asked])
+    np.testing.assert_array_equal(np.sort(asked), np.arange(1000))
+
+
+def test_an_interrupt_keeps_what_is_done(store, outcomes):
+    table = outcomes(640)
+    with pytest.raises(KeyboardInterrupt):
+        resume(store, Fake(table, most=4), 1, 640)
+    assert len(store.outcomes()) == 4 * 64
+    assert resume(store, Fake(table), 1, 640).tobytes() == table.tobytes()
+
+
+def test_a_campaign_that_was_cut_short_stops_at_the_same_trial(case, store, outcomes):
+    table = outcomes(20_000)
+    precision = Precision(0.03)
+    once = resume(store, Fake(table), 1, 20_000, precision)
+    assert half_width(precision.interval(once)) <= 0.03
+    assert FIRST_LOOK < len(once) < 5000
+    with Store(None, case, 3) as other:
+        while True:
+            try:
+                again = resume(other, Fake(table, most=3), 1, 20_000, precision)
+                break
+            except KeyboardInterrupt:
+                continue
+        assert again.tobytes() == once.tobytes()
+        assert other.done() == store.done()
+
+
+def test_a_block_that_fails_always_is_recorded_and_the_rest_goes_on(store, outcomes):
+    table = outcomes(640)
+    executor = Fake(table, fails={130})
+    got = resume(store, executor, 1, 640)
+    assert executor.asked.count(range(128, 192)) == 3
+    assert len(got) == 640 - 64
+    ((numbers, report),) = store.failures()
+    assert numbers == range(128, 192)
+    assert "ZeroDivisionError: in one of range(128, 192)" in report
+    assert len(resume(store, Fake(table), 1, 640)) == 640
+    assert store.failures() == []
+
+
+def test_too_many_failures_end_the_run(store, outcomes):
+    table = outcomes(6400)
+    with pytest.raises(ValueError, match=f"more than {MOST_FAILURES} blocks of trials failed"):
+        resume(store, Fake(table, fails=range(0, 6400, 64)), 1, 6400)
+    assert len(store.failures()) == MOST_FAILURES + 1
+
+
+def test_a_campaign_of_nothing_but_failures_says_why(store, outcomes):
+    with pytest.raises(ValueError, match=r"all trials failed: (.|\n)*ZeroDivisionError"):
+        resume(store, Fake(outcomes(8), fails=range(8)), 1, 8)
+
+
+def test_the_time_budget_ends_it(store, outcomes):
+    assert len(resume(store, Fake(outcomes(64)), 1, 64, seconds=1e-9)) == 0
+
+
+def test_a_dask_cluster_gives_the_same_bytes_and_survives_a_kill(store):
+    """Its own executor; two processes, one of which is killed when it has begun."""
+    distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
+    from startrack.montecarlo.run import run
+    from startrack.montecarlo.workers import dask_pool
+
+    alone = run(store.case, 128, 3, Serial())
+    workers = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    with workers as cluster, dask_pool(cluster.scheduler_address) as executor:
+        victim = executor.submit(os.getpid).result()
+        done = []
+
+        def kill(trials):
+            if not done:
+                os.kill(victim, 9)
+            done.append(trials)
+
+        got = resume(store, executor, 2, 128, block=8, progress=kill)
+    assert got.tobytes() == alone.tobytes()
+    assert sum(done) == 128

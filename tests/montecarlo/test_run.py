@@ -1,0 +1,124 @@
+import os
+
+import numpy as np
+import pytest
+
+from startrack.metrics import summarise
+from startrack.montecarlo.run import blocks, run
+from startrack.montecarlo.workers import Lasting, Serial, pool
+from startrack.trial.chain import OUTCOMES
+
+SEED = 5
+
+
+@pytest.fixture(scope="module")
+def alone(small):
+    with pool(1) as executor:
+        return run(small.case, 30, SEED, executor)
+
+
+def test_one_and_two_workers_give_the_same_bytes(small, alone):
+    with pool(2) as executor:
+        both = run(small.case, 30, SEED, executor, workers=2)
+    assert both.tobytes() == alone.tobytes()
+
+
+def test_order_and_blocks_do_not_matter(small, alone):
+    with pool(1) as executor:
+        late = run(small.case, 10, SEED, executor, first=20, workers=3)
+    np.testing.assert_array_equal(late["trial"], np.arange(20, 30))
+    assert late.tobytes() == alone[20:].tobytes()
+
+
+def test_another_seed_gives_other_numbers(small, alone):
+    with pool(1) as executor:
+        other = run(small.case, 5, SEED + 1, executor)
+    assert not np.isin(other["error_x"], alone["error_x"]).any()
+
+
+def test_the_tracker_is_right_and_honest(alone):
+    """All attitudes found, within some arcseconds; the stated covariance within a factor."""
+    summary = summarise(alone)
+    assert summary.availability.value == 1
+    assert summary.false.value == 0
+    assert 0.1 < np.degrees(summary.across.value) * 3600 < 10
+    assert summary.about.value > summary.across.value
+    assert 0.7 < summary.nees < 12
+
+
+def test_progress_counts_every_trial(small):
+    counts: list[int] = []
+    with pool(1) as executor:
+        run(small.case, 7, SEED, executor, workers=2, progress=counts.append)
+    assert sum(counts) == 7
+
+
+def test_a_broken_case_says_so(blind):
+    """The sentence of the error comes through, from this process and from others."""
+    for workers in (1, 2):
+        with pool(workers) as executor, pytest.raises(ValueError, match="must overlap"):
+            run(blind, 2, SEED, executor)
+
+
+def test_workers_end_with_the_pool(small):
+    with pool(2) as executor:
+        pids = {executor.submit(os.getpid).result() for _ in range(8)}
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_no_trials_and_no_workers_are_refused(small):
+    with pytest.raises(ValueError, match="trials must be a whole number"):
+        run(small.case, 0, SEED, Serial())
+    with pytest.raises(ValueError, match="workers must be a whole number"), pool(0):
+        pass
+
+
+def test_one_worker_does_what_is_asked_for_when_it_is_asked_for():
+    """So that a bar of progress moves: the standard's executors would do all of it first."""
+    done = []
+    results = Serial().map(done.append, range(3))
+    assert done == []
+    next(results)
+    assert done == [0]
+
+
+def test_outcomes_hold_every_field():
+    assert OUTCOMES.names is not None
+    assert {"trial", "error_x", "nees", "solved", "false"} <= set(OUTCOMES.names)
+
+
+def test_a_worker_that_is_killed_is_replaced(small, alone):
+    with pool(2) as executor:
+        victims = [executor.submit(os.getpid).result()]
+
+        def kill(_):
+            if victims:
+                os.kill(victims.pop(), 9)
+
+        both = run(small.case, 30, SEED, executor, workers=2, progress=kill)
+    assert not victims
+    assert both.tobytes() == alone.tobytes()
+
+
+def deadly(numbers):
+    """In a worker: trial 35 kills it."""
+    if 35 in numbers:
+        os._exit(1)
+    return np.zeros(len(numbers), OUTCOMES)
+
+
+class Poisoned(Lasting):
+    """A pool of real processes, one block of which is deadly."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        return super().submit(deadly, args[2])
+
+
+def test_only_the_block_that_kills_its_workers_is_given_up(small):
+    plan = [range(at, at + 10) for at in range(0, 100, 10)]
+    with Poisoned(2) as executor:
+        done = dict(blocks(small.case, SEED, plan, executor, workers=2))
+    assert set(done) == set(plan)
+    assert [one for one in plan if isinstance(done[one], Exception)] == [range(30, 40)]

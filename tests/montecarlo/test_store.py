@@ -1,0 +1,204 @@
+import contextlib
+import dataclasses
+import json
+import os
+import resource
+import sqlite3
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from startrack.design.case import Fidelity
+from startrack.io.tables import to_table
+from startrack.montecarlo.export import export
+from startrack.montecarlo.sampling import Sampling
+from startrack.montecarlo.store import Store
+from startrack.trial.chain import OUTCOMES
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "new" / "campaign.sqlite"
+
+
+def test_what_is_kept_comes_back(path, case, outcomes):
+    table = outcomes(100)
+    with Store(path, case, 3) as store:
+        store.keep(60, table[60:])  # out of order, as workers end
+        store.keep(0, table[:60])
+    with Store(path) as store:
+        assert store.case == case
+        assert store.seed == 3
+        assert store.outcomes().tobytes() == table.tobytes()
+        assert store.outcomes(70).tobytes() == table[:70].tobytes()
+        assert store.done() == [range(60), range(60, 100)]
+        ((_, origin),) = store.sessions()
+        assert origin["numpy"] == np.__version__
+    assert os.listdir(path.parent) == [path.name]  # the log is folded in
+
+
+def test_a_trial_is_kept_once(path, case, outcomes):
+    with Store(path, case, 3) as store:
+        store.keep(0, outcomes(10))
+        with pytest.raises(OSError, match="UNIQUE"):
+            store.keep(0, outcomes(10))
+        store.keep(10, outcomes(10, first=10))
+        assert len(store.outcomes()) == 20
+
+
+def test_controls_are_kept_beside_outcomes(path, case, outcomes):
+    """98 bytes a trial, and a store of before there were any still opens."""
+    sampling = Sampling(control=True)
+    table = np.zeros(5, sampling.dtype)
+    table[list(OUTCOMES.names)], table["surplus_about"] = outcomes(5), np.arange(5)
+    with Store(path, case, 3, sampling) as store:
+        store.keep(0, table)
+    with Store(path) as store:
+        assert store.sampling == sampling
+        assert store.outcomes().tobytes() == table.tobytes()
+    assert sampling.dtype.itemsize == 98
+    old = path.with_name("old.sqlite")
+    Store(old, case, 3).close()
+    with contextlib.closing(sqlite3.connect(old)) as base, base:
+        base.execute("DELETE FROM about WHERE name IN ('attitudes', 'control')")
+    with Store(old, case, 3) as store:
+        assert store.sampling == Sampling()
+
+
+def test_a_failure_ends_when_its_block_is_done(path, case, outcomes):
+    with Store(path, case, 3) as store:
+        store.keep_failure(range(5), "Traceback: it failed")
+        assert store.failures() == [(range(5), "Traceback: it failed")]
+        store.keep(0, outcomes(5))
+        assert store.failures() == []
+
+
+def test_failures_do_not_outlive_their_trials_when_blocks_are_cut_anew(path, case, outcomes):
+    """Two blocks fail; with other workers their trials come in blocks of another size."""
+    with Store(path, case, 3) as store:
+        store.keep_failure(range(25, 50), "one")
+        store.keep_failure(range(50, 75), "two")
+        store.keep_failure(range(25, 64), "again")
+        assert store.failures() == [(range(25, 64), "again")]
+        store.keep_failure(range(64, 75), "the rest")
+        store.keep(25, outcomes(50, first=25))
+        assert store.failures() == []
+
+
+def test_another_case_seed_version_or_format_is_refused(path, case):
+    Store(path, case, 3).close()
+    slower = dataclasses.replace(
+        case,
+        instrument=dataclasses.replace(
+            case.instrument,
+            detector=dataclasses.replace(case.instrument.detector, exposure=0.123),
+        ),
+    )
+    with pytest.raises(ValueError, match=r"another design: instrument\.detector\.exposure is '"):
+        Store(path, slower, 3)
+    with pytest.raises(ValueError, match="seed 3, not of seed 4"):
+        Store(path, case, 4)
+    with pytest.raises(ValueError, match="fidelity frame, not of fidelity window"):
+        Store(path, case, 3, Sampling(Fidelity.WINDOW))
+    with pytest.raises(ValueError, match="of fidelity frame, not of fidelity frame, Sobol att"):
+        Store(path, case, 3, Sampling(attitudes="sobol"))
+    for change, sentence in (
+        ("UPDATE about SET value = '0.0.9' WHERE name = 'startrack'", r"startrack 0\.0\.9, which"),
+        ("PRAGMA user_version = 99", "format 2, got format 99"),
+        ("PRAGMA application_id = 7", "is another database"),
+    ):
+        with sqlite3.connect(path) as base:
+            base.execute(change)
+        base.close()
+        with pytest.raises(ValueError, match=sentence):
+            Store(path, case, 3)
+
+
+def test_files_that_are_no_store_are_refused_and_left_alone(tmp_path, case):
+    text = tmp_path / "text"
+    text.write_text("many words, " * 1000)
+    with pytest.raises(ValueError, match="must be a campaign store, but is not one"):
+        Store(text, case, 3)
+    assert text.read_text() == "many words, " * 1000
+    with pytest.raises(ValueError, match="but there is none"):
+        Store(tmp_path / "none")
+    (tmp_path / "empty").touch()
+    with pytest.raises(ValueError, match="but is empty"):
+        Store(tmp_path / "empty")
+    with pytest.raises(OSError, match="cannot be written: unable to open"):
+        Store(tmp_path, case, 3)
+
+
+def test_two_processes_on_one_store_are_refused(path, case):
+    code = (
+        "import pathlib\nfrom startrack.campaign.store import Store\n"
+        f"Store(pathlib.Path({str(path)!r}))"
+    )
+    with Store(path, case, 3):
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.strip().endswith("is in use by another process")
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_full_disk_ends_clearly_and_loses_nothing(path, case, outcomes):
+    """A limit on the size of files stands in for the disk: the system refuses to write."""
+
+    def fill(store):
+        for first in range(0, 10_000, 100):
+            store.keep(first, outcomes(100, first=first))
+
+    with Store(path, case, 3) as store:
+        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, limits[1]))
+        try:
+            with pytest.raises(OSError, match=r"cannot be written: .*; what it held is whole"):
+                fill(store)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        kept = len(store.outcomes())
+    assert kept > 500
+    with Store(path) as store:
+        np.testing.assert_array_equal(store.outcomes()["trial"], np.arange(kept))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is read-only for root")
+def test_a_read_only_folder_is_said(tmp_path, case):
+    tmp_path.chmod(0o500)
+    with pytest.raises(OSError, match="cannot be written"):
+        Store(tmp_path / "campaign.sqlite", case, 3)
+
+
+def test_at_most_100_bytes_a_trial(path, case, outcomes):
+    with Store(path, case, 3) as store:
+        for first in range(0, 64_000, 64):
+            store.keep(first, outcomes(64, first=first))
+    assert path.stat().st_size / 64_000 <= 100
+
+
+def test_the_design_is_kept_as_a_person_would_write_it(path, case):
+    Store(path, case, 3).close()
+    base = sqlite3.connect(path)
+    (text,) = base.execute("SELECT value FROM about WHERE name = 'case'").fetchone()
+    base.close()
+    assert json.loads(text) == json.loads(json.dumps(to_table(case)))
+
+
+def test_export(tmp_path, outcomes):
+    table = outcomes(20)
+    export(tmp_path / "trials.csv", table)
+    again = np.genfromtxt(tmp_path / "trials.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(again["error_x"], table["error_x"])
+    with pytest.raises(ValueError, match=r"\.csv or \.parquet, got trials\.doc"):
+        export(tmp_path / "trials.doc", table)
+
+
+def test_export_to_parquet(tmp_path, outcomes):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    table = outcomes(20)
+    export(tmp_path / "trials.parquet", table)
+    again = parquet.read_table(tmp_path / "trials.parquet")
+    assert again.column_names == list(table.dtype.names)
+    np.testing.assert_array_equal(again["error_x"].to_numpy(), table["error_x"])

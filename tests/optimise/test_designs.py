@@ -1,0 +1,23 @@
+"""The shipped design of high accuracy comes with a question that has an answer."""
+
+from startrack.design.choice import branches
+from startrack.design.files import load_design
+from startrack.design.variables import Box
+from startrack.io import shipped
+from startrack.optimise.evaluate import missed
+from startrack.optimise.margins import margins
+from startrack.optimise.steps import reach
+
+
+def test_with_each_detector_some_design_meets_what_needs_no_trials():
+    """The first guess does with one detector; the faster ones take more power than there is."""
+    design = load_design(shipped("designs/high_accuracy.toml"))
+    campaign = design.campaign
+    begun = {}
+    for branch in branches(design.case, campaign.choices):
+        box = Box(branch.case, campaign.variables, campaign.links)
+        begun[branch.label] = missed(margins(campaign.requirements, branch.case))
+        found = box.design(reach(box, campaign.requirements).place)
+        assert missed(margins(campaign.requirements, found)) == 0, branch.label
+    assert begun["detector star1000"] == 0
+    assert begun["detector cmv4000"] > 0 < begun["detector imx174"]

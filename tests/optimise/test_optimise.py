@@ -1,0 +1,210 @@
+import dataclasses
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from startrack.design.choice import Choice
+from startrack.design.files import Design, save_design
+from startrack.design.variables import Box, Variable
+from startrack.optimise.evaluate import evaluate
+from startrack.optimise.ledger import Ledger
+from startrack.optimise.optimise import optimize
+from startrack.optimise.runner import Bench
+from startrack.optimise.tables import comparison
+
+
+@pytest.fixture(scope="module")
+def optimum(small):
+    return optimize(small.case, small.campaign, Bench(5))
+
+
+def test_the_best_is_better_on_fresh_trials(optimum):
+    assert optimum.feasible
+    assert optimum.factor.low > 1
+    start, best = optimum.fresh
+    assert best.across.value < start.across.value
+    assert start.trials == best.trials == 60
+
+
+def test_the_best_is_the_best_feasible_one_of_the_last_pass(optimum, small):
+    last = [one for one in optimum.evaluations if one.trials == small.campaign.most_trials]
+    best = min((one for one in last if one.feasible), key=lambda one: one.score)
+    box = Box(small.case, small.campaign.variables)
+    np.testing.assert_allclose(box.place(optimum.best), best.place, atol=1e-12)
+    assert optimum.promised == best.error
+    assert len(optimum.evaluations) <= small.campaign.evaluations
+
+
+def test_the_trials_grow(optimum, small):
+    # None for designs that miss a requirement without any.
+    assert {one.trials for one in optimum.evaluations} - {0} == {12, 24}
+
+
+def test_the_optimism_compares_fresh_frames_with_the_promise(optimum):
+    fresh = optimum.fresh[1].across.value
+    assert optimum.optimism.value == pytest.approx(fresh / optimum.promised)
+    assert optimum.optimism.low < optimum.optimism.value < optimum.optimism.high
+
+
+def test_every_design_lies_in_the_box(optimum):
+    places = np.array([one.place for one in optimum.evaluations])
+    assert ((places >= 0) & (places <= 1)).all()
+
+
+def test_what_is_in_the_ledger_is_not_tried_again(optimum, small, tmp_path):
+    with Ledger(tmp_path / "ledger.sqlite") as ledger:
+        first = optimize(small.case, small.campaign, Bench(5, ledger=ledger))
+    with Ledger(tmp_path / "ledger.sqlite") as ledger:
+        again = optimize(small.case, small.campaign, Bench(5, ledger=ledger))
+    # The same seed, the same answer; as text, in which NaN is NaN.
+    assert repr(first) == repr(optimum)
+    assert repr(first) == repr(dataclasses.replace(again, trials=first.trials))
+    assert again.trials == {}
+    tried = [one.trials for one in first.evaluations]
+    # Doubled trials are added to those that were done; fresh ones are doubled three times at most.
+    assert sum(first.trials.values()) <= sum(tried) + 60 + 8 * 60
+
+
+def test_designs_are_compared_on_the_same_sky(small):
+    box = Box(small.case, small.campaign.variables)
+    one = evaluate(box, small.campaign, box.start, Bench(5))
+    again = evaluate(box, small.campaign, box.start, Bench(5))
+    assert one == again
+
+
+def test_a_design_that_breaks_a_limit_is_not_feasible(small):
+    tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01)
+    campaign = dataclasses.replace(small.campaign, requirements=tight)
+    box = Box(small.case, campaign.variables)
+    done = evaluate(box, campaign, box.start, Bench(5))
+    free = evaluate(box, small.campaign, box.start, Bench(5))
+    assert not done.feasible
+    assert done.margins["mass"] < 0
+    assert done.score > free.score + 10
+
+
+def test_a_box_that_meets_nothing_is_said_to(small):
+    """No lens of the box is under 10 g, and none has an update rate of 100 Hz."""
+    tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01, min_update_rate=100.0)
+    campaign = dataclasses.replace(
+        small.campaign, requirements=tight, variables=small.campaign.variables[:1]
+    )
+    optimum = optimize(small.case, campaign, Bench(5))
+    assert not optimum.feasible
+    assert "no design of the box" in optimum.ending
+    short = list(optimum.lacking)
+    assert {"update rate", "mass"} <= set(short)
+    assert sorted(short, key=lambda name: -optimum.margins[name]) == short
+    assert len(optimum.evaluations) == 1
+
+
+def test_a_start_that_sees_no_star_still_finds_some(small):
+    """50 us at f/4, with a threshold of 12 sigma: nothing is detected."""
+    case = small.case
+    optics = dataclasses.replace(case.instrument.optics, f_number=4.0)
+    detector = dataclasses.replace(case.instrument.detector, exposure=5e-5)
+    tracker = dataclasses.replace(
+        case.tracker, detection=dataclasses.replace(case.tracker.detection, threshold=12.0)
+    )
+    instrument = dataclasses.replace(case.instrument, optics=optics, detector=detector)
+    dim = dataclasses.replace(case, instrument=instrument, tracker=tracker)
+    wide = [
+        dataclasses.replace(one, low="0.05 ms") if one.name.endswith("exposure") else one
+        for one in small.campaign.variables
+    ]
+    campaign = dataclasses.replace(small.campaign, variables=tuple(wide), evaluations=40)
+    bench = Bench(5)
+    assert bench.run(dim, 12)["spots"].max() == 0
+    optimum = optimize(dim, campaign, bench)
+    assert optimum.feasible
+    assert math.isnan(optimum.factor.value)
+    assert optimum.fresh[1].availability.value > 0.9
+
+
+def test_branches_race_and_the_better_wins(small):
+    """Windows of 5 and 15 pixels on small stars: 15 pixels of noise lose."""
+    window = Choice("tracker.detection.window", (15.0, 5.0))
+    campaign = dataclasses.replace(
+        small.campaign, choices=(window,), variables=small.campaign.variables[:2], evaluations=40
+    )
+    optimum = optimize(small.case, campaign, Bench(5))
+    assert optimum.branch == "window 5"
+    assert optimum.best.tracker.detection.window == 5
+    assert "the best took window 5." in comparison(optimum, campaign)
+
+
+def test_a_race_leaves_evaluations_to_the_winner(small):
+    """Four branches and 24 evaluations in all: two each at first, 4 + 2 in the race's rounds."""
+    window = Choice("tracker.detection.window", (5.0, 7.0, 9.0, 15.0))
+    campaign = dataclasses.replace(
+        small.campaign, choices=(window,), variables=small.campaign.variables[:2], evaluations=24,
+        fresh_trials=20,
+    )  # fmt: skip
+    optimum = optimize(small.case, campaign, Bench(5))
+    assert len(optimum.evaluations) <= 24
+    assert len(optimum.evaluations) > 2 * 4 + 4 + 2
+
+
+def test_a_design_that_cannot_be_built_is_recorded_not_raised(small, blind):
+    box = Box(blind, small.campaign.variables)
+    done = evaluate(box, small.campaign, box.start, Bench(5))
+    assert done.summary is None
+    assert "must overlap" in done.note
+    assert math.isfinite(done.score)
+
+
+def test_designs_that_a_function_refuses_are_avoided(small):
+    """Where blur is above 9 um nothing can be built: the optimum has to stay below."""
+
+    def sharp(case):
+        if case.instrument.optics.blur > 9e-6:
+            raise ValueError("too blurred to be true")
+        return case
+
+    blur = (Variable("instrument.optics.blur", "2 um", "16 um"),)
+    campaign = dataclasses.replace(small.campaign, variables=blur)
+    case = dataclasses.replace(
+        small.case,
+        instrument=dataclasses.replace(
+            small.case.instrument,
+            optics=dataclasses.replace(small.case.instrument.optics, blur=6e-6),
+        ),
+    )
+    optimum = optimize(case, campaign, Bench(5), adapt=sharp)
+    assert optimum.best.instrument.optics.blur <= 9e-6
+    assert any("too blurred" in one.note for one in optimum.evaluations)
+
+
+@pytest.mark.slow
+def test_killed_it_goes_on_to_the_same_answer(small, tmp_path):
+    """kill -9 at twelve random moments; the last run is left alone."""
+    design = tmp_path / "small.toml"
+    save_design(design, Design(small.case, small.campaign))
+    command = [sys.executable, "-m", "startrack.cli", "optimize", str(design), "--seed", "3"]
+    command += ["--workers", "2", "--out"]
+    subprocess.run([*command, str(tmp_path / "whole")], check=True, capture_output=True)
+    rng, killed = np.random.default_rng(0), 0
+    for _ in range(12):
+        driver = subprocess.Popen(
+            [*command, str(tmp_path / "cut")],
+            start_new_session=True,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            driver.wait(rng.uniform(2, 8))
+        except subprocess.TimeoutExpired:
+            os.kill(driver.pid, signal.SIGKILL)
+            killed += 1
+        driver.wait()
+        time.sleep(0.5)
+    subprocess.run([*command, str(tmp_path / "cut")], check=True, capture_output=True)
+    assert killed >= 2
+    whole, cut = ((tmp_path / name / "best.toml").read_bytes() for name in ("whole", "cut"))
+    assert whole == cut

@@ -1,0 +1,47 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from startrack.design.variables import Box
+from startrack.optimise.pareto import Goals, front, undominated
+from startrack.optimise.runner import Bench
+
+
+def test_only_what_none_beats_is_kept():
+    values = np.array([[1, 4], [2, 2], [3, 3], [4, 1], [2, 2], [5, 1]])
+    assert undominated(values) == [0, 1, 3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["epsilon", "weighted"])
+def test_accuracy_is_paid_for_in_mass(small, method):
+    campaign = dataclasses.replace(
+        small.campaign, variables=small.campaign.variables[:2], prospects=30
+    )
+    box = Box(small.case, campaign.variables)
+    points = front(box, campaign, Goals("across", "mass"), Bench(1), 4, method)
+    assert len(points) >= 3
+    across, mass = np.transpose([one.expected for one in points])
+    assert (np.diff(across) > 0).all()
+    assert (np.diff(mass) < 0).all()
+    for one in points:
+        assert one.measured[1] == one.expected[1]
+        assert one.measured[0] == pytest.approx(one.expected[0], rel=0.5)
+
+
+def test_a_goal_is_not_traded_for_itself():
+    with pytest.raises(ValueError, match="must differ"):
+        Goals("mass", "mass")
+    with pytest.raises(ValueError, match="objective must be"):
+        Goals("speed", "mass")
+
+
+def test_a_box_that_meets_nothing_has_no_front(small):
+    """No lens of the box is under 10 g."""
+    tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01)
+    campaign = dataclasses.replace(
+        small.campaign, requirements=tight, variables=small.campaign.variables[:2]
+    )
+    with pytest.raises(ValueError, match="no design of the box meets the requirements"):
+        front(Box(small.case, campaign.variables), campaign, Goals(), Bench(1), 3)

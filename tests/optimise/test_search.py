@@ -1,0 +1,191 @@
+import math
+
+import nlopt
+import numpy as np
+import pytest
+
+from startrack.optimise import search as module
+from startrack.optimise.search import Algorithm, Search, least, least_of_all
+
+LOCAL = (Algorithm.SBPLX, Algorithm.BOBYQA, Algorithm.COBYLA)
+WHOLE = (Algorithm.DIRECT, Algorithm.CRS, Algorithm.MLSL)
+
+
+def valley(place):
+    """Rosenbrock's (1960) on [-2, 2]^2: least at (1, 1), a quarter short of the upper corner."""
+    x, y = 4 * place - 2
+    return 100 * (y - x * x) ** 2 + (1 - x) ** 2
+
+
+def bowl(centre):
+    return lambda place: float(((place - centre) ** 2).sum())
+
+
+@pytest.mark.parametrize("algorithm", Algorithm)
+def test_a_smooth_bowl_is_found(algorithm):
+    found = least(bowl(0.3), np.array([0.5, 0.6]), Search(algorithm, 400, last_step=1e-4))
+    np.testing.assert_allclose(found.place, 0.3, atol=0.01)
+    assert found.evaluations <= 400
+
+
+def test_sbplx_follows_a_bent_valley():
+    found = least(valley, np.array([0.2, 0.75]), Search(evaluations=3000, last_step=1e-6))
+    np.testing.assert_allclose(found.place, 0.75, atol=0.02)
+
+
+@pytest.mark.parametrize("algorithm", WHOLE)
+def test_the_deeper_of_two_valleys_is_found_from_the_other(algorithm):
+    def two(place):
+        shallow = 0.3 + ((place - 0.85) ** 2).sum()
+        return float(min(shallow, 4 * ((place - 0.2) ** 2).sum()))
+
+    found = least(two, np.array([0.85, 0.85]), Search(algorithm, 1500))
+    np.testing.assert_allclose(found.place, 0.2, atol=0.02)
+
+
+@pytest.mark.parametrize("algorithm", LOCAL)
+def test_a_corner_is_reached(algorithm):
+    found = least(lambda p: float(-p.sum()), np.full(3, 0.4), Search(algorithm, 500))
+    np.testing.assert_allclose(found.place, 1, atol=2e-3)
+
+
+def test_one_variable():
+    found = least(bowl(0.77), np.array([0.1]), Search(last_step=1e-4))
+    assert found.place[0] == pytest.approx(0.77, abs=1e-3)
+
+
+def test_twenty_variables():
+    centre = np.linspace(0.1, 0.9, 20)
+    weight = np.geomspace(1, 10, 20)
+    found = least(
+        lambda p: float((weight * (p - centre) ** 2).sum()),
+        np.full(20, 0.5),
+        Search(evaluations=4000, last_step=1e-4),
+    )
+    np.testing.assert_allclose(found.place, centre, atol=0.02)
+
+
+@pytest.mark.parametrize("algorithm", Algorithm)
+def test_a_flat_score_ends(algorithm):
+    found = least(lambda _: 1.0, np.array([0.5, 0.6]), Search(algorithm, 100))
+    assert found.score == 1.0
+    assert found.evaluations <= 100
+
+
+@pytest.mark.parametrize("algorithm", Algorithm)
+def test_places_without_a_score_are_avoided(algorithm):
+    """NaN where x < 0.4: alone, nlopt returns NaN with one algorithm and raises with another."""
+
+    def half(place):
+        return math.nan if place[0] < 0.4 else bowl(0.3)(place)
+
+    found = least(half, np.array([0.8, 0.8]), Search(algorithm, 1000))
+    assert found.place[0] >= 0.4
+    assert math.isfinite(found.score)
+    if algorithm not in (Algorithm.BOBYQA, Algorithm.COBYLA):  # which model the cliff
+        assert found.score < 0.03  # 0.01 on the cliff, 0.5 at the start
+
+
+def test_no_score_anywhere_leaves_the_start():
+    found = least(lambda _: math.nan, np.array([0.2]), Search(evaluations=20))
+    assert found.score == math.inf
+    assert found.place == [0.2]
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.asarray, int])
+@pytest.mark.parametrize("algorithm", Algorithm)
+def test_any_kind_of_number_is_a_score(algorithm, kind):
+    """nlopt itself raises an error without a message for the first and the third."""
+    least(lambda place: kind(place[0]), np.array([0.5]), Search(algorithm, 20))
+
+
+@pytest.mark.parametrize("algorithm", Algorithm)
+def test_a_place_is_not_overwritten_and_not_tried_twice(algorithm):
+    kept = []
+
+    def score(place):
+        kept.append(place)
+        return bowl(0.5)(place)
+
+    least(score, np.array([0.5, 0.6]), Search(algorithm, 150))
+    assert len({place.tobytes() for place in kept}) == len(kept) <= 150
+
+
+@pytest.mark.parametrize("algorithm", Algorithm)
+def test_the_number_of_evaluations_holds(algorithm):
+    """nlopt's CRS makes one evaluation more than it is allowed."""
+    found = least(bowl(0.31), np.array([0.5, 0.6]), Search(algorithm, 17, last_step=1e-9))
+    assert found.evaluations <= 17
+
+
+def test_an_error_of_the_score_comes_out():
+    def broken(_):
+        raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        least(broken, np.array([0.5]), Search())
+
+
+@pytest.mark.parametrize("error", [nlopt.RoundoffLimited, nlopt.ForcedStop])
+def test_what_stops_nlopt_leaves_the_best(monkeypatch, error):
+    class Limited:
+        def set_min_objective(self, objective):
+            self._objective = objective
+
+        def optimize(self, start):
+            for step in (0.0, 0.1, 0.2):
+                self._objective(start + step, np.empty(0))
+            raise error("stopped")
+
+    monkeypatch.setattr(module, "_engine", lambda *_: Limited())
+    found = least(bowl(0.4), np.array([0.3]), Search())
+    assert found.place[0] == pytest.approx(0.4)
+    assert found.evaluations == 3
+
+
+def test_enough_ends_it():
+    count = []
+    found = least(
+        lambda place: count.append(1) or bowl(0.3)(place),
+        np.array([0.5, 0.6]),
+        Search(last_step=1e-9),
+        lambda: "seen enough" if len(count) == 7 else "",
+    )
+    assert (found.evaluations, found.ending) == (7, "seen enough")
+
+
+@pytest.mark.parametrize("algorithm", WHOLE)
+def test_the_same_seed_goes_the_same_way(algorithm):
+    def path():
+        places = []
+        least(lambda p: places.append(p) or valley(p), np.array([0.5, 0.5]), Search(algorithm, 60))
+        return np.array(places)
+
+    np.testing.assert_array_equal(path(), path())
+
+
+def test_a_start_outside_is_refused():
+    with pytest.raises(ValueError, match="unit cube"):
+        least(bowl(0.3), np.array([1.5]), Search())
+
+
+def test_a_search_of_all_ends_no_worse_than_the_start():
+    """A hole around the start that the whole cube's search falls short of."""
+
+    def hole(place):
+        return min(0.01, float(np.abs(place - 0.61).max())) if near(place) else 1 + bowl(0.1)(place)
+
+    def near(place):
+        return np.abs(place - 0.61).max() < 2e-3
+
+    found = least_of_all(hole, np.full(2, 0.611), 40, 40)
+    assert found.score <= hole(np.full(2, 0.611))
+
+
+def test_a_search_of_all_ends_where_it_is_enough():
+    tried = []
+    found = least_of_all(
+        lambda place: tried.append(1) or bowl(0.5)(place),
+        np.full(2, 0.5), 40, 40, lambda: "at the bottom",
+    )  # fmt: skip
+    assert (found.score, len(tried)) == (0, 1)

@@ -1,0 +1,65 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from startrack.optimise.ensemble import draw
+from startrack.optimise.runner import Bench
+from startrack.optimise.tolerance import designs_needed, fit, region, sample
+
+
+def test_the_region_of_a_known_surface_is_found():
+    """ln rms = (x/a)^2 + (y/b)^2 below a sharp limit: a uniform ellipse, variances a^2 / 4."""
+    rng = np.random.default_rng(0)
+    place = rng.uniform(-1, 1, (60, 2))
+    result = ((place / [0.4, 0.8]) ** 2).sum(axis=1, keepdims=True)
+    chains = draw(
+        region(fit(place, result), 1.0), lambda rng, n: 0.2 * rng.uniform(-1, 1, (n, 2)), seed=4
+    )
+    assert chains.converged, chains.doubt
+    chain = chains.flat
+    np.testing.assert_allclose(chain.mean(axis=0), 0, atol=0.02)
+    np.testing.assert_allclose(chain.std(axis=0), [0.2, 0.4], rtol=0.03)
+    thinned = chain[:: 4 * len(chain) // int(chains.effective.min())]
+    radius = np.hypot(*(thinned / [0.4, 0.8]).T)
+    assert stats.kstest(radius**2, "uniform").pvalue > 1e-3
+
+
+def test_the_tolerance_region_of_a_small_tracker(small):
+    campaign = dataclasses.replace(small.campaign, variables=small.campaign.variables[:2])
+    count = []
+    tolerance = sample(small.case, campaign, Bench(3), watch=lambda _: count.append(1))
+    assert len(count) == designs_needed(2) == len(tolerance.evaluations)
+    assert tolerance.chains.converged
+    assert tolerance.checks > 6
+    assert 0 < tolerance.check_error < 1
+    box = tolerance.box
+    spread = np.ptp(tolerance.samples, axis=0)
+    assert (tolerance.samples >= box.start - campaign.span - 1e-9).all()
+    assert (tolerance.samples <= box.start + campaign.span + 1e-9).all()
+    assert (spread > 0.1).all()
+    centre = tolerance.evaluations[0].error
+    assert tolerance.limit == pytest.approx(centre * (1 + campaign.margin))
+
+
+@pytest.mark.slow
+def test_the_probability_of_the_region_is_kept_by_monte_carlo(small):
+    """Twelve designs of the region: the surface promises a share, Monte Carlo finds one.
+
+    Three standard errors of a binomial of 12 around one half: 0.43.
+    """
+    campaign = dataclasses.replace(
+        small.campaign, variables=small.campaign.variables[:2], sample_trials=40
+    )
+    tolerance = sample(small.case, campaign, Bench(4))
+    assert tolerance.kept == pytest.approx(tolerance.promised, abs=0.43)
+
+
+def test_a_design_that_misses_what_cannot_be_changed_is_refused(small):
+    tight = dataclasses.replace(small.campaign.requirements, max_power=0.01)
+    campaign = dataclasses.replace(
+        small.campaign, requirements=tight, variables=small.campaign.variables[2:3]
+    )
+    with pytest.raises(ValueError, match="no variable changes"):
+        sample(small.case, campaign, Bench(3))

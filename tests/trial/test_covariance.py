@@ -1,0 +1,72 @@
+"""Spots drawn from bias and covariance, against rendered ones and the camera's own projection."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from startrack.core.curve import Curve
+from startrack.design.case import Fidelity
+from startrack.trial.chain import run_random_trial, run_trials
+
+from .designs import CASE, with_detector
+
+
+def rms(outcomes, axis):
+    right = outcomes["solved"] & ~outcomes["false"]
+    return np.sqrt(np.mean(outcomes[f"error_{axis}"][right] ** 2))
+
+
+def test_a_trial_is_the_same_alone_and_in_company():
+    together = run_trials(CASE, 4, range(200), Fidelity.COVARIANCE)
+    for number in (0, 77, 199):
+        alone = run_trials(CASE, 4, [number], Fidelity.COVARIANCE)
+        assert alone.tobytes() == together[number : number + 1].tobytes()
+    assert run_random_trial(CASE, 4, 77, Fidelity.COVARIANCE) == together[77].item()[1:]
+
+
+@pytest.mark.parametrize("crosstalk", [0.0, 0.1])
+def test_trials_look_where_those_of_frames_look(crosstalk):
+    """The number of found stars goes along with that of windows, trial by trial."""
+    case = with_detector(crosstalk=crosstalk)
+    drawn = run_trials(case, 4, range(30), Fidelity.COVARIANCE)
+    rendered = run_trials(case, 4, range(30), Fidelity.WINDOW)
+    assert np.corrcoef(drawn["stars"], rendered["stars"])[0, 1] > 0.98
+    assert drawn["stars"].mean() == pytest.approx(rendered["stars"].mean(), rel=0.04)
+
+
+@pytest.mark.slow
+def test_errors_are_those_of_rendered_trials():
+    """Within the 5 % that are claimed and 3 standard deviations of 3000 trials, on each axis."""
+    drawn = run_trials(CASE, 4, range(20_000), Fidelity.COVARIANCE)
+    rendered = run_trials(CASE, 4, range(3000), Fidelity.WINDOW)
+    for axis in "xyz":
+        doubt = 3 * np.sqrt(stats.kurtosis(rendered[f"error_{axis}"]) + 2) / 2 / np.sqrt(3000)
+        assert rms(drawn, axis) == pytest.approx(rms(rendered, axis), rel=0.05 + doubt)
+    assert drawn["nees"].mean() == pytest.approx(rendered["nees"].mean(), rel=0.15)
+
+
+def test_a_misbelieved_camera_errs_by_its_own():
+    """A principal point off by a pixel turns every attitude by a pixel."""
+    wrong = dataclasses.replace(CASE.instrument.camera, principal_x=1.0)
+    case = dataclasses.replace(CASE, tracker=dataclasses.replace(CASE.tracker, camera=wrong))
+    right, misled = (run_trials(one, 1, range(40), Fidelity.COVARIANCE) for one in (CASE, case))
+    shift = np.abs(misled["error_y"] - right["error_y"]).mean()
+    assert shift == pytest.approx(1 / CASE.instrument.camera.focal_length_px, rel=0.02)
+
+
+def test_a_tracker_matches_the_stars_of_its_own_catalogue_alone():
+    shallow = dataclasses.replace(CASE.catalog, limit_g=5.5)
+    tracker = dataclasses.replace(CASE.tracker, catalog=shallow)
+    case = dataclasses.replace(CASE, tracker=tracker)
+    all_stars, few = (run_trials(one, 1, range(40), Fidelity.COVARIANCE) for one in (CASE, case))
+    assert few["stars"].mean() < 0.35 * all_stars["stars"].mean()
+    np.testing.assert_allclose(few["spots"], all_stars["spots"], atol=3)
+
+
+def test_a_sky_without_stars_is_unsolved():
+    blind = with_detector(quantum_efficiency=Curve((300e-9, 1200e-9), (1e-9, 1e-9)))
+    outcomes = run_trials(blind, 1, range(5), Fidelity.COVARIANCE)
+    assert not outcomes["solved"].any()
+    assert np.isnan(outcomes["error_x"]).all()

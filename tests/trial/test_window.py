@@ -1,0 +1,147 @@
+"""Windows against whole frames: the same numbers, the same spots."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from startrack.core.curve import Curve
+from startrack.core.scratch import scratch
+from startrack.core.streams import Streams
+from startrack.design.case import Fidelity
+from startrack.design.files import load_design
+from startrack.detection import Detection
+from startrack.detector import Defects, Hits, Pattern
+from startrack.io import shipped
+from startrack.motion import Motion
+from startrack.trial.chain import observe, run_random_trial, run_trials
+from startrack.trial.view import random_attitude
+from startrack.trial.window import spots_in_windows
+
+MARGINAL = 60.0  # digital number, twice the flux at which the threshold lies
+CASE = load_design(shipped("designs/nanosatellite.toml")).case
+
+
+def with_detector(**changes):
+    detector = dataclasses.replace(CASE.instrument.detector, **changes)
+    return dataclasses.replace(
+        CASE, instrument=dataclasses.replace(CASE.instrument, detector=detector)
+    )
+
+
+def both(case, number, seed=5):
+    """Spots of a frame and of its windows (n, 3): x, y, flux."""
+    attitude = random_attitude(Streams(seed, number))
+    whole = observe(case, attitude, Streams(seed, number)).spots
+    parts = spots_in_windows(case, attitude, Streams(seed, number))
+    return (np.column_stack([one.x, one.y, one.flux]) for one in (whole, parts))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"row_delay": 20e-6},
+        {"hits": Hits(5e4)},
+        {"defects": Defects(dsnu=20.0, hot=2e-4, hot_current=5e3, dead=1e-4, dead_columns=1)},
+        {"bits": 14, "bow": 3.0, "bend": 0.02},
+        {"crosstalk": 0.03, "columns": 200},
+        {"lag": 0.05},
+        {"lag": 0.05, "row_delay": 20e-6, "defects": Defects(hot=2e-4, hot_current=5e3)},
+        {"columns": 100, "rows": 300},
+    ],
+    ids=lambda changes: "-".join(changes) or "plain",
+)
+def test_spots_are_those_of_the_frame(changes):
+    """The stars' pixels have the frame's own noise; what is not marginal is found in both."""
+    case = with_detector(**changes)
+    for number in range(3):
+        whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, number))
+        assert len(whole) == len(parts) > 0
+        np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
+
+
+def test_streaks_are_those_of_the_frame():
+    motion = Motion(rate_x=0.01, rate_y=0.02)
+    case = dataclasses.replace(CASE, instrument=dataclasses.replace(CASE.instrument, motion=motion))
+    whole, parts = both(case, 1)
+    assert len(whole) > 5
+    np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
+
+
+def test_nothing_outside_the_windows_is_read():
+    before = run_random_trial(CASE, 5, 1, Fidelity.WINDOW)
+    shape = CASE.instrument.detector.rows, CASE.instrument.detector.columns
+    scratch("detection filtered", shape, np.float32)[...] = 1e9
+    scratch("digital numbers", shape, np.float32)[...] = 4095
+    assert run_random_trial(CASE, 5, 1, Fidelity.WINDOW) == before
+
+
+def test_trials_do_not_depend_on_their_company():
+    alone = [run_trials(CASE, 2, [number], Fidelity.WINDOW) for number in (3, 0, 7)]
+    assert (
+        np.concatenate(alone).tobytes() == run_trials(CASE, 2, [3, 0, 7], Fidelity.WINDOW).tobytes()
+    )
+
+
+@pytest.mark.parametrize(
+    ("effect", "value"),
+    [
+        ("blooming", True),
+        ("multiplication", 10.0),
+        ("settling", 0.01),
+        ("read_noise_spread", 0.2),
+        ("pattern", Pattern(row=2.0)),
+    ],
+)
+def test_what_needs_the_whole_frame_is_refused_by_name(effect, value):
+    with pytest.raises(ValueError, match=f"without {effect}; choose the fidelity frame"):
+        run_random_trial(with_detector(**{effect: value}), 1, 0, Fidelity.WINDOW)
+
+
+def test_noise_makes_as_many_false_spots_as_in_frames():
+    """Frames without stars, at a threshold that noise passes once a frame: 5 standard deviations
+    of the difference in the count, 1e-4 for the fluxes by Kolmogorov and Smirnov."""
+    blind = Curve((300e-9, 1200e-9), (1e-9, 1e-9))
+    case = dataclasses.replace(
+        with_detector(columns=256, rows=256, dark_current=400.0, quantum_efficiency=blind),
+        tracker=dataclasses.replace(CASE.tracker, detection=Detection(threshold=4.5)),
+    )
+    found = [list(both(case, number)) for number in range(300)]
+    whole, parts = (np.concatenate(each)[:, 2] for each in zip(*found, strict=True))
+    assert len(whole) > 100
+    assert abs(len(whole) - len(parts)) < 5 * np.sqrt(len(whole) + len(parts))
+    assert stats.ks_2samp(whole, parts).pvalue > 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("threshold", "changes"),
+    [
+        (6.0, {"exposure": 0.08}),
+        (4.6, {"exposure": 0.013}),
+        (4.6, {"exposure": 0.013, "crosstalk": 0.03}),
+        (4.6, {"exposure": 0.013, "lag": 0.1}),
+    ],
+    ids=lambda changes: "-".join(changes) if isinstance(changes, dict) else "",
+)
+def test_outcomes_have_the_law_of_frames(threshold, changes):
+    """5000 frames and 5000 windows of other seeds, bright stars and marginal ones: each of the
+    three tests fails by chance once in 1000 runs."""
+    optics = dataclasses.replace(CASE.instrument.optics, blur=10e-6)
+    case = with_detector(columns=160, rows=160, pixel_pitch=22e-6, **changes)
+    case = dataclasses.replace(
+        case,
+        instrument=dataclasses.replace(case.instrument, optics=optics),
+        tracker=dataclasses.replace(CASE.tracker, detection=Detection(threshold=threshold)),
+    )
+    whole, parts = (
+        run_trials(case, seed, range(5000), fidelity)
+        for seed, fidelity in ((31, Fidelity.FRAME), (32, Fidelity.WINDOW))
+    )
+    assert stats.mannwhitneyu(whole["spots"], parts["spots"]).pvalue > 1e-3
+    solved = [(each["solved"].sum(), (~each["solved"]).sum()) for each in (whole, parts)]
+    assert stats.fisher_exact(solved)[1] > 1e-3
+    errors = [each["error_x"][each["solved"] & ~each["false"]] for each in (whole, parts)]
+    assert stats.ks_2samp(*errors).pvalue > 1e-3
