@@ -5,7 +5,7 @@
 
 A block `toml NAME` is a file, `sh` are commands, each of exit status 0 unless its comment says
 otherwise, `python` is run, all in one folder. A block `text` quotes what the block before it
-printed: the words to the letter, the numbers within the share that it names (`text 30%`; without
+printed: the words to the letter, the numbers within the fraction that it names (`text 30%`; without
 one, a unit of the last digit). Three dots stand for lines that are left out. A picture
 `tutorial/NAME` is the file NAME of that folder.
 """
@@ -38,13 +38,13 @@ class Told(NamedTuple):
     """A block that quotes, and the lines that came.
 
     span   of the quoted text in the page
-    share  by which its numbers may be off
+    fraction  by which its numbers may be off
     """
 
     span: tuple[int, int]
     quoted: list[str]
     came: list[str]
-    share: float
+    fraction: float
 
 
 def walk(page: str, folder: Path) -> list[Told]:
@@ -59,8 +59,8 @@ def walk(page: str, folder: Path) -> list[Told]:
         for block in BLOCK.finditer(page):
             kind, word, text = block.groups()
             if kind == "text":
-                share = float(word.rstrip("%")) / 100 if word else 0.0
-                told.append(Told(block.span(3), text.splitlines(), came.splitlines(), share))
+                fraction = float(word.rstrip("%")) / 100 if word else 0.0
+                told.append(Told(block.span(3), text.splitlines(), came.splitlines(), fraction))
             elif kind == "toml":
                 Path(word).write_text(text, encoding="utf-8")
             else:
@@ -85,7 +85,7 @@ def faults(told: Told) -> list[str]:
     for quoted, came in pairs(told):
         if came is None:
             found.append(f"did not come: {quoted}")
-        elif not alike(quoted, came, told.share):
+        elif not alike(quoted, came, told.fraction):
             found.append(f"quoted: {quoted}\n   came: {came}")
     return found
 
@@ -113,12 +113,12 @@ def words_of(line: str) -> list[str]:
     return NUMBER.sub("#", line).split()
 
 
-def alike(quoted: str, came: str, share: float) -> bool:
-    """Whether two lines have the same words, and numbers that differ by no more than a share."""
+def alike(quoted: str, came: str, fraction: float) -> bool:
+    """Whether two lines have the same words, and numbers that differ by no more than a fraction."""
     if words_of(quoted) != words_of(came):
         return False
     return all(
-        abs(float(one) - float(other)) <= share * abs(float(one)) + 1.01 * _last_digit(one)
+        abs(float(one) - float(other)) <= fraction * abs(float(one)) + 1.01 * _last_digit(one)
         for one, other in zip(NUMBER.findall(quoted), NUMBER.findall(came), strict=True)
     )
 

@@ -19,7 +19,17 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import Case, Streams, deg, light_of, load_design, look, observe, shipped, throughput
+from startrack import (
+    Case,
+    Streams,
+    deg,
+    light_of,
+    load_design,
+    observe,
+    shipped,
+    stars_in_field,
+    throughput,
+)
 from startrack.catalog import open_sky
 from startrack.detector.collect import glow_of
 from startrack.optics import Baffle
@@ -55,7 +65,7 @@ def ring(case: Case, angle: float | None, trials: int) -> dict[str, float]:
         record = observe(case, attitude, streams)
         boresight = attitude.inv().apply([[0.0, 0.0, 1.0]])
         instrument = case.instrument
-        stars = look(open_sky(case.catalog), attitude, instrument.camera)
+        stars = stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
         light = light_of(case, stars, attitude, streams)
         glow = glow_of(light, instrument.camera, instrument.detector, throughput(instrument))
         level = 0.0 if glow is None else float(glow.mean())

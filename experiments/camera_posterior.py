@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from startrack import Camera, Frame, Matches, Spots, Status, Tracker, read_image, track
+from startrack import Camera, Frame, Matches, Spots, Status, Tracker, lost_in_space, read_image
 from startrack.calibration import CameraPosterior, Prior, sample_camera
 from startrack.catalog import Selection, open_sky
 from startrack.detection import Detection
@@ -103,8 +103,8 @@ def synthetic(
     flux = rng.uniform(10e3, 30e3, LONE)
     for (x, y), light in zip(pixel[:LONE], flux, strict=True):
         left, top = round(x), round(y)
-        share = np.outer(along(y - top, sigma), along(x - left, sigma))
-        electrons[top - 10 : top + 11, left - 10 : left + 11] += light * share
+        fraction = np.outer(along(y - top, sigma), along(x - left, sigma))
+        electrons[top - 10 : top + 11, left - 10 : left + 11] += light * fraction
     image = (rng.poisson(electrons) + rng.normal(0, 8, electrons.shape)) / 2 + 100
     frame = Frame(image, offset=100.0, electrons_per_dn=2.0, read_noise=8.0)
     x, y = (pixel + rng.normal(0, math.hypot(NOISE, PRIOR.floor_low), pixel.shape)).T
@@ -150,7 +150,7 @@ def posterior(path: Path, stars: Any) -> CameraPosterior:
     rows, columns = frame.image.shape
     camera = Camera.from_field_of_view(columns, rows, math.radians(FIELD))
     tracker = Tracker(Detection(), Identification(focal_tolerance=0.02))
-    spots, matches, _ = track(frame, camera, stars, tracker)
+    spots, matches, _ = lost_in_space(frame, camera, stars, tracker)
     prior = Prior(0.05, 20.0, 0.3, 0.01, 2.0)
     found = sample_camera([spots], [matches], camera, prior, 1, images=[frame])
     print(path.name, len(matches), found.interval("focal_length_px"), found.chains.doubt)

@@ -26,7 +26,7 @@ from startrack.design import Campaign, Objective
 from startrack.design.objective import AXES
 from startrack.metrics import Interval
 from startrack.montecarlo import Sampling, pool, warm
-from startrack.optimise import Bench, Evaluation, Ledger, Optimum, comparison, optimize
+from startrack.optimise import Evaluation, Ledger, Optimum, TrialRunner, comparison, optimize
 from startrack.optimise.runner import FRESH
 from startrack.plots.optimise import draw_places
 
@@ -51,7 +51,7 @@ def main() -> None:
         for fidelity in (campaign.fidelity, Fidelity.FRAME):
             warm(design.case, Sampling(fidelity))
     with Ledger(options.ledger) as ledger, pool(options.workers) as executor:
-        bench = Bench(options.seed, executor, options.workers, ledger)
+        bench = TrialRunner(options.seed, executor, options.workers, ledger)
         optimum = optimize(design.case, campaign, bench, lambda one: told(one, began))
         fresh = [
             bench.run(case, campaign.fresh_trials, Fidelity.FRAME, FRESH)
@@ -88,7 +88,7 @@ def draw(
 def draw_shares(
     axes: Axes, optimum: Optimum, campaign: Campaign, fresh: list[NDArray[np.void]]
 ) -> None:
-    """The share of fresh frames whose error is not longer, before and after."""
+    """The fraction of fresh frames whose error is not longer, before and after."""
     objective = Objective.read(campaign.objective)
     for outcomes, label, colour in zip(
         fresh, ("first guess", "optimised"), (BEFORE, AFTER), strict=True
@@ -98,10 +98,10 @@ def draw_shares(
         ratio = objective.ratio(squares, np.ones(len(squares)), campaign.fresh_trials)
         error = Interval(*(one / arcsec for one in (ratio.value, ratio.low, ratio.high)))
         label = f"{label}, rms {told_interval(error, 3)} arcsec"
-        share = np.arange(1, len(length) + 1) / len(outcomes)
-        axes.step(length / arcsec, share, where="post", color=colour, lw=1.4, label=label)
+        fraction = np.arange(1, len(length) + 1) / len(outcomes)
+        axes.step(length / arcsec, fraction, where="post", color=colour, lw=1.4, label=label)
         axes.axvspan(error.low, error.high, color=colour, alpha=0.2, lw=0)
-    axes.set(xscale="log", ylim=(0, 1.02), ylabel="share of frames whose error is not longer",
+    axes.set(xscale="log", ylim=(0, 1.02), ylabel="fraction of frames whose error is not longer",
              xlabel=f"length of the error, {objective.axes} (arcsec)")  # fmt: skip
     axes.set_xlim(
         left=min(np.quantile(np.asarray(line.get_xdata(), float), 0.005) for line in axes.lines)

@@ -231,9 +231,9 @@ def completeness() -> dict[str, float]:
                 if name in ("detect", "detect_ml") or trial < 10:
                     false[name] += len(program(frame))
         for name, count in false.items():
-            share = count / (empty if name in ("detect", "detect_ml") else 10)
-            figures[f"{name}_false_per_frame_sigma{sigma}"] = share
-            print(f"sigma {sigma}: {name:14} {share:7.3f} false a frame")
+            fraction = count / (empty if name in ("detect", "detect_ml") else 10)
+            figures[f"{name}_false_per_frame_sigma{sigma}"] = fraction
+            print(f"sigma {sigma}: {name:14} {fraction:7.3f} false a frame")
         for snr in (4.5, 5.0, 5.5, 6.0, 7.0, 8.0, 10.0):
             flux = flux_of(snr, sigma)
             found, total = dict.fromkeys(programs, 0), 0
@@ -246,15 +246,15 @@ def completeness() -> dict[str, float]:
                 total += len(x)
                 for name, program in programs.items():
                     found[name] += int(paired(program(frame), x, y)[0].sum())
-            shares = {name: count / total for name, count in found.items()}
-            text = ", ".join(f"{name} {share:.3f}" for name, share in shares.items())
+            fractions = {name: count / total for name, count in found.items()}
+            text = ", ".join(f"{name} {fraction:.3f}" for name, fraction in fractions.items())
             best = limit(flux, sigma)
             less = snr_of(flux, sigma, own_noise=False)
             print(f"sigma {sigma}, {flux:.0f} e-, SNR {snr} ({less:.1f}): limit {best:.3f}; {text}")
-            short.append(best - shares["detect"])
+            short.append(best - fractions["detect"])
             figures[f"limit_completeness_snr{snr:g}_sigma{sigma}"] = best
-            for name, share in shares.items():
-                figures[f"{name}_completeness_snr{snr:g}_sigma{sigma}"] = share
+            for name, fraction in fractions.items():
+                figures[f"{name}_completeness_snr{snr:g}_sigma{sigma}"] = fraction
     figures["completeness_below_limit_max"] = max(short)
     for snr in (6, 8):
         shares_of = [figures[f"detect_completeness_snr{snr}_sigma{s}"] for s in SIGMAS]

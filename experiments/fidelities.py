@@ -6,7 +6,7 @@ spots, false spots, the centroid of a star, and the error of the attitude by two
 least of all p-values times their number is to exceed 0.01, which it fails to do by chance once in
 100 runs. Spots drawn from their covariance, identified or with matches known: the rms of the
 attitude's error over that of frames. A third design has so few stars that most skies are lost:
-there the share of solved trials is compared.
+there the fraction of solved trials is compared.
 
     python experiments/fidelities.py [--trials N] [--json FILE] [--picture FILE]
 """
@@ -33,10 +33,10 @@ from startrack import (
     Fidelity,
     Spots,
     Streams,
+    identify_and_solve,
     load_design,
     observe,
     random_attitude,
-    recognise,
     run_trials,
     shipped,
 )
@@ -96,7 +96,7 @@ def sample(
         streams = Streams(seed, number)
         attitude = random_attitude(streams)
         spots = search(case, attitude, streams)
-        _, estimate = recognise(spots, camera, sky, case.tracker)
+        _, estimate = identify_and_solve(spots, camera, sky, case.tracker)
         outcome = judge(estimate, attitude, len(spots))
         pixel = camera.project(attitude.apply(sky.direction))
         pixel = pixel[camera.holds(pixel, NEAR)]
@@ -241,7 +241,7 @@ def picture(path: Path, drawn: Drawn, figures: dict[str, float]) -> None:
             size = np.sort(np.abs(known(each))) / ARCSEC
             beyond = 1 - np.arange(len(size)) / len(size)
             axis.plot(size, beyond, label=f"{fidelity}, {len(size)} trials")
-        axis.set(yscale="log", ylim=(1e-3, 1.2), ylabel="share of trials beyond",
+        axis.set(yscale="log", ylim=(1e-3, 1.2), ylabel="fraction of trials beyond",
                  xlabel="error across the boresight, one axis / arcsec",
                  title=f"{name} design")  # fmt: skip
         axis.legend(frameon=False, fontsize=8)

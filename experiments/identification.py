@@ -4,7 +4,7 @@ Centroids of random skies, displaced by noise, some missing, false ones among th
 startrack and, where they are installed, to tetra3rs, as it comes and with its tolerances tuned to
 the noise, and to cedar-solve, through the interpreter that STARTRACK_CEDAR names, on the fields
 of 10 deg and more that its database holds. All believe a focal length that is wrong by up to one
-percent. `within_reach` is the share of skies for which the evidence of the true attitude, matched
+percent. `within_reach` is the fraction of skies where the evidence of the true attitude, matched
 to the true stars, reaches what startrack asks for: beyond it the sky does not hold the information.
 
     python experiments/identification.py [--json FILE] [--plot FILE] [--regimes few|all]
@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack import Spots, deg
-from startrack.attitude import Attitude, solve
+from startrack.attitude import SolverSettings, solve
 from startrack.benchmark.identification import (
     LIMIT_G,
     SETTINGS,
@@ -221,7 +221,7 @@ def measure(regime: Regime, skies: int, seed: int) -> dict[str, Any]:
                 solved[name] += not mistaken
     for seen in every:
         matches = identify(seen.spots, seen.believed, stars, index, SETTINGS)
-        estimate = solve(seen.spots, matches, Attitude(centroid_floor=0.0))
+        estimate = solve(seen.spots, matches, SolverSettings(centroid_floor=0.0))
         if estimate.icrs_to_camera is not None and not wrong(estimate.icrs_to_camera, seen, regime):
             error = away(estimate.icrs_to_camera, seen)
             errors.append(error / bound(seen, regime))
@@ -356,7 +356,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     below.set(yscale="log", ylabel="processor time (ms)\nline: median, dots: 99 %")
     labels = [f"{r['noise']:g} px, {r['false']} false, {100 * r['missing']:g} %" for r in rows]
     below.set_xticks(place, labels, rotation=90, fontsize=6)
-    below.set_xlabel("noise of the centroids, false spots, share of true ones missing")
+    below.set_xlabel("noise of the centroids, false spots, fraction of true ones missing")
     for field in {row["field"] for row in rows}:
         first = min(i for i in place if rows[i]["field"] == field)
         above.axvline(first - 0.5, color="0.7", lw=0.5)

@@ -67,13 +67,13 @@ class Effect(NamedTuple):
     """What leaving out one effect does.
 
     gap      to the full model
-    share    1, the error that it makes over the scene's own, of the kind where that is largest
+    fraction  1, the error that it makes over the scene's own, of the kind where that is largest
     seconds  of CPU that the effect costs in a trial, median of differences
     """
 
     name: str
     gap: Gap
-    share: float
+    fraction: float
     seconds: float
     kept: bool
 
@@ -112,12 +112,12 @@ class Found(NamedTuple):
 
 
 def leave_out(
-    view: View, trials: int, timed: int, share: float, tell: Callable[[str], None]
+    view: View, trials: int, timed: int, fraction: float, tell: Callable[[str], None]
 ) -> Found:
     """Leave out every effect alone, then all at once that can be spared; judge that afresh.
 
     timed  how many trials are repeated in turns with the full model, for the time
-    share  1, of the scene's own error, that all that is left out may make in quadrature
+    fraction  1, of the scene's own error, that all that is left out may make in quadrature
     tell   is called with what is being done
     """
     numbers = range(trials)
@@ -130,7 +130,7 @@ def leave_out(
         found = gap(observed(view.observe, model, numbers), full)
         cost = extra_time(view, model, numbers[:timed])
         effects.append(Effect(name, found, float(np.max(found.error / own)), cost, True))
-    effects = choose(effects, share)
+    effects = choose(effects, fraction)
     spared = [effect for effect in effects if not effect.kept]
     bound = np.sqrt(sum((effect.gap.error**2 for effect in spared), np.zeros_like(own)))
     tell(f"{view.name}: only what it needs")
@@ -159,15 +159,15 @@ def gap(one: Floats, other: Floats) -> Gap:
     return Gap(error, sigma / np.maximum(2 * error, 1e-300), int(changed))
 
 
-def choose(effects: Sequence[Effect], share: float) -> list[Effect]:
+def choose(effects: Sequence[Effect], fraction: float) -> list[Effect]:
     """Spare the least effects, while all spared ones make at most `share` in quadrature.
 
     What turns a trial from solved to unsolved, or back, is kept.
     """
     spent, spared = 0.0, set()
-    for effect in sorted(effects, key=lambda effect: effect.share):
-        if not effect.gap.changed and spent + effect.share**2 <= share**2:
-            spent += effect.share**2
+    for effect in sorted(effects, key=lambda effect: effect.fraction):
+        if not effect.gap.changed and spent + effect.fraction**2 <= fraction**2:
+            spent += effect.fraction**2
             spared.add(effect.name)
     return [effect._replace(kept=effect.name not in spared) for effect in effects]
 

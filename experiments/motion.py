@@ -3,7 +3,7 @@
 For motions of each kind: how many points the path has, how many equal steps in time the same
 accuracy would need, its time, its error, and the MTF of the motion at the Nyquist frequency.
 The error is that of a Gaussian of sigma 0.5 pixel, smeared, against 200 000 equal steps, as a
-share of its flux in a pixel.
+fraction of its flux in a pixel.
 
     python experiments/motion.py [--json FILE]
 """
@@ -19,8 +19,17 @@ from pathlib import Path as File
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack import Camera, Path, Streams
-from startrack.motion import Broadband, Motion, Tone, image_path, nyquist_mtf, shake, slew, turn
+from startrack import Camera, LineOfSight, Streams
+from startrack.motion import (
+    Broadband,
+    Motion,
+    Tone,
+    image_path,
+    nyquist_mtf,
+    realise_motion,
+    sample_jitter,
+    slew,
+)
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +69,7 @@ MOTIONS = {
 def image(motion: Motion, rotation: Floats, weight: Floats) -> Floats:
     """A Gaussian on the boresight, smeared, at places around its middle and its end."""
     x, y = rotation[:, 1] / PIXEL, -rotation[:, 0] / PIXEL
-    end = turn(motion, EXPOSURE, STREAMS).at(np.array([EXPOSURE / 2]))[0] / PIXEL
+    end = realise_motion(motion, EXPOSURE, STREAMS).at(np.array([EXPOSURE / 2]))[0] / PIXEL
     near = np.linspace(-3, 3, 7)
     columns, rows = (np.concatenate([near, near + at]) for at in (end[1], -end[0]))
     across = np.exp(-0.5 * ((columns[:, None] - x) / SIGMA) ** 2)
@@ -70,7 +79,7 @@ def image(motion: Motion, rotation: Floats, weight: Floats) -> Floats:
 
 def even(motion: Motion, steps: int) -> Floats:
     at = (np.arange(steps) + 0.5) / steps - 0.5
-    rotation = turn(motion, EXPOSURE, STREAMS).at(EXPOSURE * at)
+    rotation = realise_motion(motion, EXPOSURE, STREAMS).at(EXPOSURE * at)
     return image(motion, rotation, np.full(steps, 1 / steps))
 
 
@@ -80,7 +89,7 @@ def milliseconds(motion: Motion) -> float:
     for _ in range(5):
         slew.cache_clear()
         start = time.process_time()
-        shake(motion, EXPOSURE, PIXEL, STREAMS, CAMERA.half_diagonal)
+        sample_jitter(motion, EXPOSURE, PIXEL, STREAMS, CAMERA.half_diagonal)
         times.append(time.process_time() - start)
     return 1e3 * min(times)
 
@@ -89,7 +98,7 @@ def study() -> dict[str, float]:
     print(f"{'':16} {'points':>6} {'equal steps':>11} {'ms':>7} {'error':>8}   MTF x    MTF y")
     figures: dict[str, float] = {}
     for name, motion in MOTIONS.items():
-        path: Path = shake(motion, EXPOSURE, PIXEL, STREAMS, CAMERA.half_diagonal)
+        path: LineOfSight = sample_jitter(motion, EXPOSURE, PIXEL, STREAMS, CAMERA.half_diagonal)
         right = even(motion, STEPS)
         error = float(abs(image(motion, path.rotation, path.weight) - right).max())
         steps = 1
@@ -103,7 +112,7 @@ def study() -> dict[str, float]:
         figures |= {f"{name}_ms": cost, f"{name}_error": error}
     start = time.process_time()
     for _ in range(10_000):
-        shake(MOTIONS["slew_10px"], EXPOSURE, PIXEL, STREAMS, 0.1)
+        sample_jitter(MOTIONS["slew_10px"], EXPOSURE, PIXEL, STREAMS, 0.1)
     figures["cached_us"] = (time.process_time() - start) * 100
     print(f"a path that is not drawn anew costs {figures['cached_us']:.1f} us")
     return figures

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from startrack import Case, Fidelity, arcsec, deg, load_design, psf_of, shipped, um
 from startrack.design import Objective, replaced
-from startrack.motion import Tone, wander
-from startrack.optimise import Bench
+from startrack.motion import Tone, jitter_rms
+from startrack.optimise import TrialRunner
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--trials", type=int, default=200)
     options = parser.parse_args()
-    bench, rows = Bench(1), []
+    bench, rows = TrialRunner(1), []
     for jitter in JITTER:
         rows.append(traded(shaken(jitter * arcsec), bench, options.trials))
         rows[-1] = {"jitter_arcsec": jitter} | rows[-1]
@@ -66,7 +66,7 @@ def shaken(rms: float) -> Case:
     return replaced(case, "instrument.motion.tones", tones)
 
 
-def traded(case: Case, bench: Bench, trials: int) -> dict[str, Any]:
+def traded(case: Case, bench: TrialRunner, trials: int) -> dict[str, Any]:
     """The error and the optical MTF of each blur, and the best blur."""
     designs = [replaced(case, "instrument.optics.blur", blur) for blur in BLURS]
     squares = np.array([RMS.squares(bench.run(one, trials, Fidelity.WINDOW)) for one in designs])
@@ -84,7 +84,9 @@ def traded(case: Case, bench: Bench, trials: int) -> dict[str, Any]:
         "best_blur_95": (
             np.quantile([lowest(each) for each in drawn], [0.025, 0.975]) / um
         ).tolist(),
-        "wander_arcsec": (wander(case.instrument.motion, detector.exposure)[:2] / arcsec).tolist(),
+        "wander_arcsec": (
+            jitter_rms(case.instrument.motion, detector.exposure)[:2] / arcsec
+        ).tolist(),
     }
 
 

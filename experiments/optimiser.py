@@ -23,9 +23,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from startrack import Case, arcsec, load_design, shipped
-from startrack.design import Box, Campaign, Objective
+from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Star, centre_of_gravity_error, summarise
-from startrack.optimise import Bench, Evaluation, Ledger, Search, evaluate, least
+from startrack.optimise import Evaluation, Ledger, Search, TrialRunner, evaluate, least
 from startrack.optimise.evaluate import LOST, PENALTY, forecast, measured, missed
 from startrack.optimise.margins import margins as margins_of
 from startrack.optimise.runner import FRESH
@@ -73,7 +73,7 @@ class Run:
 class Counted:
     """Designs tried one by one, with the trials that they cost; the leader by what it was told."""
 
-    def __init__(self, box: Box, campaign: Campaign, bench: Bench, most: int) -> None:
+    def __init__(self, box: DesignSpace, campaign: Campaign, bench: TrialRunner, most: int) -> None:
         self.box, self.campaign, self.bench, self.most = box, campaign, bench, most
         self.run, self.best, self.spent = Run([], []), math.inf, 0
 
@@ -101,7 +101,9 @@ class Counted:
         return score
 
 
-def by_trials(case: Case, campaign: Campaign, bench: Bench, trials: int, first: int = 0) -> float:
+def by_trials(
+    case: Case, campaign: Campaign, bench: TrialRunner, trials: int, first: int = 0
+) -> float:
     """ln(error / arcsec) of so many trials, with the L1 penalty for what is not met."""
     outcomes = bench.run(case, trials, campaign.fidelity, first)
     objective = Objective.read(campaign.objective)
@@ -115,8 +117,8 @@ class Spent(Exception):
     """All trials were used."""
 
 
-def ours(box: Box, campaign: Campaign, seed: int, start: Floats, ledger: Ledger) -> Run:
-    bench = Bench(seed, ledger=ledger)
+def ours(box: DesignSpace, campaign: Campaign, seed: int, start: Floats, ledger: Ledger) -> Run:
+    bench = TrialRunner(seed, ledger=ledger)
     run = Run([], [])
     best: dict[int, float] = {}
     counted = 0
@@ -135,16 +137,16 @@ def ours(box: Box, campaign: Campaign, seed: int, start: Floats, ledger: Ledger)
     return run
 
 
-def nlopt_plain(box: Box, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
+def nlopt_plain(box: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
     """Sbplx on the same fixed trials for each design, from the case itself."""
-    counted = Counted(box, campaign, Bench(seed, ledger=ledger), most)
+    counted = Counted(box, campaign, TrialRunner(seed, ledger=ledger), most)
     with contextlib.suppress(Spent):
         least(counted.plain, box.start, Search(evaluations=10_000, last_step=1e-4))
     return counted.run
 
 
-def tpe(box: Box, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
-    counted = Counted(box, campaign, Bench(seed, ledger=ledger), most)
+def tpe(box: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
+    counted = Counted(box, campaign, TrialRunner(seed, ledger=ledger), most)
     with contextlib.suppress(Spent):
         by_tpe(counted.plain, box.start, seed, 10_000)
     return counted.run
@@ -166,8 +168,8 @@ def by_tpe(score: Callable[[Floats], float], start: Floats, seed: int, tries: in
     return np.array([study.best_params[name] for name in names])
 
 
-def cmaes(box: Box, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
-    counted = Counted(box, campaign, Bench(seed, ledger=ledger), most)
+def cmaes(box: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
+    counted = Counted(box, campaign, TrialRunner(seed, ledger=ledger), most)
     with contextlib.suppress(Spent):
         by_cmaes(counted.plain, box.start, seed, 10_000)
     return counted.run
@@ -188,9 +190,9 @@ def by_cmaes(score: Callable[[Floats], float], start: Floats, seed: int, tries: 
 class Truth:
     """Any design by trials of a seed that no search has, the same for all designs."""
 
-    def __init__(self, box: Box, campaign: Campaign, ledger: Ledger) -> None:
+    def __init__(self, box: DesignSpace, campaign: Campaign, ledger: Ledger) -> None:
         self.box, self.campaign = box, campaign
-        self.bench = Bench(JUDGE, ledger=ledger)
+        self.bench = TrialRunner(JUDGE, ledger=ledger)
 
     def score(self, place: Floats, trials: int, first: int = 0) -> float:
         case = self.box.design(place)
@@ -203,8 +205,8 @@ class Truth:
         """Whether the availability asked is shown on fresh trials, at its bound."""
         case = self.box.design(place)
         outcomes = self.bench.run(case, JUDGED, self.campaign.fidelity, FRESH)
-        share = availability(case, self.campaign, self.bench, outcomes)
-        return share.low >= self.campaign.requirements.min_availability
+        fraction = availability(case, self.campaign, self.bench, outcomes)
+        return fraction.low >= self.campaign.requirements.min_availability
 
     def reference(self, places: list[Floats]) -> Floats:
         """The best of all places and of where the budget, set right by them, is best.
@@ -261,7 +263,7 @@ def example() -> tuple[Case, Campaign]:
 def search(options: argparse.Namespace) -> dict[str, Any]:
     """The example campaign by four optimisers, the others with a fixed number of trials."""
     case, campaign = example()
-    box = Box(case, campaign.variables)
+    box = DesignSpace(case, campaign.variables)
     started = time.process_time()
     start = prospect(box, campaign, box.start).place
     print(f"prospect {time.process_time() - started:.1f} s", start.round(3), flush=True)
@@ -286,7 +288,7 @@ def search(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def judge(
-    box: Box, campaign: Campaign, runs: dict[str, list[Run]], ledger: Ledger
+    box: DesignSpace, campaign: Campaign, runs: dict[str, list[Run]], ledger: Ledger
 ) -> dict[str, Any]:
     """Regrets against the best design of all, on the same trials."""
     truth = Truth(box, campaign, ledger)

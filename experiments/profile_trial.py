@@ -40,17 +40,17 @@ DESIGN = "designs/nanosatellite.toml"
 ROUNDS = 3
 AT_ONCE = 50  # spots are drawn by the thousand, frames are not
 FILES = 5  # of a fidelity, that are named
-LEAST = 0.01  # share of a room that has a row
+LEAST = 0.01  # fraction of a room that has a row
 
 OUTCOME = f"""
-from startrack.chain import trial
+from startrack import run_random_trial
 from startrack.design import load_design
-from startrack.shipped import shipped
+from startrack import shipped
 trial(load_design(shipped("{DESIGN}")).case, 1, 0)
 """
 STARTS = {
     "import startrack": ("-c", "import startrack"),
-    "import startrack.chain": ("-c", "import startrack.chain"),
+    "import startrack.trial": ("-c", "import startrack.trial"),
     "outcome of a first trial": ("-c", OUTCOME),
     "startrack simulate": ("-m", "startrack.cli", "simulate"),
 }
@@ -85,7 +85,7 @@ class Profile(NamedTuple):
     """
 
     seconds: float
-    shares: dict[str, float]
+    fractions: dict[str, float]
 
 
 def profile(case: Case, fidelity: Fidelity, count: int) -> Profile:
@@ -95,7 +95,7 @@ def profile(case: Case, fidelity: Fidelity, count: int) -> Profile:
     seconds = min(clocked(lambda: run(case, fidelity, count)) for _ in range(ROUNDS)) / count
     profiler = cProfile.Profile(time.process_time)
     profiler.runcall(run, case, fidelity, count)
-    return Profile(seconds, shares(pstats.Stats(profiler).stats))  # type: ignore[attr-defined]
+    return Profile(seconds, fractions(pstats.Stats(profiler).stats))  # type: ignore[attr-defined]
 
 
 def run(case: Case, fidelity: Fidelity, count: int) -> Any:
@@ -112,7 +112,7 @@ def clocked(call: Callable[[], Any]) -> float:
 Function = tuple[str, int, str]
 
 
-def shares(stats: Mapping[Function, tuple[Any, ...]]) -> dict[str, float]:
+def fractions(stats: Mapping[Function, tuple[Any, ...]]) -> dict[str, float]:
     """Of each file, what its functions spend themselves and in what they call outside."""
     found = summed(spendings(stats))
     total = sum(found.values())
@@ -128,8 +128,8 @@ def summed(parts: Iterable[tuple[str, float]]) -> dict[str, float]:
 
 
 def rooms(found: Profile) -> dict[str, float]:
-    """The shares of the files of each room together."""
-    return summed((Path(name).parts[0], share) for name, share in found.shares.items())
+    """The fractions of the files of each room together."""
+    return summed((Path(name).parts[0], fraction) for name, fraction in found.fractions.items())
 
 
 def spendings(stats: Mapping[Function, tuple[Any, ...]]) -> Iterator[tuple[str, float]]:
@@ -198,8 +198,8 @@ def markdown(profiles: Mapping[Fidelity, Profile], starts: Mapping[str, Start], 
             lines.append(row(name, (f"{100 * cell:.0f} %" for cell in cells)))
     lines += ["", "The files that take most:", ""]
     for fidelity, found in profiles.items():
-        most = list(found.shares.items())[:FILES]
-        named = ", ".join(f"{name} {100 * share:.0f} %" for name, share in most)
+        most = list(found.fractions.items())[:FILES]
+        named = ", ".join(f"{name} {100 * fraction:.0f} %" for name, fraction in most)
         lines.append(f"- {fidelity}: {named}")
     lines += ["", "## A fresh process", "| until | CPU time | by the clock |", "|---|---|---|"]
     for name, each in starts.items():

@@ -7,7 +7,7 @@ time; a new wavefront, its transform and its squares are.
     python experiments/psf_models.py [--json FILE] [--figures DIR]
 
 The case: 155 x 155 points a fifth of wavelength * f-number apart, f/1.4 at 550 nm. Errors are
-shares of the peak without aberrations, against the closed form, or against a quadrature over rings
+fractions of the peak without aberrations, against the closed form, or a quadrature over rings
 and spokes of the pupil where there are aberrations. Stamps: errors of the centroid against the
 closed forms integrated over pixels.
 """
@@ -33,7 +33,7 @@ from startrack import Psf
 from startrack.benchmark.psf import FIELD, NOLL, WAVELENGTH, Pattern, by_rings
 from startrack.benchmark.stamping import centroid, exact, lens
 from startrack.detector.stamp import stamp
-from startrack.optics import focus
+from startrack.optics import pixel_psf
 from startrack.optics.airy import airy
 from startrack.optics.kirchhoff import ThinLens, on_axis
 
@@ -120,7 +120,7 @@ def stamps(peers: dict[str, Any]) -> dict[str, float]:
         times: dict[str, list[float]] = {}
         errors: dict[str, list[float]] = {}
         for size in sizes:
-            psf = focus(*lens(kind, size))
+            psf = pixel_psf(*lens(kind, size))
             box = 2 * ((psf.table.shape[0] // 2 - 3) // psf.oversampling) + 1
             ways: dict[str, Callable[[float, float], Floats]] = {"": _own_stamp(psf, box)}
             for name, peer in peers.items():

@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 from scipy import special, stats
 from scipy.spatial.transform import Rotation
 
-from startrack import Camera, Light, Path, Streams
+from startrack import Camera, Light, LineOfSight, Streams
 from startrack.detector import Detector, expose, read_out
 from startrack.detector.maps import dark, response
-from startrack.optics import Optics, focus
+from startrack.optics import Optics, pixel_psf
 
 Floats = NDArray[np.float64]
 Image = NDArray[Any]
@@ -150,17 +150,17 @@ def errors(draw: Noise, nominal: float, one: Detector) -> tuple[float, float]:
 
     The chi-square is that of 24 Mpx, averaged over the batches; the tail is counted in them all.
     """
-    mean, share = mean_map(nominal), exact_law(nominal, one)
-    count = np.zeros((BATCHES, len(share)))
+    mean, fraction = mean_map(nominal), exact_law(nominal, one)
+    count = np.zeros((BATCHES, len(fraction)))
     for trial in range(BATCHES * FRAMES):
         image = draw(mean, one, trial)
-        count[trial // FRAMES] += np.bincount(image.ravel(), minlength=len(share))
-    wanted = share * count[0].sum()
+        count[trial // FRAMES] += np.bincount(image.ravel(), minlength=len(fraction))
+    wanted = fraction * count[0].sum()
     many = wanted > 10
     chi = ((count - wanted)[:, many] ** 2 / wanted[many]).sum() / BATCHES / (many.sum() - 1)
-    number = np.arange(len(share))
-    centre = share @ number
-    far = number > centre + SIGMAS * math.sqrt(share @ (number - centre) ** 2)
+    number = np.arange(len(fraction))
+    centre = fraction @ number
+    far = number > centre + SIGMAS * math.sqrt(fraction @ (number - centre) ** 2)
     return float(chi), float(count[:, far].sum() / wanted[far].sum() / BATCHES)
 
 
@@ -191,8 +191,8 @@ def frame() -> dict[str, float]:
     wavelength, throughput = np.array([500e-9, 700e-9]), np.ones(2)
     light = Light(camera.unproject(pixel), wavelength, np.outer(flux / 0.2, np.ones(2)),
                   np.full(2, 20 / 0.2 * camera.focal_length_px**2))  # fmt: skip
-    psf = focus(Optics(0.02, 2.0, blur=3e-6), 5e-6, wavelength, np.ones(2))
-    rest = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
+    psf = pixel_psf(Optics(0.02, 2.0, blur=3e-6), 5e-6, wavelength, np.ones(2))
+    rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     one = replace(SKY, prnu=0.01, dark_current=30.0)
     gain = response(one)
     assert gain is not None

@@ -27,12 +27,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from startrack import Case, Path, arcsec, deg, load_design, shipped
+from startrack import Case, LineOfSight, arcsec, deg, load_design, shipped
 from startrack.design import replaced
 from startrack.montecarlo import pool
 from startrack.motion import Motion, Tone, image_path, nyquist_mtf, slew, stability
 from startrack.motion.transfer import NYQUIST
-from startrack.optimise import Bench
+from startrack.optimise import TrialRunner
 from startrack.trial.sweep import duration
 
 Floats = NDArray[np.float64]
@@ -57,7 +57,7 @@ def main() -> None:
     case = load_design(shipped("designs/scanner.toml")).case
     rows = []
     with pool(options.workers) as executor:
-        bench = Bench(1, executor, options.workers)
+        bench = TrialRunner(1, executor, options.workers)
         for frequency in FREQUENCIES:
             error = tolerated_by_error(case, frequency, bench, options.skies)
             rows.append({"frequency_hz": frequency} | error | tolerated_by_mtf(case, frequency))
@@ -76,7 +76,7 @@ def circle(frequency: float, rms: float, phase: float) -> Tone:
     return Tone(frequency, rms, rms, phase=phase, lead_y=-90 * deg)
 
 
-def errors(case: Case, bench: Bench, skies: int) -> Floats:
+def errors(case: Case, bench: TrialRunner, skies: int) -> Floats:
     """(skies, 2) radian, across; NaN where there is no right attitude."""
     outcomes = bench.run(case, skies)
     right = outcomes["solved"] & ~outcomes["false"]
@@ -84,7 +84,9 @@ def errors(case: Case, bench: Bench, skies: int) -> Floats:
     return np.where(right[:, None], across, np.nan)
 
 
-def tolerated_by_error(case: Case, frequency: float, bench: Bench, skies: int) -> dict[str, Any]:
+def tolerated_by_error(
+    case: Case, frequency: float, bench: TrialRunner, skies: int
+) -> dict[str, Any]:
     """The rms at which the error has grown by LOSS, and the growth measured there."""
     rest = errors(case, bench, skies)
 
@@ -134,7 +136,7 @@ def borne_by_mtf(case: Case, frequency: float, phase: float) -> float:
     pixel = 1 / instrument.camera.focal_length_px
     ahead = np.array([0.0, 0.0, 1.0])
 
-    def path(rms: float) -> Path:
+    def path(rms: float) -> LineOfSight:
         return slew(Motion(tones=(circle(frequency, rms, phase),)), transit(case), pixel)
 
     def left(rms: float) -> float:

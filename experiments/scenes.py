@@ -3,7 +3,7 @@
 Four scenes of the nanosatellite's tracker (in the dark, slewing, with the Moon, with the limb) and
 an Earth imager, each with everything that the chain can model. Every effect is left out alone, on
 the same skies and noise; then, from the least on, all at once whose errors together, in quadrature,
-stay below a share of the scene's own error. What turns a solved trial into an unsolved one is kept.
+stay below a fraction of the scene's own error. What makes a solved trial unsolved is kept.
 The chain that is left is judged on trials that the choice has not seen.
 
     python experiments/scenes.py [--trials N] [--out DIR] [SCENE ...]
@@ -34,7 +34,7 @@ from startrack.benchmark import versions
 from startrack.benchmark.table import figure, spent
 from startrack.io.saving import save_figure, save_json, save_text
 
-SHARE = 1 / 3
+FRACTION = 1 / 3
 TIMED = 4  # trials that are repeated in turns with everything, for the time
 IMAGES = 4  # trials of a tracker for one of the imager, which has thousands of pixels
 KEPT, SPARED = "#1f6f43", "#999999"
@@ -63,7 +63,7 @@ def main() -> None:
 def study(view: View, trials: int) -> Found:
     if view.faster is None:
         trials = max(trials // IMAGES, 1)
-    return leave_out(view, trials, min(TIMED, trials), SHARE, tell)
+    return leave_out(view, trials, min(TIMED, trials), FRACTION, tell)
 
 
 def tell(what: str) -> None:
@@ -83,8 +83,8 @@ def markdown(found: Sequence[Found], trials: int) -> str:
         "Each scene has everything that the chain can model. Every effect is left out alone, on "
         "the same skies and noise: its error is the rms of the difference, with its standard "
         "error. From the least on, effects are spared as long as the errors of all spared, in "
-        f"quadrature, stay below {SHARE:.2g} of the scene's own error in each kind; what turns a "
-        "solved trial into an unsolved one is kept. The chains are judged on as many other trials.",
+        f"quadrature, stay below {FRACTION:.2g} of the scene's own error in each kind; what makes "
+        "a solved trial unsolved is kept. The chains are judged on as many other trials.",
         "",
         "| scene | chain | CPU time | answers | own error | gap to everything | spared, in "
         "quadrature |",
@@ -115,9 +115,9 @@ def effects_of(found: Found) -> list[str]:
         "| effect | error when left out | of the scene's own | answers changed | CPU time | kept |",
         "|---|---|---|---|---|---|",
     ]
-    for effect in sorted(found.effects, key=lambda effect: -effect.share):
+    for effect in sorted(found.effects, key=lambda effect: -effect.fraction):
         lines.append(
-            f"| {effect.name} | {measured(effect.gap)} | {effect.share:.2f} | "
+            f"| {effect.name} | {measured(effect.gap)} | {effect.fraction:.2f} | "
             f"{effect.gap.changed} | {1e3 * effect.seconds:+.1f} ms | "
             f"{'yes' if effect.kept else ''} |"
         )
@@ -176,15 +176,15 @@ def draw(path: Path, found: Sequence[Found]) -> None:
 
 
 def draw_effects(axes: Axes, found: Found) -> None:
-    effects = sorted(found.effects, key=lambda effect: effect.share)
+    effects = sorted(found.effects, key=lambda effect: effect.fraction)
     least = 1e-3
     for row, effect in enumerate(effects):
         worst = (effect.gap.error / found.own).argmax()
         sigma = effect.gap.sigma[worst] / found.own[worst]
         colour = KEPT if effect.kept else SPARED
         axes.errorbar(
-            max(effect.share, least), row, xerr=sigma if effect.share > least else 0.0,
-            fmt="o" if effect.share > least else "<", color=colour, ms=5,
+            max(effect.fraction, least), row, xerr=sigma if effect.fraction > least else 0.0,
+            fmt="o" if effect.fraction > least else "<", color=colour, ms=5,
         )  # fmt: skip
         axes.annotate(
             f"{1e3 * effect.seconds:+.1f} ms", (1.01, row), xycoords=("axes fraction", "data"),
@@ -196,7 +196,7 @@ def draw_effects(axes: Axes, found: Found) -> None:
         title=f"{found.view.name}, {found.trials} trials; right: CPU time of a trial",
     )  # fmt: skip
     axes.set_yticks(range(len(effects)), [effect.name for effect in effects], fontsize=7)
-    axes.axvline(SHARE, color="#b4442f", ls="--", lw=1)
+    axes.axvline(FRACTION, color="#b4442f", ls="--", lw=1)
     axes.grid(lw=0.3, axis="x")
 
 

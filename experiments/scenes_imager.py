@@ -35,7 +35,7 @@ def view() -> View:
     full = with_detector(
         Flight(survey, nadir),
         bits=12, prnu=0.01, dark_current=2e4, defects=Defects(dsnu=1e4, hot=1e-3, hot_current=1e6),
-        bend=0.01, bow=1.0, pattern=Pattern(row=10.0, column=10.0, column_offset=20.0),
+        nonlinearity=0.01, adc_inl=1.0, pattern=Pattern(row=10.0, column=10.0, column_offset=20.0),
         settling=1e-3,
     )  # fmt: skip
     return View(
@@ -114,7 +114,7 @@ EFFECTS: dict[str, Change] = {
     "PRNU": detector(prnu=0.0),
     "dark current": detector(dark_current=0.0),
     "DSNU and hot pixels": detector(defects=None),
-    "non-linearity": detector(bend=0.0, bow=0.0),
+    "non-linearity": detector(nonlinearity=0.0, adc_inl=0.0),
     "row and column noise": detector(pattern=None),
     "settling of the read-out": detector(settling=0.0),
     "read noise": detector(read_noise=0.0),

@@ -34,10 +34,10 @@ from startrack import (
     deg,
     index_of,
     load_design,
-    look,
     random_attitude,
     run_trials,
     shipped,
+    stars_in_field,
     throughput,
 )
 from startrack.benchmark.trials import sized
@@ -136,7 +136,7 @@ def peer(case: Case) -> Callable[[int], float] | None:
 
     def one(number: int) -> float:
         attitude = random_attitude(Streams(SEED, number))
-        stars = look(sky, attitude, camera)
+        stars = stars_in_field(sky, attitude, camera)
         flux, level = arriving(
             illuminate(case.scene, stars), camera, detector, throughput(instrument)
         )

@@ -23,7 +23,7 @@ from markley_mortari import SCENARIOS, scenario
 
 from startrack import Case, arcsec, deg, load_design, shipped
 from startrack.budget import analytic, circles
-from startrack.catalog import Selection, Sky, earth, open_sky, v_from_g
+from startrack.catalog import Selection, Sky, earth_observer, open_sky, v_from_g
 from startrack.core.units import LIGHT_SPEED
 from startrack.metrics import attitude_bound
 from startrack.trial import errors
@@ -136,7 +136,9 @@ def sky() -> list[dict[str, Any]]:
         rows.append(line("APST", told, count.min(), least, known, "circles"))
     count = circles(Sky(stars[v <= 6]), 10 * deg, PLACES)
     rows.append(line("sky", "mean stars of V 6 in 20 deg", count.mean(), 38.6, "the BSC", "none"))
-    speeds = [float(np.linalg.norm(earth(2026 + month / 12).velocity)) for month in range(12)]
+    speeds = [
+        float(np.linalg.norm(earth_observer(2026 + month / 12).velocity)) for month in range(12)
+    ]
     speed = float(np.mean(speeds))
     rows += [
         line("aberration", "of the Earth, arcsec", speed / LIGHT_SPEED / arcsec, 20.5, "",

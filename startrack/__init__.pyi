@@ -21,17 +21,17 @@ from . import sequence as sequence
 from . import trial as trial
 from .core import Camera as Camera
 from .core import Curve as Curve
+from .core import DiffuseLight as DiffuseLight
 from .core import Estimate as Estimate
 from .core import Frame as Frame
-from .core import Glare as Glare
-from .core import Glow as Glow
 from .core import Light as Light
+from .core import LineOfSight as LineOfSight
 from .core import Matches as Matches
-from .core import Path as Path
 from .core import Psf as Psf
 from .core import Spots as Spots
 from .core import Stars as Stars
 from .core import Status as Status
+from .core import StrayLightSource as StrayLightSource
 from .core import Streams as Streams
 from .core import arcsec as arcsec
 from .core import deg as deg
@@ -57,18 +57,18 @@ from .plots import draw_solution as draw_solution
 from .plots import draw_spots as draw_spots
 from .trial import OUTCOMES as OUTCOMES
 from .trial import Record as Record
+from .trial import identify_and_solve as identify_and_solve
 from .trial import index_of as index_of
 from .trial import light_of as light_of
-from .trial import look as look
+from .trial import line_of_sight as line_of_sight
+from .trial import lost_in_space as lost_in_space
 from .trial import observe as observe
-from .trial import path_of as path_of
 from .trial import psf_of as psf_of
 from .trial import random_attitude as random_attitude
-from .trial import recognise as recognise
 from .trial import run_random_trial as run_random_trial
 from .trial import run_trial as run_trial
 from .trial import run_trials as run_trials
+from .trial import stars_in_field as stars_in_field
 from .trial import throughput as throughput
-from .trial import track as track
 
 __version__: str

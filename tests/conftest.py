@@ -54,7 +54,7 @@ def small() -> Design:
         trials=12,
         most_trials=24,
         evaluations=20,
-        prospects=8,
+        analytic_evaluations=8,
         fresh_trials=60,
         sample_trials=12,
         # What so few fresh trials can show.

@@ -207,7 +207,7 @@ def test_no_hidden_randomness_and_no_pickle():
 def test_the_command_line_starts_light():
     """`startrack --help` loads no room."""
     standard = {"__future__", "argparse", "os", "sys", "collections.abc", "importlib", "math"}
-    standard |= {"concurrent.futures", "pathlib", "textwrap", "typing", "enum"}
+    standard |= {"concurrent.futures", "pathlib", "textwrap", "typing", "enum", "warnings"}
     light = {"startrack.cli.exits", "startrack.cli.options", "startrack.cli.main", "startrack"}
     for module in ("main", "exits", "options"):
         found = imports(ROOT / "cli" / f"{module}.py")

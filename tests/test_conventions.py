@@ -27,7 +27,7 @@ from startrack.io.images import write_fits
 from startrack.io.wcs import pointing
 from startrack.metrics import judge
 from startrack.motion import Motion
-from startrack.trial.view import look, noiseless, path_of
+from startrack.trial.view import expected_electrons, line_of_sight, stars_in_field
 
 # Right ascension and declination, degree: the belt of Orion from east to west.
 ALNITAK, ALNILAM, MINTAKA = (85.1897, -1.9426), (84.0534, -1.2019), (83.0017, -0.2991)
@@ -45,8 +45,10 @@ def case() -> Case:
 def seen(case: Case, attitude: Rotation) -> NDArray[np.float64]:
     """The expected electrons (rows, columns) of a frame."""
     streams = Streams(1, 0)
-    stars = look(open_sky(case.catalog), attitude, case.instrument.camera)
-    return noiseless(case, stars, path_of(case.instrument, streams), attitude, streams)
+    stars = stars_in_field(open_sky(case.catalog), attitude, case.instrument.camera)
+    return expected_electrons(
+        case, stars, line_of_sight(case.instrument, streams), attitude, streams
+    )
 
 
 def on(place: tuple[float, float], case: Case, roll: float = 0.0) -> Rotation:
@@ -131,10 +133,10 @@ def test_fits_counts_from_one(case, tmp_path):
     column, row = wcs.all_world2pix(sky.spherical.lon.deg, sky.spherical.lat.deg, 1)
     top, left = brightest_near(image, (float(row) - 1, float(column) - 1))
     part = image[top - 2 : top + 3, left - 2 : left + 3]
-    share = part / part.sum()
+    fraction = part / part.sum()
     centre = (
-        share.sum(axis=0) @ np.arange(5) + left - 2,
-        share.sum(axis=1) @ np.arange(5) + top - 2,
+        fraction.sum(axis=0) @ np.arange(5) + left - 2,
+        fraction.sum(axis=1) @ np.arange(5) + top - 2,
     )
     np.testing.assert_allclose((float(column), float(row)), np.add(centre, 1), atol=0.1)
 

@@ -8,7 +8,7 @@ import pytest
 import startrack
 
 sys.path.append(str(Path(__file__).parents[1] / "experiments"))
-from profile_trial import Profile, rooms, shares, spendings
+from profile_trial import Profile, fractions, rooms, spendings
 
 HOME = Path(startrack.__file__).parent
 
@@ -30,7 +30,7 @@ def test_what_a_file_calls_outside_is_its_own():
         function("detection/find.py"): called(2.0, chain=9.0),
         function("numpy.dot"): called(5.0, chain=4.0, **{"detection/find": 1.0}),
     }
-    assert shares(stats) == pytest.approx({"chain.py": 5 / 8, "detection/find.py": 3 / 8})
+    assert fractions(stats) == pytest.approx({"chain.py": 5 / 8, "detection/find.py": 3 / 8})
 
 
 def test_what_is_called_outside_by_outside_counts_once():
@@ -40,7 +40,7 @@ def test_what_is_called_outside_by_outside_counts_once():
         outer: called(1.0, chain=3.0),
         inner: (1, 1, 2.0, 2.0, {outer: (1, 1, 2.0, 2.0)}),
     }
-    assert shares(stats) == {"chain.py": 1.0}
+    assert fractions(stats) == {"chain.py": 1.0}
 
 
 def test_a_room_has_all_of_its_files():
@@ -68,4 +68,4 @@ def test_a_profile_of_a_real_trial_adds_up_and_sees_the_kernels():
     stats = pstats.Stats(profiler).stats
     seconds = sum(own for _, own in spendings(stats))
     assert 0.7 * spent < seconds < 1.1 * spent
-    assert "detector/digitise.py" in shares(stats)
+    assert "detector/digitise.py" in fractions(stats)

@@ -36,8 +36,8 @@ def view(sizes=SIZES, **changes) -> View:
     )
 
 
-def study(view: View, share=1 / 3):
-    return leave_out(view, 20, 1, share, lambda what: None)
+def study(view: View, fraction=1 / 3):
+    return leave_out(view, 20, 1, fraction, lambda what: None)
 
 
 def test_an_effect_left_out_makes_the_error_that_it_has():
@@ -120,7 +120,7 @@ def dark():
 def test_a_dark_field_needs_its_read_noise_and_no_blooming(dark):
     found = {effect.name: effect for effect in leave_out(dark, 3, 1, 1 / 3, print).effects}
     assert found["blooming"].gap.error.tolist() == [0, 0]
-    assert found["read noise"].share > 3 * found["lag"].share > 0
+    assert found["read noise"].fraction > 3 * found["lag"].fraction > 0
     assert found["read noise"].kept
     assert not found["blooming"].kept
 

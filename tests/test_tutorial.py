@@ -40,7 +40,7 @@ QUOTED = Told((0, 0), ["a 1.00", "...", "c 10"], ["a 1.01", "b 7", "c 10"], 0.0)
 
 
 @pytest.mark.parametrize(
-    ("quoted", "came", "share", "same"),
+    ("quoted", "came", "fraction", "same"),
     [
         ("error 1.00 arcsec", "error  1.01 arcsec", 0.0, True),
         ("error 1.00 arcsec", "error 1.02 arcsec", 0.0, False),
@@ -50,8 +50,8 @@ QUOTED = Told((0, 0), ["a 1.00", "...", "c 10"], ["a 1.01", "b 7", "c 10"], 0.0)
         ("3 of 4", "3 of", 0.5, False),
     ],
 )
-def test_lines_are_alike(quoted, came, share, same):
-    assert alike(quoted, came, share) is same
+def test_lines_are_alike(quoted, came, fraction, same):
+    assert alike(quoted, came, fraction) is same
 
 
 def test_lines_may_be_left_out_but_not_made_up():

@@ -73,11 +73,11 @@ def along(altitude: float, angle: float) -> Floats:
         for n in (max(after - 1, 0), after)
     ]
     start = ranges[max(after - 1, 0)]
-    share = (wanted - start) / (ranges[after] - start) if after else 0.0
-    out = (1 - share) * ends[0] + share * ends[1]
+    fraction = (wanted - start) / (ranges[after] - start) if after else 0.0
+    out = (1 - fraction) * ends[0] + fraction * ends[1]
     out[0] = np.exp(
-        (1 - share) * np.log(np.maximum(ends[0][0], 1e-12))
-        + share * np.log(np.maximum(ends[1][0], 1e-12))
+        (1 - fraction) * np.log(np.maximum(ends[0][0], 1e-12))
+        + fraction * np.log(np.maximum(ends[1][0], 1e-12))
     )
     return out
 

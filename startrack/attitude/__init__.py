@@ -22,7 +22,7 @@ from startrack.attitude.align import Alignment, Observability, align
 from startrack.attitude.consensus import consensus
 from startrack.attitude.follow import Gyroscope, State, correct, predict, start
 from startrack.attitude.mounting import Mounting
-from startrack.attitude.parameters import UNKNOWN_FLOOR, Attitude
+from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, refine, tangent
 from startrack.attitude.solve import scale_unknown, solve
 from startrack.attitude.wahba import davenport, foam, quest, svd
@@ -30,11 +30,11 @@ from startrack.attitude.wahba import davenport, foam, quest, svd
 # Public; the other imports serve other rooms.
 __all__ = [
     "Alignment",
-    "Attitude",
     "Gyroscope",
     "Mounting",
     "Observability",
     "Refinement",
+    "SolverSettings",
     "State",
     "align",
     "consensus",

@@ -10,7 +10,7 @@ UNKNOWN_FLOOR = 0.015  # pixel, what calibrated cameras commonly come to
 
 
 @dataclass(frozen=True)
-class Attitude:
+class SolverSettings:
     """How matched stars are weighted, and when one is left out.
 
     centroid_floor  pixel, error per axis that every centroid has beside its noise: what the

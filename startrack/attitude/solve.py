@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from scipy import special
 
 from startrack.attitude.consensus import consensus
-from startrack.attitude.parameters import UNKNOWN_FLOOR, Attitude
+from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, refine
 from startrack.attitude.wahba import svd
 from startrack.core import Estimate, Floats, Matches, Spots, Status
 
 
 def scale_unknown(covariance: Floats, seen: Floats, weight: Floats, tolerance: float) -> Floats:
-    """What is left of the knowledge of an attitude once the focal length takes its share.
+    """What is left of the knowledge of an attitude once the focal length takes its fraction.
 
         C' = C + (C c)(C c)^T / (d - c^T C c)
         c = sum w z (-y, x, 0),   d = 1 / tolerance^2 + sum w z^2 (x^2 + y^2)
@@ -61,7 +61,7 @@ FEWEST = 4  # stars, below which none is left out
 def solve(
     spots: Spots,
     matches: Matches,
-    settings: Attitude,
+    settings: SolverSettings,
     tolerance: float = 0.0,
     own: Floats | None = None,
 ) -> Estimate:

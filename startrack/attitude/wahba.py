@@ -20,8 +20,8 @@ def products(observed: Array, reference: Array, weight: Array) -> Array:
     weight               (..., n), on any scale
     Returns              (..., 3, 3), in the precision of the vectors
     """
-    share = weight / weight.sum(axis=-1, keepdims=True)
-    return np.asarray(np.swapaxes(observed * share[..., None], -1, -2) @ reference)
+    fraction = weight / weight.sum(axis=-1, keepdims=True)
+    return np.asarray(np.swapaxes(observed * fraction[..., None], -1, -2) @ reference)
 
 
 def parts(b: Array) -> tuple[Array, Array, Array]:

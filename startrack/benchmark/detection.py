@@ -101,12 +101,12 @@ def sown(snr: float) -> tuple[Frame, Floats, Floats, float]:
 
 
 def detection() -> Stage:
-    """The share of faint stars that are not found, at an allowed number of false spots."""
+    """The fraction of faint stars that are not found, at an allowed number of false spots."""
     frame, x, y, flux = sown(FAINT)
     return Stage(
         "detection",
         f"a megapixel with {len(x)} stars of SNR {FAINT:g}, background {BACKGROUND:g} e-",
-        f"share of stars not found (ours at {FALSE} false spots a frame)",
+        f"fraction of stars not found (ours at {FALSE} false spots a frame)",
         {name: partial(find, frame) for name, find in finders(SIGMA).items()},
         lambda spots: 1 - float(paired(spots, x, y)[0].mean()),
         1 - limit(flux, SIGMA),

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from startrack.benchmark.stage import Stage
 from startrack.benchmark.stamping import SIGMA, lens
 from startrack.benchmark.starfield import paint
-from startrack.core import Camera, Light, Path, Streams
+from startrack.core import Camera, Light, LineOfSight, Streams
 from startrack.detector import Detector, expose
-from startrack.optics import focus
+from startrack.optics import pixel_psf
 
 Floats = NDArray[np.float64]
 
@@ -47,8 +47,8 @@ def frame() -> Stage:
     rate = stars.flux / EXPOSURE
     sky = np.array([SKY / EXPOSURE * camera.focal_length_px**2])
     light = Light(camera.unproject(stars.pixel), wavelength, rate[:, None], sky)
-    psf = focus(optics, pitch, wavelength, response)
-    rest = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
+    psf = pixel_psf(optics, pitch, wavelength, response)
+    rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 
     def ours() -> NDArray[Any]:
         return expose(

@@ -28,7 +28,7 @@ SETTINGS = Identification(focal_tolerance=TOLERANCE)
 
 
 class Regime(NamedTuple):
-    """How hard skies are: the noise of a centroid, false spots, the share of true ones missing."""
+    """How hard skies are: centroid noise, false spots, fraction of true ones missing."""
 
     field: int  # degree
     noise: float  # pixel
@@ -126,7 +126,7 @@ def solver(regime: Regime) -> Callable[[Seen], Rotation | None]:
 
 
 def identification() -> Stage:
-    """The share of skies that are not solved, or wrongly."""
+    """The fraction of skies that are not solved, or wrongly."""
     every, run = skies(), solver(REGIME)
 
     def judge(found: Sequence[Rotation | None]) -> float:
@@ -140,7 +140,7 @@ def identification() -> Stage:
         "identification",
         f"a sky of {REGIME.field} deg, {REGIME.noise} px of noise, {REGIME.false} false spots, "
         f"{100 * REGIME.missing:g} % missing",
-        f"share of {SKIES} skies not solved, or wrongly",
+        f"fraction of {SKIES} skies not solved, or wrongly",
         {"startrack": lambda: [run(seen) for seen in every]},
         judge,
         1 / SKIES,

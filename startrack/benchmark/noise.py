@@ -30,9 +30,9 @@ def noise() -> Stage:
 
     def judge(frames: Sequence[NDArray[Any]]) -> float:
         count = sum(np.bincount(f.ravel().astype(np.int64), minlength=4096) for f in frames)
-        share = np.cumsum(count) / np.sum(count)
+        fraction = np.cumsum(count) / np.sum(count)
         # A converter may round or cut; it is judged by the law that fits it better.
-        return min(float(np.abs(share - one).max()) for one in laws)
+        return min(float(np.abs(fraction - one).max()) for one in laws)
 
     return Stage(
         "noise",

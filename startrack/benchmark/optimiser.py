@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.benchmark.stage import Stage
-from startrack.design import Box, load_design
+from startrack.design import DesignSpace, load_design
 from startrack.io import shipped
 from startrack.optimise import Search, foresee, least, prospect
 
@@ -35,9 +35,9 @@ def hill() -> Hill:
     """The example's campaign, its designs judged without a trial."""
     design = load_design(shipped("designs/nanosatellite.toml"))
     assert design.campaign
-    box, campaign = Box(design.case, design.campaign.variables), design.campaign
+    box, campaign = DesignSpace(design.case, design.campaign.variables), design.campaign
     score = partial(foresee, box, campaign)
-    few = replace(campaign, prospects=TRIES)
+    few = replace(campaign, analytic_evaluations=TRIES)
     return Hill(box.start, score, lambda: prospect(box, few, box.start).place)
 
 

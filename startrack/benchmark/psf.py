@@ -18,7 +18,7 @@ PICK = np.random.default_rng(8).integers(0, len(FIELD), (1500, 2))  # points tha
 
 
 def psf() -> Stage:
-    """Noll's modes 4 to 37 on 155 x 155 points; errors are shares of the clear peak."""
+    """Noll's modes 4 to 37 on 155 x 155 points; errors are fractions of the clear peak."""
     own = Pattern()
     peak = own.clear().max()
     wanted = by_rings(COEFFICIENTS, FIELD[PICK])
@@ -29,7 +29,7 @@ def psf() -> Stage:
     return Stage(
         "psf",
         "155 x 155 points of an f/1.4 lens at 550 nm with 34 Zernike modes",
-        "largest error, share of the clear peak",
+        "largest error, fraction of the clear peak",
         {"startrack": lambda: own.aberrated(COEFFICIENTS)},
         judge,
         np.finfo(float).eps,

@@ -56,7 +56,7 @@ class Scenery(NamedTuple):
     """An image of hills, and the table that it is made from.
 
     fine  the part of the table that the image needs, in the wavelengths' bands
-    unit  (bands,) what a radiance is divided by to be a share of the sunlight
+    unit  (bands,) what a radiance is divided by to be a fraction of the sunlight
     node  (bands,) of the wavelengths in the table
     pick  pixels that are judged
     """

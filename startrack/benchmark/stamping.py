@@ -11,7 +11,7 @@ from scipy import special
 from startrack.benchmark.psf import F_NUMBER, WAVELENGTH
 from startrack.benchmark.stage import Stage
 from startrack.detector import stamp
-from startrack.optics import Optics, airy, focus
+from startrack.optics import Optics, airy, pixel_psf
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ STARS = 400
 
 def stamping() -> Stage:
     """Gaussian stars, each in a box of its own."""
-    psf = focus(*lens("gauss", SIGMA))
+    psf = pixel_psf(*lens("gauss", SIGMA))
     places = places_of_stars()
     wanted = np.array([centroid(exact("gauss", x, y, SIGMA, BOX)) for x, y in places])
     corner = np.arange(STARS) * BOX + BOX // 2

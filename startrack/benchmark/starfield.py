@@ -45,13 +45,13 @@ def field(streams: Streams, spacing: int) -> tuple[Floats, Floats]:
 
 def stars_at(sigma: float, phases: int) -> Floats:
     """Shares (n, 441) of a star's light at places all over a pixel."""
-    phase, shares = (np.arange(phases) + 0.5) / phases - 0.5, []
+    phase, fractions = (np.arange(phases) + 0.5) / phases - 0.5, []
     for a in phase:
         for b in phase:
             image = np.zeros((21, 21))
             paint(image, np.array([10 + a]), np.array([10 + b]), 1.0, sigma)
-            shares.append(image.ravel())
-    return np.array(shares)
+            fractions.append(image.ravel())
+    return np.array(fractions)
 
 
 def snr_of(flux: float, sigma: float, own_noise: bool = True) -> float:

@@ -41,14 +41,14 @@ def towards(grid: Grid, elevation: float, azimuth: NDArray[Any]) -> Floats:
 
 
 def random_rays(
-    random: np.random.Generator, grid: Grid, count: int, elevation: float, share: float = 0.5
+    random: np.random.Generator, grid: Grid, count: int, elevation: float, fraction: float = 0.5
 ) -> Rays:
     """From all sides, at random points of the middle of a grid."""
     u, v, height, azimuth = random.random((4, count))
-    low = (1 - share) / 2
+    low = (1 - fraction) / 2
     target = cartesian(
-        grid.west + (low + share * u) * (grid.columns - 1) * grid.step_x,
-        grid.north - (low + share * v) * (grid.rows - 1) * grid.step_y,
+        grid.west + (low + fraction * u) * (grid.columns - 1) * grid.step_x,
+        grid.north - (low + fraction * v) * (grid.rows - 1) * grid.step_y,
         RELIEF * height,
     )
     view = towards(grid, elevation, 2 * np.pi * azimuth)

@@ -26,10 +26,10 @@ from startrack.trial import (
     READ,
     SHOT,
     Errors,
+    colour_correction,
     detection_probability,
-    dimming,
     errors,
-    trust_in,
+    systematic_variance_of,
 )
 
 FINE = 0.05  # magnitude between two entries
@@ -85,11 +85,11 @@ def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes]:
     refuse_scans(case)
     star, gate = errors(case), case.tracker.attitude.gate
     table = response(case, star)
-    if not table.share.any():
+    if not table.fraction.any():
         raise ValueError(BLIND)
-    faint = dimming(case, view.sky.stars.colour)
+    faint = colour_correction(case, view.sky.stars.colour)
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), faint)
-    own = trust_in(case, view.sky.stars)[view.star[inside]]
+    own = systematic_variance_of(case, view.sky.stars)[view.star[inside]]
     near = displaced(case, view, inside)
     # A star that is drawn away by more than the gate is left out, by the chance of its noise.
     spread = np.sqrt(np.interp(magnitude, star.magnitude, _variance(star.stated)) + own)
@@ -113,8 +113,8 @@ def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes]:
     sigma = np.sqrt(np.sum([line.spread.sigma**2 for line in lines], axis=0))
     whole = Law(np.sum([line.spread.mean for line in lines], axis=0), sigma, weight)
     whole_line = Line("end to end", None, whole)
-    share = total / len(weight)
-    return Budget(lines, whole_line, share, float(weight @ found.stars)), found
+    fraction = total / len(weight)
+    return Budget(lines, whole_line, fraction, float(weight @ found.stars)), found
 
 
 def _lines(

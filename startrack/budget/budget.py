@@ -23,8 +23,8 @@ class Spread(Protocol):
     def rms(self) -> Floats:
         """(3,) radian."""
 
-    def level(self, axes: Sequence[int], share: float, interpretation: Interpretation) -> float:
-        """Radian per axis that is not exceeded in a share of the cases."""
+    def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
+        """Radian per axis that is not exceeded in a fraction of the cases."""
 
 
 S = TypeVar("S", bound=Spread, covariant=True)
@@ -35,7 +35,7 @@ class Law:
     """A normal error in each of m fields of the sky: what a design leads to expect.
 
     mean, sigma  (m, 3) radian
-    weight       (m,) 1, share of each field; sums to 1
+    weight       (m,) 1, fraction of each field; sums to 1
     """
 
     mean: Floats
@@ -46,7 +46,7 @@ class Law:
         """(3,) radian."""
         return np.sqrt(self.weight @ (self.mean**2 + self.sigma**2))
 
-    def level(self, axes: Sequence[int], share: float, interpretation: Interpretation) -> float:
+    def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
         """Of the mixture of all fields; with a law of time and field alike, mixed is all it knows.
 
         Errors  ValueError for another interpretation.
@@ -60,7 +60,7 @@ class Law:
 
         def excess(size: float) -> float:
             inside = ndtr((size - mean) / sigma) - ndtr((-size - mean) / sigma)
-            return float(self.weight @ inside.mean(axis=1)) - share
+            return float(self.weight @ inside.mean(axis=1)) - fraction
 
         return float(scipy.optimize.brentq(excess, 0.0, float((mean + 9 * sigma).max()), rtol=1e-9))
 
@@ -78,10 +78,10 @@ class Sample:
         """(3,) radian."""
         return np.sqrt((self.error**2).mean(axis=(0, 1)))
 
-    def level(self, axes: Sequence[int], share: float, interpretation: Interpretation) -> float:
-        """See `startrack.error.level`; the axes count alike, as if they were more members."""
+    def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
+        """See `startrack.metrics.level`; the axes count alike, as if they were more members."""
         chosen = np.concatenate([self.error[..., axis] for axis in axes])
-        return level(chosen, share, interpretation)
+        return level(chosen, fraction, interpretation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ class Budget(Generic[S]):
 
     lines         one for each cause
     whole         the error end to end
-    availability  1, share of the sky and time with an attitude
+    availability  1, fraction of the sky and time with an attitude
     stars         mean number of stars in these
     """
 

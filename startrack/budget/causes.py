@@ -14,12 +14,12 @@ class Term(StrEnum):
     """The parts of a star tracker's error, as ECSS-E-ST-60-20C names them."""
 
     BIAS = "bias"
-    HEAT = "thermo-elastic"
+    THERMO_ELASTIC = "thermo-elastic"
     FIELD = "FOV spatial"
     PIXEL = "pixel spatial"
     NOISE = "temporal noise"
     ABERRATION = "aberration"
-    DATE = "measurement date"
+    MEASUREMENT_DATE = "measurement date"
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def _present(case: Case) -> Iterator[Cause]:
         yield Cause("PRNU", Term.PIXEL, lambda one: _with(one, prnu=0.0))
     if detector.defects:
         yield Cause("DSNU", Term.PIXEL, _flawless)
-    if detector.settling or detector.lag or detector.bend or detector.bow:
+    if detector.settling or detector.lag or detector.nonlinearity or detector.adc_inl:
         yield Cause("read-out", Term.PIXEL, _linear)
     if case.believed_camera != case.instrument.camera:
         yield Cause("camera model", Term.FIELD, _calibrated)
@@ -77,9 +77,9 @@ def _present(case: Case) -> Iterator[Cause]:
     if case.instrument.mounting.still != case.believed_mounting:
         yield Cause("mounting", Term.BIAS, _aligned)
     if case.instrument.mounting.swings:
-        yield Cause("mounting swing", Term.HEAT, _cool)
-    if case.lateness and motion.rate:
-        yield Cause("time stamp", Term.DATE, _punctual)
+        yield Cause("mounting swing", Term.THERMO_ELASTIC, _cool)
+    if case.time_tag_error and motion.rate:
+        yield Cause("time stamp", Term.MEASUREMENT_DATE, _punctual)
 
 
 def refuse_scans(case: Case) -> None:
@@ -115,7 +115,7 @@ def _flawless(case: Case) -> Case:
 
 
 def _linear(case: Case) -> Case:
-    return _with(case, settling=0.0, lag=0.0, bend=0.0, bow=0.0)
+    return _with(case, settling=0.0, lag=0.0, nonlinearity=0.0, adc_inl=0.0)
 
 
 def _calibrated(case: Case) -> Case:

@@ -83,11 +83,11 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
     faintest = max(float(veil.max()) for veil in veils.values())
     own = DARK if case.scene.background_g is None else case.scene.background_g
     skies = np.arange(BRIGHTEST, min(faintest, own) + 2 * STEP, STEP)
-    across, share = _budgets(case, np.append(skies, DARK), own)
+    across, fraction = _budgets(case, np.append(skies, DARK), own)
     found = {}
     for name, veil in veils.items():
         at = np.interp(veil, np.append(skies, DARK), np.arange(len(skies) + 1))
-        found[name] = Exclusion(angle, veil, _straight(across, at), _straight(share, at))
+        found[name] = Exclusion(angle, veil, _straight(across, at), _straight(fraction, at))
     return found
 
 
@@ -115,22 +115,22 @@ def _earth_veil(case: Case, angle: Floats, altitude: float) -> Floats:
     for i, one in enumerate(horizon + angle):
         boresight = np.array([math.sin(one), 0.0, -math.cos(one)])
         apart = np.arccos(np.clip(glare.direction @ boresight, -1, 1))
-        lit[i] = case.instrument.baffle(apart) @ glare.share * EARTH_ALBEDO / math.pi
+        lit[i] = case.instrument.baffle(apart) @ glare.fraction * EARTH_ALBEDO / math.pi
     optics = case.instrument.optics
     return SUN_G - 2.5 * np.log10(lit * optics.focal_length**2 / optics.area * arcsec**2)
 
 
 def _budgets(case: Case, skies: Floats, own: float) -> tuple[Floats, Floats]:
     """(n,) errors across and availabilities under skies with a veil of some brightness."""
-    across, share = np.full(len(skies), math.nan), np.zeros(len(skies))
+    across, fraction = np.full(len(skies), math.nan), np.zeros(len(skies))
     for i, sky in enumerate(skies):
         veiled = replace(case, scene=replace(case.scene, background_g=added((sky, own))))
         try:
             budget = analytic(veiled)
         except ValueError:  # not a single star, or the sky fills the wells: as bright as that
             continue
-        across[i], share[i] = budget.across, budget.availability
-    return across, share
+        across[i], fraction[i] = budget.across, budget.availability
+    return across, fraction
 
 
 def _straight(values: Floats, at: Floats) -> Floats:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, Sky
 from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints
-from startrack.trial import Separate, rotations, separate
+from startrack.trial import SeparableStars, rotations_from_cube, separable_stars
 
 FIELDS = 512
 WIDER = 1.25  # fields are kept for all cameras that are narrower by less than this
@@ -52,12 +52,12 @@ def fields(
     """
     step = math.log(WIDER)
     radius = math.exp(math.ceil(math.log(camera.half_diagonal) / step) * step)
-    return _fields(separate(selection, camera), min(radius, 1.5), spread, count)
+    return _fields(separable_stars(selection, camera), min(radius, 1.5), spread, count)
 
 
 @lru_cache(maxsize=8)
 def _fields(
-    stars: Separate, radius: float, spread: Callable[[int], Rotation], count: int
+    stars: SeparableStars, radius: float, spread: Callable[[int], Rotation], count: int
 ) -> Fields:
     attitude = spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
@@ -73,7 +73,7 @@ def _fields(
 
 def attitudes(count: int) -> Rotation:
     """Attitudes spread evenly over all rotations, from a Sobol sequence."""
-    return rotations(scipy.stats.qmc.Sobol(3, scramble=False).random(count))
+    return rotations_from_cube(scipy.stats.qmc.Sobol(3, scramble=False).random(count))
 
 
 def boresights(count: int) -> Rotation:
@@ -95,14 +95,14 @@ class Response(NamedTuple):
     """What the tracker makes of stars, over their magnitude.
 
     start, step  magnitude of the first entry, and between two
-    share        (k,) 1, detected
+    fraction     (k,) 1, detected
     stated       (k, 2, 2) pixel^2, of the noise, as the tracker states it
     causes       (c, k, 2, 2) pixel^2, true covariance of each random cause
     """
 
     start: float
     step: float
-    share: Floats
+    fraction: Floats
     stated: Floats
     causes: Floats
 
@@ -153,7 +153,7 @@ def propagate(
     tolerance     1, sigma about one of the scale that the tracker fits; 0 where it fits none
     fewest, most  detected stars that a solution needs, and the brightest that are kept
     Errors        model: to first order in the errors; a star that is detected at times counts as a
-                  share of one, which states too little error where few stars are seen.
+                  fraction of one, which states too little error where few stars are seen.
     """
     count = len(view.attitude)
     first = np.searchsorted(view.field[inside], np.arange(count + 1))
@@ -170,10 +170,10 @@ def propagate(
 
 @njit(cache=True, error_model="numpy")
 def _propagate(  # type: ignore[no-untyped-def]
-    first, x, y, magnitude, keep, own, displacement, start, step, share, stated, causes,
+    first, x, y, magnitude, keep, own, displacement, start, step, fraction, stated, causes,
     focal, tolerance, fewest, most, stars, solved, variance, shift, information,
 ):  # fmt: skip
-    last = len(share) - 2
+    last = len(fraction) - 2
     design, weight, gain = np.empty((2, 4)), np.empty((2, 2)), np.empty((3, 2))
     for f in range(len(first) - 1):
         full = np.zeros((4, 4))  # of the turn and of the scale
@@ -183,7 +183,7 @@ def _propagate(  # type: ignore[no-untyped-def]
         while end < first[f + 1] and total < most:
             place = min(max((magnitude[end] - start) / step, 0.0), last + 0.999)
             k = int(place)
-            p = keep[end] * (share[k] + (place - k) * (share[k + 1] - share[k]))
+            p = keep[end] * (fraction[k] + (place - k) * (fraction[k + 1] - fraction[k]))
             p = min(p, most - total)  # of the last, the rest of the room
             if p > 1e-4:
                 _design(x[end], y[end], focal, design)
@@ -215,7 +215,7 @@ def _propagate(  # type: ignore[no-untyped-def]
             place = min(max((magnitude[i] - start) / step, 0.0), last + 0.999)
             k = int(place)
             t = place - k
-            p = min(keep[i] * (share[k] + t * (share[k + 1] - share[k])), room)
+            p = min(keep[i] * (fraction[k] + t * (fraction[k + 1] - fraction[k])), room)
             if not p > 1e-4:
                 continue
             room -= p

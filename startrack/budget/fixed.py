@@ -11,8 +11,8 @@ from startrack.budget.fields import Fields
 from startrack.catalog import Selection, open_sky
 from startrack.core import Floats, Ints
 from startrack.design import Case
-from startrack.motion import wander
-from startrack.trial import pulls
+from startrack.motion import jitter_rms
+from startrack.trial import blending_shift
 
 
 def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple[Ints, Floats]:
@@ -66,7 +66,9 @@ def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
 def displaced(case: Case, view: Fields, inside: Ints) -> Floats:
     """Pixel (n, 2) by which the light of its neighbours moves each star of the fields."""
     x, y = view.x[inside], view.y[inside]
-    move = view.attitude[view.field[inside]].apply(pulls(case, case.catalog)[view.star[inside]])
+    move = view.attitude[view.field[inside]].apply(
+        blending_shift(case, case.catalog)[view.star[inside]]
+    )
     return (move[:, :2] - np.column_stack([x, y]) * move[:, 2:]) * np.sqrt(1 + x * x + y * y)[
         :, None
     ]
@@ -87,14 +89,14 @@ def of_the_camera(case: Case, cause: Cause) -> tuple[Floats, Floats] | None:
     if cause.term is Term.BIAS:
         wrong = case.believed_mounting.camera_to_body().inv()
         return -(wrong * instrument.mounting.camera_to_body()).as_rotvec(), np.zeros(3)
-    if cause.term is Term.HEAT:
+    if cause.term is Term.THERMO_ELASTIC:
         swing = instrument.mounting
         amplitude = np.array([swing.swing_x, swing.swing_y, swing.swing_z])
         return np.zeros(3), amplitude / np.sqrt(2)
-    if cause.term is Term.DATE:
+    if cause.term is Term.MEASUREMENT_DATE:
         motion = instrument.motion
         rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
-        return rate * case.lateness, np.zeros(3)
+        return rate * case.time_tag_error, np.zeros(3)
     if cause.name == "jitter":
-        return np.zeros(3), wander(instrument.motion, instrument.detector.exposure)
+        return np.zeros(3), jitter_rms(instrument.motion, instrument.detector.exposure)
     return None

@@ -10,7 +10,7 @@ import numpy as np
 from startrack.budget.budget import Line, Sample
 from startrack.design import Case
 from startrack.metrics import indices
-from startrack.sequence import Sequence, fly
+from startrack.sequence import Sequence, fly_sequences
 
 # A star tracker's output is knowledge; of a platform that points by it the same are APE, MPE, RPE
 # and PDE (ECSS-E-ST-60-10C, 3.2).
@@ -40,7 +40,7 @@ def indices_of(
              frames. Frames without an attitude are left out of all sequences, for the windows of
              members to be alike.
     """
-    table = fly(case, sequence, members, seed, executor, progress)
+    table = fly_sequences(case, sequence, members, seed, executor, progress)
     frames = len(table) // members
     error = np.stack([table[f"error_{axis}"] for axis in "xyz"], axis=-1).reshape(
         members, frames, 3

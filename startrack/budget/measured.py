@@ -27,20 +27,20 @@ from startrack.trial import (
     READ,
     SHOT,
     Record,
-    asked_for,
     cell,
+    expected_electrons,
     images,
+    line_of_sight,
     measure,
-    noiseless,
+    noise_free_frame,
     observe,
-    own_noise,
-    path_of,
+    pixel_noise,
     psf_of,
-    quiet,
     random_attitude,
+    reference_attitude,
     scale,
+    systematic_variance,
     throughput,
-    trust,
 )
 
 SAME = 0.7  # pixel, within which a spot is the same in two frames
@@ -171,10 +171,10 @@ class _Trial:
             kept,
             replace(case.tracker.attitude, gate=1e9, sift=False),
             believes.focal_tolerance,
-            trust(self._case)[matches.star[self._used]],
+            systematic_variance(self._case)[matches.star[self._used]],
         )
         assert estimate.icrs_to_camera is not None
-        asked = asked_for(case, self._attitude, self._streams)
+        asked = reference_attitude(case, self._attitude, self._streams)
         return (estimate.icrs_to_camera * asked.inv()).as_rotvec()
 
     def _believed(self, case: Case) -> tuple[Ints, Floats]:
@@ -208,16 +208,20 @@ class _Trial:
             case Look.REAL:
                 return frame_of(electrons, detector, self._streams)
             case Look.SHOT:
-                return quiet(shot(electrons, self._streams), detector, size.noise, size.noise)
+                return noise_free_frame(
+                    shot(electrons, self._streams), detector, size.noise, size.noise
+                )
             case Look.READ:
-                frame = quiet(electrons, detector, math.sqrt(size.background), size.noise)
-                own = own_noise(detector, self._streams) / detector.electrons_per_dn
+                frame = noise_free_frame(
+                    electrons, detector, math.sqrt(size.background), size.noise
+                )
+                own = pixel_noise(detector, self._streams) / detector.electrons_per_dn
                 return replace(frame, image=np.rint(frame.image + own).astype(np.float32))
-        return quiet(electrons, detector, size.pixel, size.noise)
+        return noise_free_frame(electrons, detector, size.pixel, size.noise)
 
     def _electrons(self, case: Case) -> Floats:
-        path = path_of(case.instrument, self._streams)
-        return noiseless(case, self._record.stars, path, self._attitude, self._streams)
+        path = line_of_sight(case.instrument, self._streams)
+        return expected_electrons(case, self._record.stars, path, self._attitude, self._streams)
 
     def _alone(self, case: Case) -> Spots:
         """Each matched star measured in a cell of its own; a case that believes what is true."""
@@ -272,7 +276,7 @@ def _used(case: Case, record: Record) -> Ints:
     assert estimate.icrs_to_camera is not None
     seen = matches.camera.project(estimate.icrs_to_camera.apply(matches.direction))
     spots = record.spots
-    own = trust(case)[matches.star, None, None] * np.eye(2)
+    own = systematic_variance(case)[matches.star, None, None] * np.eye(2)
     residual = np.column_stack([spots.x, spots.y])[matches.spot] - seen
     inverse = np.linalg.inv(spots.covariance[matches.spot] + own)
     square = np.einsum("ni,nij,nj->n", residual, inverse, residual)

@@ -9,7 +9,7 @@ import numpy as np
 from startrack.catalog import open_sky
 from startrack.core import Floats, Ints, Streams
 from startrack.design import Case
-from startrack.trial import dimming, observe, random_attitude
+from startrack.trial import colour_correction, observe, random_attitude
 
 
 class Residuals(NamedTuple):
@@ -30,7 +30,7 @@ class Residuals(NamedTuple):
 def residuals(case: Case, seed: int, trials: int) -> Residuals:
     """Where the stars are measured, against where the true attitude and camera have them."""
     stars, believed = open_sky(case.catalog).stars, open_sky(case.believed_catalog).stars
-    order, faint = np.argsort(stars.identifier), dimming(case, stars.colour)
+    order, faint = np.argsort(stars.identifier), colour_correction(case, stars.colour)
     parts = []
     for number in range(trials):
         streams = Streams(seed, number)

@@ -32,7 +32,7 @@ class Survey:
     across: Floats
     about: Floats
 
-    def share(self, stars: float) -> float:
+    def fraction(self, stars: float) -> float:
         """Share of the sky that shows at least so many stars."""
         return float((self.stars >= stars - 0.5).mean())
 

@@ -20,7 +20,7 @@ LOW = np.array([1e-3, 1e-2, 1e-3, 1e-5, 1e-3])  # of all but the offset, whose p
 HIGH = np.array([1e4, 1e4, 1e7, 0.5, 1e4])
 ROUNDING = 1 / 12  # digital number squared, of a converter's step
 SPREAD = 0.1  # of the logarithms, at the start
-SATURATED = 0.05  # share of pixels at a level's largest number
+SATURATED = 0.05  # fraction of pixels at a level's largest number
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +60,9 @@ class DetectorPosterior:
         """(n, 6) electron / digital number, electron, electron / s, 1, electron, digital number."""
         return np.column_stack([np.exp(self.chains.flat[:, :-1]), self.chains.flat[:, -1]])
 
-    def interval(self, name: str, share: float = 0.95) -> tuple[float, float, float]:
-        """Median and the ends of the middle share of one column."""
-        return median_and_ends(self.samples[:, NAMES.index(name)], share)
+    def interval(self, name: str, fraction: float = 0.95) -> tuple[float, float, float]:
+        """Median and the ends of the middle fraction of one column."""
+        return median_and_ends(self.samples[:, NAMES.index(name)], fraction)
 
 
 def sample_detector(

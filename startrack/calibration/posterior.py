@@ -75,9 +75,9 @@ class CameraPosterior:
             logarithm, np.exp(np.where(logarithm, self.chains.flat, 0)), self.chains.flat
         )
 
-    def interval(self, name: str, share: float = 0.95) -> tuple[float, float, float]:
-        """Median and the ends of the middle share of one column."""
-        return median_and_ends(self.samples[:, self.names.index(name)], share)
+    def interval(self, name: str, fraction: float = 0.95) -> tuple[float, float, float]:
+        """Median and the ends of the middle fraction of one column."""
+        return median_and_ends(self.samples[:, self.names.index(name)], fraction)
 
 
 def sample_camera(
@@ -209,9 +209,9 @@ def _near(law: _Law, spots: Sequence[Spots], matches: Sequence[Matches]) -> tupl
     if law.width:
         low, high = law.even["psf_sigma"]
         grid = np.linspace(low, high, 4001)
-        share = np.exp(law.width(grid) - law.width(grid).max())
-        place.append(float(np.average(grid, weights=share)))
-        variance = float(np.average((grid - place[-1]) ** 2, weights=share))
+        fraction = np.exp(law.width(grid) - law.width(grid).max())
+        place.append(float(np.average(grid, weights=fraction)))
+        variance = float(np.average((grid - place[-1]) ** 2, weights=fraction))
         spread.append(math.sqrt(variance) + 1e-6)
     return np.array(place), np.array(spread)
 

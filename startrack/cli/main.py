@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+import warnings
 from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor
 from importlib import import_module
+from typing import TextIO
 
 from startrack import __version__
 from startrack.cli.exits import Exit, WrongUse
@@ -63,7 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = import_module(f"startrack.cli.{options.name}").command
     told_of_compiling = import_module("startrack.cli.compiling").told_of_compiling
     try:
-        with told_of_compiling():
+        with warnings.catch_warnings(), told_of_compiling():
+            warnings.showwarning = _notice
             return int(command(options))
     except WrongUse as error:
         status, message = Exit.WRONG_USE, str(error)
@@ -78,6 +81,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status, message = Exit.FAILED, "stopped; what is on disk is whole"
     print(f"startrack {options.name}: {message}", file=sys.stderr)
     return int(status)
+
+
+def _notice(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """A warning as one line for a person, without the place in the code that gave it."""
+    print(f"startrack: {message}", file=sys.stderr)
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

@@ -91,13 +91,13 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--precision", type=decimal(1e-6, 1), metavar="SHARE",
-        help="stop when half the interval of the statistic is below this share of its value; "
+        help="stop when half the interval of the statistic is below this fraction of its value; "
         "--trials are the most, then",
     )  # fmt: skip
     parser.add_argument(
         "--statistic", default="across", choices=STATISTICS,
         help="of --precision and --log: rms across (default) or about the boresight, the angle "
-        "that 99.73 %% of the errors across do not exceed, or the share of right attitudes",
+        "that 99.73 %% of the errors across do not exceed, or the fraction of right attitudes",
     )  # fmt: skip
     parser.add_argument(
         "--confidence", type=decimal(0.5, 0.9999), default=0.95, metavar="SHARE",

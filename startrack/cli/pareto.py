@@ -10,7 +10,7 @@ from startrack.cli.exits import Exit, WrongUse
 from startrack.cli.options import add_study, whole
 from startrack.cli.study import open_study
 from startrack.cli.terminal import finite, progress, tell
-from startrack.design import Box
+from startrack.design import DesignSpace
 from startrack.io import save_json, save_text
 from startrack.optimise import UNITS, Goals, front
 from startrack.plots import draw_front
@@ -49,7 +49,7 @@ def command(options: argparse.Namespace) -> int:
         open_study(options, "trading goals of") as (case, campaign, bench, out),
         progress("designs", options.points) as advance,
     ):
-        box = Box(case, campaign.variables, campaign.links)
+        box = DesignSpace(case, campaign.variables, campaign.links)
         points = front(
             box, campaign, goals, bench, options.points, options.method, lambda _: advance(1)
         )

@@ -23,14 +23,14 @@ from startrack.optics import (
     Quality,
     blur_transfer,
     choose,
-    focus,
     modulation,
+    pixel_psf,
     pixel_transfer,
     quality,
 )
 from startrack.plots import Curves, draw_psf
 from startrack.scene import WAVELENGTH
-from startrack.trial import detected_spectrum, path_of, psf_of
+from startrack.trial import detected_spectrum, line_of_sight, psf_of
 
 FREQUENCY = np.linspace(0.0, 0.5, 51)  # cycle / pixel, to Nyquist
 
@@ -53,7 +53,7 @@ def command(options: argparse.Namespace) -> int:
     instrument = read_design(path).case.instrument
     weight = detected_spectrum(instrument)
     response = psf_of(instrument)
-    image = focus(instrument.optics, instrument.detector.pitch, WAVELENGTH, weight, POINT)
+    image = pixel_psf(instrument.optics, instrument.detector.pitch, WAVELENGTH, weight, POINT)
     mean = float(weight @ WAVELENGTH / weight.sum())
     pitch = instrument.detector.pitch
     choice = choose(instrument.optics, pitch, mean)
@@ -82,7 +82,7 @@ def _curves(instrument: Instrument, response: Psf, image: Psf, angle: float) -> 
     if detector.diffusion:
         factors["diffusion"] = blur_transfer(FREQUENCY, detector.diffusion / pitch)
     # The motion of one exposure, for a star in the middle of the field; trial 0 of seed 0.
-    path = path_of(instrument, Streams(0, 0))
+    path = line_of_sight(instrument, Streams(0, 0))
     if len(path.time) > 1:
         axis = np.array([math.cos(angle), math.sin(angle)])
         offset = image_path(path, camera, camera.unproject(np.array(camera.centre))[0])
@@ -115,12 +115,14 @@ def _text(judged: Quality, choice: Choice, mean: float, curves: list[Curves]) ->
         f"mean wavelength     {mean * 1e9:.0f} nm, of a sunlike star",
         f"FWHM                {judged.fwhm_x:.3f} x {judged.fwhm_y:.3f} pixel before the pixels",
         "energy within       " + ", ".join(
-            f"{radius:g} px {100 * share:.1f} %"
-            for radius, share in zip(RADII, judged.encircled, strict=True) if math.isfinite(share)
+            f"{radius:g} px {100 * fraction:.1f} %"
+            for radius, fraction in zip(RADII, judged.encircled, strict=True)
+            if math.isfinite(fraction)
         ),
         "energy in pixels    " + ", ".join(
-            f"{block} x {block} {100 * share:.1f} %"
-            for block, share in zip(BLOCKS, judged.ensquared, strict=True) if math.isfinite(share)
+            f"{block} x {block} {100 * fraction:.1f} %"
+            for block, fraction in zip(BLOCKS, judged.ensquared, strict=True)
+            if math.isfinite(fraction)
         ),
         f"outside the table   {100 * (1 - judged.energy):.2g} %",
         "MTF at Nyquist         x      y",

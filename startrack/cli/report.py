@@ -47,7 +47,9 @@ def command(options: argparse.Namespace) -> int:
     path = options.out or options.campaign.with_suffix(".html")
     title = options.title or f"Campaign {options.campaign}"
     try:
-        depth = Depth(options.stars, options.slews, options.budget, options.rungs, options.worst)
+        depth = Depth(
+            options.stars, options.slews, options.budget, options.fidelity_comparison, options.worst
+        )
         store = Store(options.campaign)
     except ValueError as error:
         raise WrongUse(str(error)) from None

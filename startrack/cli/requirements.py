@@ -63,7 +63,7 @@ def command(options: argparse.Namespace) -> int:
         *(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()),
         "",
         f"expected {objective}: {error:.3f} arcsec with {budget.stars:.1f} stars; availability by "
-        "the analytic budget. A margin is a share of its limit, that of the stars in magnitudes.",
+        "the analytic budget. Margins are fractions of the limits; that of stars is in mag.",
     ]
     tell(options, result, "\n".join(lines))
     return Exit.DONE if met else Exit.UNSOLVED

@@ -9,7 +9,7 @@ from startrack.cli.exits import Exit
 from startrack.cli.options import add_study, power_of_two
 from startrack.cli.study import open_study
 from startrack.cli.terminal import finite, tell
-from startrack.design import Box, Objective
+from startrack.design import DesignSpace, Objective
 from startrack.io import save_json, save_text
 from startrack.optimise import Sensitivity, sensitivities
 from startrack.plots import draw_tornado
@@ -32,7 +32,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Leave sensitivity.md, tornado.png and result.json; all is by the analytic budget."""
     with open_study(options, "asking for the sensitivities of") as (case, campaign, _, out):
-        box = Box(case, campaign.variables, campaign.links)
+        box = DesignSpace(case, campaign.variables, campaign.links)
         found = sensitivities(box, campaign, options.seed, options.designs)
     objective = str(Objective.read(campaign.objective))
     table = _table(found, objective)

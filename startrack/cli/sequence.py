@@ -23,7 +23,7 @@ from startrack.io import save_json, shipped
 from startrack.metrics import Interval
 from startrack.montecarlo import export, pool
 from startrack.plots import draw_sequence
-from startrack.sequence import Tracking, fly, summarise
+from startrack.sequence import Tracking, fly_sequences, summarise_sequences
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -58,8 +58,8 @@ def command(options: argparse.Namespace) -> int:
         pool(min(options.workers, options.sequences)) as executor,
         progress("sequences", options.sequences) as advance,
     ):
-        table = fly(case, sequence, options.sequences, options.seed, executor, advance)
-    tracking = summarise(table)
+        table = fly_sequences(case, sequence, options.sequences, options.seed, executor, advance)
+    tracking = summarise_sequences(table)
     result = {"design": str(design), "profile": str(profile), "seed": options.seed}
     result |= _values(tracking) | {"frames": len(table), "out": str(options.out)}
     export(options.out / "frames.csv", table)

@@ -17,7 +17,7 @@ from startrack.detection import Detection, detect, subtract_dark
 from startrack.identification import Identification, identify_blind
 from startrack.io import celestial, read_image
 from startrack.plots import draw_solution
-from startrack.trial import estimated, index_of, track
+from startrack.trial import index_of, lost_in_space, solve_matches
 
 # Sigma of the detection: an image of few faint stars gets a second look. Chance has two tries
 # then, each with its own bound.
@@ -90,10 +90,10 @@ def _solve(
         if fov_deg is None:
             spots = detect(frame, tracker.detection)
             matches = identify_blind(spots, columns, rows, stars, index_of, identification)
-            estimate = estimated(spots, matches, tracker)
+            estimate = solve_matches(spots, matches, tracker)
         else:
             camera = Camera.from_field_of_view(columns, rows, math.radians(fov_deg))
-            spots, matches, estimate = track(frame, camera, stars, tracker)
+            spots, matches, estimate = lost_in_space(frame, camera, stars, tracker)
         if estimate.icrs_to_camera is not None:
             break
     return spots, matches, estimate

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 from startrack.cli.exits import WrongUse
 from startrack.cli.terminal import example, read_campaign, say
-from startrack.design import Box, Campaign, Case, Fidelity, branches
+from startrack.design import Campaign, Case, DesignSpace, Fidelity, branches
 from startrack.montecarlo import Sampling, pool, warm
-from startrack.optimise import Bench, Ledger
+from startrack.optimise import Ledger, TrialRunner
 
 LEDGER = "ledger.sqlite"
 
@@ -22,7 +22,7 @@ class Study(NamedTuple):
 
     case: Case
     campaign: Campaign
-    bench: Bench
+    bench: TrialRunner
     out: Path
 
 
@@ -37,7 +37,7 @@ def open_study(options: argparse.Namespace, doing: str) -> Iterator[Study]:
     design, campaign = read_campaign(path)
     try:
         for branch in branches(design.case, campaign.choices):
-            Box(branch.case, campaign.variables, campaign.links)
+            DesignSpace(branch.case, campaign.variables, campaign.links)
     except ValueError as error:
         raise WrongUse(f"{path}: {error}") from None
     say(f"{doing} {path.stem} on {options.workers} workers; results go to {options.out}")
@@ -48,5 +48,5 @@ def open_study(options: argparse.Namespace, doing: str) -> Iterator[Study]:
         Ledger(options.out / LEDGER) as ledger,
         pool(options.workers) as executor,
     ):
-        bench = Bench(options.seed, executor, options.workers, ledger)
+        bench = TrialRunner(options.seed, executor, options.workers, ledger)
         yield Study(design.case, campaign, bench, options.out)

@@ -154,15 +154,15 @@ def summary_values(summary: Summary) -> dict[str, Any]:
 def summary_text(summary: Summary) -> str:
     """A summary for a person."""
     across, about = in_arcsec(summary.across), in_arcsec(summary.about)
-    share = summary.availability
+    fraction = summary.availability
     return "\n".join(
         [
             f"across the boresight  {across['value']:9.3f} arcsec rms per axis "
             f"[{across['low']:.3f}, {across['high']:.3f}]",
             f"about the boresight   {about['value']:9.3f} arcsec rms "
             f"[{about['low']:.3f}, {about['high']:.3f}]",
-            f"availability          {100 * share.value:9.2f} % "
-            f"[{100 * share.low:.2f}, {100 * share.high:.2f}]",
+            f"availability          {100 * fraction.value:9.2f} % "
+            f"[{100 * fraction.low:.2f}, {100 * fraction.high:.2f}]",
             f"false attitudes       {100 * summary.false.value:9.2f} % "
             f"[{100 * summary.false.low:.2f}, {100 * summary.false.high:.2f}]",
             f"matched stars         {summary.stars:9.1f}",

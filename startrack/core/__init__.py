@@ -37,19 +37,19 @@ from startrack.core.units import (
     write,
 )
 from startrack.core.values import (
+    DiffuseLight,
     Estimate,
     Floats,
     Frame,
-    Glare,
-    Glow,
     Ints,
     Light,
+    LineOfSight,
     Matches,
-    Path,
     Psf,
     Spots,
     Stars,
     Status,
+    StrayLightSource,
 )
 from startrack.core.variates import bits, drawn, inverse_normal, key, poisson_quantile, uniform
 

@@ -43,30 +43,30 @@ class Stars:
 
 
 @dataclass(frozen=True, eq=False)
-class Glow:
+class DiffuseLight:
     """Light of the sky that varies over the frame: a spectrum times a map.
 
     spectrum  (k,) photon / s / m^2 / sr in each bin
-    share     (p, q) 1, at places evenly spaced from the centre of the frame's first pixel to that
+    fraction  (p, q) 1, at places evenly spaced from the centre of the frame's first pixel to that
               of its last, row by row; straight lines between them
     """
 
     spectrum: Floats
-    share: Floats
+    fraction: Floats
 
 
 @dataclass(frozen=True, eq=False)
-class Glare:
+class StrayLightSource:
     """A body whose light reaches the detector on ways that are not those of the image.
 
     direction    (n, 3) unit vectors to its parts, ICRS axes
-    share        (n,) 1, of each part in the light of the spectrum
+    fraction     (n,) 1, of each part in the light of the spectrum
     photon_rate  (k,) photon / s / m^2 in each bin
     """
 
     direction: Floats
-    share: Floats
-    photon_rate: Floats
+    fraction: Floats
+    photon_irradiance: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,27 +77,27 @@ class Light:
     wavelength   (k,) metre, centres of the spectral bins
     photon_rate  (n, k) photon / s / m^2 in each bin
     background   (k,) photon / s / m^2 / sr in each bin, the same over the field
-    glow         what varies over it, besides
+    diffuse      what varies over it, besides
     glare        bodies so bright that they are seen beside the field
     """
 
     direction: Floats
     wavelength: Floats
-    photon_rate: Floats
+    photon_irradiance: Floats
     background: Floats
-    glow: tuple[Glow, ...] = ()
-    glare: tuple[Glare, ...] = ()
+    diffuse: tuple[DiffuseLight, ...] = ()
+    glare: tuple[StrayLightSource, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Psf:
     """The image of a point, integrated over pixels.
 
-    table         (m, m) 1, share of the energy that falls into a pixel whose centre lies at
+    table         (m, m) 1, fraction of the energy that falls into a pixel whose centre lies at
                   ((column - m // 2) / oversampling, (row - m // 2) / oversampling) pixel from
                   the point's image
     oversampling  samples per pixel
-    energy        1, share of the star's energy inside the box of the table
+    energy        1, fraction of the star's energy inside the box of the table
     """
 
     table: Floats
@@ -111,11 +111,11 @@ class Psf:
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class LineOfSight:
     """How the line of sight moves in one exposure.
 
     time      (m,) second from the middle of the exposure
-    weight    (m,) 1, share of the exposure that each point stands for; sums to 1
+    weight    (m,) 1, fraction of the exposure that each point stands for; sums to 1
     rotation  (m, 3) radian, rotation vector of icrs_to_camera at `time` times the inverse of that
               at the middle, in camera axes: how the sky turns before the camera
     """

@@ -43,35 +43,35 @@ def uniform(random):  # type: ignore[no-untyped-def]
     return (np.float64(np.int64(random >> np.uint64(12))) + 0.5) * (2 * UNIT)
 
 
-CELLS = 128  # per factor of two in the share, so that the tail is as exact as the middle
+CELLS = 128  # per factor of two in the fraction, so that the tail is as exact as the middle
 SMALLEST = -56  # power of two
 _node = np.arange((1 - SMALLEST) * CELLS + 1)
 _power, _place = SMALLEST + _node // CELLS, _node % CELLS
-SHARE = np.ldexp((CELLS + _place) / (2 * CELLS), _power)
-QUANTILE = special.ndtri(np.minimum(SHARE, 0.75))
+FRACTION = np.ldexp((CELLS + _place) / (2 * CELLS), _power)
+QUANTILE = special.ndtri(np.minimum(FRACTION, 0.75))
 # Slope times the width of the cell on the left and on the right of each node.
 _slope = math.sqrt(2 * math.pi) * np.exp(QUANTILE**2 / 2)
 RISE_AFTER = _slope * np.ldexp(0.5 / CELLS, _power)
-RISE_BEFORE = _slope * np.diff(SHARE, prepend=SHARE[0])
+RISE_BEFORE = _slope * np.diff(FRACTION, prepend=FRACTION[0])
 
 
 @njit(cache=True, error_model="numpy")
-def inverse_normal(share):  # type: ignore[no-untyped-def]
+def inverse_normal(fraction):  # type: ignore[no-untyped-def]
     """Phi^-1(share), by cubic Hermite interpolation.
 
-    share   in [2^-54, 1 - 2^-54]
+    fraction  in [2^-54, 1 - 2^-54]
     Errors  numerical: 1e-10.
     """
-    nearer = share if share <= 0.5 else 1.0 - share
-    fraction, power = math.frexp(nearer)
-    at = (fraction - 0.5) * (2 * CELLS)
+    nearer = fraction if fraction <= 0.5 else 1.0 - fraction
+    mantissa, power = math.frexp(nearer)
+    at = (mantissa - 0.5) * (2 * CELLS)
     i = int(at)
     t = at - i
     i += (power - SMALLEST) * CELLS
     rise = QUANTILE[i + 1] - QUANTILE[i]
     left, right = RISE_AFTER[i] - rise, rise - RISE_BEFORE[i + 1]
     below = QUANTILE[i] + t * (rise + (1 - t) * (left * (1 - t) + right * t))
-    return below if share <= 0.5 else -below
+    return below if fraction <= 0.5 else -below
 
 
 SMALL = 3.0  # mean below which the distribution is summed from zero
@@ -177,13 +177,13 @@ def _probability(mean, k):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def drawn(mean, share):  # type: ignore[no-untyped-def]
-    """The Poisson number below which a share in (0, 1) of the probability lies."""
-    if mean >= SMALL or share > LARGEST_SHARE:
-        return quantile(mean, inverse_normal(share))
+def drawn(mean, fraction):  # type: ignore[no-untyped-def]
+    """The Poisson number below which a fraction in (0, 1) of the probability lies."""
+    if mean >= SMALL or fraction > LARGEST_SHARE:
+        return quantile(mean, inverse_normal(fraction))
     probability = math.exp(-mean) if mean > 0.0 else 1.0
     total, k = probability, 0
-    while total < share:
+    while total < fraction:
         k += 1
         probability *= mean * INVERSE[k]
         total += probability

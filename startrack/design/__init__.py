@@ -23,7 +23,16 @@ from startrack.design.files import Design, load_design, save_design
 from startrack.design.objective import AXES, Objective
 from startrack.design.parameter import replaced
 from startrack.design.requirements import Requirements
-from startrack.design.variables import Box, Link, Variable
+from startrack.design.variables import DesignSpace, Link, Variable
 
 # Public; the other imports serve other rooms.
-__all__ = ["Box", "Campaign", "Choice", "Link", "Objective", "Requirements", "Variable", "replaced"]
+__all__ = [
+    "Campaign",
+    "Choice",
+    "DesignSpace",
+    "Link",
+    "Objective",
+    "Requirements",
+    "Variable",
+    "replaced",
+]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from startrack.core import positive, whole, within
 from startrack.design.case import Fidelity
@@ -20,7 +22,7 @@ class Campaign:
     links          what follows them
     choices        what may be one of several: each combination is a branch of its own
     requirements   what must hold
-    objective      "across", "about" or "both", whose rms error is made small; with a share in
+    objective      "across", "about" or "both", whose rms error is made small; with a fraction in
                    percent, as in "across-99.73", the error that so many trials do not exceed
     fidelity       of the trials that a search is done with; the winner is verified on frames
     trials         of each design at first
@@ -31,8 +33,10 @@ class Campaign:
     sample_trials  trials for each design that the tolerance region is computed from
     fresh_trials   frames on which start and best are compared at the end
     margin         share by which the error may grow in the tolerance region of `sample`
-    span           half the width of that region's box, as a share of each variable's range
+    span           half the width of that region's box, as a fraction of each variable's range
     """
+
+    OLD_KEYS: ClassVar[Mapping[str, str]] = {"prospects": "analytic_evaluations"}
 
     variables: tuple[Variable, ...] = ()
     links: tuple[Link, ...] = ()
@@ -43,7 +47,7 @@ class Campaign:
     trials: int = 50
     most_trials: int = 200
     evaluations: int = 120
-    prospects: int = 200
+    analytic_evaluations: int = 200
     sample_trials: int = 160
     fresh_trials: int = 1000
     margin: float = 0.2
@@ -55,6 +59,6 @@ class Campaign:
         whole(self.trials, 10**6, most_trials=self.most_trials)
         whole(2, 10**6, sample_trials=self.sample_trials)
         whole(1, 10**6, evaluations=self.evaluations)
-        whole(0, 10**6, prospects=self.prospects)
+        whole(0, 10**6, analytic_evaluations=self.analytic_evaluations)
         positive(margin=self.margin)
         within(0.001, 0.5, span=self.span)

@@ -7,7 +7,7 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Annotated
 
-from startrack.attitude import Attitude, Mounting
+from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
 from startrack.core import Camera, Unit, finite
 from startrack.detection import Detection
@@ -87,7 +87,7 @@ class Tracker:
 
     detection: Detection = field(default_factory=Detection)
     identification: Identification = field(default_factory=Identification)
-    attitude: Attitude = field(default_factory=Attitude)
+    attitude: SolverSettings = field(default_factory=SolverSettings)
     camera: Camera | None = None
     catalog: Selection | None = None
     mounting: Mounting | None = None
@@ -131,7 +131,7 @@ class Case:
         return self.tracker.motion or self.instrument.motion
 
     @property
-    def lateness(self) -> float:
+    def time_tag_error(self) -> float:
         """Second, from the middle of the exposure to the time that the tracker states."""
         believed = self.tracker.delay
         return 0.0 if believed is None else self.instrument.delay - believed

@@ -23,22 +23,22 @@ class Objective:
 
         across = sqrt((x^2 + y^2) / 2),   about = |z|,   both = sqrt((x^2 + y^2 + z^2) / 3)
 
-    axes   "across", "about" or "both"
-    share  None for the root mean square per axis, as above; or the share of trials, as in 0.9973,
-           whose error is not longer than the result: sqrt(x^2 + y^2) for across
+    axes      "across", "about" or "both"
+    fraction  None for the root mean square per axis, as above; or the fraction of trials, as in
+              0.9973, whose error is not longer than the result: sqrt(x^2 + y^2) for across
     """
 
     axes: str = "across"
-    share: float | None = None
+    fraction: float | None = None
 
     def __post_init__(self) -> None:
         one_of(AXES, axes=self.axes)
-        if self.share is not None and not 0 < self.share < 1:
-            raise ValueError(f"share must lie in (0, 1), got {self.share}")
+        if self.fraction is not None and not 0 < self.fraction < 1:
+            raise ValueError(f"fraction must lie in (0, 1), got {self.fraction}")
 
     @classmethod
     def read(cls, text: str) -> Objective:
-        """From "across", "about-99.73" and the like, the share in percent.
+        """From "across", "about-99.73" and the like, the fraction in percent.
 
         Errors  ValueError where the text is none of these.
         """
@@ -47,12 +47,12 @@ class Objective:
             return cls(axes, float(percent) / 100 if dash else None)
         except ValueError:
             raise ValueError(
-                "objective must be across, about or both, alone for the rms or with a share in "
+                "objective must be across, about or both, alone for the rms or with a fraction in "
                 f"percent as in across-99.73, got {text!r}"
             ) from None
 
     def __str__(self) -> str:
-        level = "rms" if self.share is None else f"{100 * self.share:g} %"
+        level = "rms" if self.fraction is None else f"{100 * self.fraction:g} %"
         where = "about all axes" if self.axes == "both" else f"{self.axes} the boresight"
         return f"{level} error {where}"
 
@@ -66,9 +66,9 @@ class Objective:
         """Radian, over the last axis of squares; NaN where no trial has a right attitude."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # that an axis is all NaN
-            if self.share is None:
+            if self.fraction is None:
                 return np.sqrt(np.nanmean(squares, axis=-1))
-            return np.sqrt(len(AXES[self.axes]) * np.nanquantile(squares, self.share, axis=-1))
+            return np.sqrt(len(AXES[self.axes]) * np.nanquantile(squares, self.fraction, axis=-1))
 
     def ratio(
         self,

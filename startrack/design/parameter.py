@@ -3,10 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from typing import Any
 
 from startrack.core import Unit, parse, write
-from startrack.io import unit_of
+from startrack.io import current_key, unit_of
+
+
+def current_name(case: Any, name: str) -> str:
+    """The dotted name with keys of earlier versions replaced by those of today.
+
+    Such a key is reported by a FutureWarning of one line.
+    """
+    at, parts = case, []
+    for part in name.split("."):
+        new = current_key(type(at), part)
+        parts.append(new)
+        if isinstance(at, tuple) and new.isdecimal() and int(new) < len(at):
+            at = at[int(new)]
+        else:
+            at = getattr(at, new, None)
+    current = ".".join(parts)
+    if current != name:
+        warnings.warn(f"{name} is now called {current}", FutureWarning, stacklevel=3)
+    return current
 
 
 def find(case: Any, name: str) -> Any:
@@ -15,7 +35,7 @@ def find(case: Any, name: str) -> Any:
     Errors  ValueError where there is no such parameter.
     """
     at = case
-    for part in name.split("."):
+    for part in current_name(case, name).split("."):
         if isinstance(at, tuple) and part.isdecimal() and int(part) < len(at):
             at = at[int(part)]
         elif dataclasses.is_dataclass(at) and hasattr(at, part):
@@ -45,7 +65,7 @@ def replaced(case: Any, name: str, value: Any) -> Any:
     if isinstance(held, int) and not isinstance(held, bool) and isinstance(value, float):
         value = round(value)
     try:
-        return _with(case, name.split("."), value)
+        return _with(case, current_name(case, name).split("."), value)
     except (ValueError, TypeError) as error:
         raise ValueError(f"{name}: {error}") from None
 
@@ -53,7 +73,7 @@ def replaced(case: Any, name: str, value: Any) -> Any:
 def unit_at(case: Any, name: str) -> Unit | None:
     """The unit of a parameter, None where it has none."""
     find(case, name)
-    parts = name.split(".")
+    parts = current_name(case, name).split(".")
     while parts[-1].isdecimal():  # a tuple's numbers have the unit of the tuple
         parts.pop()
     owner = find(case, ".".join(parts[:-1])) if len(parts) > 1 else case

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from startrack.core import Unit, non_negative, positive, whole, within
 from startrack.design.case import Case
@@ -28,8 +29,10 @@ class Requirements:
 
     max_volume, max_data_rate, max_cost  None where there is no such limit
     min_stars         stars above the detection threshold that `sky_share` of the sky must show
-    min_availability  share of trials with a right attitude; `optimize` shows it by a lower bound
+    min_availability  fraction of trials with a right attitude; `optimize` shows it by a lower bound
     """
+
+    OLD_KEYS: ClassVar[Mapping[str, str]] = {"sky_share": "sky_fraction"}
 
     max_mass: Annotated[float, Unit("kg")] = 1.0
     mass_fixed: Annotated[float, Unit("kg")] = 0.15
@@ -47,7 +50,7 @@ class Requirements:
     cost_power: float = 1.7
     min_update_rate: Annotated[float, Unit("Hz")] = 1.0
     min_stars: int = 5
-    sky_share: float = 0.99
+    sky_fraction: float = 0.99
     min_availability: float = 0.99
 
     def __post_init__(self) -> None:
@@ -67,7 +70,7 @@ class Requirements:
             min_update_rate=self.min_update_rate,
         )
         whole(1, 100, min_stars=self.min_stars)
-        within(0, 1, sky_share=self.sky_share, min_availability=self.min_availability)
+        within(0, 1, sky_fraction=self.sky_fraction, min_availability=self.min_availability)
 
     def mass(self, case: Case) -> float:
         """Kilogram."""

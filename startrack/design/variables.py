@@ -53,7 +53,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Box:
+class DesignSpace:
     """The designs that differ from `case` in the variables, and in what follows them.
 
     links  taken in their order, after the variables

@@ -3,7 +3,7 @@
 parameters   Detection: how spots are told from noise, and how they are measured.
 pixels       A Frame enters, with its dark frame and flat field; calibrated pixels as float32
              leave.
-psf_table    Psf -> the share of a star's light in each pixel of a window, and how it moves with
+psf_table    Psf -> the fraction of a star's light in each pixel of a window, and how it moves with
              the star.
 robust       Pixels -> their background, its slopes and its noise, whatever stars are among them.
 background   Filtered image -> Sky: its background and noise, tile by tile.
@@ -50,7 +50,7 @@ from startrack.detection.threshold import false_alarms, threshold_of, threshold_
 from startrack.detection.within import (
     Ground,
     detect_within,
-    grown,
+    grown_mask,
     kernel_half,
     margin,
     measure_ground,

@@ -155,7 +155,7 @@ def split(
     noise does.
 
     mean, rms  of the Sky, and its mesh
-    noise      share of a pixel's noise that the filter leaves
+    noise      fraction of a pixel's noise that the filter leaves
     shot       digital number, variance for each digital number of light; NaN where unknown
     border     pixel, distance that a peak must keep from the border, at least 1
     """

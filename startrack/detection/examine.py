@@ -79,19 +79,19 @@ def _stands_out(
 
 
 @njit(cache=True, error_model="numpy")
-def sharp(image: Image, x: Ints, y: Ints, reach: int, share: float) -> NDArray[np.bool_]:
+def sharp(image: Image, x: Ints, y: Ints, reach: int, fraction: float) -> NDArray[np.bool_]:
     """Whether a peak is sharper than the sharpest star: a hot pixel, row or column.
 
     The four neighbours of a hot pixel hold less than the sharpest star puts there; a hot row's
     or column's other pixels do, as far as their noise can tell. The image itself counts, because
     the filter has rounded the peak off.
 
-    share  1, of the sharpest star's light that falls on one row of pixels at most
+    fraction  1, of the sharpest star's light that falls on one row of pixels at most
     """
     verdict = np.empty(len(x), np.bool_)
     for i in range(len(x)):
         background, _, _, noise, _ = around(image, x[i], y[i], reach, 0.0)
-        verdict[i] = _is_sharp(_core(image, x[i], y[i], background), noise, share)
+        verdict[i] = _is_sharp(_core(image, x[i], y[i], background), noise, fraction)
     return verdict
 
 
@@ -101,17 +101,17 @@ def _core(image, x, y, background):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _is_sharp(core, noise, share):  # type: ignore[no-untyped-def]
+def _is_sharp(core, noise, fraction):  # type: ignore[no-untyped-def]
     # Of `most - share * sum`: three pixels count 1 - share, six -share.
-    chance = math.sqrt(3 * (1 - share) ** 2 + 6 * share**2)
+    chance = math.sqrt(3 * (1 - fraction) ** 2 + 6 * fraction**2)
     sides = core[0, 1] + core[1, 0] + core[1, 2] + core[2, 1]
     most = max(core.sum(axis=0).max(), core.sum(axis=1).max())
-    alone = sides < 2 * (1 - share) / share * core[1, 1]
-    return alone or most - share * core.sum() > SURE * chance * noise
+    alone = sides < 2 * (1 - fraction) / fraction * core[1, 1]
+    return alone or most - fraction * core.sum() > SURE * chance * noise
 
 
 def chance_to_pass(
-    image: Image, x: Ints, y: Ints, level: float, noise: float, shot: float, share: float
+    image: Image, x: Ints, y: Ints, level: float, noise: float, shot: float, fraction: float
 ) -> Floats:
     """By which chance `sharp` does not take peaks for hot pixels, rows or columns, (n,) 1.
 
@@ -119,22 +119,22 @@ def chance_to_pass(
 
     image  expected digital numbers;  level  of those where no star is
     noise  digital number, of an empty pixel;  shot  variance for each digital number of light
-    share  as `sharp` takes it
+    fraction  as `sharp` takes it
     Errors model: normal noise, whatever else is asked of the peak.
            numerical: counted on 400 patterns of noise, the same for all peaks: 0.015 at 0.9.
     """
     patterns = Streams(0, 0)("noise of a core").standard_normal((PATTERNS, 3, 3))
-    return np.asarray(_passing(image, x, y, level, noise, shot, share, patterns))
+    return np.asarray(_passing(image, x, y, level, noise, shot, fraction, patterns))
 
 
 @njit(cache=True, error_model="numpy")
-def _passing(image, x, y, level, noise, shot, share, patterns):  # type: ignore[no-untyped-def]
+def _passing(image, x, y, level, noise, shot, fraction, patterns):  # type: ignore[no-untyped-def]
     passing = np.zeros(len(x))
     for n in range(len(x)):
         core = _core(image, x[n], y[n], level)
         spread = np.sqrt(noise * noise + shot * np.maximum(core, 0.0))
         for pattern in patterns:
-            passing[n] += not _is_sharp(core + spread * pattern, noise, share)
+            passing[n] += not _is_sharp(core + spread * pattern, noise, fraction)
     return passing / len(patterns)
 
 

@@ -75,8 +75,8 @@ def expect(
     height = np.where(height > 0, np.sqrt(height**2 + 2 * spread**2), height)
     dark, kept = float(rms[0]) / kernel.noise, np.ones(len(row))
     if settings.sharpest_sigma > 0:
-        shot, share = 1 / gain.electrons_per_dn, largest_share(settings.sharpest_sigma)
-        kept = chance_to_pass(image, column, row, level, dark, shot, share)
+        shot, fraction = 1 / gain.electrons_per_dn, largest_share(settings.sharpest_sigma)
+        kept = chance_to_pass(image, column, row, level, dark, shot, fraction)
     seen = sample(frame, known, Candidates(column, row, np.ones_like(row)), settings)
     # The ring about a star shows no noise here. So all that a dark pixel has is given as the
     # least noise there is, which the ring then has too.

@@ -108,7 +108,7 @@ def choose(
 def rounding(pixels: Pixels, kernel: Kernel) -> float:
     """Least noise of the filtered image, digital number.
 
-    Rounding to steps of 1 is noise of variance 1/12, of which the filter leaves its share.
+    Rounding to steps of 1 is noise of variance 1/12, of which the filter leaves its fraction.
     """
     return pixels.step / math.sqrt(12) * kernel.noise
 

@@ -55,12 +55,12 @@ def information(
             count += 1
             mean, variance = value[size - 1], noise * noise
             for s in range(stars):
-                share, flux = star[s, 0, j, i], value[s * each + shapes]
-                mean += flux * share
-                variance += shot * flux * max(share, 0.0)
+                fraction, flux = star[s, 0, j, i], value[s * each + shapes]
+                mean += flux * fraction
+                variance += shot * flux * max(fraction, 0.0)
                 for k in range(shapes):
                     slope[s * each + k] = flux * star[s, k + 1, j, i]
-                slope[s * each + shapes] = share
+                slope[s * each + shapes] = fraction
             weight = 1 / variance
             rest = weight * (data[j, i] - mean)
             for k in range(size):

@@ -1,4 +1,4 @@
-"""Psf -> the share of a star's light in each pixel of a window, and how it moves with the star."""
+"""Psf -> the fraction of light in each pixel of a window, and how it moves with the star."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LAGRANGE = np.ascontiguousarray(
 )
 OVERSAMPLING = 8
 REACH = 6.0  # sigma
-SHARE = 0.996  # of the light along one axis that a window must hold to lose no accuracy
+FRACTION = 0.996  # of the light along one axis that a window must hold to lose no accuracy
 LARGEST = 15  # pixel, half side of a window
 
 
@@ -39,7 +39,7 @@ def reach(psf: Psf) -> tuple[int, int]:
     halves = []
     for axis in (0, 1):
         line = np.cumsum(psf.table.sum(axis=axis)) / psf.table.sum()
-        outside = (1 - SHARE) / 2
+        outside = (1 - FRACTION) / 2
         first, last = np.searchsorted(line, [outside, 1 - outside])
         widest = max(middle - first, last - middle) / psf.oversampling
         # Half a pixel for the star's place within its own, and one for the background.
@@ -51,7 +51,7 @@ def reach(psf: Psf) -> tuple[int, int]:
 def expected(
     table: Floats, oversampling: int, x: float, y: float, left: int, top: int, star: Floats
 ) -> None:
-    """Write the share of a star's light in the pixels of a window, and its slopes.
+    """Write the fraction of a star's light in the pixels of a window, and its slopes.
 
     Six-point Lagrange along x, then along y: a pixel is one stride of the table, so that all
     pixels of a star share their weights.

@@ -110,8 +110,8 @@ def plane(
     slope_x, slope_y = 0.0, 0.0
     mean, rms = clipped(values, floor)
     for _ in range(SLOPES):
-        gx, gy, share = _slopes(values, dx, dy, mean, rms)
-        if not share > LEAST_SHARE:
+        gx, gy, fraction = _slopes(values, dx, dy, mean, rms)
+        if not fraction > LEAST_SHARE:
             break
         values -= np.float32(gx) * dx + np.float32(gy) * dy
         slope_x, slope_y = slope_x + gx, slope_y + gy
@@ -123,7 +123,7 @@ def plane(
 def _slopes(
     values: Values, dx: Values, dy: Values, mean: float, rms: float
 ) -> tuple[float, float, float]:
-    """Least-squares slopes of the values within 3 sigma, and the share of variance they hold."""
+    """Least-squares slopes of the values within 3 sigma, and the fraction of variance they hold."""
     reach, level = np.float32(CLIP * rms), np.float32(mean)
     zero = np.float32(0)
     x, y, xx, yy, count = zero, zero, zero, zero, zero

@@ -23,7 +23,7 @@ def s_curve(psf: Psf, half: int) -> Floats:
     Source: Alexander and Ng (1991), who name the error of the centre of gravity over the place
     of the star within its pixel after its shape.
 
-    Returns  (3, 65, 65) along x and along y, pixel, and the share of the light within the
+    Returns  (3, 65, 65) along x and along y, pixel, and the fraction of the light within the
              window; by the star's place [row, column] from -1 to 1 pixel from the window's centre
     """
     return _s_curve(psf.table, psf.oversampling, half)
@@ -73,10 +73,10 @@ def compensate(table: Floats, curve: Floats) -> None:
             y += (gy - here_y) / slope_y
         if not (abs(x) < 1 - step and abs(y) < 1 - step):
             continue
-        share = _at(curve[2], x, y)
+        fraction = _at(curve[2], x, y)
         table[n, 0], table[n, 1] = table[n, 7] + x, table[n, 8] + y
-        table[n, 2] /= share
-        table[n, 3] /= share
+        table[n, 2] /= fraction
+        table[n, 3] /= fraction
         table[n, 4] /= slope_x * slope_x
         table[n, 5] /= slope_x * slope_y
         table[n, 6] /= slope_y * slope_y

@@ -20,7 +20,7 @@ from startrack.detection.smear import star_image
 Grid = NDArray[np.float32]
 MILD = 0.5  # skewness up to which the expansion's second-order terms are small beside the first
 # Kurtosis over skewness^2 is 9/8 for a Gaussian kernel on photons alone, and grows as one over
-# the photons' share of the variance. Where the gain is unknown, they may have three fifths.
+# the photons' fraction of the variance. Where the gain is unknown, they may have three fifths.
 HEAVINESS = 9 / 8 / 0.6
 
 
@@ -72,7 +72,7 @@ MORE = 2  # pixel; these filters see few pixels, and may see all that a star lig
 
 @lru_cache(maxsize=64)
 def bank(psf: Psf, kernel: Kernel) -> Floats:
-    """Matched filters of stars between the pixels, each passing the kernel's share of noise.
+    """Matched filters of stars between the pixels, each passing the kernel's fraction of noise.
 
     Returns  (36, rows, columns) about a peak, two more pixels than the kernel on each side
     """
@@ -138,10 +138,10 @@ def threshold_over(settings: Detection, area: int, star: Psf) -> float:
 
 @lru_cache(maxsize=64)
 def _threshold(wanted: float, area: int, star: Psf, kernel: Kernel) -> float:
-    share = wanted / (area * _bumps(star, kernel))
-    if share >= _density(LOWEST):
+    fraction = wanted / (area * _bumps(star, kernel))
+    if fraction >= _density(LOWEST):
         return LOWEST
-    return float(scipy.optimize.brentq(lambda z: math.log(_density(z) / share), LOWEST, HIGHEST))
+    return float(scipy.optimize.brentq(lambda z: math.log(_density(z) / fraction), LOWEST, HIGHEST))
 
 
 def _density(z: float) -> float:

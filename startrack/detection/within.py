@@ -70,7 +70,7 @@ def detect_within(
     kernel = kernel_of(settings, star)
     rows, columns = frame.image.shape
     far, step = margin(settings, psf), max(kernel.whole.shape) // 2
-    seen = grown(regions, far - step, columns, rows)
+    seen = grown_mask(regions, far - step, columns, rows)
     image = canvas("detection filtered", (rows, columns), frame.offset, seen)
     value = np.asarray(frame.image, np.float32)
     bright = _filter(value, seen, kernel.whole, image, ground.look, ground.sky.mesh)
@@ -117,12 +117,12 @@ def star_profile(psf: Psf, settings: Detection) -> Floats:
     image = cv2.filter2D(np.pad(star, room), -1, kernel, borderType=cv2.BORDER_CONSTANT)
     away = np.abs(np.arange(len(image)) - len(image) // 2)
     away = np.maximum.outer(away, away)
-    share = np.array([image[away == k].max() for k in range(away.max() + 1)])
-    return np.maximum.accumulate(share[::-1])[::-1].astype(float)
+    fraction = np.array([image[away == k].max() for k in range(away.max() + 1)])
+    return np.maximum.accumulate(fraction[::-1])[::-1].astype(float)
 
 
 @njit(cache=True, error_model="numpy")
-def grown(regions: Ints, by: int, columns: int, rows: int) -> Ints:
+def grown_mask(regions: Ints, by: int, columns: int, rows: int) -> Ints:
     """Regions (w, 4) with so many pixel more on each side, as far as the frame reaches."""
     wider = np.empty_like(regions)
     for k in range(len(regions)):

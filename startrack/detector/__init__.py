@@ -47,7 +47,7 @@ from startrack.detector.hits import Hits
 from startrack.detector.law import law_of
 from startrack.detector.lines import Line, Scan, staggered, tdi
 from startrack.detector.maps import dark, device_streams, read_noise, response
-from startrack.detector.parameters import Detector, Region
+from startrack.detector.parameters import Detector, RegionOfInterest
 from startrack.detector.pattern import Pattern, offsets
 from startrack.detector.readout import read_out
 from startrack.detector.scan import scan
@@ -60,12 +60,18 @@ from startrack.detector.threshold_crossings import (
     Numbers,
     Rates,
     Tilt,
-    excesses,
     numbers_of,
     rates_for,
+    threshold_crossings,
     tilt_for,
 )
-from startrack.detector.windows import expose_within, lone_pixels, odd_pixels, only_lone_pixels, put
+from startrack.detector.windows import (
+    expose_within,
+    independent_pixels,
+    outlier_pixels,
+    put,
+    require_independent_pixels,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = [
@@ -74,7 +80,7 @@ __all__ = [
     "Hits",
     "Line",
     "Pattern",
-    "Region",
+    "RegionOfInterest",
     "Scan",
     "Tables",
     "Thermal",

@@ -18,7 +18,7 @@ WINGS = 0.6  # standard deviations; most pixels that a star reaches are no brigh
 
 
 @lru_cache(maxsize=4)
-def ground(detector: Detector, sky: float) -> Floats:
+def background(detector: Detector, sky: float) -> Floats:
     """Expected electrons (rows, columns) of an even sky and of the dark current; read-only.
 
         ground = response sky, spread by crosstalk, + dark current times exposure
@@ -43,9 +43,9 @@ def caught(electrons: Floats, detector: Detector) -> Floats:
 
 
 @lru_cache(maxsize=4)
-def ground_tables(detector: Detector, sky: float) -> Tables:
+def background_tables(detector: Detector, sky: float) -> Tables:
     """The tables of the law of a frame's numbers; of its ground alone, so that they stay.
 
     Arguments as `ground` takes them.
     """
-    return tables_for(ground(detector, sky) * (1 - detector.lag), law_of(detector), WINGS)
+    return tables_for(background(detector, sky) * (1 - detector.lag), law_of(detector), WINGS)

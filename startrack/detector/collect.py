@@ -24,7 +24,7 @@ def electron_rate(light: Light, detector: Detector, throughput: Floats) -> tuple
     Returns     (n,) electron / s; electron / s / sr
     """
     per_photon = efficiency(light, detector, throughput)
-    return light.photon_rate @ per_photon, light.background @ per_photon
+    return light.photon_irradiance @ per_photon, light.background @ per_photon
 
 
 def efficiency(light: Light, detector: Detector, throughput: Floats) -> Floats:
@@ -38,17 +38,17 @@ def glow_of(light: Light, camera: Camera, detector: Detector, throughput: Floats
     throughput  (k,) square metre, aperture times transmission
     Errors      model: the solid angle of a pixel is that on the boresight.
     """
-    if not light.glow:
+    if not light.diffuse:
         return None
     per_photon = efficiency(light, detector, throughput)
     scale = camera.focal_length_px**-2 * detector.exposure
     electrons = np.zeros((detector.rows, detector.columns))
-    for glow in light.glow:
+    for glow in light.diffuse:
         down, across = (
             _straight(nodes, pixels)
-            for nodes, pixels in zip(glow.share.shape, electrons.shape, strict=True)
+            for nodes, pixels in zip(glow.fraction.shape, electrons.shape, strict=True)
         )
-        electrons += down @ (glow.share * (glow.spectrum @ per_photon * scale)) @ across.T
+        electrons += down @ (glow.fraction * (glow.spectrum @ per_photon * scale)) @ across.T
     return electrons
 
 

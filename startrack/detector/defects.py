@@ -25,9 +25,9 @@ class Defects:
     and Marshall 1996, IEEE Transactions on Nuclear Science 43, 614).
 
     dsnu          electron / second rms over the pixels, at the reference temperature
-    hot           1, share of the pixels
+    hot           1, fraction of the pixels
     hot_current   electron / second, mean over the hot pixels, at the reference temperature
-    dead          1, share of the pixels
+    dead          1, fraction of the pixels
     dead_columns  how many
     """
 

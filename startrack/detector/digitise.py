@@ -142,10 +142,10 @@ def _settle(random, line, tables):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _one(mean, extra, random, read, pixel, law):  # type: ignore[no-untyped-def]
     """The number of a pixel beyond the tables."""
-    level = signal(drawn(mean, uniform(random)) + extra, law.full_well, law.bend)
+    level = signal(drawn(mean, uniform(random)) + extra, law.full_well, law.nonlinearity)
     if law.noise > 0.0:
         level += law.noise * inverse_normal(uniform(bits(read, pixel)))
-    return number(level, law.gain, law.offset, law.bow, law.largest)
+    return number(level, law.gain, law.offset, law.adc_inl, law.largest)
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,7 +12,7 @@ from scipy import special
 Floats = NDArray[np.float64]
 
 
-def carry(electrons: Floats, before: Floats | None, share: float) -> Floats:
+def carry(electrons: Floats, before: Floats | None, fraction: float) -> Floats:
     """Expected electrons that are read with a frame.
 
         read = (1 - share) electrons + share before
@@ -23,12 +23,12 @@ def carry(electrons: Floats, before: Floats | None, share: float) -> Floats:
     electrons  (rows, columns) electron, made in this frame
     before     the same of the frame before, None where the pixels were empty
     """
-    kept = (1 - share) * electrons
-    return kept if before is None else kept + share * before
+    kept = (1 - fraction) * electrons
+    return kept if before is None else kept + fraction * before
 
 
-def diffuse(electrons: Floats, share: float) -> Floats:
-    """Expected electrons after a share of each pixel's went to each of its four sides.
+def diffuse(electrons: Floats, fraction: float) -> Floats:
+    """Expected electrons after a fraction of each pixel's went to each of its four sides.
 
         after = (1 - 4 share) electrons + share (left + right + above + below)
 
@@ -37,9 +37,9 @@ def diffuse(electrons: Floats, share: float) -> Floats:
     Devices, on diffusion; here the kernel is cut to the nearest pixels.
 
     electrons  (rows, columns) electron; at the borders, none leaves
-    share      1, at most 1/4
+    fraction   1, at most 1/4
     """
-    kernel = np.array([[0, share, 0], [share, 1 - 4 * share, share], [0, share, 0]])
+    kernel = np.array([[0, fraction, 0], [fraction, 1 - 4 * fraction, fraction], [0, fraction, 0]])
     return np.asarray(cv2.filter2D(electrons, -1, kernel, borderType=cv2.BORDER_REFLECT))
 
 
@@ -71,7 +71,7 @@ def _run(held, excess, full_well):  # type: ignore[no-untyped-def]
         running -= taken
 
 
-def multiply(charge: Floats, gain: float, share: Floats) -> Floats:
+def multiply(charge: Floats, gain: float, fraction: Floats) -> Floats:
     """Electrons at the end of the register: a gamma distribution of shape n and scale `gain`.
 
         p(x | n) = x^(n - 1) exp(-x / gain) / (gain^n (n - 1)!),   n >= 1
@@ -81,12 +81,12 @@ def multiply(charge: Floats, gain: float, share: Floats) -> Floats:
 
     charge   (...) electron
     gain     1
-    share    (...) uniform numbers in (0, 1)
+    fraction  (...) uniform numbers in (0, 1)
     Errors   model: a register of many stages with little gain each; no clock-induced charge.
     """
     out = np.zeros_like(charge)
     some = charge > 0
-    out[some] = gain * special.gammaincinv(charge[some], share[some])
+    out[some] = gain * special.gammaincinv(charge[some], fraction[some])
     return out
 
 

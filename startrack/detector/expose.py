@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Frame, Light, Path, Psf, Streams
-from startrack.detector.background import caught, ground, ground_tables
+from startrack.core import Camera, Frame, Light, LineOfSight, Psf, Streams
+from startrack.detector.background import background, background_tables, caught
 from startrack.detector.collect import electron_rate, glow_of
 from startrack.detector.effects import carry, diffuse
 from startrack.detector.maps import response
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 def expose(
     light: Light,
     psf: Psf,
-    path: Path,
+    path: LineOfSight,
     icrs_to_camera: Rotation,
     camera: Camera,
     detector: Detector,
@@ -42,7 +42,7 @@ def expose(
     _, sky = arriving(light, camera, detector, throughput)
     # Of an even sky, the frame before leaves as much as this one keeps back.
     evened = detector if before is None else replace(detector, lag=0.0)
-    tables = None if light.glow else ground_tables(evened, sky)
+    tables = None if light.diffuse else background_tables(evened, sky)
     return frame_of(electrons, detector, streams, tables)
 
 
@@ -50,10 +50,10 @@ def frame_of(
     electrons: Floats, detector: Detector, streams: Streams, tables: Tables | None = None
 ) -> Frame:
     """Read out expected electrons (rows, columns), and say what the numbers mean."""
-    return told(read_out(electrons, detector, streams, tables), detector)
+    return to_frame(read_out(electrons, detector, streams, tables), detector)
 
 
-def told(image: NDArray[np.number], detector: Detector) -> Frame:
+def to_frame(image: NDArray[np.number], detector: Detector) -> Frame:
     """An image with what its detector knows of its numbers."""
     return Frame(
         image,
@@ -67,7 +67,7 @@ def told(image: NDArray[np.number], detector: Detector) -> Frame:
 def expected(
     light: Light,
     psf: Psf,
-    path: Path,
+    path: LineOfSight,
     icrs_to_camera: Rotation,
     camera: Camera,
     detector: Detector,
@@ -98,7 +98,7 @@ def expected(
     star, sky = arriving(light, camera, detector, throughput)
     places = seen(light.direction, path, icrs_to_camera, camera, detector, course)
     # Charge.
-    electrons = ground(detector, sky).copy()
+    electrons = background(detector, sky).copy()
     glow = glow_of(light, camera, detector, throughput)
     if glow is not None:
         electrons += caught(glow, detector)
@@ -116,7 +116,7 @@ def arriving(
 
 def seen(
     direction: Floats,
-    path: Path,
+    path: LineOfSight,
     icrs_to_camera: Rotation,
     camera: Camera,
     detector: Detector,

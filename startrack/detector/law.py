@@ -37,10 +37,10 @@ class Law(NamedTuple):
 
     noise: float
     full_well: float
-    bend: float
+    nonlinearity: float
     gain: float
     offset: float
-    bow: float
+    adc_inl: float
     largest: float
 
 
@@ -53,10 +53,10 @@ def law_of(detector: Detector) -> Law:
     return Law(
         math.hypot(detector.read_noise, detector.reset_noise),
         detector.full_well,
-        detector.bend,
+        detector.nonlinearity,
         detector.gain * largest / detector.full_well,
         float(detector.offset),
-        detector.bow,
+        detector.adc_inl,
         float(largest),
     )
 
@@ -79,7 +79,7 @@ def number(level, gain, offset, bow, largest):  # type: ignore[no-untyped-def]
 def converted(level: Floats, law: Law) -> Floats:
     """The numbers of signals that hold their noise already, element by element."""
     level = np.asarray(level, dtype=float)
-    flat = _numbers(level.ravel(), law.gain, law.offset, law.bow, law.largest)
+    flat = _numbers(level.ravel(), law.gain, law.offset, law.adc_inl, law.largest)
     return flat.reshape(level.shape)
 
 
@@ -94,9 +94,9 @@ def _numbers(level, gain, offset, bow, largest):  # type: ignore[no-untyped-def]
 def mean_numbers(electrons: Floats, law: Law) -> Floats:
     """The numbers of expected electrons if nothing were noisy or rounded, element by element."""
     held = np.minimum(electrons, law.full_well)
-    x = held * (1 - law.bend * held / law.full_well) * law.gain + law.offset
+    x = held * (1 - law.nonlinearity * held / law.full_well) * law.gain + law.offset
     y = np.clip(x / law.largest, 0, 1)
-    return np.clip(x + 4 * law.bow * y * (1 - y), 0, law.largest)
+    return np.clip(x + 4 * law.adc_inl * y * (1 - y), 0, law.largest)
 
 
 def blank(shape: tuple[int, ...], law: Law) -> Image:
@@ -113,7 +113,7 @@ def upper_edge(law: Law, numbers: Floats) -> Floats:
     """The signal at which a digital number gives way to the next, electron."""
     wanted = numbers + 0.5
     inside = (wanted > 0) & (wanted < law.largest)
-    bow = np.where(inside, 4 * law.bow, 0.0)
+    bow = np.where(inside, 4 * law.adc_inl, 0.0)
     # The root of x (1 + b) - b x^2 / largest = wanted, in the form that loses no digits.
     middle = 1 + bow / law.largest
     root = np.sqrt(middle**2 - 4 * bow / law.largest**2 * wanted)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from startrack.core import ALL, Curve, Unit, finite, non_negative, positive, whole, within
 from startrack.detector.defects import Defects
@@ -15,7 +16,7 @@ from startrack.detector.thermal import Thermal
 
 
 @dataclass(frozen=True)
-class Region:
+class RegionOfInterest:
     """The part of an array that is read.
 
     left, top                  pixel of the array, where the image begins
@@ -42,7 +43,7 @@ class Detector:
     pixel_pitch         metre, of a pixel of the array
     exposure            second
     quantum_efficiency  electron / photon over wavelength
-    fill_factor         1, share of a pixel that detects
+    fill_factor         1, fraction of a pixel that detects
     dark_current        electron / second
     read_noise          electron rms, temporal dark noise of the signal chain
     prnu                1, rms of the photo response over the pixels
@@ -61,20 +62,26 @@ class Detector:
     defects             hot and dead pixels
     diffusion           metre, sigma per axis of the Gaussian by which charge spreads before it is
                         collected
-    crosstalk           1, share of a pixel's electrons that diffuses to each of its four sides
-    lag                 1, share of the charge that a frame leaves to the next
+    crosstalk           1, fraction of a pixel's electrons that diffuses to each of its four sides
+    lag                 1, fraction of the charge that a frame leaves to the next
     hits                cosmic rays and protons
     blooming            whether charge beyond the full well runs along the column, or is lost
     multiplication      gain of an EMCCD's register
     bend                1, share by which the signal of a full pixel falls short of a straight line
     pattern             noise of rows and columns
-    settling            1, share of a pixel's signal that the read-out channel leaves in the next
+    settling            1, fraction of a pixel's signal that the read-out channel leaves in the next
     read_noise_spread   1, rms of the logarithm of the read noise over the pixels of a CMOS array,
                         whose median is `read_noise`
     gain                1, of the amplifier before the converter
     bow                 digital number, integral non-linearity of the converter at half scale
     scan                lines that sweep over the sky; None for a matrix
     """
+
+    OLD_KEYS: ClassVar[Mapping[str, str]] = {
+        "bend": "nonlinearity",
+        "bow": "adc_inl",
+        "multiplication": "em_gain",
+    }
 
     columns: int
     rows: int
@@ -91,7 +98,7 @@ class Detector:
     pixel_rate: Annotated[float, Unit("pix / s", "Mpix / s")] = 40e6
     device_seed: int = 0
     binning: int = 1
-    region: Region | None = None
+    region: RegionOfInterest | None = None
     row_delay: Annotated[float, Unit("s", "us")] = 0.0
     thermal: Thermal | None = None
     defects: Defects | None = None
@@ -100,13 +107,13 @@ class Detector:
     lag: float = 0.0
     hits: Hits | None = None
     blooming: bool = False
-    multiplication: float = 1.0
-    bend: float = 0.0
+    em_gain: float = 1.0
+    nonlinearity: float = 0.0
     pattern: Pattern | None = None
     settling: float = 0.0
     read_noise_spread: float = 0.0
     gain: float = 1.0
-    bow: float = 0.0
+    adc_inl: float = 0.0
     scan: Scan | None = None
 
     def __post_init__(self) -> None:
@@ -123,20 +130,22 @@ class Detector:
         non_negative(row_delay=self.row_delay, diffusion=self.diffusion)
         within(0, 0.25, crosstalk=self.crosstalk)
         within(0, 0.99, lag=self.lag, settling=self.settling)
-        within(1, 1e5, multiplication=self.multiplication)
-        within(-0.49, 0.49, bend=self.bend)  # beyond, more light would give less signal
+        within(1, 1e5, em_gain=self.em_gain)
+        within(
+            -0.49, 0.49, nonlinearity=self.nonlinearity
+        )  # beyond, more light would give less signal
         within(0, 2, read_noise_spread=self.read_noise_spread)
-        finite(bow=self.bow)
-        if 4 * abs(self.bow) >= 2**self.bits - 1:
+        finite(adc_inl=self.adc_inl)
+        if 4 * abs(self.adc_inl) >= 2**self.bits - 1:
             raise ValueError(
-                f"bow must stay under a quarter of the converter's range, got {self.bow}"
+                f"adc_inl must stay under a quarter of the converter's range, got {self.adc_inl}"
             )
         if self.region:
             self._check(self.region)
         if self.scan:
             self._check_scan(self.scan)
 
-    def _check(self, region: Region) -> None:
+    def _check(self, region: RegionOfInterest) -> None:
         for name, start, length, array in (
             ("columns", region.left, self.columns, region.array_columns),
             ("rows", region.top, self.rows, region.array_rows),
@@ -193,7 +202,7 @@ class Detector:
         after = self.read_noise * math.exp(self.read_noise_spread**2)
         if self.pattern:
             after = math.hypot(after, self.pattern.row, self.pattern.column)
-        return math.hypot(after, self.reset_noise) / self.multiplication
+        return math.hypot(after, self.reset_noise) / self.em_gain
 
     @property
     def reset_noise(self) -> float:
@@ -206,7 +215,7 @@ class Detector:
 
         Before a multiplication register, if there is one. Source: Krutz et al. (2011), eq. (5).
         """
-        return self.full_well / self.gain / (2**self.bits - 1) / self.multiplication
+        return self.full_well / self.gain / (2**self.bits - 1) / self.em_gain
 
     @property
     def integration(self) -> float:

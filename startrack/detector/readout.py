@@ -47,7 +47,7 @@ def in_steps(detector: Detector) -> bool:
     """Whether a pixel's number depends on other pixels, or on more than one law."""
     return bool(
         detector.blooming
-        or detector.multiplication > 1
+        or detector.em_gain > 1
         or detector.pattern
         or detector.settling
         or detector.read_noise_spread
@@ -68,10 +68,10 @@ def _charge(electrons: Floats, detector: Detector, streams: Streams) -> Floats:
 def _signal(charge: Floats, law: Law, detector: Detector, streams: Streams) -> Floats:
     """What the converter sees, electron."""
     shape = charge.shape
-    if detector.multiplication > 1:
-        share = streams("multiplication").random(shape)
-        charge = multiply(charge, detector.multiplication, share)
-    level = charge * (1 - law.bend * charge / law.full_well)
+    if detector.em_gain > 1:
+        fraction = streams("multiplication").random(shape)
+        charge = multiply(charge, detector.em_gain, fraction)
+    level = charge * (1 - law.nonlinearity * charge / law.full_well)
     if detector.reset_noise:
         level += detector.reset_noise * normals(shape, streams, "reset noise")
     if detector.settling:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Path
+from startrack.core import Camera, LineOfSight
 
 Floats = NDArray[np.float64]
 Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in Path
@@ -24,7 +24,7 @@ PASSES = 4  # to find the time of a star's row; each leaves row_delay * rows per
 
 
 def at_once(
-    direction: Floats, path: Path, icrs_to_camera: Rotation, camera: Camera
+    direction: Floats, path: LineOfSight, icrs_to_camera: Rotation, camera: Camera
 ) -> Iterator[Places]:
     """Points of the path, some at a time: their weights (m,) and the stars' pixels x, y (m, n)."""
     attitude = _turns(path) @ icrs_to_camera.as_matrix()
@@ -37,14 +37,14 @@ def at_once(
 
 
 @lru_cache(maxsize=4)
-def _turns(path: Path) -> Floats:
+def _turns(path: LineOfSight) -> Floats:
     """(m, 3, 3) how the sky turns before the camera."""
     return Rotation.from_rotvec(path.rotation).as_matrix()
 
 
 def row_by_row(
     direction: Floats,
-    path: Path,
+    path: LineOfSight,
     icrs_to_camera: Rotation,
     camera: Camera,
     row_delay: float,

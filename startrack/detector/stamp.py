@@ -73,7 +73,7 @@ def stamp_paths(
 ) -> None:
     """The same for points that move: each path in turn, for its pixels are at hand then.
 
-    weight  (m,) 1, share of the electrons at each point of a path
+    weight  (m,) 1, fraction of the electrons at each point of a path
     x, y    (m, n) pixel
     """
     _stamp(image, shape_of(psf), weight, x, y, electrons, ONE if gain is None else gain)
@@ -183,9 +183,9 @@ def _product(star, shape, x, y, wx, wy, width):  # type: ignore[no-untyped-def]
         star[j] = _read(shape.column, y + j // shape.across * shape.oversampling, wy)
     # The first column last, which the others need.
     for i in range(width - 1, -1, -1):
-        share = _read(shape.line, x + i * shape.oversampling, wx)
+        fraction = _read(shape.line, x + i * shape.oversampling, wx)
         for j in range(0, len(star), shape.across):
-            star[j + i] = star[j] * share
+            star[j + i] = star[j] * fraction
 
 
 @njit(cache=True, error_model="numpy")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Frame, Psf
 from startrack.detector.effects import diffuse
-from startrack.detector.expose import told
+from startrack.detector.expose import to_frame
 from startrack.detector.law import law_of, mean_numbers
 from startrack.detector.maps import device_streams
 from startrack.detector.parameters import Detector
@@ -53,4 +53,4 @@ def star_grid(
     if detector.crosstalk:
         electrons = diffuse(electrons, detector.crosstalk)
     electrons += detector.dark_rate * detector.exposure
-    return told(mean_numbers(electrons, law_of(detector)), detector), place
+    return to_frame(mean_numbers(electrons, law_of(detector)), detector), place

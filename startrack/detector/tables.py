@@ -64,7 +64,7 @@ def level_mean(level: NDArray[Any], noise: float) -> NDArray[np.float64]:
 def levels_between(mean: NDArray[np.float64], noise: float) -> NDArray[np.float64]:
     """Where expectations lie between the levels: that of level k is k.
 
-    A share of the place beyond a level is the probability by which `digitise` takes the next.
+    A fraction of the place beyond a level is the probability by which `digitise` takes the next.
     """
     level = np.floor((np.sqrt(mean + noise**2) - noise) * STEPS)
     low, high = level_mean(level, noise), level_mean(level + 1, noise)
@@ -105,7 +105,7 @@ def build(law: Law, first: int, count: int) -> Tables:
         math.ceil(mean[-1] + FARTHEST * math.sqrt(mean[-1]) + SKEW),
     )
     held = np.minimum(electrons, law.full_well)
-    held = held * (1 - law.bend * held / law.full_well)
+    held = held * (1 - law.nonlinearity * held / law.full_well)
     far = FARTHEST * law.noise
     least, most = (int(converted(held[i] + s * far, law)) for i, s in ((0, -1), (-1, 1)))
     if most - least >= MOST_NUMBERS or count * len(electrons) > MOST_TERMS:
@@ -143,16 +143,16 @@ def _sums(probability, start, end, below, above):  # type: ignore[no-untyped-def
     upper = np.empty((levels, len(start)))
     head, tail = np.zeros(electrons + 1), np.zeros(electrons + 1)
     for level in range(levels):
-        share = probability[level]
+        fraction = probability[level]
         for n in range(electrons):
-            head[n + 1] = head[n] + share[n]
+            head[n + 1] = head[n] + fraction[n]
             back = electrons - 1 - n
-            tail[back] = tail[back + 1] + share[back]
+            tail[back] = tail[back + 1] + fraction[back]
         for d in range(len(start)):
             less, more = head[start[d]], tail[end[d]]
             for k in range(end[d] - start[d]):
-                less += share[start[d] + k] * below[d, k]
-                more += share[start[d] + k] * above[d, k]
+                less += fraction[start[d] + k] * below[d, k]
+                more += fraction[start[d] + k] * above[d, k]
             lower[level, d], upper[level, d] = less, more
     return lower, upper
 

@@ -25,7 +25,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.core import Streams, bits, key, uniform
-from startrack.detector.background import ground
+from startrack.detector.background import background
 from startrack.detector.law import law_of
 from startrack.detector.parameters import Detector
 from startrack.detector.tables import BITS, build, levels_between
@@ -58,7 +58,7 @@ def numbers_of(detector: Detector, sky: float, odd: bytes) -> Numbers:
     odd     numbers of these pixels, as bytes of int64
     Errors  ValueError where the noise spans too many numbers for a table.
     """
-    law, mean = law_of(detector), ground(detector, sky).copy()
+    law, mean = law_of(detector), background(detector, sky).copy()
     mean.ravel()[np.frombuffer(odd, np.int64)] = np.median(mean)
     place = levels_between(mean, law.noise)
     first, last = math.floor(place.min()), math.ceil(place.max())
@@ -68,8 +68,8 @@ def numbers_of(detector: Detector, sky: float, odd: bytes) -> Numbers:
             "windows need noise that spans fewer than 4096 digital numbers, and the detector has "
             "more; choose the fidelity frame or fewer bits"
         )
-    share = np.diff(tables.limit.astype(float), axis=1, prepend=0.0) / 2.0**BITS
-    return Numbers(share, (place - first).astype(np.float32), tables.lowest)
+    fraction = np.diff(tables.limit.astype(float), axis=1, prepend=0.0) / 2.0**BITS
+    return Numbers(fraction, (place - first).astype(np.float32), tables.lowest)
 
 
 class Tilt(NamedTuple):
@@ -117,12 +117,12 @@ class Rates(NamedTuple):
     """How often the tilted law is to be tried in each tile, (tiles,) row by row.
 
     level  digital number to be passed, above that of numbers that are all the lowest
-    share  1, of all tries, those of the tiles before among them
+    fraction  1, of all tries, those of the tiles before among them
     total  tries in a frame
     """
 
     level: Floats
-    share: Floats
+    fraction: Floats
     total: float
 
 
@@ -143,7 +143,7 @@ def rates_for(numbers: Numbers, tilt: Tilt, level: Floats) -> Rates:
     return Rates(shift, np.cumsum(rate) / total, total)
 
 
-def excesses(
+def threshold_crossings(
     numbers: Numbers,
     tilt: Tilt,
     rates: Rates,
@@ -283,7 +283,7 @@ def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probabilit
     kept = 0
     for n in range(len(pixel)):
         at = np.uint64(n) * size
-        tile = _picked_of(rates.share, uniform(bits(start, at)))
+        tile = _picked_of(rates.fraction, uniform(bits(start, at)))
         among = tilt.among[tile]
         inside = _picked_of(among, among[-1] * uniform(bits(start, at + np.uint64(1))))
         x = (tile % across) * mesh + inside % mesh
@@ -340,8 +340,8 @@ def _look_up(numbers, start, at, x, y, tilt, place):  # type: ignore[no-untyped-
             kind, k = tilt.kind[j, i], min(int(level), tilt.sums.shape[1] - 1)
             t, above = level - k, min(k + 1, tilt.sums.shape[1] - 1)
             low, high = tilt.sums[kind, k], tilt.sums[kind, above]
-            share = uniform(bits(start, at + np.uint64(j * width + i)))
-            wanted = share * ((1 - t) * low[-1] + t * high[-1])
+            fraction = uniform(bits(start, at + np.uint64(j * width + i)))
+            wanted = fraction * ((1 - t) * low[-1] + t * high[-1])
             least, most = 0, len(low) - 1
             while least < most:
                 middle = (least + most) // 2

@@ -11,9 +11,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.core import Frame, Psf, Streams, canvas
-from startrack.detector.background import ground, ground_tables
+from startrack.detector.background import background, background_tables
 from startrack.detector.digitise import digitise_row, digitised, keys
-from startrack.detector.expose import told
+from startrack.detector.expose import to_frame
 from startrack.detector.hits import tracks
 from startrack.detector.law import Law, law_of
 from startrack.detector.maps import dark, response
@@ -34,7 +34,7 @@ class Pixels(NamedTuple):
 
     sky        electron in a pixel of mean response
     gain       (rows, columns) 1, response
-    crosstalk  1, share that goes to each of the four sides
+    crosstalk  1, fraction that goes to each of the four sides
     dark       (rows, columns) electron
     """
 
@@ -59,14 +59,14 @@ class Points(NamedTuple):
     star: Floats
 
 
-def only_lone_pixels(detector: Detector) -> None:
+def require_independent_pixels(detector: Detector) -> None:
     """Refuse a detector whose pixels know of each other, or of the frame before.
 
     Errors  ValueError that names the effect.
     """
     effects = {
         "blooming": detector.blooming,
-        "multiplication": detector.multiplication > 1,
+        "em_gain": detector.em_gain > 1,
         "pattern": detector.pattern,
         "settling": detector.settling,
         "read_noise_spread": detector.read_noise_spread,
@@ -105,7 +105,7 @@ def expose_within(
         hits = tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)
     points = Points(shape_of(psf), *places, star)
     _render(image, windows, pixels, points, *hits, *keys(law, streams), law, tables)
-    return told(image, detector)
+    return to_frame(image, detector)
 
 
 @lru_cache(maxsize=4)
@@ -114,7 +114,7 @@ def _device(detector: Detector, sky: float) -> tuple[float, Pixels, Law, Tables]
     gain, electrons = response(detector), np.atleast_2d(dark(detector)) * detector.exposure
     empty = (sky + detector.dark_rate * detector.exposure) / detector.electrons_per_dn
     pixels = Pixels(sky, ONE if gain is None else gain, detector.crosstalk, electrons)
-    return detector.offset + empty, pixels, law_of(detector), ground_tables(detector, sky)
+    return detector.offset + empty, pixels, law_of(detector), background_tables(detector, sky)
 
 
 def put(frame: Frame, pixel: Ints, numbers: Ints) -> None:
@@ -125,7 +125,7 @@ def put(frame: Frame, pixel: Ints, numbers: Ints) -> None:
     _put(frame.image, pixel, numbers)
 
 
-def lone_pixels(detector: Detector, odd: Ints, streams: Streams) -> Ints:
+def independent_pixels(detector: Detector, odd: Ints, streams: Streams) -> Ints:
     """The pixels that a trial looks at wherever they are: odd ones, and those that are hit.
 
     Returns  (k,) row * columns + column
@@ -138,12 +138,12 @@ def lone_pixels(detector: Detector, odd: Ints, streams: Streams) -> Ints:
 
 
 @lru_cache(maxsize=8)
-def odd_pixels(detector: Detector, sky: float, limit: float) -> Ints:
+def outlier_pixels(detector: Detector, sky: float, limit: float) -> Ints:
     """The pixels unlike most others, (k,) row * columns + column: hot, dead, or far off the mean.
 
     limit  standard deviations of a pixel, by which an odd pixel's expectation lies off
     """
-    level = ground(detector, sky)
+    level = background(detector, sky)
     middle = float(np.median(level[:: max(1, level.shape[0] // 256)]))
     spread = math.hypot(math.sqrt(middle), law_of(detector).noise)
     return np.flatnonzero(np.abs(level - middle) > limit * spread)
@@ -200,15 +200,15 @@ def _caught(window, rows, columns, pixels, points, ends, work):  # type: ignore[
 
 
 @njit(cache=True, error_model="numpy")
-def _diffused(electrons, share):  # type: ignore[no-untyped-def]
+def _diffused(electrons, fraction):  # type: ignore[no-untyped-def]
     """As `crosstalk.diffuse`; at a border, none leaves."""
     rows, columns = electrons.shape
-    after = (1 - 4 * share) * electrons
+    after = (1 - 4 * fraction) * electrons
     for y in range(rows):
         above, below = max(y - 1, 0), min(y + 1, rows - 1)
         for x in range(columns):
             sides = electrons[y, max(x - 1, 0)] + electrons[y, min(x + 1, columns - 1)]
-            after[y, x] += share * (sides + electrons[above, x] + electrons[below, x])
+            after[y, x] += fraction * (sides + electrons[above, x] + electrons[below, x])
     return after
 
 

@@ -36,7 +36,7 @@ def identify_blind(
 ) -> Matches:
     """Try one field of view after the other; the first beyond doubt is believed.
 
-    Each try may be false with its share of `settings.max_false_probability` only.
+    Each try may be false with its fraction of `settings.max_false_probability` only.
 
     columns, rows  pixel
     index_of       the index for a camera, best from a cache: a dozen are needed

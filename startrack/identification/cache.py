@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Stars
 from startrack.identification.index import CodeTable, PatternIndex, build_index
-from startrack.identification.sky import SkyGrid, Voters
+from startrack.identification.sky import SkyGrid, VerificationStars
 
 FORMAT = 6  # grows with every change of what an index holds or how it is built
 KEPT = 24  # indexes of some 10 MB: those for a camera of which nothing is known are fourteen
@@ -24,7 +24,7 @@ KEPT = 24  # indexes of some 10 MB: those for a camera of which nothing is known
 
 class _Parts(NamedTuple):
     table: CodeTable
-    bright: Voters
+    bright: VerificationStars
     faint: SkyGrid
 
 

@@ -16,7 +16,7 @@ from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification
 from startrack.identification.search import breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable
-from startrack.identification.sky import SkyGrid, Voters
+from startrack.identification.sky import SkyGrid, VerificationStars
 from startrack.identification.verify import Verdict
 
 PROBABLE = 1e-2  # chance of a hypothesis below which a sky is ambiguous rather than none
@@ -80,7 +80,7 @@ def _identify(
     voting: int,
     code_tolerance: float,
     table: CodeTable,
-    voters: Voters,
+    voters: VerificationStars,
     fewest: int,
     log_accepted: float,
     most_hypotheses: int,

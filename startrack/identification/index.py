@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Camera, Floats, Ints, Stars, deg, positive, whole, within
 from startrack.identification.index_stars import local_rank, merged
-from startrack.identification.sky import SkyGrid, Voters, cone, sky_grid
+from startrack.identification.sky import SkyGrid, VerificationStars, cone, sky_grid
 
 TALLEST = math.sqrt(3) / 2  # half the height of the lens over a base of one
 
@@ -92,7 +92,7 @@ class PatternIndex:
     stars: int
     field_of_view: float
     table: CodeTable
-    bright: Voters
+    bright: VerificationStars
     faint: SkyGrid
 
     def __len__(self) -> int:
@@ -176,12 +176,12 @@ def _named(sky: SkyGrid, names: Ints) -> SkyGrid:
     return sky._replace(member=names[sky.member].astype(np.int32))
 
 
-def _voters(stars: Stars, field_of_view: float) -> Voters:
+def _voters(stars: Stars, field_of_view: float) -> VerificationStars:
     """These stars, with what is known of their brightness."""
     sky = sky_grid(stars.direction, field_of_view / 2)
     stars = stars[sky.member.astype(np.int64)]
     red = np.where(np.isfinite(stars.colour), stars.colour - SUN_COLOUR, 1.0)
-    return Voters(sky, stars.magnitude_g, np.hypot(BLUR, COLOUR_BLUR * red))
+    return VerificationStars(sky, stars.magnitude_g, np.hypot(BLUR, COLOUR_BLUR * red))
 
 
 def _table(

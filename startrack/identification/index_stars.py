@@ -59,7 +59,7 @@ def local_rank(direction: Floats, radius: float, most: int) -> Ranks:
     """How many brighter stars lie within `radius` of each star.
 
     The brightest star of a region has rank 0. To take the stars below a rank thins the dense
-    sky and keeps the sparse one, so that each field has its share of patterns.
+    sky and keeps the sparse one, so that each field has its fraction of patterns.
 
     direction  (n, 3) unit vectors, brightest first
     radius     radian

@@ -22,19 +22,19 @@ from startrack.identification.index import (
     upright,
 )
 from startrack.identification.seen import Seen
-from startrack.identification.sky import Voters
-from startrack.identification.spot_grid import sieve
+from startrack.identification.sky import VerificationStars
+from startrack.identification.spot_grid import spot_grid
 from startrack.identification.verify import (
     FIRST_RADIUS,
     Verdict,
-    attempt,
+    attempt_attitude,
     challenge,
     promising,
     verify,
 )
 
 SIGMAS = 3.5  # how far noise may move a code
-EXPECTED = 0.7  # share of matches with the stars to be seen first, below which they are doubted
+EXPECTED = 0.7  # fraction of matches with the stars to be seen first, below which they are doubted
 
 
 @lru_cache(maxsize=128)
@@ -62,7 +62,7 @@ def search(
     choices: NDArray[np.int64],
     code_tolerance: float,
     table: CodeTable,
-    voters: Voters,
+    voters: VerificationStars,
     fewest: int,
     log_accepted: float,
     most_hypotheses: int,
@@ -79,7 +79,7 @@ def search(
     """
     tried = 0
     best = Verdict(np.eye(3), 1.0, 0, 0, 0.0)
-    screen = sieve(seen.plane, seen.low, seen.high, FIRST_RADIUS * seen.radius)
+    screen = spot_grid(seen.plane, seen.low, seen.high, FIRST_RADIUS * seen.radius)
     names, codes = np.empty((6, 3), np.int64), np.empty((6, 2))
     direction = table.sky.direction
     for choice in choices:
@@ -106,7 +106,9 @@ def search(
                         if abs(math.log(longest / true)) > stretch:
                             continue
                         tried += 1
-                        rotation, scale = attempt(seen, names[k], direction[a], direction[b])
+                        rotation, scale = attempt_attitude(
+                            seen, names[k], direction[a], direction[b]
+                        )
                         if not promising(seen, screen, table.sky, rotation, scale, fewest):
                             continue
                         verdict = verify(seen, voters, rotation, scale, fewest)

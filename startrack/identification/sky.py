@@ -34,7 +34,7 @@ class SkyGrid(NamedTuple):
     direction: Floats
 
 
-class Voters(NamedTuple):
+class VerificationStars(NamedTuple):
     """The stars that vote on hypotheses, and how bright they should look.
 
     sky        (n) of them

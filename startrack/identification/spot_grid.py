@@ -18,7 +18,7 @@ from startrack.core import Floats
 MOST_CELLS = 160  # along an axis, which keeps the sieve in the processor's cache
 
 
-class Sieve(NamedTuple):
+class SpotGrid(NamedTuple):
     """A grid over the image; each cell names a spot that is at most a cell away, -1 for none.
 
     cell    (columns, rows)
@@ -34,7 +34,9 @@ class Sieve(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def sieve(plane: Floats, low: Floats, high: Floats, radius: float) -> Sieve:  # pragma: no cover
+def spot_grid(
+    plane: Floats, low: Floats, high: Floats, radius: float
+) -> SpotGrid:  # pragma: no cover
     """Put spots (n, 2), fewer than 32768, into the grid; each cell gets that nearest to its centre.
 
     low, high  (2,) corners of the image
@@ -55,11 +57,11 @@ def sieve(plane: Floats, low: Floats, high: Floats, radius: float) -> Sieve:  # 
                     if ox * ox + oy * oy <= (x - k - 0.5) ** 2 + (y - m - 0.5) ** 2:
                         continue
                 cell[k, m] = n
-    return Sieve(cell, low, width, radius)
+    return SpotGrid(cell, low, width, radius)
 
 
 @njit(cache=True, error_model="numpy")
-def hits(sieve: Sieve, plane: Floats, place: Floats) -> int:  # pragma: no cover
+def hits(sieve: SpotGrid, plane: Floats, place: Floats) -> int:  # pragma: no cover
     """How many places (m, 2), all inside the image, meet a spot.
 
     Rarely one too few, where two spots are neighbours.

@@ -17,7 +17,7 @@ from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
 from startrack.identification.predict import predict, project
 from startrack.identification.seen import Seen, keep_brightest, see, usable
-from startrack.identification.sky import Voters
+from startrack.identification.sky import VerificationStars
 from startrack.identification.verify import weigh_prior
 
 WINDOW = 16.0  # squared radius of a window over its variance: one in 3000 lies outside
@@ -28,7 +28,7 @@ MOST_CHAINS = 200
 @njit(cache=True, error_model="numpy")
 def follow(
     seen: Seen,
-    voters: Voters,
+    voters: VerificationStars,
     predicted: Floats,
     covariance: Floats,
 ) -> tuple[Floats, int, float]:  # pragma: no cover

@@ -16,8 +16,8 @@ from startrack.identification.fit import align, derivatives
 from startrack.identification.index import separation
 from startrack.identification.predict import predict
 from startrack.identification.seen import Seen
-from startrack.identification.sky import SkyGrid, Voters
-from startrack.identification.spot_grid import Sieve, hits
+from startrack.identification.sky import SkyGrid, VerificationStars
+from startrack.identification.spot_grid import SpotGrid, hits
 
 FIRST_RADIUS = 2.0  # times the match radius: three stars predict the rest less well than all do
 
@@ -40,7 +40,7 @@ class Verdict(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def attempt(
+def attempt_attitude(
     seen: Seen, spots: NDArray[np.int64], a: Floats, b: Floats
 ) -> tuple[Floats, float]:  # pragma: no cover
     """Attitude and scale from two stars (3,) that the first two of these spots may be."""
@@ -56,7 +56,7 @@ def attempt(
 
 @njit(cache=True, error_model="numpy")
 def promising(
-    seen: Seen, screen: Sieve, sky: SkyGrid, rotation: Floats, scale: float, fewest: int
+    seen: Seen, screen: SpotGrid, sky: SkyGrid, rotation: Floats, scale: float, fewest: int
 ) -> bool:  # pragma: no cover
     """Whether so many of the stars `sky` meet a spot that it is worth to look closely."""
     if not abs(scale - 1) <= 2 * _farthest(seen):
@@ -73,7 +73,7 @@ def _farthest(seen: Seen) -> float:  # pragma: no cover
 
 @njit(cache=True, error_model="numpy")
 def verify(
-    seen: Seen, voters: Voters, rotation: Floats, scale: float, fewest: int
+    seen: Seen, voters: VerificationStars, rotation: Floats, scale: float, fewest: int
 ) -> Verdict:  # pragma: no cover
     """Predict the stars of the image, match them to spots, and weigh what agrees.
 
@@ -95,7 +95,7 @@ def verify(
 
 @njit(cache=True, error_model="numpy")
 def challenge(
-    seen: Seen, voters: Voters, verdict: Verdict, fewest: int
+    seen: Seen, voters: VerificationStars, verdict: Verdict, fewest: int
 ) -> Verdict:  # pragma: no cover
     """The best of a verdict and those that come of leaving out each of its matches in turn.
 
@@ -125,7 +125,7 @@ def challenge(
 
 @njit(cache=True, error_model="numpy")
 def _verdict(
-    seen: Seen, voters: Voters, star: NDArray[np.int64], found: Agreed, fewest: int
+    seen: Seen, voters: VerificationStars, star: NDArray[np.int64], found: Agreed, fewest: int
 ) -> Verdict:  # pragma: no cover
     matches = len(found.spot)
     if matches < fewest or not abs(found.scale - 1) <= _farthest(seen):
@@ -150,7 +150,7 @@ def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
 @njit(cache=True, error_model="numpy")
 def weigh(
     seen: Seen,
-    voters: Voters,
+    voters: VerificationStars,
     star: NDArray[np.int64],
     matched_spot: NDArray[np.int64],
     matched_star: NDArray[np.int64],
@@ -189,7 +189,7 @@ def weigh(
 @njit(cache=True, error_model="numpy")
 def weigh_prior(
     seen: Seen,
-    voters: Voters,
+    voters: VerificationStars,
     star: NDArray[np.int64],
     matched_spot: NDArray[np.int64],
     matched_star: NDArray[np.int64],

@@ -17,7 +17,7 @@ from startrack.io.images import read_image, write_fits
 from startrack.io.saving import save_csv, save_figure, save_json, save_netcdf, save_text, whole
 from startrack.io.shipped import shipped
 from startrack.io.sqlite import connect, has_tables, log_ahead, translate_errors
-from startrack.io.tables import from_table, read_table, to_table, unit_of
+from startrack.io.tables import current_key, from_table, read_table, to_table, unit_of
 from startrack.io.wcs import camera_to_wcs, celestial, pointing
 
 # Public; the other imports serve other rooms.

@@ -6,6 +6,7 @@ import dataclasses
 import tomllib
 import types
 import typing
+import warnings
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -26,10 +27,14 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
     place   path of the table in its file, for the errors
     Errors  ValueError that names the place, the rule and the value: for an unknown or a missing
             key, a wrong type or unit, a value that the object itself refuses.
+
+    A class may name keys of earlier versions in `OLD_KEYS`, old name to new one: they are read,
+    with a FutureWarning of one line.
     """
     if not isinstance(table, Mapping):
         raise ValueError(f"{place or 'the file'} must be a table, got {table!r}")
     fields = _fields(kind)
+    table = _with_new_keys(kind, table, place)
     for key in table:
         if key not in fields:
             raise ValueError(
@@ -46,6 +51,24 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
         return kind(**values)
     except (ValueError, TypeError) as error:
         raise ValueError(_join(place, str(error))) from None
+
+
+def current_key(kind: type, key: str) -> str:
+    """The name that a key of an earlier version has now; any other key as it is."""
+    old: Mapping[str, str] = getattr(kind, "OLD_KEYS", {})
+    return old.get(key, key)
+
+
+def _with_new_keys(kind: type, table: Mapping[str, Any], place: str) -> dict[str, Any]:
+    renamed: dict[str, Any] = {}
+    for key, value in table.items():
+        new = current_key(kind, key)
+        if new != key:
+            if new in table:
+                raise ValueError(f"{_join(place, key)} must not stand beside {new}, its new name")
+            warnings.warn(f"{_join(place, key)} is now called {new}", FutureWarning, stacklevel=4)
+        renamed[new] = value
+    return renamed
 
 
 def read_table(path: Path, what: str) -> dict[str, Any]:

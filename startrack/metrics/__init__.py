@@ -18,7 +18,7 @@ from startrack.metrics.levels import (
     level_interval,
     levels,
 )
-from startrack.metrics.summary import Interval, Summary, rms_interval, share_interval, summarise
+from startrack.metrics.summary import Interval, Summary, fraction_interval, rms_interval, summarise
 
 # Public; the other imports serve other rooms.
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "centre_of_gravity_error",
     "centroid_bound",
     "fewest_trials",
+    "fraction_interval",
     "indices",
     "judge",
     "level",
@@ -40,6 +41,5 @@ __all__ = [
     "levels",
     "reproducibility",
     "rms_interval",
-    "share_interval",
     "summarise",
 ]

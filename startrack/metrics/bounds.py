@@ -59,13 +59,13 @@ def centroid_bound(star: Star) -> tuple[float, float]:
     along = [_profile(phase, star.sigma, star.smear, reach) for phase in phases]
     for share_x, slope_x in along:
         for share_y, slope_y in across:
-            shares = np.outer(share_y, share_x)
-            mean = star.flux * shares + star.background + star.read_noise**2
+            fractions = np.outer(share_y, share_x)
+            mean = star.flux * fractions + star.background + star.read_noise**2
             slopes = np.array(
                 [
                     star.flux * np.outer(share_y, slope_x),
                     star.flux * np.outer(slope_y, share_x),
-                    shares,
+                    fractions,
                 ]
             ).reshape(3, -1)
             # Pixels that nothing reaches hold no information.
@@ -96,10 +96,10 @@ def centre_of_gravity_error(star: Star, window: int) -> tuple[float, float]:
         seen = float((pixel * share_x).sum() / share_x.sum())
         bias += (seen - x) ** 2
         for y in phases[::4]:
-            share = np.outer(_profile(y, star.sigma, 0.0, window // 2)[0], share_x)
-            variance = star.flux * share + star.background + star.read_noise**2
+            fraction = np.outer(_profile(y, star.sigma, 0.0, window // 2)[0], share_x)
+            variance = star.flux * fraction + star.background + star.read_noise**2
             arms = (pixel - seen) ** 2 * variance
-            noise += float(arms.sum()) / float(star.flux * share.sum()) ** 2
+            noise += float(arms.sum()) / float(star.flux * fraction.sum()) ** 2
     return math.sqrt(noise / len(phases) / len(phases[::4])), math.sqrt(bias / len(phases))
 
 
@@ -154,13 +154,13 @@ def attitude_bound(
     node, weight = np.polynomial.legendre.leggauss(NODES)
     x, y = np.meshgrid(node * math.tan(fov_x / 2), node * math.tan(fov_y / 2))
     square = 1 + x * x + y * y
-    share = np.outer(weight, weight) * square**-1.5  # of the sky, per area of the plane
-    share /= share.sum()
+    fraction = np.outer(weight, weight) * square**-1.5  # of the sky, per area of the plane
+    fraction /= fraction.sum()
     along_x, along_y = x * x / square, y * y / square
-    m_x, m_y = float((share * along_x).sum()), float((share * along_y).sum())
+    m_x, m_y = float((fraction * along_x).sum()), float((fraction * along_y).sum())
     scatter = 0.0
     for along, m in ((along_x, m_x), (along_y, m_y)):
-        fourth = float((share * along**2).sum())
+        fourth = float((fraction * along**2).sum())
         scatter += fourth / stars - m * m * (stars - 3) / (stars * (stars - 1))
     roll = sigma**2 * (1 + scatter / (m_x + m_y) ** 2) / ((stars - 1) * (m_x + m_y))
     # A turn about x moves stars by sqrt(1 - p_x^2), and the roll moves their middle along y.

@@ -25,8 +25,8 @@ class Summary:
 
     across        radian, rms per axis of the error across the boresight
     about         radian, rms of the error about the boresight
-    availability  share of trials with a right attitude
-    false         share of trials with a wrong attitude
+    availability  fraction of trials with a right attitude
+    false         fraction of trials with a wrong attitude
     nees          mean normalised estimation error squared; 3 where the tracker is honest
     stars         mean number of matched stars in the solved trials
     trials        number of trials
@@ -51,8 +51,8 @@ def summarise(outcomes: NDArray[np.void]) -> Summary:
     return Summary(
         rms_interval(across),
         rms_interval(right["error_z"] ** 2),
-        share_interval(len(right), len(outcomes)),
-        share_interval(int(outcomes["false"].sum()), len(outcomes)),
+        fraction_interval(len(right), len(outcomes)),
+        fraction_interval(int(outcomes["false"].sum()), len(outcomes)),
         float(right["nees"].mean()) if len(right) else float("nan"),
         float(right["stars"].mean()) if len(right) else float("nan"),
         len(outcomes),
@@ -74,7 +74,7 @@ def rms_interval(squares: NDArray[np.float64], confidence: float = 0.95) -> Inte
     return Interval(mean**0.5, max(mean - half, 0.0) ** 0.5, (mean + half) ** 0.5)
 
 
-def share_interval(hits: int, trials: int, confidence: float = 0.95) -> Interval:
+def fraction_interval(hits: int, trials: int, confidence: float = 0.95) -> Interval:
     """Share of trials with its exact binomial interval (Clopper and Pearson 1934)."""
     if trials == 0:
         return Interval(float("nan"), 0.0, 1.0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Streams, whole
-from startrack.trial import random_attitudes, rotations
+from startrack.trial import random_attitudes, rotations_from_cube
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -44,11 +44,11 @@ class Regions:
             np.int64,
         )
 
-    def place(self, cell: Ints, share: Floats) -> Floats:
-        """Directions (n, 3), uniform in their cells where the shares (n, 2) in [0, 1) are so."""
+    def place(self, cell: Ints, fraction: Floats) -> Floats:
+        """Directions (n, 3), uniform in their cells where the fractions (n, 2) in [0, 1) are so."""
         band, sector = np.divmod(cell, self.sectors)
-        z = 2 * (band + share[:, 0]) / self.bands - 1
-        angle = 2 * math.pi * (sector + share[:, 1]) / self.sectors
+        z = 2 * (band + fraction[:, 0]) / self.bands - 1
+        angle = 2 * math.pi * (sector + fraction[:, 1]) / self.sectors
         radius = np.sqrt(1 - z * z)
         return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
 
@@ -76,11 +76,11 @@ def by_sobol(seed: int, numbers: Sequence[int]) -> Rotation:
     Source: Owen (1998), J. Complexity 14, 466.
     """
     number = np.asarray(numbers, np.int64)
-    share = np.empty((len(number), 3))
+    fraction = np.empty((len(number), 3))
     for replicate in np.unique(number % REPLICATES):
         mine = number % REPLICATES == replicate
-        share[mine] = _points(seed, int(replicate), number[mine] // REPLICATES)
-    return rotations(share)
+        fraction[mine] = _points(seed, int(replicate), number[mine] // REPLICATES)
+    return rotations_from_cube(fraction)
 
 
 def by_regions(seed: int, numbers: Sequence[int], regions: Regions) -> Rotation:
@@ -88,9 +88,9 @@ def by_regions(seed: int, numbers: Sequence[int], regions: Regions) -> Rotation:
 
     Trial n looks into region n % len(regions).
     """
-    share = np.array([Streams(seed, number)("region").random(3) for number in numbers])
+    fraction = np.array([Streams(seed, number)("region").random(3) for number in numbers])
     cell = np.asarray(numbers, np.int64) % len(regions)
-    return towards(regions.place(cell, share[:, :2]), 2 * np.pi * share[:, 2])
+    return towards(regions.place(cell, fraction[:, :2]), 2 * np.pi * fraction[:, 2])
 
 
 def towards(boresight: Floats, roll: Floats) -> Rotation:

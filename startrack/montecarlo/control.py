@@ -15,8 +15,8 @@ from startrack.catalog import open_sky
 from startrack.core import Camera, Frame, Ints, Stars
 from startrack.design import Case
 from startrack.detection import Response, half_of, joined, peak_border, response, star_image
-from startrack.detector import Detector, law_of, only_lone_pixels
-from startrack.trial import index_of, psf_of, trust
+from startrack.detector import Detector, law_of, require_independent_pixels
+from startrack.trial import index_of, psf_of, systematic_variance
 
 Floats = NDArray[np.float64]
 
@@ -148,8 +148,8 @@ def _by_pixel(answer: Response, gain: Floats, columns: int) -> tuple[NDArray[np.
 
 def _law(detector: Detector, electrons: Floats) -> tuple[Floats, Floats]:
     """Mean and variance of the numbers of independent pixels, far from the converter's ends."""
-    only_lone_pixels(detector)
-    if detector.bend or detector.bow or detector.hits:
+    require_independent_pixels(detector)
+    if detector.nonlinearity or detector.adc_inl or detector.hits:
         raise ValueError("a control variate needs a detector without bend, bow and hits")
     law = law_of(detector)
     mean = electrons * law.gain + law.offset
@@ -167,7 +167,7 @@ def _known(
     camera = case.believed_camera
     index = index_of(open_sky(case.believed_catalog).stars, camera)
     pixel, direction, star = _inside(index.faint.direction, icrs_to_camera, camera, -NEAR)
-    own = trust(case)[index.faint.member[star]]
+    own = systematic_variance(case)[index.faint.member[star]]
     if not len(pixel):
         return answer.of(np.zeros(len(answer.place), bool)), direction, own
     square = ((answer.place[:, None] - pixel) ** 2).sum(axis=2)

@@ -78,8 +78,8 @@ def stratified(values: Floats, stratum: NDArray[np.int64]) -> Mean:
     square = np.bincount(stratum, (values - mean[stratum]) ** 2) / (count - 1)
     error = math.sqrt(float((square / count).sum())) / len(count)
     # Welch and Satterthwaite's degrees of freedom.
-    share = square / count
-    freedom = share.sum() ** 2 / max((share**2 / (count - 1)).sum(), 1e-300)
+    fraction = square / count
+    freedom = fraction.sum() ** 2 / max((fraction**2 / (count - 1)).sum(), 1e-300)
     return Mean(float(mean.mean()), error, float(freedom))
 
 

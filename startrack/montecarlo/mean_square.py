@@ -36,16 +36,16 @@ def mean_square(outcomes: Outcomes, about: bool = False, sobol: bool = False) ->
     """
     if sobol:
         outcomes = _whole_rounds(outcomes)
-    share = float(_right(outcomes).mean()) if len(outcomes) else 0.0
-    if len(outcomes) < FEWEST or share == 0:
+    fraction = float(_right(outcomes).mean()) if len(outcomes) else 0.0
+    if len(outcomes) < FEWEST or fraction == 0:
         return Mean(math.nan, math.nan, 1.0)
-    ratio = float(squares(outcomes, about).mean()) / share
+    ratio = float(squares(outcomes, about).mean()) / fraction
     rest = _rest(outcomes, ratio, about)
     name = "surplus_about" if about else "surplus_across"
     if name in (outcomes.dtype.names or ()):
         rest = rest - explained(rest, outcomes[name][:, None])
     mean = replicated(rest, outcomes["trial"] % REPLICATES) if sobol else plain(rest)
-    return Mean(ratio + mean.value / share, mean.error / share, mean.freedom)
+    return Mean(ratio + mean.value / fraction, mean.error / fraction, mean.freedom)
 
 
 def combined(levels: Sequence[tuple[Outcomes, Fidelity]], about: bool = False) -> Mean:
@@ -63,12 +63,12 @@ def combined(levels: Sequence[tuple[Outcomes, Fidelity]], about: bool = False) -
             one before.
     """
     finest = levels[0][0]
-    share = float(_right(finest).mean()) if len(finest) else 0.0
-    if share == 0:
+    fraction = float(_right(finest).mean()) if len(finest) else 0.0
+    if fraction == 0:
         return Mean(math.nan, math.nan, 1.0)
-    ratio = float(squares(finest, about).mean()) / share
+    ratio = float(squares(finest, about).mean()) / fraction
     mean = _telescope(levels, ratio, about)
-    return Mean(ratio + mean.value / share, mean.error / share, mean.freedom)
+    return Mean(ratio + mean.value / fraction, mean.error / fraction, mean.freedom)
 
 
 def _telescope(levels: Sequence[tuple[Outcomes, Fidelity]], ratio: float, about: bool) -> Mean:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import one_of, within
-from startrack.metrics import Interval, level_interval, rms_interval, share_interval
+from startrack.metrics import Interval, fraction_interval, level_interval, rms_interval
 from startrack.montecarlo.mean_square import mean_square
 
 STATISTICS = ("across", "about", "availability", "across-99.73")
@@ -23,7 +23,7 @@ class Precision:
     relative    1, half-width of its interval over its value, at most
     statistic   across, about: rms error per axis across, or about the boresight;
                 across-99.73: the angle that 99.73 % of the errors across do not exceed;
-                availability: share of trials with a right attitude
+                availability: fraction of trials with a right attitude
     confidence  1, of the interval
     sobol       whether trials lie at Sobol's points. The intervals of an rms then come from the
                 scatter of their scrambles; the others take them for random, which is too wide
@@ -46,7 +46,7 @@ class Precision:
         """
         right = outcomes[outcomes["solved"] & ~outcomes["false"]]
         if self.statistic == "availability":
-            return share_interval(len(right), len(outcomes), self.confidence)
+            return fraction_interval(len(right), len(outcomes), self.confidence)
         squares = right["error_x"] ** 2 + right["error_y"] ** 2
         if self.statistic == "across-99.73":
             return quantile_interval(np.sqrt(squares), 0.9973, self.confidence)
@@ -79,17 +79,17 @@ def half_width(interval: Interval) -> float:
 
 
 def quantile_interval(
-    values: NDArray[np.float64], share: float, confidence: float = 0.95
+    values: NDArray[np.float64], fraction: float, confidence: float = 0.95
 ) -> Interval:
     """A quantile of values that are not negative, with the interval of `level_interval`.
 
-    share    in (0, 1)
+    fraction  in (0, 1)
     Returns  the least value that so many do not exceed; its interval is open above where there
              are too few values to close it
     Errors   NaN where there is no value. The coverage is at least the confidence.
     """
     if len(values) == 0:
         return Interval(math.nan, math.nan, math.nan)
-    bounds = level_interval(values, share, confidence)
-    rank = max(math.ceil(len(values) * share), 1) - 1
+    bounds = level_interval(values, fraction, confidence)
+    rank = max(math.ceil(len(values) * fraction), 1) - 1
     return Interval(float(np.partition(values, rank)[rank]), bounds.low, bounds.high)

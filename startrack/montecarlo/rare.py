@@ -15,7 +15,7 @@ from startrack.montecarlo.estimate import Mean, plain
 
 Floats = NDArray[np.float64]
 
-DEFENCE = 0.2  # share of the trials that look anywhere, so that no weight exceeds 5
+DEFENCE = 0.2  # fraction of the trials that look anywhere, so that no weight exceeds 5
 
 
 def chances(score: Floats) -> Floats:
@@ -44,10 +44,10 @@ def where_likely(
     Returns  attitudes; (n,) 1, true over drawn density. The mean of weight times indicator is the
              probability of the event, whatever the chances were.
     """
-    share = np.array([Streams(seed, number)("rare").random(4) for number in numbers])
-    cell = np.searchsorted(np.cumsum(chance)[:-1], share[:, 0], side="right")
-    boresight = regions.place(cell, share[:, 1:3])
-    return towards(boresight, 2 * math.pi * share[:, 3]), 1 / (len(regions) * chance[cell])
+    fraction = np.array([Streams(seed, number)("rare").random(4) for number in numbers])
+    cell = np.searchsorted(np.cumsum(chance)[:-1], fraction[:, 0], side="right")
+    boresight = regions.place(cell, fraction[:, 1:3])
+    return towards(boresight, 2 * math.pi * fraction[:, 3]), 1 / (len(regions) * chance[cell])
 
 
 def probability(happened: NDArray[np.bool_], weight: Floats) -> Mean:

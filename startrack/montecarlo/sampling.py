@@ -14,7 +14,7 @@ from startrack.core import Streams, one_of
 from startrack.design import Case, Fidelity
 from startrack.montecarlo.attitudes import at_random, by_sobol
 from startrack.montecarlo.control import control
-from startrack.trial import OUTCOMES, noiseless, observe, run_trials
+from startrack.trial import OUTCOMES, expected_electrons, observe, run_trials
 
 AXES = "xyz"
 CONTROLS = np.dtype(
@@ -36,7 +36,7 @@ def sample_controlled(
         streams = Streams(seed, number)
         record = observe(case, attitude, streams)
         outcomes[k] = (number, *record.outcome)
-        electrons = noiseless(case, record.stars, record.path, attitude, streams)
+        electrons = expected_electrons(case, record.stars, record.path, attitude, streams)
         image = record.frame.image.astype(float)
         made = control(case, attitude, record.stars, electrons, image)
         if made is not None:
@@ -106,7 +106,7 @@ class Sampling:
     def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> NDArray[np.void]:
         """Outcomes (n,) of some trials, each the same whichever others are asked for.
 
-        Errors  as `startrack.chain.trials` and `startrack.variance.control`
+        Errors  as `startrack.run_trials` and `control`
         """
         if not self.control:
             look = None if self.attitudes == "random" else self.look(seed, numbers)

@@ -151,7 +151,8 @@ class Store:
                 f"{self.path} holds trials of startrack {self.startrack}, which this startrack "
                 f"{version} must not mix with its own; begin another store"
             )
-        other = _difference(self._table, json.loads(json.dumps(to_table(case))))
+        held, asked = (json.loads(json.dumps(to_table(one))) for one in (self.case, case))
+        other = _difference(held, asked)
         if other:
             raise ValueError(f"{self.path} holds trials of another design: {other}")
 

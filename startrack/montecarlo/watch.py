@@ -14,14 +14,14 @@ from startrack.montecarlo.precision import Precision, half_width
 from startrack.montecarlo.store import Store
 
 OFTEN = 1.0  # second between two looks, at least
-SHARE = 0.01  # of the time that looks may take
+FRACTION = 0.01  # of the time that looks may take
 
 
 class Watch:
     """Counts trials as they are done, tells the statistic with its interval, and keeps a log.
 
     The log has one JSON object a line: seconds since the start, trials, trials_per_s, statistic,
-    value, low, high (arcsec, or a share), confidence, relative_half_width, remaining_s. Numbers
+    value, low, high (arcsec, or a fraction), confidence, relative_half_width, remaining_s. Numbers
     that are not known yet are null.
     """
 
@@ -58,7 +58,7 @@ class Watch:
             self._log.write(json.dumps(values, allow_nan=False) + "\n")
             self._log.flush()
         self._show(trials, _sentence(values))
-        self._next = now + max(OFTEN, (time.monotonic() - now) / SHARE)
+        self._next = now + max(OFTEN, (time.monotonic() - now) / FRACTION)
 
     def look(self) -> dict[str, Any]:
         """What is known now; None for what is not."""

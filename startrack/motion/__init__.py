@@ -10,28 +10,28 @@ transfer       Motion within an exposure enters; its PSF, its transfer function 
                Nyquist leave.
 """
 
-from startrack.motion.line_of_sight import shake, slew, trace
+from startrack.motion.line_of_sight import sample_jitter, slew, trace
 from startrack.motion.parameters import Broadband, Motion, Tone
-from startrack.motion.realisation import Turn, turn
-from startrack.motion.stability import Stability, blur, stability, wander
+from startrack.motion.realisation import MotionRealisation, realise_motion
+from startrack.motion.stability import Stability, blur, jitter_rms, stability
 from startrack.motion.transfer import density, image_path, nyquist_mtf, transfer
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Broadband",
     "Motion",
+    "MotionRealisation",
     "Stability",
     "Tone",
-    "Turn",
     "blur",
     "density",
     "image_path",
+    "jitter_rms",
     "nyquist_mtf",
-    "shake",
+    "realise_motion",
+    "sample_jitter",
     "slew",
     "stability",
     "trace",
     "transfer",
-    "turn",
-    "wander",
 ]

@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Path, Streams, positive, within
+from startrack.core import LineOfSight, Streams, positive, within
 from startrack.motion.parameters import Motion
 from startrack.motion.quadrature import joined, points
-from startrack.motion.realisation import Turn, turn
+from startrack.motion.realisation import MotionRealisation, realise_motion
 
 Floats = NDArray[np.float64]
 
@@ -26,26 +26,26 @@ MOST_POINTS = 2**15
 HALF_FIELD = math.pi / 4
 
 
-def shake(
+def sample_jitter(
     motion: Motion,
     exposure: float,
     pixel_angle: float,
     streams: Streams,
     half_field: float = HALF_FIELD,
-) -> Path:
+) -> LineOfSight:
     """The path of the line of sight in the exposure of one trial.
 
     A motion in which nothing is drawn is computed once; see `slew` for the rest.
     """
     if motion.drawn:
-        return trace(turn(motion, exposure, streams), exposure, pixel_angle, half_field)
+        return trace(realise_motion(motion, exposure, streams), exposure, pixel_angle, half_field)
     return slew(motion, exposure, pixel_angle, half_field)
 
 
 @lru_cache(maxsize=64)
 def slew(
     motion: Motion, exposure: float, pixel_angle: float, half_field: float = HALF_FIELD
-) -> Path:
+) -> LineOfSight:
     """The path of a motion in which nothing is drawn.
 
     A star's image is the mean of its PSF over the exposure. Gauss-Lobatto points in time give
@@ -61,15 +61,17 @@ def slew(
                  numerical: 1e-6 of the flux for a PSF of sigma 0.5 pixel or wider; at 0.35 pixel,
                  2e-6 as a rule and 1e-4 at worst.
     """
-    return trace(turn(motion, exposure), exposure, pixel_angle, half_field)
+    return trace(realise_motion(motion, exposure), exposure, pixel_angle, half_field)
 
 
-def trace(motion: Turn, exposure: float, pixel_angle: float, half_field: float) -> Path:
+def trace(
+    motion: MotionRealisation, exposure: float, pixel_angle: float, half_field: float
+) -> LineOfSight:
     """The path of a motion that is known already; arguments and errors as `slew`."""
     positive(exposure=exposure, pixel_angle=pixel_angle)
     within(0, 1.55, half_field=half_field)
     if not motion.speed.any():
-        return Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
+        return LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     wave, damping = _probes(pixel_angle, half_field)
     # In the corner, a turn about x, y or z moves a star by so many pixel.
     reach = np.array([1 + math.tan(half_field) ** 2] * 2 + [math.tan(half_field)]) / pixel_angle
@@ -77,11 +79,11 @@ def trace(motion: Turn, exposure: float, pixel_angle: float, half_field: float) 
     line = np.hypot(motion.cosine, motion.sine) @ reach > TOLERANCE
     cycles = motion.frequency.max(where=line, initial=0.0) * exposure
     count = FEWEST_POINTS + max(POINTS_PER_PIXEL * smear, POINTS_PER_CYCLE * cycles)
-    coarse: Path | None = None
+    coarse: LineOfSight | None = None
     before = np.full(len(wave), np.inf)
     while count <= MOST_POINTS:
         start, step, weight = points(math.ceil(count))
-        path = Path(
+        path = LineOfSight(
             exposure * joined(np.add.outer(start, step)),
             weight,
             joined(motion.over(exposure * start, exposure * step)),

@@ -38,16 +38,16 @@ class Bands:
         """(k,) hertz."""
         return self.low * np.expm1(self.octave)
 
-    def place(self, share: Floats) -> Floats:
-        """Hertz, below which each band has this share (..., k) of its power.
+    def place(self, fraction: Floats) -> Floats:
+        """Hertz, below which each band has this fraction (..., k) of its power.
 
         The inverse of the cumulated power: with a uniform share it draws frequencies in
         proportion to the density.
         """
         flat = np.abs(self.exponent) * self.octave < 1e-9
         slope = np.where(flat, 1.0, self.exponent)
-        steep = np.log1p(share * np.expm1(slope * self.octave)) / slope
-        return self.low * np.exp(np.where(flat, share * self.octave, steep))
+        steep = np.log1p(fraction * np.expm1(slope * self.octave)) / slope
+        return self.low * np.exp(np.where(flat, fraction * self.octave, steep))
 
 
 @lru_cache(maxsize=64)
@@ -71,7 +71,7 @@ def bands(spectrum: Broadband) -> Bands:
 
 
 @dataclass(frozen=True, eq=False)
-class Turn:
+class MotionRealisation:
     """How the camera turns about its own axes: a constant rate and a sum of lines.
 
         angle(t) = rate t + sum_k cosine_k [cos(2 pi f_k t) - 1] + sine_k sin(2 pi f_k t)
@@ -125,10 +125,10 @@ class Turn:
         time = np.add.outer(start, step)
         return -(time[..., None] * self.rate + np.stack(lines, axis=-1))
 
-    def later(self, time: float) -> Turn:
+    def later(self, time: float) -> MotionRealisation:
         """The same motion with its zero of time, and of angle, moved to `time` second."""
         line = (self.cosine - 1j * self.sine) * np.exp(2j * np.pi * time * self.frequency)[:, None]
-        return Turn(self.rate, self.frequency, line.real.copy(), -line.imag)
+        return MotionRealisation(self.rate, self.frequency, line.real.copy(), -line.imag)
 
     @property
     def speed(self) -> Floats:
@@ -137,7 +137,9 @@ class Turn:
         return np.sqrt(self.rate**2 + lines.sum(axis=0))
 
 
-def turn(motion: Motion, exposure: float, streams: Streams | None = None) -> Turn:
+def realise_motion(
+    motion: Motion, exposure: float, streams: Streams | None = None
+) -> MotionRealisation:
     """Draw the phases of the tones and the lines of the broadband jitter.
 
     exposure  second; it decides how much the power of a band varies, and no other draw
@@ -154,7 +156,7 @@ def turn(motion: Motion, exposure: float, streams: Streams | None = None) -> Tur
     rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
     frequency = np.concatenate([np.zeros(0), *(f for f, _ in lines)])
     amplitude = np.concatenate([np.zeros((0, 3), complex), *(a for _, a in lines)])
-    return Turn(rate, frequency, amplitude.real.copy(), -amplitude.imag)
+    return MotionRealisation(rate, frequency, amplitude.real.copy(), -amplitude.imag)
 
 
 def _tone(tone: Tone, cause: str, streams: Streams | None) -> tuple[Floats, NDArray[np.complex128]]:
@@ -180,14 +182,14 @@ def _broadband(
     Reviews 44, 191, for the sum of lines.)
     """
     table = bands(spectrum)
-    share, angle, chance = _generator(streams, f"broadband {spectrum.axis}").random(
+    fraction, angle, chance = _generator(streams, f"broadband {spectrum.axis}").random(
         (3, len(table.low))
     )
     shape = np.maximum(table.width * exposure, 1.0)
     power = table.power * gammaincinv(shape, chance) / shape
-    amplitude = np.zeros((len(share), 3), complex)
+    amplitude = np.zeros((len(fraction), 3), complex)
     amplitude[:, AXES.index(spectrum.axis)] = np.sqrt(2 * power) * np.exp(2j * np.pi * angle)
-    return table.place(share), amplitude
+    return table.place(fraction), amplitude
 
 
 def _generator(streams: Streams | None, cause: str) -> np.random.Generator:

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Path, positive
+from startrack.core import LineOfSight, positive
 from startrack.motion.parameters import AXES, Motion
 from startrack.motion.quadrature import joined, points
-from startrack.motion.realisation import Turn, bands, turn
+from startrack.motion.realisation import MotionRealisation, bands, realise_motion
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class Stability(NamedTuple):
     rms: Floats
 
 
-def stability(path: Path) -> Stability:
+def stability(path: LineOfSight) -> Stability:
     """Drift and blur of one path, which starts and ends with the exposure as those of `shake`.
 
     Errors  numerical: a path has the points that its image needs: 1e-8 of an rms of 0.1 pixel, but
@@ -60,7 +60,7 @@ def blur(motion: Motion, exposure: float) -> Floats:
     """
     positive(exposure=exposure)
     given = tuple(tone for tone in motion.tones if tone.phase is not None)
-    square = _steady(turn(replace(motion, tones=given, broadband=()), exposure), exposure)
+    square = _steady(realise_motion(replace(motion, tones=given, broadband=()), exposure), exposure)
     for tone in motion.tones:
         if tone.phase is None:
             rms = np.array([tone.rms_x, tone.rms_y, tone.rms_z])
@@ -68,13 +68,13 @@ def blur(motion: Motion, exposure: float) -> Floats:
     node, weight = np.polynomial.legendre.leggauss(6)
     for spectrum in motion.broadband:
         table = bands(spectrum)
-        # Equal shares of a band's power, so that the density is in the places, not the weights.
+        # Equal fractions of a band's power, so that the density is in the places, not the weights.
         seen = _blurred(table.place((node[:, None] + 1) / 2) * exposure)
         square[AXES.index(spectrum.axis)] += weight / 2 @ seen @ table.power
     return np.sqrt(square)
 
 
-def wander(motion: Motion, exposure: float) -> Floats:
+def jitter_rms(motion: Motion, exposure: float) -> Floats:
     """How far the mean of an exposure lies from its middle, by jitter: rms over all trials.
 
         wander^2 = Int S(f) [1 - sinc(f T)]^2 df
@@ -95,7 +95,7 @@ def wander(motion: Motion, exposure: float) -> Floats:
     return np.sqrt(square)
 
 
-def _steady(motion: Turn, exposure: float) -> Floats:
+def _steady(motion: MotionRealisation, exposure: float) -> Floats:
     """(3,) radian^2, the mean square of a known motion about its mean, however small it is."""
     cycles = motion.frequency.max(initial=0.0) * exposure
     start, step, weight = points(math.ceil(FEWEST_POINTS + POINTS_PER_CYCLE * cycles))

@@ -7,13 +7,13 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Path, positive, whole
+from startrack.core import Camera, LineOfSight, positive, whole
 
 Floats = NDArray[np.float64]
 
 
 def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float = 1.0) -> Floats:
-    """The time density of a path, as shares in the cells of a grid around its origin.
+    """The time density of a path, as fractions in the cells of a grid around its origin.
 
     This is the integral of eq. (14) of Krutz et al. (2011) over each cell. Its print divides by
     v_x, which is 0 at turning points, at rest and for motion along y; time is never divided by
@@ -22,7 +22,7 @@ def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float =
     time     (m,) second, increasing
     offset   (m, 2) pixel, (x, y) at these times, joined by straight lines
     cell     pixel, side of a cell; the grid's centre is at offset (0, 0)
-    Returns  (rows, columns) 1; sums to the share of the time that the path is on the grid
+    Returns  (rows, columns) 1; sums to the fraction of the time that the path is on the grid
     Errors   ValueError where there are no two times in order.
              numerical: second order in the distance of the times.
     """
@@ -35,18 +35,18 @@ def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float =
         raise ValueError(
             f"offset must hold finite (x, y) for {len(time)} times, got shape {offset.shape}"
         )
-    share = np.diff(time) / (time[-1] - time[0])
+    fraction = np.diff(time) / (time[-1] - time[0])
     image = np.zeros((rows, columns))
     # Cells as unit squares, the first from 0 to 1.
     x, y = (offset / cell + np.array([columns, rows]) / 2).T
-    _deposit(image, np.ascontiguousarray(x), np.ascontiguousarray(y), share)
+    _deposit(image, np.ascontiguousarray(x), np.ascontiguousarray(y), fraction)
     return image
 
 
 @njit(cache=True, error_model="numpy")
-def _deposit(image, x, y, share):  # type: ignore[no-untyped-def]
+def _deposit(image, x, y, fraction):  # type: ignore[no-untyped-def]
     """Give each cell that a straight piece crosses its part of the piece's time."""
-    for n in range(len(share)):
+    for n in range(len(fraction)):
         dx, dy = x[n + 1] - x[n], y[n + 1] - y[n]
         # The piece runs from 0 to 1; this is where it next crosses a line of each kind.
         step_x, step_y = abs(1 / dx), abs(1 / dy)
@@ -58,7 +58,7 @@ def _deposit(image, x, y, share):  # type: ignore[no-untyped-def]
             middle = (done + end) / 2
             column, row = int(np.floor(x[n] + middle * dx)), int(np.floor(y[n] + middle * dy))
             if 0 <= row < image.shape[0] and 0 <= column < image.shape[1]:
-                image[row, column] += share[n] * (end - done)
+                image[row, column] += fraction[n] * (end - done)
             if next_x <= end:
                 next_x += step_x
             if next_y <= end:
@@ -75,7 +75,7 @@ def _first(place, way):  # type: ignore[no-untyped-def]
 NYQUIST = 0.5  # cycles per pixel
 
 
-def image_path(path: Path, camera: Camera, direction: Floats) -> Floats:
+def image_path(path: LineOfSight, camera: Camera, direction: Floats) -> Floats:
     """Where the image of a star is, from its place at the middle of the exposure.
 
     direction  (3,) in camera axes, at the middle of the exposure
@@ -98,7 +98,7 @@ def transfer(offset: Floats, weight: Floats, frequency: Floats) -> NDArray[np.co
     so that rest, turning points and motion along y are no exceptions.
 
     offset     (m, 2) pixel, (x, y)
-    weight     (m,) 1, share of the exposure
+    weight     (m,) 1, fraction of the exposure
     frequency  (..., 2) cycles / pixel, along x and y
     Returns    (...) 1; its modulus is the modulation transfer function (MTF)
     Errors     numerical: that of the path's points: 1e-6 up to the Nyquist frequency.

@@ -25,12 +25,12 @@ baffle      Light -> Light: what Sun, Moon and Earth send past the baffle become
 """
 
 from startrack.optics.airy import airy
-from startrack.optics.baffle import Baffle, veil
+from startrack.optics.baffle import Baffle, stray_light
 from startrack.optics.choose import Choice, choose
 from startrack.optics.fraunhofer import intensity, pupil_samples
 from startrack.optics.over_field import at_field, over_field
 from startrack.optics.parameters import Optics
-from startrack.optics.pixel_psf import focus, pixel_response
+from startrack.optics.pixel_psf import pixel_psf, pixel_response
 from startrack.optics.pupil import Pupil, Segment, cells, openness
 from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, encircled, modulation, quality
 from startrack.optics.transfer import blur_transfer, pixel_transfer, pupil_transfer
@@ -50,12 +50,12 @@ __all__ = [
     "blur_transfer",
     "choose",
     "encircled",
-    "focus",
     "modulation",
     "over_field",
+    "pixel_psf",
     "pixel_response",
     "pixel_transfer",
     "pupil_transfer",
     "quality",
-    "veil",
+    "stray_light",
 ]

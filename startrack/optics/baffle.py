@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Glare, Glow, Light, Unit, positive, within
+from startrack.core import Camera, DiffuseLight, Light, StrayLightSource, Unit, positive, within
 from startrack.optics.parameters import Optics
 
 Floats = NDArray[np.float64]
@@ -51,7 +51,7 @@ class Baffle:
         return np.exp(np.interp(angle, self.angle, np.log(self.transmittance)))
 
 
-def veil(
+def stray_light(
     light: Light, baffle: Baffle, optics: Optics, icrs_to_camera: Rotation, camera: Camera
 ) -> Light:
     """The light with the veil of its glare, as a glow that would have the same irradiance.
@@ -68,10 +68,10 @@ def veil(
     line = icrs_to_camera.inv().apply(camera.lattice(NODES))
     spread = optics.focal_length**2 / optics.area
     veils = tuple(_glow(one, line, baffle, spread) for one in light.glare)
-    return replace(light, glow=light.glow + veils)
+    return replace(light, diffuse=light.diffuse + veils)
 
 
-def _glow(glare: Glare, line: Floats, baffle: Baffle, spread: float) -> Glow:
+def _glow(glare: StrayLightSource, line: Floats, baffle: Baffle, spread: float) -> DiffuseLight:
     angle = np.arccos(np.clip(line @ glare.direction.T, -1, 1))
-    share = baffle(angle) @ glare.share * spread
-    return Glow(glare.photon_rate, share.reshape(NODES, NODES))
+    fraction = baffle(angle) @ glare.fraction * spread
+    return DiffuseLight(glare.photon_irradiance, fraction.reshape(NODES, NODES))

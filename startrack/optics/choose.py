@@ -77,7 +77,7 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
 def _integrals(optics: Optics, side: float, wavelength: float) -> tuple[float, float]:
     """How much blur and pixel magnify a difference, and the Gaussian's difference from Airy."""
     f_number = optics.working_f_number
-    node, share = np.polynomial.legendre.leggauss(200)
+    node, fraction = np.polynomial.legendre.leggauss(200)
     # To the cutoff, or to where the blur leaves exp(-40).
     last = 1 / (wavelength * f_number)
     if optics.total_blur:
@@ -87,11 +87,11 @@ def _integrals(optics: Optics, side: float, wavelength: float) -> tuple[float, f
     fx, fy = np.multiply.outer(frequency, (np.cos(turn), np.sin(turn))).swapaxes(0, 1)
     pixel = pixel_transfer(fx, side) * pixel_transfer(fy, side)
     rest = blur_transfer(frequency, optics.total_blur)
-    ring = share * frequency * rest
+    ring = fraction * frequency * rest
     airy = pupil_transfer(frequency, wavelength, f_number)
     gauss = blur_transfer(frequency, AIRY_SIGMA * wavelength * f_number)
     peak = float(ring * airy @ pixel.mean(axis=1))
-    open_peak = float(share * frequency @ airy)
+    open_peak = float(fraction * frequency @ airy)
     size = np.abs(pixel).mean(axis=1)
     kappa = min(float(ring @ size), open_peak) / peak
     # Beyond the cutoff the Gaussian goes on alone: its integral from there, in units of the ring's.

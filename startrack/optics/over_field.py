@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Psf
 from startrack.optics.parameters import Optics
-from startrack.optics.pixel_psf import focus
+from startrack.optics.pixel_psf import pixel_psf
 from startrack.optics.zernike import Aberration, nm_to_noll, noll_to_nm
 
 Floats = NDArray[np.float64]
@@ -57,6 +57,6 @@ def over_field(
     places  radian, field angles (x, y)
     """
     return tuple(
-        focus(at_field(optics, x, y), pitch, wavelength, weight, fill_factor, diffusion)
+        pixel_psf(at_field(optics, x, y), pitch, wavelength, weight, fill_factor, diffusion)
         for x, y in places
     )

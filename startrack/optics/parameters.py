@@ -28,7 +28,7 @@ class Optics:
                      "fresnel": with the scale of a plane out of focus; "kirchhoff": with
                      inclined rays and the lens's own phase; "auto": the cheapest of these that
                      keeps psf_tolerance
-    psf_tolerance    1, share of the PSF's peak that the choice of a model may cost
+    psf_tolerance    1, fraction of the PSF's peak that the choice of a model may cost
     lens             "aplanatic": corrected for spherical aberration and coma, as real lenses are;
                      "perfect": one thin plane that makes a spherical wave; "parabolic": one thin
                      plane with the phase of a parabola, as in Krutz et al. The last two differ
@@ -122,7 +122,7 @@ class Optics:
     @property
     def area(self) -> float:
         """Open area of the aperture, square metre."""
-        return math.pi / 4 * self.aperture**2 * self.pupil.share
+        return math.pi / 4 * self.aperture**2 * self.pupil.fraction
 
     @property
     def image_distance(self) -> float:

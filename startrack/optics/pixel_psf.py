@@ -38,12 +38,12 @@ def gauss_band(wavelength: Floats, weight: Floats, count: int) -> tuple[Floats, 
     used = weight > 0
     if not used.any():
         raise ValueError("weight must be above zero at one wavelength at least")
-    nodes, share = wavelength[used], weight[used] / weight[used].sum()
+    nodes, fraction = wavelength[used], weight[used] / weight[used].sum()
     if len(nodes) <= count:
-        return nodes, share
+        return nodes, fraction
     middle, half = nodes.mean(), np.ptp(nodes) / 2
     x = (nodes - middle) / half
-    basis = [np.sqrt(share)]
+    basis = [np.sqrt(fraction)]
     diagonal, beside = [], []
     for _ in range(count):
         new = x * basis[-1]
@@ -67,7 +67,7 @@ MOST_SAMPLES = 1024  # across a pupil
 MOST_POINTS = 3072  # across the field of an irradiance
 
 
-def focus(
+def pixel_psf(
     optics: Optics,
     pitch: float,
     wavelength: Floats,
@@ -86,11 +86,11 @@ def focus(
 
     pitch        metre, side of a pixel
     wavelength   (k,) metre
-    weight       (k,) shares of the detected photons; need not sum to one
+    weight       (k,) fractions of the detected photons; need not sum to one
     fill_factor  1, area of the active square in the middle of a pixel over that of the pixel. The
                  table is divided by it, because whoever counts photons has counted it already
     diffusion    metre, sigma of the Gaussian that charge diffusion adds per axis
-    Errors       model: see `choose`; the share outside the table is 1 - Psf.energy.
+    Errors       model: see `choose`; the fraction outside the table is 1 - Psf.energy.
                  numerical: 1e-5 of the peak; see `pixel_response`, `pixel_average`, `stamp`. What
                  is finer than a sigma of 1/64 pixel is blurred to that, lest shares become
                  negative between the samples. So, where a pixel holds more than ten wavelength *
@@ -138,8 +138,8 @@ def _airy(
 ) -> Psf:  # fmt: skip
     def transfer(frequency: Floats) -> Floats:
         pupil = np.zeros_like(frequency)
-        for share, each in zip(weight, wavelength, strict=True):
-            pupil += share * pupil_transfer(frequency, each, f_number)
+        for fraction, each in zip(weight, wavelength, strict=True):
+            pupil += fraction * pupil_transfer(frequency, each, f_number)
         return pupil * blur_transfer(frequency, blur)
 
     cusp = 4 / math.pi * float(weight @ wavelength) * f_number
@@ -259,10 +259,10 @@ def irradiance(
     cell = wave.place[1] - wave.place[0]
     grid = (np.arange(count) - count // 2) * spacing
     total = np.zeros((count, count))
-    for share, each in zip(weight, wavelength, strict=True):
+    for fraction, each in zip(weight, wavelength, strict=True):
         disk = each * wave.f_number
         # By Parseval the integral over the whole plane is one.
-        unit = share * cell**2 / (4 * wave.energy * disk**2)
+        unit = fraction * cell**2 / (4 * wave.energy * disk**2)
         total += unit * intensity(
             wave.weight, 2 * math.pi / each * wave.path, wave.place, grid / disk
         )

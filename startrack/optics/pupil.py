@@ -99,7 +99,7 @@ class Pupil:
         return not (self.obscuration or self.vanes or self.segments)
 
     @property
-    def share(self) -> float:
+    def fraction(self) -> float:
         """Open area over that of the circle.
 
         Errors  numerical: 1e-5 for shapes with corners.

@@ -22,8 +22,8 @@ class Quality:
 
     mtf_x, mtf_y    1, modulation at Nyquist, half a cycle per pixel, the pixel included
     fwhm_x, fwhm_y  pixel, full width at half maximum of the image before the pixels
-    encircled       1, share of the star's energy within RADII pixel of its image
-    ensquared       1, share in BLOCKS by BLOCKS pixels, the star in the middle of one
+    encircled       1, fraction of the star's energy within RADII pixel of its image
+    ensquared       1, fraction in BLOCKS by BLOCKS pixels, the star in the middle of one
     energy          1, share within the table
     """
 
@@ -90,8 +90,8 @@ def encircled(image: Psf, radius: float) -> float:
         return float("nan")
     at = np.arange(image.table.shape[0]) - image.table.shape[0] // 2
     # The rim is one sample wide and soft, so that the area of the circle is right.
-    share = np.clip(radius * image.oversampling - np.hypot(at, at[:, None]) + 0.5, 0, 1)
-    return float((image.table * share).sum()) / image.oversampling**2
+    fraction = np.clip(radius * image.oversampling - np.hypot(at, at[:, None]) + 0.5, 0, 1)
+    return float((image.table * fraction).sum()) / image.oversampling**2
 
 
 def ensquared(response: Psf, block: int) -> float:

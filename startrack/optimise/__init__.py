@@ -23,7 +23,7 @@ from startrack.optimise.evaluate import Evaluation, evaluate, expect, expected_e
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, optimize
 from startrack.optimise.pareto import UNITS, Goals, Point, front
-from startrack.optimise.runner import Bench
+from startrack.optimise.runner import TrialRunner
 from startrack.optimise.search import Algorithm, Found, Search, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities
 from startrack.optimise.steps import prospect
@@ -41,7 +41,6 @@ from startrack.optimise.tolerance import Tolerance, designs_needed, sample
 # Public; the other imports serve other rooms.
 __all__ = [
     "Algorithm",
-    "Bench",
     "Chains",
     "Ensembles",
     "Evaluation",
@@ -53,6 +52,7 @@ __all__ = [
     "Search",
     "Sensitivity",
     "Tolerance",
+    "TrialRunner",
     "comparison",
     "evaluate",
     "front",

@@ -51,7 +51,7 @@ class Chains:
     """Samples, without their beginnings.
 
     samples          (ensembles, steps, walkers, d)
-    acceptance       1, share of accepted moves of the worst ensemble
+    acceptance       1, fraction of accepted moves of the worst ensemble
     autocorrelation  (d,) steps
     """
 
@@ -239,9 +239,9 @@ def _refuse_noise(log_probability: Callable[[Floats], Floats], at: Floats, first
         )
 
 
-def median_and_ends(column: Floats, share: float) -> tuple[float, float, float]:
-    """Median of samples (n,), and the ends of their middle share."""
-    low, middle, high = np.quantile(column, [(1 - share) / 2, 0.5, (1 + share) / 2])
+def median_and_ends(column: Floats, fraction: float) -> tuple[float, float, float]:
+    """Median of samples (n,), and the ends of their middle fraction."""
+    low, middle, high = np.quantile(column, [(1 - fraction) / 2, 0.5, (1 + fraction) / 2])
     return float(middle), float(low), float(high)
 
 

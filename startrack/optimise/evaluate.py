@@ -13,10 +13,10 @@ from scipy import special
 
 from startrack.budget import Budget, Law, analytic
 from startrack.core import arcsec
-from startrack.design import AXES, Box, Campaign, Case, Objective, Requirements
+from startrack.design import AXES, Campaign, Case, DesignSpace, Objective, Requirements
 from startrack.metrics import Summary, summarise
 from startrack.optimise.margins import margins as margins_of
-from startrack.optimise.runner import Bench
+from startrack.optimise.runner import TrialRunner
 from startrack.trial import OUTCOMES
 
 PENALTY = 10.0  # ln(error) that a margin missed by its full size costs
@@ -60,10 +60,10 @@ class Evaluation:
 
 
 def evaluate(
-    box: Box,
+    box: DesignSpace,
     campaign: Campaign,
     place: Floats,
-    bench: Bench,
+    bench: TrialRunner,
     trials: int | None = None,
     correction: Callable[[Floats], float] | None = None,
     spare: bool = False,
@@ -131,7 +131,7 @@ def expect(case: Case, campaign: Campaign) -> tuple[Budget, dict[str, float]]:
     return budget, margins
 
 
-def foresee(box: Box, campaign: Campaign, place: Floats) -> float:
+def foresee(box: DesignSpace, campaign: Campaign, place: Floats) -> float:
     """The score of a design without a trial; NaN where it cannot be built.
 
     Errors  model: that of the budget, and all that it leaves out. Never the score to end with: an
@@ -179,13 +179,13 @@ def expected_error(objective: Objective, budget: Budget) -> float:
     assert isinstance(law, Law)
     axes = AXES[objective.axes]
     squares = (law.mean**2 + law.sigma**2)[:, axes].mean(axis=1)
-    if objective.share is None:
+    if objective.fraction is None:
         return math.sqrt(float(law.weight @ squares))
-    share, half = objective.share, len(axes) / 2
+    fraction, half = objective.fraction, len(axes) / 2
 
     def excess(log_square: float) -> float:
         reached = special.gammainc(half, math.exp(log_square) / (2 * squares))
-        return float(law.weight @ reached) - share
+        return float(law.weight @ reached) - fraction
 
     lowest, highest = math.log(squares.min()) - 40, math.log(squares.max()) + 10
     return math.exp(scipy.optimize.brentq(excess, lowest, highest) / 2)

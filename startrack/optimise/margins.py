@@ -15,7 +15,7 @@ from startrack.detection import threshold_of
 from startrack.detector import electron_rate
 from startrack.motion import blur
 from startrack.scene import illuminate
-from startrack.trial import look, psf_of, throughput
+from startrack.trial import psf_of, stars_in_field, throughput
 
 FIELDS = 1024  # attitudes over which the sky is counted
 FOCAL_STEP = 1.05  # ratio of the focal lengths at which they are counted
@@ -23,7 +23,7 @@ MAGNITUDES = np.linspace(-2, 12, 57)
 
 
 def margins(requirements: Requirements, case: Case) -> dict[str, float]:
-    """How far each limit is kept, as a share of it (stars: in magnitudes); below 0, it is not.
+    """How far each limit is kept, as a fraction of it (stars: in magnitudes); below 0, it is not.
 
     The accuracy and the availability are not here: they need trials.
     """
@@ -40,7 +40,7 @@ def margins(requirements: Requirements, case: Case) -> dict[str, float]:
         if requirements.min_update_rate
         else 1.0,
         "stars in the sky": limiting_magnitude(case)
-        - needed_magnitude(case, requirements.min_stars, requirements.sky_share),
+        - needed_magnitude(case, requirements.min_stars, requirements.sky_fraction),
     }
 
 
@@ -48,7 +48,7 @@ def limiting_magnitude(case: Case) -> float:
     """The faintest G of a sunlike star that the matched filter sees at the threshold.
 
         signal / noise = N sqrt(sum p^2) / sqrt(sky + dark + read noise^2 + gain^2 / 12)
-                       = threshold,   p the shares of the smeared star's light in its pixels
+                       = threshold,   p the fractions of the smeared star's light in its pixels
 
     Errors  model: background-limited, which holds at the threshold; the pixel phase is averaged,
             and the tests that tell a star from a hot pixel cost up to half a magnitude more.
@@ -77,7 +77,7 @@ def limiting_magnitude(case: Case) -> float:
     return float(np.interp(-np.log(threshold), -np.log(ratio), MAGNITUDES))
 
 
-def needed_magnitude(case: Case, stars: int, share: float) -> float:
+def needed_magnitude(case: Case, stars: int, fraction: float) -> float:
     """The G that must be seen so that `share` of the sky shows `stars` stars in the field.
 
     Errors  numerical: 0.02 magnitudes between the focal lengths at which the sky is counted.
@@ -85,7 +85,7 @@ def needed_magnitude(case: Case, stars: int, share: float) -> float:
     camera = case.instrument.camera
     at, below = math.modf(math.log(camera.focal_length_px) / math.log(FOCAL_STEP))
     nearer, farther = (
-        _needed(case.believed_catalog, camera.columns, camera.rows, step, stars, share)
+        _needed(case.believed_catalog, camera.columns, camera.rows, step, stars, fraction)
         for step in (int(below), int(below) + 1)
     )
     return nearer + at * (farther - nearer)
@@ -93,16 +93,16 @@ def needed_magnitude(case: Case, stars: int, share: float) -> float:
 
 @lru_cache(maxsize=1024)
 def _needed(
-    catalog: Selection, columns: int, rows: int, step: int, stars: int, share: float
+    catalog: Selection, columns: int, rows: int, step: int, stars: int, fraction: float
 ) -> float:
     """At a focal length of FOCAL_STEP**step pixels."""
     camera = Camera(columns, rows, FOCAL_STEP**step)
     sky = open_sky(catalog)
     faintest = np.empty(FIELDS)
     for i, attitude in enumerate(attitudes(FIELDS)):
-        seen = look(sky, attitude, camera)
+        seen = stars_in_field(sky, attitude, camera)
         inside = camera.holds(camera.project(attitude.apply(seen.direction)))
         magnitude = seen.magnitude_g[inside]
         # A field with too few stars in the whole catalogue asks for more than the catalogue has.
         faintest[i] = magnitude[stars - 1] if len(magnitude) >= stars else catalog.limit_g + 1
-    return float(np.quantile(faintest, share))
+    return float(np.quantile(faintest, fraction))

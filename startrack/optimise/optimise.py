@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.design import Box, Campaign, Case, Fidelity, Objective, branches
+from startrack.design import Campaign, Case, DesignSpace, Fidelity, Objective, branches
 from startrack.metrics import Interval, Summary, summarise
 from startrack.optimise.evaluate import Evaluation, evaluate, measured, measured_score
-from startrack.optimise.runner import FRESH, Bench
+from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.steps import Watch, availability, prospect, race, reach, refine
 from startrack.trial import OUTCOMES
 
@@ -38,7 +38,7 @@ class Optimum:
     trials       how many were done, per fidelity
     """
 
-    box: Box
+    box: DesignSpace
     branch: str
     start: Case
     best: Case
@@ -67,7 +67,7 @@ class Optimum:
 def optimize(
     case: Case,
     campaign: Campaign,
-    bench: Bench,
+    bench: TrialRunner,
     watch: Watch | None = None,
     watch_fresh: Callable[[int], None] | None = None,
     adapt: Callable[[Case], Case] | None = None,
@@ -87,7 +87,7 @@ def optimize(
                  model: what trials correct is searched locally; a better design may lie elsewhere.
     """
     boxes = {
-        branch.label: Box(branch.case, campaign.variables, campaign.links, adapt)
+        branch.label: DesignSpace(branch.case, campaign.variables, campaign.links, adapt)
         for branch in branches(case, campaign.choices)
     }
     tried = list[Evaluation]()
@@ -101,7 +101,7 @@ def optimize(
     starts = {label: one.place for label, one in nearest.items() if one.short == 0}
     if starts:
         possible = {label: boxes[label] for label in starts}
-        for label, box in possible.items() if campaign.prospects else ():
+        for label, box in possible.items() if campaign.analytic_evaluations else ():
             starts[label] = _better(box, starts[label], campaign, bench, told)
         label, start = race(possible, starts, _left(campaign, tried), bench, told)
         finalists, ending = refine(boxes[label], start, _left(campaign, tried), bench, told)
@@ -111,7 +111,7 @@ def optimize(
         finalists, ending = tried, "no design of the box meets what needs no trials"
     box = boxes[label]
     first = _fresh(case, campaign, bench, watch_fresh)
-    best, second, share = _verify(box, finalists[:FINALISTS], campaign, bench, watch_fresh)
+    best, second, fraction = _verify(box, finalists[:FINALISTS], campaign, bench, watch_fresh)
     objective = Objective.read(campaign.objective)
     summary = summarise(second)
     winner = box.design(np.array(best.place))
@@ -127,8 +127,8 @@ def optimize(
         objective.ratio(before, after, bench.seed),
         best.error,
         objective.ratio(after, objective.squares(tuning), bench.seed, paired=False),
-        share,
-        best.margins | _shown(campaign, summary, share),
+        fraction,
+        best.margins | _shown(campaign, summary, fraction),
         ending,
         {fidelity.value: count for fidelity, count in bench.tried.items()},
     )
@@ -139,7 +139,9 @@ def _left(campaign: Campaign, tried: Sequence[Evaluation]) -> Campaign:
     return replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
 
 
-def _better(box: Box, start: Floats, campaign: Campaign, bench: Bench, watch: Watch) -> Floats:
+def _better(
+    box: DesignSpace, start: Floats, campaign: Campaign, bench: TrialRunner, watch: Watch
+) -> Floats:
     """The start, or where the analytic budget is best: whichever trials find better."""
     found = prospect(box, campaign, start)
     tried = [evaluate(box, campaign, place, bench) for place in (start, found.place)]
@@ -149,10 +151,10 @@ def _better(box: Box, start: Floats, campaign: Campaign, bench: Bench, watch: Wa
 
 
 def _verify(
-    box: Box,
+    box: DesignSpace,
     finalists: Sequence[Evaluation],
     campaign: Campaign,
-    bench: Bench,
+    bench: TrialRunner,
     watch: Callable[[int], None] | None,
 ) -> tuple[Evaluation, NDArray[np.void], Interval]:
     """The first finalist that is shown to meet the requirements on fresh trials, else the first.
@@ -163,22 +165,22 @@ def _verify(
     for one in finalists:
         design = box.design(np.array(one.place))
         outcomes = _fresh(design, campaign, bench, watch)
-        share = availability(design, campaign, bench, outcomes)
-        results.append((one, outcomes, share))
-        margins = one.margins | _shown(campaign, summarise(outcomes), share)
+        fraction = availability(design, campaign, bench, outcomes)
+        results.append((one, outcomes, fraction))
+        margins = one.margins | _shown(campaign, summarise(outcomes), fraction)
         if one.summary and all(margin >= 0 for margin in margins.values()):
             return results[-1]
     return results[0]
 
 
-def _shown(campaign: Campaign, summary: Summary, share: Interval) -> dict[str, float]:
+def _shown(campaign: Campaign, summary: Summary, fraction: Interval) -> dict[str, float]:
     """The margins that take trials, of what fresh ones have shown."""
     needs = campaign.requirements
-    return measured(needs, summary) | {"availability": share.low - needs.min_availability}
+    return measured(needs, summary) | {"availability": fraction.low - needs.min_availability}
 
 
 def _fresh(
-    case: Case, campaign: Campaign, bench: Bench, watch: Callable[[int], None] | None
+    case: Case, campaign: Campaign, bench: TrialRunner, watch: Callable[[int], None] | None
 ) -> NDArray[np.void]:
     """Outcomes on frames that nothing was tuned on; none where the design cannot be tried."""
     try:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import arcsec, one_of, whole
-from startrack.design import Box, Campaign, Objective
+from startrack.design import Campaign, DesignSpace, Objective
 from startrack.optimise.evaluate import PENALTY, expect, expected_error, missed
-from startrack.optimise.runner import FRESH, Bench
+from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import least_of_all
 
 Floats = NDArray[np.float64]
@@ -58,10 +58,10 @@ class Point:
 
 
 def front(
-    box: Box,
+    box: DesignSpace,
     campaign: Campaign,
     goals: Goals,
-    bench: Bench,
+    bench: TrialRunner,
     points: int = 7,
     method: str = "epsilon",
     watch: Callable[[Point], None] | None = None,
@@ -81,12 +81,12 @@ def front(
     whole(2, 1000, points=points)
     one_of(METHODS, method=method)
     ask = _Asked(box, campaign, goals)
-    first, second = (ask.least(partial(_weighted, share), box.start) for share in (1.0, 0.0))
+    first, second = (ask.least(partial(_weighted, fraction), box.start) for fraction in (1.0, 0.0))
     if method == "epsilon":
         steps = np.linspace(ask(first)[1], ask(second)[1], points)
         scores = [partial(_limited, limit) for limit in steps]
     else:
-        scores = [partial(_weighted, share) for share in np.linspace(1, 0, points)]
+        scores = [partial(_weighted, fraction) for fraction in np.linspace(1, 0, points)]
     found = [first]
     for score in scores[1:-1]:
         found.append(ask.least(score, found[-1]))
@@ -105,8 +105,8 @@ def _limited(limit: float, pair: Floats) -> float:
     return float(pair[0] + PENALTY * max(0.0, pair[1] - limit))
 
 
-def _weighted(share: float, pair: Floats) -> float:
-    return float(share * pair[0] + (1 - share) * pair[1])
+def _weighted(fraction: float, pair: Floats) -> float:
+    return float(fraction * pair[0] + (1 - fraction) * pair[1])
 
 
 def undominated(values: Floats) -> list[int]:
@@ -138,7 +138,7 @@ def cost_of(campaign: Campaign, goal: str) -> Callable[..., float] | None:
 class _Asked:
     """Logarithms of both goals by the budget, each place asked once."""
 
-    def __init__(self, box: Box, campaign: Campaign, goals: Goals) -> None:
+    def __init__(self, box: DesignSpace, campaign: Campaign, goals: Goals) -> None:
         self._box, self._campaign = box, campaign
         self._goals = (goals.first, goals.second)
         self._known = dict[bytes, tuple[Floats, float]]()
@@ -176,8 +176,8 @@ class _Asked:
             pair, short = self._ask(place)
             return score(pair) + PENALTY * short
 
-        share = max(1, self._campaign.prospects // 2)
-        least_of_all(asked, start, share, share)
+        fraction = max(1, self._campaign.analytic_evaluations // 2)
+        least_of_all(asked, start, fraction, fraction)
         met = {key: score(pair) for key, (pair, short) in self._known.items() if short == 0}
         if not met:
             raise ValueError("no design of the box meets the requirements that need no trials")
@@ -185,7 +185,12 @@ class _Asked:
 
 
 def _tried(
-    box: Box, campaign: Campaign, goals: Goals, bench: Bench, place: Floats, expected: Floats
+    box: DesignSpace,
+    campaign: Campaign,
+    goals: Goals,
+    bench: TrialRunner,
+    place: Floats,
+    expected: Floats,
 ) -> Point:
     case = box.design(place)
     outcomes = bench.run(case, campaign.most_trials, campaign.fidelity, FRESH)

@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from startrack.core import arcsec, whole
-from startrack.design import Box, Campaign, Objective
+from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Interval
 from startrack.optimise.evaluate import forecast
 
@@ -29,9 +29,9 @@ class Sensitivity:
     error      arcsec, at the design
     low, high  arcsec, where the variable alone goes to its bound; NaN where that leaves no attitude
     slope      d ln(error) / d ln(variable) at the design; 0 where the variable is 0
-    first      first-order Sobol index with its 95 % interval: share of the variance of ln(error)
+    first      first-order Sobol index with its 95 % interval: fraction of the variance of ln(error)
                over the box that goes with this variable alone
-    total      total index: the share that would be left if all others were known
+    total      total index: the fraction that would be left if all others were known
     """
 
     name: str
@@ -44,7 +44,7 @@ class Sensitivity:
 
 
 def sensitivities(
-    box: Box, campaign: Campaign, seed: int, designs: int = DESIGNS
+    box: DesignSpace, campaign: Campaign, seed: int, designs: int = DESIGNS
 ) -> list[Sensitivity]:
     """Derivatives at the design, excursions to the bounds, and Sobol indices over the box.
 
@@ -74,7 +74,7 @@ def sensitivities(
     here = log_error(centre)
     if not math.isfinite(here):
         raise ValueError("the design must be expected to find its attitude, it is not")
-    shares = _indices(log_error, len(box), designs, seed)
+    fractions = _indices(log_error, len(box), designs, seed)
     result = []
     for i, variable in enumerate(box.variables):
         ends = [_moved(centre, i, at) for at in (0.0, 1.0)]
@@ -90,7 +90,7 @@ def sensitivities(
                 low,
                 high,
                 slope,
-                *shares[i],
+                *fractions[i],
             )
         )
     return result

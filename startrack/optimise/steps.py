@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.design import Box, Campaign, Case, Objective, Requirements
-from startrack.metrics import Interval, share_interval
+from startrack.design import Campaign, Case, DesignSpace, Objective, Requirements
+from startrack.metrics import Interval, fraction_interval
 from startrack.optimise.evaluate import Evaluation, evaluate, foresee, missed
 from startrack.optimise.margins import margins as margins_of
-from startrack.optimise.runner import FRESH, Bench
+from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import Found, Search, least, least_of_all
 
 PROSPECT_FRACTION = (
@@ -25,7 +25,7 @@ PROSPECT_FRACTION = (
 Floats = NDArray[np.float64]
 
 
-def prospect(box: Box, campaign: Campaign, start: Floats) -> Found:
+def prospect(box: DesignSpace, campaign: Campaign, start: Floats) -> Found:
     """Look over the whole box by DIRECT, then nearer by Sbplx, without a trial.
 
     Errors  model: that of `foresee`; the place is one to begin at, never one to end with.
@@ -34,8 +34,8 @@ def prospect(box: Box, campaign: Campaign, start: Floats) -> Found:
     def score(place: Floats) -> float:
         return foresee(box, campaign, place)
 
-    near = max(1, int((1 - PROSPECT_FRACTION) * campaign.prospects))
-    return least_of_all(score, start, ceil(PROSPECT_FRACTION * campaign.prospects), near)
+    near = max(1, int((1 - PROSPECT_FRACTION) * campaign.analytic_evaluations))
+    return least_of_all(score, start, ceil(PROSPECT_FRACTION * campaign.analytic_evaluations), near)
 
 
 PLACES = 120  # that are asked over the whole box, and again around the best of them
@@ -54,7 +54,7 @@ class Reached(NamedTuple):
     margins: dict[str, float]
 
 
-def reach(box: Box, requirements: Requirements) -> Reached:
+def reach(box: DesignSpace, requirements: Requirements) -> Reached:
     """Look for a design that meets mass, power and all else that needs no trials.
 
     Errors  model: a search; a corner that meets them may be missed where it is smaller than a
@@ -139,14 +139,14 @@ def correct(tried: Sequence[Evaluation], middle: Floats, reach: float) -> Correc
 FIRST_STEP = 0.15  # of each range; each pass starts with half the step of the one before
 NEAR = 4.0  # first steps around the start of a pass, within which the budget is corrected
 PATIENCE = 3  # designs for each variable, and once more, without a gain beyond the noise
-SHARE = 0.6  # of the evaluations left that a pass may take, unless it is the last
+FRACTION = 0.6  # of the evaluations left that a pass may take, unless it is the last
 LEAST_GAIN = 2e-3  # of ln(error), less than which is no gain
 
 Watch = Callable[[Evaluation], None]
 
 
 def refine(
-    box: Box, start: Floats, campaign: Campaign, bench: Bench, watch: Watch
+    box: DesignSpace, start: Floats, campaign: Campaign, bench: TrialRunner, watch: Watch
 ) -> tuple[list[Evaluation], str]:
     """Search from a start with the campaign's trials, then with twice as many, to its most.
 
@@ -162,7 +162,7 @@ def refine(
     plan = list(growth(campaign.trials, campaign.most_trials))
     for trials in plan:
         last = trials == plan[-1]
-        share = left if last else math.ceil(SHARE * left)
+        fraction = left if last else math.ceil(FRACTION * left)
         tried = []
         correction = correct(before, start, NEAR * step)
         settled = _Settled(correction)
@@ -184,7 +184,7 @@ def refine(
             watch(done)
             return done.score
 
-        found = least(score, start, Search(evaluations=max(1, share), first_step=step), settled)
+        found = least(score, start, Search(evaluations=max(1, fraction), first_step=step), settled)
         left -= found.evaluations
         start, step, ending = found.place, step / 2, found.ending
         if left <= 0:
@@ -234,17 +234,17 @@ class _Runner:
     """A branch, its best place so far, and the step that its next search begins with."""
 
     label: str
-    box: Box
+    box: DesignSpace
     place: Floats
     step: float = FIRST_STEP
     best: Evaluation | None = None
 
 
 def race(
-    boxes: Mapping[str, Box],
+    boxes: Mapping[str, DesignSpace],
     starts: Mapping[str, Floats],
     campaign: Campaign,
-    bench: Bench,
+    bench: TrialRunner,
     watch: Watch,
 ) -> tuple[str, Floats]:
     """Search all branches in rounds; each round keeps the better half, and no clear loser.
@@ -274,7 +274,7 @@ def _runs(branches: int) -> int:
     return branches + _runs(math.ceil(branches / 2)) if branches > 1 else 0
 
 
-def _run(runner: _Runner, most: int, campaign: Campaign, bench: Bench, watch: Watch) -> None:
+def _run(runner: _Runner, most: int, campaign: Campaign, bench: TrialRunner, watch: Watch) -> None:
     def score(place: Floats) -> float:
         done = evaluate(runner.box, campaign, place, bench, spare=True)
         watch(done)
@@ -292,7 +292,7 @@ def _score(runner: _Runner) -> float:
     return runner.best.score if runner.best else math.inf
 
 
-def _beaten(one: _Runner, leader: _Runner, campaign: Campaign, bench: Bench) -> bool:
+def _beaten(one: _Runner, leader: _Runner, campaign: Campaign, bench: TrialRunner) -> bool:
     if not (one.best and leader.best and one.best.error > 0 and leader.best.error > 0):
         return False
     rms = Objective(Objective.read(campaign.objective).axes)
@@ -308,9 +308,9 @@ WRONG = 0.05  # probability that any of these looks finds a bound that does not 
 
 
 def availability(
-    case: Case, campaign: Campaign, bench: Bench, outcomes: NDArray[np.void]
+    case: Case, campaign: Campaign, bench: TrialRunner, outcomes: NDArray[np.void]
 ) -> Interval:
-    """The share of trials with a right attitude, known as well as the requirement asks.
+    """The fraction of trials with a right attitude, known as well as the requirement asks.
 
     Where the interval holds the required share, the trials are doubled, up to three times, with
     the campaign's own fidelity, for it has the law of frames at a tenth of their time. Each bound
@@ -318,18 +318,18 @@ def availability(
     in twenty designs, however many looks there were (Bonferroni).
 
     outcomes  of the fresh frames that are there already
-    Returns   the share of all that were tried, and its bounds
+    Returns   the fraction of all that were tried, and its bounds
     """
     tried, hits = len(outcomes), _right(outcomes)
     asked = campaign.requirements.min_availability
     first = FRESH + tried  # the same numbers would be the same skies
     for look in range(LOOKS):
-        share = share_interval(hits, tried, 1 - 2 * WRONG / LOOKS)
-        if not tried or not share.low < asked <= share.high or look == LOOKS - 1:
+        fraction = fraction_interval(hits, tried, 1 - 2 * WRONG / LOOKS)
+        if not tried or not fraction.low < asked <= fraction.high or look == LOOKS - 1:
             break
         more = bench.run(case, tried, campaign.fidelity, first)
         first, tried, hits = first + tried, 2 * tried, hits + _right(more)
-    return share
+    return fraction
 
 
 def _right(outcomes: NDArray[np.void]) -> int:

@@ -19,7 +19,7 @@ from startrack.optimise.margins import margins as margins_of
 from startrack.optimise.optimise import Optimum
 from startrack.optimise.tolerance import Tolerance
 
-SHARES = (0.025, 0.16, 0.5, 0.84, 0.975)
+FRACTIONS = (0.025, 0.16, 0.5, 0.84, 0.975)
 
 
 def write_evaluations(path: Path, evaluations: Sequence[Evaluation]) -> None:
@@ -73,10 +73,10 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     )
     sky = [margins_of(needs, one)["stars in the sky"] for one in (optimum.start, optimum.best)]
     lines.append(
-        f"| magnitudes in hand for {needs.min_stars} stars in {100 * needs.sky_share:g} % of the "
+        f"| margin (mag) for {needs.min_stars} stars in {100 * needs.sky_fraction:g} % of the "
         f"sky | {sky[0]:+.2f} | {sky[1]:+.2f} |"
     )
-    factor, optimism, share = optimum.factor, optimum.optimism, optimum.availability
+    factor, optimism, fraction = optimum.factor, optimum.optimism, optimum.availability
     designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
     promised = optimum.promised / arcsec
     lines += [
@@ -86,7 +86,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         f"designs were tried, with {campaign.trials} to {campaign.most_trials} trials each. The "
         f"tuning trials promised {promised:.{_digits(promised)}f} arcsec; fresh frames show "
         f"{optimism.value:.3f} [{optimism.low:.3f}, {optimism.high:.3f}] of that. {trials} trials "
-        f"were done in all. The availability is at least {100 * share.low:.2f} % "
+        f"were done in all. The availability is at least {100 * fraction.low:.2f} % "
         f"(asked: {100 * needs.min_availability:g} %), a wrong attitude comes in at most "
         f"{100 * best.false.high:.2f} % of the frames. Brackets and bounds hold with 95 % "
         "confidence.",
@@ -102,11 +102,11 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
 def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
     """The tolerance region for JSON, variables in SI."""
     names = [variable.name for variable in tolerance.box.variables]
-    places = np.quantile(tolerance.samples, SHARES, axis=0)
+    places = np.quantile(tolerance.samples, FRACTIONS, axis=0)
     rows = [tolerance.box.values(place) for place in places]
     return {
         "limit_arcsec": tolerance.limit / arcsec,
-        "quantiles": list(SHARES),
+        "quantiles": list(FRACTIONS),
         "values_si": {name: [row[name] for row in rows] for name in names},
         "surface_error": tolerance.surface_error,
         "check_error": tolerance.check_error,
@@ -142,11 +142,15 @@ def chain_text(chains: Chains) -> str:
 def tolerance_table(tolerance: Tolerance) -> str:
     """Where each variable may lie, as Markdown."""
     box = tolerance.box
-    places = np.quantile(tolerance.samples, SHARES, axis=0)
+    places = np.quantile(tolerance.samples, FRACTIONS, axis=0)
     texts = [box.text(box.design(place)) for place in places]
     centre = box.text(box.case)
-    head = "| variable | design | " + " | ".join(f"{100 * share:g} %" for share in SHARES) + " |"
-    lines = [head, "|---" * (2 + len(SHARES)) + "|"]
+    head = (
+        "| variable | design | "
+        + " | ".join(f"{100 * fraction:g} %" for fraction in FRACTIONS)
+        + " |"
+    )
+    lines = [head, "|---" * (2 + len(FRACTIONS)) + "|"]
     for name in centre:
         row = " | ".join(text[name] for text in texts)
         lines.append(f"| {name.split('.', 1)[1]} | {centre[name]} | {row} |")

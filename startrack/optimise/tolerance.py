@@ -11,10 +11,10 @@ import scipy
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.design import Box, Campaign, Case
+from startrack.design import Campaign, Case, DesignSpace
 from startrack.optimise.ensemble import Chains, draw, thinned
 from startrack.optimise.evaluate import Evaluation, evaluate
-from startrack.optimise.runner import Bench
+from startrack.optimise.runner import TrialRunner
 
 Floats = NDArray[np.float64]
 
@@ -83,12 +83,12 @@ class Tolerance:
                    surface has not seen
     promised       1, mean probability of those designs to keep the limit and the requirements, by
                    the surface
-    kept           1, share of them that did by Monte Carlo
+    kept           1, fraction of them that did by Monte Carlo
     checks         how many of these designs there were
     evaluations    all designs that were tried
     """
 
-    box: Box
+    box: DesignSpace
     chains: Chains
     limit: float
     surface_error: float
@@ -107,7 +107,7 @@ class Tolerance:
 def sample(
     case: Case,
     campaign: Campaign,
-    bench: Bench,
+    bench: TrialRunner,
     watch: Callable[[Evaluation], None] | None = None,
 ) -> Tolerance:
     """Sample the tolerance region around a design.
@@ -123,7 +123,7 @@ def sample(
     Errors  ValueError where the campaign names no variables or the centre cannot be tried.
             model: a quadratic; its error is in the result, measured twice.
     """
-    box = Box(case, campaign.variables, campaign.links)
+    box = DesignSpace(case, campaign.variables, campaign.links)
     campaign = replace(campaign, trials=campaign.sample_trials, most_trials=campaign.sample_trials)
     d = len(box)
     low = np.maximum(box.start - campaign.span, 0)

@@ -23,12 +23,12 @@ Floats = NDArray[np.float64]
 
 COLOURS = {
     Term.BIAS: "#7f7f7f",
-    Term.HEAT: "#d95f02",
+    Term.THERMO_ELASTIC: "#d95f02",
     Term.FIELD: "#3567a8",
     Term.PIXEL: "#2e7d5b",
     Term.NOISE: "#c0392b",
     Term.ABERRATION: "#8e44ad",
-    Term.DATE: "#b8860b",
+    Term.MEASUREMENT_DATE: "#b8860b",
 }
 SUM = "#222222"
 RATES = np.concatenate([[0.0], np.geomspace(0.02, 2.0, 14)]) * deg
@@ -106,7 +106,7 @@ def draw_sky(path: Path, found: Survey, case: Case, title: str) -> None:
     figure.suptitle(
         f"{title}: {len(found.stars)} places (ICRS), an attitude at "
         f"{100 * found.solved.mean():.2f} %; {few}, 5, 8 stars or more at "
-        + ", ".join(f"{100 * found.share(n):.1f}" for n in (few, 5, 8))
+        + ", ".join(f"{100 * found.fraction(n):.1f}" for n in (few, 5, 8))
         + " %",
         fontsize=10,
     )
@@ -131,11 +131,11 @@ def draw_curves(path: Path, case: Case, seed: int, title: str, trials: int = TRI
     # Against what a star of its magnitude errs by; medians, to keep out the tails of neighbours.
     star = errors(case)
     normal = np.sqrt(np.interp(seen.magnitude[good], star.magnitude, _total(star)))
-    share = np.abs(seen.error[good]) / normal[:, None] / MEDIAN
+    fraction = np.abs(seen.error[good]) / normal[:, None] / MEDIAN
     cell = [np.clip(np.searchsorted(e, p) - 1, 0, 7) for e, p in zip(edges, (x, y), strict=True)]
     size = np.full((8, 8), np.nan)
     for i, j in np.ndindex(8, 8):
-        mine = share[(cell[0] == i) & (cell[1] == j)]
+        mine = fraction[(cell[0] == i) & (cell[1] == j)]
         if len(mine) > 4:
             size[i, j] = np.median(mine)
     for axes, values, label in (
@@ -166,7 +166,7 @@ def _over_rate(axes: Axes, case: Case) -> None:
     shown = RATES[: len(across)] / deg
     axes.plot(shown, across, "o-", ms=3, color="#3567a8", label="across")
     axes.plot(shown, about, "s-", ms=3, color="#c0392b", label="about")
-    few = [k for k, share in enumerate(solved) if share < 0.99]
+    few = [k for k, fraction in enumerate(solved) if fraction < 0.99]
     if few:
         axes.axvline(shown[few[0]], color="0.5", ls=":", label="less than 99 % of the sky")
     axes.set_xscale("symlog", linthresh=0.02)

@@ -19,12 +19,12 @@ Floats = NDArray[np.float64]
 def draw_geometry(path: Path, maps: dict[str, Floats], title: str) -> None:
     """Write the picture.
 
-    maps  (lines, columns) each: height in metre, shadow as a share, incidence in degree, level
+    maps  (lines, columns) each: height in metre, shadow as a fraction, incidence in degree, level
     """
     figure = Figure(figsize=(10, 9), layout="constrained", dpi=110)
     axes = figure.subplots(2, 2)
     _panel(figure, axes[0, 0], maps["height"], "height above the ellipsoid (m)", "terrain")
-    _panel(figure, axes[0, 1], maps["shadow"], "share in shadow", "gray_r", 0, 1)
+    _panel(figure, axes[0, 1], maps["shadow"], "fraction in shadow", "gray_r", 0, 1)
     _panel(figure, axes[1, 0], maps["incidence"], "incidence of the line of sight (deg)", "magma")
     _levels(figure, axes[1, 1], np.where(maps["hit"] > 0, maps["level"], np.nan))
     figure.suptitle(f"{title}: {maps['height'].shape[1]} x {maps['height'].shape[0]} pixel")

@@ -106,10 +106,10 @@ def draw_errors(path: Path, outcomes: NDArray[np.void], title: str) -> None:
     across.set_title("across the boresight", fontsize=9)
     about.set(xlabel="error about the boresight (arcsec)", ylabel="trials")
     about.set_title("about the boresight", fontsize=9)
-    share = summary.availability
+    fraction = summary.availability
     figure.suptitle(
-        f"{title}: {summary.trials} trials, availability {100 * share.value:.1f} % "
-        f"[{100 * share.low:.1f}, {100 * share.high:.1f}]",
+        f"{title}: {summary.trials} trials, availability {100 * fraction.value:.1f} % "
+        f"[{100 * fraction.low:.1f}, {100 * fraction.high:.1f}]",
         fontsize=10,
     )
     save_figure(path, figure)

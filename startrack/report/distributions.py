@@ -18,7 +18,7 @@ from startrack.report.page import BLUE, GREY, RED
 
 Floats = NDArray[np.float64]
 
-SHARES = (0.5, 0.68, 0.9545, 0.9973)
+FRACTIONS = (0.5, 0.68, 0.9545, 0.9973)
 POINTS = 300  # of a curve
 
 
@@ -29,8 +29,8 @@ def sizes(outcomes: NDArray[np.void]) -> tuple[Floats, Floats]:
 
 
 def quantiles(size: Floats) -> list[Interval]:
-    """Radian, the sizes that the shares do not exceed, with 95 % intervals free of any law."""
-    return [quantile_interval(size, share) for share in SHARES]
+    """Radian, the sizes that the fractions do not exceed, with 95 % intervals free of any law."""
+    return [quantile_interval(size, fraction) for fraction in FRACTIONS]
 
 
 def spread(outcomes: NDArray[np.void]) -> Figure:
@@ -40,7 +40,7 @@ def spread(outcomes: NDArray[np.void]) -> Figure:
     left, right = figure.subplots(1, 2, sharey=True)
     _exceedance(left, across, scipy.stats.rayleigh(scale=_rms(across) / 2**0.5))
     _exceedance(right, about, scipy.stats.halfnorm(scale=_rms(about)))
-    left.set(xlabel="angle across the boresight (arcsec)", ylabel="share of trials beyond")
+    left.set(xlabel="angle across the boresight (arcsec)", ylabel="fraction of trials beyond")
     right.set(xlabel="size of the error about the boresight (arcsec)")
     if len(across):
         left.legend(fontsize=8)
@@ -55,7 +55,7 @@ def _exceedance(axes: Axes, size: Floats, law) -> None:  # type: ignore[no-untyp
     ordered = np.sort(size)
     rank = np.unique(np.round(np.geomspace(1, n, POINTS)).astype(int))  # from the largest down
     beyond, at = (rank - 0.5) / n, ordered[n - rank] / arcsec
-    # The share beyond the k-th largest of n is a beta variable.
+    # The fraction beyond the k-th largest of n is a beta variable.
     low, high = scipy.stats.beta.ppf([[0.025], [0.975]], rank, n - rank + 1)
     axes.fill_between(at, low, high, step="mid", color=BLUE, alpha=0.2, lw=0,
                       label="95 % interval")  # fmt: skip

@@ -36,7 +36,7 @@ class Rung(NamedTuple):
         return self.summary.across if self.summary else Interval(*[math.nan] * 3)
 
 
-def rungs(
+def fidelity_comparison(
     case: Case, seed: int, numbers: Sequence[int], advance: Callable[[int], None]
 ) -> list[Rung]:
     """Every fidelity on the same skies; `frame`, the reference, comes first."""

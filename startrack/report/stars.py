@@ -49,13 +49,13 @@ class Slew(NamedTuple):
     rate     radian / second
     smear    pixel
     across   radian, rms per axis
-    share    of trials with a right attitude
+    fraction  of trials with a right attitude
     """
 
     rate: float
     smear: float
     across: Interval
-    share: Interval
+    fraction: Interval
 
 
 def look_again(
@@ -134,9 +134,9 @@ def _binned(axes: Axes, at: Floats, error: Floats) -> None:
 def draw_slews(slewed: Sequence[Slew], own: float) -> Figure:
     """Error and availability against the rate; `own` is the design's, radian / second."""
     figure = Figure(figsize=(9, 3.4), layout="constrained")
-    error, share = figure.subplots(1, 2)
+    error, fraction = figure.subplots(1, 2)
     rate = np.array([one.rate for one in slewed]) / deg
-    for axes, name, unit in ((error, "across", arcsec), (share, "share", 0.01)):
+    for axes, name, unit in ((error, "across", arcsec), (fraction, "share", 0.01)):
         value, low, high = (
             np.array([getattr(getattr(one, name), part) for one in slewed]) / unit
             for part in ("value", "low", "high")
@@ -151,7 +151,7 @@ def draw_slews(slewed: Sequence[Slew], own: float) -> Figure:
         axes.grid(lw=0.3)
     solved = any(one.across.value > 0 for one in slewed)
     error.set(ylabel="error across, rms per axis (arcsec)", yscale="log" if solved else "linear")
-    share.set(ylabel="trials with a right attitude (%)", ylim=(-3, 103))
+    fraction.set(ylabel="trials with a right attitude (%)", ylim=(-3, 103))
     error.legend(fontsize=8)
     return figure
 

@@ -16,8 +16,8 @@ from startrack.io import to_table
 from startrack.metrics import Interval, Summary, summarise
 from startrack.montecarlo import Sampling, Store, origin
 from startrack.report.causes import budget
-from startrack.report.distributions import SHARES, quantiles, sizes, sky_map, spread
-from startrack.report.fidelities import rungs
+from startrack.report.distributions import FRACTIONS, quantiles, sizes, sky_map, spread
+from startrack.report.fidelities import fidelity_comparison
 from startrack.report.page import Section, code, figure, inline, page, paragraph, table
 from startrack.report.stars import SMEARS, draw_slews, draw_stars, half_diagonal, look_again, slews
 from startrack.report.worst import show, worst
@@ -39,19 +39,19 @@ class Depth:
     stars: int = 60
     slews: int = 60
     budget: int = 60
-    rungs: int = 60
+    fidelity_comparison: int = 60
     worst: int = 3
 
     def __post_init__(self) -> None:
         whole(1, 10**6, stars=self.stars, slews=self.slews)
-        whole(2, 10**6, budget=self.budget, rungs=self.rungs)
+        whole(2, 10**6, budget=self.budget, fidelity_comparison=self.fidelity_comparison)
         whole(0, 100, worst=self.worst)
 
     @property
     def trials(self) -> int:
         """All of them."""
         again = self.stars + self.slews * len(SMEARS) + self.worst
-        return again + self.budget + self.rungs * len(Fidelity)
+        return again + self.budget + self.fidelity_comparison * len(Fidelity)
 
 
 def write_report(
@@ -123,15 +123,15 @@ def _verdict(told: Summary) -> str:
 def _distributions(outcomes: NDArray[np.void]) -> Section:
     across, about = sizes(outcomes)
     rows = [
-        [f"{100 * share:g} %", *_cells(one, arcsec), *_cells(other, arcsec)]
-        for share, one, other in zip(SHARES, quantiles(across), quantiles(about), strict=True)
+        [f"{100 * fraction:g} %", *_cells(one, arcsec), *_cells(other, arcsec)]
+        for fraction, one, other in zip(FRACTIONS, quantiles(across), quantiles(about), strict=True)
     ]
     head = ["share not exceeding", "across", "from", "to", "about", "from", "to"]
     picture = inline(spread(outcomes), "spread", "Share of trials that exceed an error")
     return Section(
         "Distributions",
         figure(picture, f"How often an error is exceeded, over {len(across)} right attitudes.")
-        + table("Angles that a share of the trials does not exceed, arcsec", head, rows),
+        + table("Angles that a fraction of the trials does not exceed, arcsec", head, rows),
     )
 
 
@@ -165,7 +165,7 @@ def _closer(
     turned = inline(draw_slews(slewed, own), "slews", "Error and availability over slew rate")
     rows = [
         [f"{one.rate / deg:.3f}", f"{one.smear:g}", *_cells(one.across, arcsec),
-         *_cells(one.share, 0.01)]
+         *_cells(one.fraction, 0.01)]
         for one in slewed
     ]  # fmt: skip
     head = ["deg / s", "smear (pixel)", "across (arcsec)", "from", "to", "right (%)", "from", "to"]
@@ -202,7 +202,7 @@ def _worst(
 
 def _fidelities(case: Case, seed: int, depth: Depth, advance: Callable[[int], None]) -> Section:
     rows = []
-    for one in rungs(case, seed, range(depth.rungs), advance):
+    for one in fidelity_comparison(case, seed, range(depth.fidelity_comparison), advance):
         if one.refusal:
             rows.append([one.fidelity.value, *["none"] * 6, one.refusal])
             continue
@@ -215,7 +215,7 @@ def _fidelities(case: Case, seed: int, depth: Depth, advance: Callable[[int], No
         "Fidelities",
         table("Speed against error, on the same trials, one core", head, rows)
         + paragraph(
-            f"{depth.rungs} trials each, the first of this campaign's seed. Off frame: rms per "
+            f"{depth.fidelity_comparison} trials each, of this campaign's seed. Off frame: rms per "
             "axis between the errors of the same trials, arcsec."
         ),
     )

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Glare, deg
+from startrack.core import StrayLightSource, deg
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, Body, Observer
-from startrack.scene.photometry import SUN, SUN_G_MINUS_V, photon_rate
+from startrack.scene.photometry import SUN, SUN_G_MINUS_V, photon_irradiance
 
 Floats = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class Disc:
 
     direction: Floats
     radius: float
-    photon_rate: Floats
+    photon_irradiance: Floats
     sun: Floats | None = None
 
     def covers(self, direction: Floats) -> NDArray[np.bool_]:
@@ -62,9 +62,9 @@ class Disc:
         lens = inner**2 * math.atan2(half, along) + outer**2 * math.atan2(half, apart - along)
         return min(max((lens - apart * half) / (math.pi * inner**2), 0.0), 1.0)
 
-    def glare(self, share: float = 1.0) -> Glare:
-        """A share of its light, from its centre."""
-        return Glare(self.direction[None], np.full(1, share), self.photon_rate)
+    def glare(self, fraction: float = 1.0) -> StrayLightSource:
+        """A fraction of its light, from its centre."""
+        return StrayLightSource(self.direction[None], np.full(1, fraction), self.photon_irradiance)
 
 
 def sun_of(observer: Observer) -> Disc:
@@ -75,7 +75,7 @@ def sun_of(observer: Observer) -> Disc:
 
 def sunlight(distance: float) -> Floats:
     """(k,) photon / s / m^2 at a distance from the Sun, metre."""
-    return photon_rate(np.array([SUN_G]), np.array([SUN]))[0] * (AU / distance) ** 2
+    return photon_irradiance(np.array([SUN_G]), np.array([SUN]))[0] * (AU / distance) ** 2
 
 
 def moon_of(observer: Observer) -> Disc:
@@ -104,7 +104,7 @@ def moon_magnitude(body: Body) -> float:
 
 
 def _reflected(magnitude_v: float) -> Floats:
-    return photon_rate(np.array([magnitude_v + SUN_G_MINUS_V]), np.array([SUN]))[0]
+    return photon_irradiance(np.array([magnitude_v + SUN_G_MINUS_V]), np.array([SUN]))[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,12 +133,12 @@ class Earth:
         return np.where((inside > 0) & (along > 0), np.maximum(normal @ self.sun, 0.0), 0.0)
 
     @property
-    def glare(self) -> Glare:
+    def glare(self) -> StrayLightSource:
         """Its light, from many places of its disc."""
         place, solid_angle = _disc_quadrature(self.disc.direction, self.disc.radius)
-        share = self.shine(place) * solid_angle
-        lit = share > 0
-        return Glare(place[lit], share[lit], self.light)
+        fraction = self.shine(place) * solid_angle
+        lit = fraction > 0
+        return StrayLightSource(place[lit], fraction[lit], self.light)
 
 
 def earth_of(observer: Observer) -> Earth:
@@ -176,7 +176,7 @@ def disc_points(disc: Disc, spacing: float) -> tuple[Floats, Floats]:
     Sun's and the observer's angle to the normal; it is even at full phase, as the Moon's is.
 
     spacing  radian between points
-    Returns  (n, 3) unit vectors and (n,) shares of the light, which sum to one; none of a crescent
+    Returns  (n, 3) unit vectors and (n,) fractions of the light, of sum one; none of a crescent
              thinner than some 1/128 of the radius, as the Moon's are no more, 7 degrees from new
     Errors   ValueError where there would be millions, more than memory holds with their spectra.
     """
@@ -186,13 +186,13 @@ def disc_points(disc: Disc, spacing: float) -> tuple[Floats, Floats]:
             f"a body in the field must have at most {MOST} points to its radius, got {count}: "
             "leave it out of lights, or take larger pixels"
         )
-    x, y, share = _lit(disc, count)
-    while not len(share) and count < FINEST:
+    x, y, fraction = _lit(disc, count)
+    while not len(fraction) and count < FINEST:
         count *= 2
-        x, y, share = _lit(disc, count)
+        x, y, fraction = _lit(disc, count)
     first, second = _across(disc.direction)
     place = disc.direction + math.tan(disc.radius) * (np.outer(x, first) + np.outer(y, second))
-    return place / np.linalg.norm(place, axis=1)[:, None], share
+    return place / np.linalg.norm(place, axis=1)[:, None], fraction
 
 
 def _lit(disc: Disc, count: int) -> tuple[Floats, Floats, Floats]:
@@ -207,9 +207,9 @@ def _lit(disc: Disc, count: int) -> tuple[Floats, Floats, Floats]:
     first, second = _across(disc.direction)
     normal = np.outer(x, first) + np.outer(y, second) - np.outer(seen, disc.direction)
     bright = np.maximum(normal @ disc.sun, 0.0)
-    share = bright / (bright + seen)
-    kept = share > 0
-    return x[kept], y[kept], share[kept] / share.sum() if kept.any() else share[kept]
+    fraction = bright / (bright + seen)
+    kept = fraction > 0
+    return x[kept], y[kept], fraction[kept] / fraction.sum() if kept.any() else fraction[kept]
 
 
 def _across(direction: Floats) -> tuple[Floats, Floats]:

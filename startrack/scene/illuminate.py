@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Glare, Glow, Light, Stars, Streams, arcsec
+from startrack.core import Camera, DiffuseLight, Light, Stars, StrayLightSource, Streams, arcsec
 from startrack.scene.airglow import HIGHEST, airglow
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
@@ -23,7 +23,7 @@ from startrack.scene.photometry import (
     SUN_G_MINUS_V,
     WAVELENGTH,
     colour_temperature,
-    photon_rate,
+    photon_irradiance,
 )
 from startrack.scene.planets import PLANETS, magnitude_v
 from startrack.scene.starlight import starlight, starlight_spectrum
@@ -73,13 +73,13 @@ def illuminate(scene: Scene, stars: Stars, sight: Sight | None = None) -> Light:
              exposure. numerical: glow 1 % between the places of its map, the Earth's limb 1/128 of
              the frame.
     """
-    rate = photon_rate(stars.magnitude_g, colour_temperature(stars.colour))
+    rate = photon_irradiance(stars.magnitude_g, colour_temperature(stars.colour))
     light = Light(stars.direction, WAVELENGTH, rate, _even(scene.background_g))
     if sight is None or not scene.lights:
         return light
     observer = observer_of(scene, sight.streams) if scene.dated else None
     earth = earth_of(observer) if observer and "earth" in scene.lights else None
-    light = replace(light, glow=tuple(_glows(scene, sight, observer, earth)))
+    light = replace(light, diffuse=tuple(_glows(scene, sight, observer, earth)))
     return _with_bodies(light, scene, sight, observer, earth) if observer else light
 
 
@@ -88,12 +88,12 @@ def _even(background_g: float | None) -> Floats:
     """Photon / s / m^2 / sr in each bin; the sky is sunlight scattered by dust."""
     if background_g is None:
         return np.zeros_like(WAVELENGTH)
-    return photon_rate(np.array([background_g]), np.array([SUN]))[0] / arcsec**2
+    return photon_irradiance(np.array([background_g]), np.array([SUN]))[0] / arcsec**2
 
 
 def _glows(
     scene: Scene, sight: Sight, observer: Observer | None, earth: Earth | None
-) -> Iterator[Glow]:
+) -> Iterator[DiffuseLight]:
     """What shines over the whole field, in front of the Earth and beside it."""
     limb = earth is not None and sight.sees(earth.disc)
     shells = earth is not None and "airglow" in scene.lights and sight.sees(_with_air(earth))
@@ -101,22 +101,22 @@ def _glows(
     line = sight.nodes(count)
     open_sky = ~earth.disc.covers(line) if earth and limb else np.ones(len(line), bool)
 
-    def glow(spectrum: Floats, share: Floats) -> Glow:
-        return Glow(spectrum, share.reshape(count, count))
+    def diffuse(spectrum: Floats, fraction: Floats) -> DiffuseLight:
+        return DiffuseLight(spectrum, fraction.reshape(count, count))
 
     if "starlight" in scene.lights:
-        yield glow(starlight_spectrum(), starlight(line, sight.limit_g) * open_sky)
+        yield diffuse(starlight_spectrum(), starlight(line, sight.limit_g) * open_sky)
     if observer and "zodiacal" in scene.lights:
         sun = observer.see("sun")
         brightness = zodiacal(line, sun.direction, sun.distance / AU)
-        yield glow(zodiacal_spectrum(), brightness * open_sky)
+        yield diffuse(zodiacal_spectrum(), brightness * open_sky)
     if earth and limb:
-        yield glow(earth.light, earth.shine(line))
-        for spectrum, share in limb_light(earth, line):
-            yield glow(spectrum, share)
+        yield diffuse(earth.light, earth.shine(line))
+        for spectrum, fraction in limb_light(earth, line):
+            yield diffuse(spectrum, fraction)
     if earth and shells:
-        for spectrum, share in airglow(earth, line):
-            yield glow(spectrum, share)
+        for spectrum, fraction in airglow(earth, line):
+            yield diffuse(spectrum, fraction)
 
 
 def _with_air(earth: Earth) -> Disc:
@@ -145,14 +145,14 @@ def _with_bodies(
     return light
 
 
-def _glares(discs: list[Disc], earth: Earth | None) -> Iterator[Glare]:
+def _glares(discs: list[Disc], earth: Earth | None) -> Iterator[StrayLightSource]:
     """Of discs, the farthest first, and of the Earth: as much as those before them leave."""
     before = [*discs, earth.disc] if earth else discs
     for n, disc in enumerate(discs):
-        share = math.prod(1 - nearer.hides(disc) for nearer in before[n + 1 :])
-        if share > 0:
-            yield disc.glare(share)
-    if earth and len((glare := earth.glare).share):
+        fraction = math.prod(1 - nearer.hides(disc) for nearer in before[n + 1 :])
+        if fraction > 0:
+            yield disc.glare(fraction)
+    if earth and len((glare := earth.glare).fraction):
         yield glare
 
 
@@ -163,7 +163,7 @@ def _planets(observer: Observer, scene: Scene) -> tuple[Floats, Floats]:
     magnitude_g = [
         magnitude_v(name, body, observer.year) + SUN_G_MINUS_V for name, body in bodies.items()
     ]
-    rate = photon_rate(np.array(magnitude_g), np.full(len(names), SUN))
+    rate = photon_irradiance(np.array(magnitude_g), np.full(len(names), SUN))
     return np.array([body.direction for body in bodies.values()]), rate
 
 
@@ -172,19 +172,21 @@ def _with_disc(light: Light, disc: Disc, sight: Sight) -> Light:
     light = _behind(light, disc)
     if not sight.sees(disc):
         return light
-    place, share = disc_points(disc, 1 / sight.camera.focal_length_px / POINTS)
-    return _added(light, place, np.outer(share, disc.photon_rate))
+    place, fraction = disc_points(disc, 1 / sight.camera.focal_length_px / POINTS)
+    return _added(light, place, np.outer(fraction, disc.photon_irradiance))
 
 
 def _added(light: Light, direction: Floats, photon_rate: Floats) -> Light:
     return replace(
         light,
         direction=np.concatenate([light.direction, direction]),
-        photon_rate=np.concatenate([light.photon_rate, photon_rate]),
+        photon_irradiance=np.concatenate([light.photon_irradiance, photon_rate]),
     )
 
 
 def _behind(light: Light, disc: Disc) -> Light:
     """Without the points that a disc hides."""
     seen = ~disc.covers(light.direction)
-    return replace(light, direction=light.direction[seen], photon_rate=light.photon_rate[seen])
+    return replace(
+        light, direction=light.direction[seen], photon_irradiance=light.photon_irradiance[seen]
+    )

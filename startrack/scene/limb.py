@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from startrack.io import open_checked, shipped
 from startrack.scene.bodies import EARTH_ALBEDO, Earth
@@ -55,6 +54,8 @@ class Limb:
                     below the horizon.
                     numerical: straight lines in the logarithm, 3 % between the nodes.
         """
+        from scipy.interpolate import RegularGridInterpolator  # 0.1 s; few scenes have an Earth
+
         if not (tangent >= self.tangent[0]).all():
             raise ValueError(
                 f"tangent must be at least {self.tangent[0]:g} m, got {np.min(tangent)}"
@@ -129,9 +130,9 @@ def limb_light(earth: Earth, line: Floats) -> Iterator[tuple[Floats, Floats]]:
     sunlight = earth.light * np.pi / EARTH_ALBEDO
     stands_for = np.argmin(np.abs(WAVELENGTH - table.wavelength[:, None]), axis=0)
     for i in range(len(table.wavelength)):
-        share = np.zeros(len(line))
-        share[through] = found[:, i]
-        yield np.where(stands_for == i, sunlight, 0.0), share
+        fraction = np.zeros(len(line))
+        fraction[through] = found[:, i]
+        yield np.where(stands_for == i, sunlight, 0.0), fraction
 
 
 @lru_cache(maxsize=1)

@@ -40,7 +40,7 @@ def blackbody_photons(wavelength: Floats, temperature: Floats) -> Floats:
     return (wavelength / 500e-9) ** -4 / np.expm1(exponent)
 
 
-def photon_rate(magnitude_g: Floats, temperature: Floats) -> Floats:
+def photon_irradiance(magnitude_g: Floats, temperature: Floats) -> Floats:
     """Photons of stars in the bins of WAVELENGTH.
 
     The blackbody's shape, scaled so that Gaia would count the electrons of its zero point:

@@ -63,8 +63,8 @@ def _mars(phase: float, body: Body, year: float) -> float:
 def _jupiter(phase: float, body: Body, year: float) -> float:
     if phase <= 12:
         return float(polyval(phase, [-9.395, -3.7e-4, 6.16e-4]))
-    share = polyval(phase / 180, [1.0, -1.507, -0.363, -0.062, 2.809, -1.876])
-    return -9.428 - 2.5 * math.log10(share)
+    fraction = polyval(phase / 180, [1.0, -1.507, -0.363, -0.062, 2.809, -1.876])
+    return -9.428 - 2.5 * math.log10(fraction)
 
 
 def _saturn(phase: float, body: Body, year: float) -> float:

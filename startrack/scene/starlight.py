@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import deg
-from startrack.scene.photometry import photon_rate
+from startrack.scene.photometry import photon_irradiance
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def starlight(direction: Floats, limit_g: float) -> Floats:
 @lru_cache(maxsize=1)
 def starlight_spectrum() -> Floats:
     """Photon / s / m^2 / sr in each bin, where there is one star of G = 10 per square degree."""
-    return photon_rate(np.array([10.0]), np.array([TEMPERATURE]))[0] / deg**2
+    return photon_irradiance(np.array([10.0]), np.array([TEMPERATURE]))[0] / deg**2
 
 
 @lru_cache(maxsize=1)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import deg
-from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_rate
+from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_irradiance
 
 Floats = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def zodiacal_spectrum() -> Floats:
     """
     decade = np.log10(WAVELENGTH / REFERENCE)
     redder = 1 + np.where(decade < 0, BLUE, RED) * decade
-    return photon_rate(np.array([10 + SUN_G_MINUS_V]), np.array([SUN]))[0] / deg**2 * redder
+    return photon_irradiance(np.array([10 + SUN_G_MINUS_V]), np.array([SUN]))[0] / deg**2 * redder
 
 
 def _longitude(direction: Floats, sun: Floats) -> Floats:

@@ -10,8 +10,8 @@ summary     Tables of sequences -> accuracy, losses of track and reacquisitions,
 """
 
 from startrack.sequence.parameters import Gyro, Leg, Sequence, load_sequence
-from startrack.sequence.run import FRAMES, Mode, fly, run
-from startrack.sequence.summary import Tracking, summarise
+from startrack.sequence.run import FRAMES, Mode, fly_sequences, run
+from startrack.sequence.summary import Tracking, summarise_sequences
 
 # Public; the other imports serve other rooms.
 __all__ = [
@@ -21,8 +21,8 @@ __all__ = [
     "Mode",
     "Sequence",
     "Tracking",
-    "fly",
+    "fly_sequences",
     "load_sequence",
     "run",
-    "summarise",
+    "summarise_sequences",
 ]

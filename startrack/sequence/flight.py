@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Streams
 from startrack.design import Instrument
-from startrack.motion import Turn, turn
+from startrack.motion import MotionRealisation, realise_motion
 from startrack.sequence.parameters import Gyro, Leg, Sequence
 
 Floats = NDArray[np.float64]
@@ -63,7 +63,7 @@ class Flight:
 
     time: Floats
     attitude: Rotation
-    turns: tuple[Turn, ...]
+    turns: tuple[MotionRealisation, ...]
 
 
 def flight(instrument: Instrument, sequence: Sequence, start: Rotation, streams: Streams) -> Flight:
@@ -78,7 +78,7 @@ def flight(instrument: Instrument, sequence: Sequence, start: Rotation, streams:
             sequence: within one long sequence a band's power does not come and go.
     """
     time = _times(instrument, sequence)
-    jitter = turn(
+    jitter = realise_motion(
         replace(instrument.motion, rate_x=0.0, rate_y=0.0, rate_z=0.0), sequence.duration, streams
     )
     attitude = Rotation.from_rotvec(jitter.at(time)) * attitudes(sequence.legs, start, time)
@@ -105,7 +105,7 @@ def _times(instrument: Instrument, sequence: Sequence) -> Floats:
     return np.asarray(sweep / 2 + period * np.arange(frames), float)
 
 
-def shown(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
+def gyro_rates(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
     """Mean rates from each frame to the next, as the gyroscope measures them.
 
     White noise of the rate and a bias that walks at random; the mean of the walk over a step and

@@ -17,7 +17,7 @@ GATE = 30.7  # chi-square of 3 degrees of freedom, that a right prediction excee
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class TrackerState:
     """What the tracker knows between two frames.
 
     state   of the filter, None where it knows nothing
@@ -30,7 +30,9 @@ class Known:
     fresh: bool = False
 
 
-def carry(known: Known, shown: Floats | None, step: float, sequence: Sequence) -> Known:
+def predict_state(
+    known: TrackerState, shown: Floats | None, step: float, sequence: Sequence
+) -> TrackerState:
     """Predict the state at the next frame.
 
     Without a gyroscope the filter takes one that stands still: its bias is then minus the rate of
@@ -43,7 +45,7 @@ def carry(known: Known, shown: Floats | None, step: float, sequence: Sequence) -
         return known
     gyro = sequence.gyro
     believed = (
-        Gyroscope(0.0, sequence.agility)
+        Gyroscope(0.0, sequence.angular_acceleration_psd)
         if gyro is None
         else Gyroscope(gyro.angle_random_walk, gyro.rate_random_walk)
     )
@@ -51,7 +53,7 @@ def carry(known: Known, shown: Floats | None, step: float, sequence: Sequence) -
     return replace(known, state=predict(known.state, rate, step, believed))
 
 
-def take(known: Known, estimate: Estimate, sequence: Sequence) -> Known:
+def update_state(known: TrackerState, estimate: Estimate, sequence: Sequence) -> TrackerState:
     """Take in the attitude of a frame, or go on without it for as long as patience lasts.
 
     An attitude that contradicts the prediction begins the filter anew: the stars are seen, the
@@ -59,11 +61,15 @@ def take(known: Known, estimate: Estimate, sequence: Sequence) -> Known:
     """
     if estimate.status is not Status.SOLVED or estimate.icrs_to_camera is None:
         missed = known.missed + 1
-        return Known() if missed > sequence.patience else replace(known, missed=missed, fresh=False)
+        return (
+            TrackerState()
+            if missed > sequence.max_coasted_frames
+            else replace(known, missed=missed, fresh=False)
+        )
     if known.state is None or _contradicts(known.state, estimate):
-        sigma = sequence.swiftness if sequence.gyro is None else sequence.gyro.bias
-        return Known(start(estimate.icrs_to_camera, estimate.covariance, sigma), fresh=True)
-    return Known(correct(known.state, estimate.icrs_to_camera, estimate.covariance))
+        sigma = sequence.initial_rate_sigma if sequence.gyro is None else sequence.gyro.bias
+        return TrackerState(start(estimate.icrs_to_camera, estimate.covariance, sigma), fresh=True)
+    return TrackerState(correct(known.state, estimate.icrs_to_camera, estimate.covariance))
 
 
 def _contradicts(state: State, estimate: Estimate) -> bool:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from startrack.core import Unit, arcsec, deg, finite, non_negative, positive, whole
 from startrack.io import from_table, read_table
@@ -54,26 +55,35 @@ class Sequence:
                design's motion, whose jitter goes on
     period     second from one frame to the next; None: as fast as the detector gives them
     gyro       None: the filter estimates the rate from the attitudes alone
-    agility    radian / second^(3/2), white noise of angular acceleration that a filter without
-               gyroscope reckons with
-    swiftness  radian / second, rms of the rate that it reckons with at the start
-    patience   frames without attitude after which the prediction is given up
+    angular_acceleration_psd  radian / second^(3/2), square root of the spectral density of the
+               angular acceleration that a filter without gyroscope assumes
+    initial_rate_sigma  radian / second, rms rate that the filter assumes at the start
+    max_coasted_frames  frames without attitude after which the prediction is given up
     """
+
+    OLD_KEYS: ClassVar[Mapping[str, str]] = {
+        "patience": "max_coasted_frames",
+        "agility": "angular_acceleration_psd",
+        "swiftness": "initial_rate_sigma",
+    }
 
     legs: tuple[Leg, ...]
     period: Annotated[float | None, Unit("s")] = None
     gyro: Gyro | None = None
-    agility: Annotated[float, Unit("rad/s(3/2)", "deg/s(3/2)")] = 60 * arcsec
-    swiftness: Annotated[float, Unit("rad/s", "deg/s")] = 1 * deg
-    patience: int = 3
+    angular_acceleration_psd: Annotated[float, Unit("rad/s(3/2)", "deg/s(3/2)")] = 60 * arcsec
+    initial_rate_sigma: Annotated[float, Unit("rad/s", "deg/s")] = 1 * deg
+    max_coasted_frames: int = 3
 
     def __post_init__(self) -> None:
         if not self.legs:
             raise ValueError("legs must hold at least one leg, got none")
         if self.period is not None:
             positive(period=self.period)
-        positive(agility=self.agility, swiftness=self.swiftness)
-        whole(0, 10**6, patience=self.patience)
+        positive(
+            angular_acceleration_psd=self.angular_acceleration_psd,
+            initial_rate_sigma=self.initial_rate_sigma,
+        )
+        whole(0, 10**6, max_coasted_frames=self.max_coasted_frames)
 
     @property
     def duration(self) -> float:

@@ -22,18 +22,18 @@ from startrack.detector import expected, frame_of
 from startrack.identification import identify, track
 from startrack.metrics import Outcome, judge
 from startrack.motion import trace
-from startrack.sequence.flight import Flight, flight, shown
-from startrack.sequence.follow import Known, carry, take
+from startrack.sequence.flight import Flight, flight, gyro_rates
+from startrack.sequence.follow import TrackerState, predict_state, update_state
 from startrack.sequence.parameters import Sequence
 from startrack.trial import (
-    estimated,
     index_of,
     light_of,
-    look,
     psf_of,
     random_attitude,
+    solve_matches,
+    stars_in_field,
+    systematic_variance,
     throughput,
-    trust,
 )
 
 NUMBER_OF_FRAMES = 2**32  # by which the streams of one sequence's frames are apart
@@ -63,7 +63,7 @@ FRAMES: np.dtype[np.void] = np.dtype(
 )
 
 
-def fly(
+def fly_sequences(
     case: Case,
     sequence: Sequence,
     sequences: int,
@@ -94,20 +94,20 @@ def run(case: Case, sequence: Sequence, seed: int, number: int) -> NDArray[np.vo
              stamp or a mounting unlike the believed one, which are not followed in time.
              model: the tracker sees each frame as soon as it is exposed.
     """
-    if case.lateness or case.instrument.mounting != case.believed_mounting:
+    if case.time_tag_error or case.instrument.mounting != case.believed_mounting:
         raise ValueError("a sequence must have lateness 0 and the believed mounting")
     streams = Streams(seed, number)
     true = flight(case.instrument, sequence, random_attitude(streams), streams)
-    rates = shown(true, sequence.gyro, streams) if sequence.gyro else None
+    rates = gyro_rates(true, sequence.gyro, streams) if sequence.gyro else None
     table = np.empty(len(true.time), FRAMES)
-    known, camera = Known(), case.believed_camera
+    known, camera = TrackerState(), case.believed_camera
     for k, frame in enumerate(_frames(case, true, seed, number)):
         if k:
             step = float(true.time[k] - true.time[k - 1])
-            known = carry(known, None if rates is None else rates[k - 1], step, sequence)
+            known = predict_state(known, None if rates is None else rates[k - 1], step, sequence)
         predicted = known.state
         spots, matches, estimate = _see(case, frame, camera, predicted)
-        known = take(known, estimate, sequence)
+        known = update_state(known, estimate, sequence)
         if estimate.status is Status.SOLVED:
             camera = matches.camera
         table[k] = (
@@ -126,7 +126,7 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]
     instrument, camera = case.instrument, case.instrument.camera
     detector, before = instrument.detector, None
     for k, turn in enumerate(true.turns):
-        stars = look(open_sky(case.catalog), true.attitude[k], camera)
+        stars = stars_in_field(open_sky(case.catalog), true.attitude[k], camera)
         path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
         electrons = expected(
             light_of(case, stars, true.attitude[k], Streams(seed, number)),
@@ -156,10 +156,10 @@ def _see(
     else:
         spread = predicted.covariance[:3, :3]
         matches = track(*rooms, predicted.icrs_to_camera, spread, tracker.identification)
-    return spots, matches, estimated(spots, matches, tracker, trust(case))
+    return spots, matches, solve_matches(spots, matches, tracker, systematic_variance(case))
 
 
-def _mode(known: Known, estimate: Estimate) -> Mode:
+def _mode(known: TrackerState, estimate: Estimate) -> Mode:
     if estimate.status is Status.SOLVED:
         return Mode.ACQUIRED if known.fresh else Mode.TRACKED
     return Mode.SEARCHING if known.state is None else Mode.COASTED

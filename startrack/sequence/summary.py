@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.metrics import FALSE_ANGLE, Interval, rms_interval, share_interval
+from startrack.metrics import FALSE_ANGLE, Interval, fraction_interval, rms_interval
 from startrack.sequence.run import Mode
 
 
@@ -16,7 +16,7 @@ from startrack.sequence.run import Mode
 class Tracking:
     """Statistics of many sequences; the intervals hold with 95 % confidence.
 
-    known            share of frames after which the filter is within half a degree of the truth
+    known            fraction of frames after which the filter is within half a degree of the truth
     across, about    radian, rms of the filter's error in these frames, per axis across and about
                      the boresight
     single           radian, rms per axis across the boresight of such frames alone
@@ -37,7 +37,7 @@ class Tracking:
     sequences: int
 
 
-def summarise(table: NDArray[np.void]) -> Tracking:
+def summarise_sequences(table: NDArray[np.void]) -> Tracking:
     """Statistics of a table as `run` and `fly` make it."""
     apart = [table[table["sequence"] == one] for one in np.unique(table["sequence"])]
     hours = sum(float(_span(one)) for one in apart) / 3600
@@ -86,10 +86,10 @@ def _losses(one: NDArray[np.void]) -> list[float]:
 
 
 def _share(apart: list[NDArray[np.void]]) -> Interval:
-    """Mean share of frames after which the attitude is known."""
+    """Mean fraction of frames after which the attitude is known."""
     good = np.array([float(_known(one).mean()) for one in apart])
     if good.min() == 1 or good.max() == 0:  # no scatter to judge by: count the sequences
-        return share_interval(int(good.sum()), len(good))
+        return fraction_interval(int(good.sum()), len(good))
     return _mean(good)
 
 

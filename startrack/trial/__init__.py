@@ -26,18 +26,23 @@ chain          One trial, one line a room, in the order in which the light goes.
 from startrack.trial.chain import (
     OUTCOMES,
     Record,
-    estimated,
+    identify_and_solve,
     index_of,
+    lost_in_space,
     observe,
-    recognise,
     run_random_trial,
     run_trial,
     run_trials,
-    track,
+    solve_matches,
 )
-from startrack.trial.conditions import Separate, dark_currents, dimming, separate
+from startrack.trial.conditions import (
+    SeparableStars,
+    colour_correction,
+    dark_currents,
+    separable_stars,
+)
 from startrack.trial.covariance import outcomes
-from startrack.trial.neighbours import pulls
+from startrack.trial.neighbours import blending_shift
 from startrack.trial.spot_plan import plan_of, refuse
 from startrack.trial.spots import spots_of
 from startrack.trial.star_errors import METHOD, READ, SHOT, Errors, errors, lasting
@@ -46,24 +51,24 @@ from startrack.trial.star_response import (
     detection_probability,
     images,
     measure,
-    own_noise,
-    quiet,
+    noise_free_frame,
+    pixel_noise,
     scale,
 )
-from startrack.trial.systematic import trust, trust_in
+from startrack.trial.systematic import systematic_variance, systematic_variance_of
 from startrack.trial.view import (
-    asked_for,
     detected_spectrum,
+    expected_electrons,
     light_of,
-    look,
-    noiseless,
-    path_of,
+    line_of_sight,
     psf_of,
     random_attitude,
     random_attitudes,
-    rotations,
+    reference_attitude,
+    rotations_from_cube,
+    stars_in_field,
     throughput,
 )
 
 # Public; the other imports serve other rooms.
-__all__ = ["Errors", "errors", "lasting", "trust", "trust_in"]
+__all__ = ["Errors", "errors", "lasting", "systematic_variance", "systematic_variance_of"]

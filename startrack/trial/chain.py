@@ -17,8 +17,8 @@ from startrack.core import (
     Estimate,
     Floats,
     Frame,
+    LineOfSight,
     Matches,
-    Path,
     Psf,
     Spots,
     Stars,
@@ -38,17 +38,17 @@ from startrack.metrics import JUDGED, Outcome, judge
 from startrack.trial.covariance import outcomes as drawn_outcomes
 from startrack.trial.spots import spots_of
 from startrack.trial.sweep import straighten, sweep
-from startrack.trial.systematic import trust
+from startrack.trial.systematic import systematic_variance
 from startrack.trial.view import (
-    asked_for,
-    course_of,
     detected_spectrum,
-    frame_before,
     light_of,
-    look,
-    path_of,
+    line_of_sight,
+    motion_function,
     psf_of,
     random_attitude,
+    reference_attitude,
+    residual_charge,
+    stars_in_field,
     throughput,
 )
 from startrack.trial.window import spots_in_windows
@@ -56,23 +56,23 @@ from startrack.trial.window import spots_in_windows
 __all__ = [
     "OUTCOMES",
     "Record",
-    "asked_for",
-    "course_of",
     "detected_spectrum",
-    "estimated",
+    "identify_and_solve",
     "index_of",
     "light_of",
-    "look",
+    "line_of_sight",
+    "lost_in_space",
+    "motion_function",
     "observe",
-    "path_of",
     "psf_of",
     "random_attitude",
-    "recognise",
+    "reference_attitude",
     "run_random_trial",
     "run_trial",
     "run_trials",
+    "solve_matches",
+    "stars_in_field",
     "throughput",
-    "track",
 ]
 
 
@@ -91,7 +91,7 @@ class Record:
     matches: Matches
     estimate: Estimate
     outcome: Outcome
-    path: Path
+    path: LineOfSight
 
 
 # A row of the table of trials: its number, and the fields of Outcome.
@@ -151,8 +151,8 @@ def run_trial(
     make = spots_in_windows if fidelity is Fidelity.WINDOW else spots_of
     spots = make(case, icrs_to_camera, streams)
     camera, stars = case.believed_camera, open_sky(case.believed_catalog).stars
-    _, estimate = recognise(spots, camera, stars, case.tracker, trust(case))
-    return judge(estimate, asked_for(case, icrs_to_camera, streams), len(spots))
+    _, estimate = identify_and_solve(spots, camera, stars, case.tracker, systematic_variance(case))
+    return judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
 
 
 def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
@@ -162,10 +162,10 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     Errors          ValueError where the case contradicts itself.
     """
     camera = case.instrument.camera
-    stars = look(open_sky(case.catalog), icrs_to_camera, camera)
+    stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, camera)
     light = light_of(case, stars, icrs_to_camera, streams)
     psf = psf_of(case.instrument)
-    path = path_of(case.instrument, streams)
+    path = line_of_sight(case.instrument, streams)
     detector = case.instrument.detector
     if detector.scan:
         frame = sweep(case, light, icrs_to_camera, streams)
@@ -179,8 +179,8 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
             detector,
             throughput(case.instrument),
             streams,
-            course_of(case.instrument, streams),
-            frame_before(case.instrument, light, path, icrs_to_camera, streams),
+            motion_function(case.instrument, streams),
+            residual_charge(case.instrument, light, path, icrs_to_camera, streams),
         )
     believed = case.believed_camera
     spots = detect(frame, case.tracker.detection, psf)
@@ -188,12 +188,14 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
         motion = case.believed_motion
         spots = straighten(spots, detector.scan, detector.exposure, motion, believed)
     catalog = open_sky(case.believed_catalog).stars
-    matches, estimate = recognise(spots, believed, catalog, case.tracker, trust(case))
-    outcome = judge(estimate, asked_for(case, icrs_to_camera, streams), len(spots))
+    matches, estimate = identify_and_solve(
+        spots, believed, catalog, case.tracker, systematic_variance(case)
+    )
+    outcome = judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
     return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
 
 
-def track(
+def lost_in_space(
     frame: Frame, camera: Camera, stars: Stars, tracker: Tracker, psf: Psf | None = None
 ) -> tuple[Spots, Matches, Estimate]:
     """What the flight software does with a frame, real or rendered.
@@ -204,10 +206,10 @@ def track(
     psf      as the tracker believes it; None: a Gaussian
     """
     spots = detect(frame, tracker.detection, psf)
-    return spots, *recognise(spots, camera, stars, tracker)
+    return spots, *identify_and_solve(spots, camera, stars, tracker)
 
 
-def recognise(
+def identify_and_solve(
     spots: Spots, camera: Camera, stars: Stars, tracker: Tracker, own: Floats | None = None
 ) -> tuple[Matches, Estimate]:
     """What the flight software does with its spots; arguments as `track` takes them.
@@ -215,10 +217,10 @@ def recognise(
     own  (n,) pixel^2, what each star of the catalogue errs by beside its noise, as `trust` gives it
     """
     matches = identify(spots, camera, stars, index_of(stars, camera), tracker.identification)
-    return matches, estimated(spots, matches, tracker, own)
+    return matches, solve_matches(spots, matches, tracker, own)
 
 
-def estimated(
+def solve_matches(
     spots: Spots, matches: Matches, tracker: Tracker, own: Floats | None = None
 ) -> Estimate:
     """The attitude that the tracker makes of its matches; arguments as `recognise` takes them."""

@@ -32,8 +32,11 @@ def dark_currents(detector: Detector) -> tuple[float, float]:
         return m, 0.0
     mean, square, s = m, m * m, defects.dsnu
     if s:
-        share, density = float(ndtr(m / s)), math.exp(-((m / s) ** 2) / 2) / math.sqrt(2 * math.pi)
-        mean, square = m * share + s * density, (m * m + s * s) * share + m * s * density
+        fraction, density = (
+            float(ndtr(m / s)),
+            math.exp(-((m / s) ** 2) / 2) / math.sqrt(2 * math.pi),
+        )
+        mean, square = m * fraction + s * density, (m * m + s * s) * fraction + m * s * density
     p, h = defects.hot, defects.hot_current
     return mean + p * h, math.sqrt(max(square - mean**2, 0.0) + (2 * p - p * p) * h * h)
 
@@ -48,7 +51,7 @@ def dark(detector: Detector) -> tuple[float, float]:
 COLOURS = np.linspace(-0.6, 4.0, 24)  # BP - RP
 
 
-def dimming(case: Case, known: Floats) -> Floats:
+def colour_correction(case: Case, known: Floats) -> Floats:
     """Magnitude by which stars of these colours (n,) are fainter here than sunlike ones of their G.
 
     known  BP - RP, NaN where it is not known
@@ -63,7 +66,7 @@ def dimming(case: Case, known: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Separate:
+class SeparableStars:
     """Stars, those too close for the tracker's index as one.
 
     sky   brightest first
@@ -74,13 +77,13 @@ class Separate:
     name: Ints
 
 
-def separate(selection: Selection, camera: Camera) -> Separate:
+def separable_stars(selection: Selection, camera: Camera) -> SeparableStars:
     """The stars of a catalogue as the tracker's index takes them."""
     return _separate(selection, indexed_field(camera) / POINTS)
 
 
 @lru_cache(maxsize=8)
-def _separate(selection: Selection, resolution: float) -> Separate:
+def _separate(selection: Selection, resolution: float) -> SeparableStars:
     stars, name = merged(open_sky(selection).stars, resolution)
     order = np.argsort(stars.magnitude_g, kind="stable")
-    return Separate(Sky(stars[order]), name[order])
+    return SeparableStars(Sky(stars[order]), name[order])

@@ -16,7 +16,7 @@ from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
 from startrack.trial.spot_plan import Plan, plan_of, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
-from startrack.trial.view import asked_for, random_attitudes
+from startrack.trial.view import random_attitudes, reference_attitude
 
 SURPRISE = 1e-3  # chance below which residuals are too large to be the noise alone
 
@@ -113,7 +113,7 @@ def outcomes(
     places in the pixel, rendered without noise but with smear and with the response of the pixels.
 
     icrs_to_camera  a true attitude for each; None: those of the same trials of other fidelities
-    Returns  (n,) structured array, as `startrack.error.judge_all` gives it, in the order asked for
+    Returns  (n,) structured array, as `judge_all` gives it, in the order asked for
     Errors   ValueError that names what in the case needs an image.
              model: normal errors, as small as the noise is beside the star; each star alone, with
              the smear of the field's centre; false spots are counted and never matched. On the
@@ -145,9 +145,9 @@ def _tried(
     matched, spots = np.empty((2, many), np.int64)
     _draw(matrix, keys, *plan, place, star, variance, matched, spots)
     truth = attitude
-    if case.lateness or case.instrument.mounting != case.believed_mounting:
+    if case.time_tag_error or case.instrument.mounting != case.believed_mounting:
         truth = Rotation.concatenate(
-            [asked_for(case, attitude[n], Streams(seed, numbers[n])) for n in range(many)]
+            [reference_attitude(case, attitude[n], Streams(seed, numbers[n])) for n in range(many)]
         )
     judged = np.empty(many, JUDGED)
     # Trials of about as many stars go together, so that few places of the arrays stay empty.

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from startrack.catalog import Selection, Sky
 from startrack.core import Floats, Ints
 from startrack.design import Case
-from startrack.trial.conditions import dimming, separate
+from startrack.trial.conditions import colour_correction, separable_stars
 from startrack.trial.star_response import RING, cell, images, measure, phases, scale
 
 CONTRAST = np.arange(-2.0, 6.0)  # magnitude, of the neighbour less that of the star
@@ -23,7 +23,7 @@ SNR = 100.0  # of the brightest pixel of the star in the chart
 
 
 @lru_cache(maxsize=8)
-def pulls(case: Case, catalog: Selection) -> Floats:
+def blending_shift(case: Case, catalog: Selection) -> Floats:
     """By how much the light of its neighbours moves each separate star of a catalogue.
 
     A shift along the line to the neighbour, by its distance and contrast, measured on a chart of
@@ -37,9 +37,11 @@ def pulls(case: Case, catalog: Selection) -> Floats:
              of the boresight.
     """
     camera = case.instrument.camera
-    stars = separate(catalog, camera).sky.stars
-    magnitude = stars.magnitude_g + dimming(case, stars.colour)
-    star, other = _pairs(separate(catalog, camera).sky, _reach(case) / camera.focal_length_px).T
+    stars = separable_stars(catalog, camera).sky.stars
+    magnitude = stars.magnitude_g + colour_correction(case, stars.colour)
+    star, other = _pairs(
+        separable_stars(catalog, camera).sky, _reach(case) / camera.focal_length_px
+    ).T
     apart = stars.direction[other] - stars.direction[star]
     angle = np.linalg.norm(apart, axis=1)
     distance, contrast = angle * camera.focal_length_px, magnitude[other] - magnitude[star]
@@ -60,7 +62,7 @@ def _pull(case: Case, distance: Floats, contrast: Floats) -> Floats:
     s, t = v - i, u - j
     pull = (1 - s) * ((1 - t) * table[i, j] + t * table[i, j + 1])
     pull += s * ((1 - t) * table[i + 1, j] + t * table[i + 1, j + 1])
-    # A fainter neighbour pulls by its share of the light.
+    # A fainter neighbour pulls by its fraction of the light.
     pull *= 10 ** (-0.4 * np.maximum(contrast - CONTRAST[-1], 0))
     return np.where(distance < _reach(case), pull, 0.0)
 

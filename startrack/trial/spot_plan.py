@@ -14,10 +14,10 @@ from startrack.catalog import Selection, open_sky
 from startrack.core import Floats, Ints, Light
 from startrack.design import Case
 from startrack.detection import false_alarms, peak_border, star_filter, star_profile, threshold_of
-from startrack.detector import arriving, only_lone_pixels
+from startrack.detector import arriving, require_independent_pixels
 from startrack.scene import Scene, illuminate
 from startrack.trial.spot_response import RATIOS, REACH, Grid, Response, pull_of, response_of
-from startrack.trial.systematic import trust
+from startrack.trial.systematic import systematic_variance
 from startrack.trial.view import psf_of, throughput
 
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
@@ -97,7 +97,7 @@ def refuse(case: Case) -> None:
     """
     instrument = case.instrument
     detector, motion = instrument.detector, instrument.motion
-    only_lone_pixels(detector)
+    require_independent_pixels(detector)
     corner = math.tan(instrument.camera.half_diagonal) * instrument.camera.focal_length_px
     there = {
         "hits": detector.hits,
@@ -148,7 +148,7 @@ def plan_of(case: Case) -> Plan:
         Field(
             np.ascontiguousarray(stars.direction[found]),
             np.ascontiguousarray(open_sky(case.believed_catalog).stars.direction[there]), known,
-            np.log(flux[found]), found.astype(np.uint64), trust(case)[there],
+            np.log(flux[found]), found.astype(np.uint64), systematic_variance(case)[there],
         ),
         _companions(stars.direction, flux, found, radius),
         view,

@@ -14,7 +14,7 @@ from startrack.core import Floats, Streams
 from startrack.design import Case
 from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
-from startrack.trial.view import path_of, psf_of
+from startrack.trial.view import line_of_sight, psf_of
 
 PHASES = 6  # places in the pixel, along either axis
 STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
@@ -132,6 +132,6 @@ def pull_of(grid: Grid, flux: float) -> Floats:
 def _smear(case: Case) -> Floats:
     """Weight, x and y (pixel) of the path of a star in the middle of the field, (m, 3)."""
     camera = case.instrument.camera
-    path = path_of(case.instrument, Streams(0, 0))
+    path = line_of_sight(case.instrument, Streams(0, 0))
     place = camera.project(Rotation.from_rotvec(path.rotation).apply([0.0, 0.0, 1.0]))
     return np.column_stack([path.weight, place - camera.centre])

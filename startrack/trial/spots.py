@@ -200,12 +200,12 @@ def _draw(a, key, response, pull, field, companions, view, gate, false):  # type
 @njit(cache=True, error_model="numpy")
 def _write(row, seen):  # type: ignore[no-untyped-def]
     """A star, whose noise moves it the less, the brighter noise makes it."""
-    share = max(1 + seen.blur * seen.surplus, seen.blur)
-    row[0], row[1] = seen.x + seen.dx / share, seen.y + seen.dy / share
-    row[2], row[3] = seen.flux * share, seen.flux * seen.blur
-    row[4] = seen.xx * seen.xx / share**2
-    row[5] = seen.xx * seen.yx / share**2
-    row[6] = (seen.yx * seen.yx + seen.yy * seen.yy) / share**2
+    fraction = max(1 + seen.blur * seen.surplus, seen.blur)
+    row[0], row[1] = seen.x + seen.dx / fraction, seen.y + seen.dy / fraction
+    row[2], row[3] = seen.flux * fraction, seen.flux * seen.blur
+    row[4] = seen.xx * seen.xx / fraction**2
+    row[5] = seen.xx * seen.yx / fraction**2
+    row[6] = (seen.yx * seen.yx + seen.yy * seen.yy) / fraction**2
 
 
 @njit(cache=True, error_model="numpy")

@@ -21,7 +21,7 @@ class Errors(NamedTuple):
     """Of single stars.
 
     magnitude  (m,) G of a sunlike star
-    kept       (m,) share of the places at which the tracker keeps a star
+    kept       (m,) fraction of the places at which the tracker keeps a star
     stated     (m, 2, 2) pixel^2, by the tracker
     random     (m, 2, 2) pixel^2 by cause, scatter over places, times and devices
     mean       (m, 2) pixel, over the places, of the centroid's method

@@ -39,7 +39,7 @@ from startrack.trial.conditions import dark
 from startrack.trial.view import psf_of, throughput
 
 
-def quiet(electrons: Floats, detector: Detector, ripple: float, noise: float) -> Frame:
+def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise: float) -> Frame:
     """A frame in which the tracker's background is what it is among noise.
 
     Where the ring about a star is even, its clipping and its slopes are what they never are in a
@@ -53,8 +53,8 @@ def quiet(electrons: Floats, detector: Detector, ripple: float, noise: float) ->
     """
     largest = 2.0**detector.bits - 1
     level = np.minimum(electrons, detector.full_well)
-    if detector.bend:
-        level -= detector.bend * level**2 / detector.full_well
+    if detector.nonlinearity:
+        level -= detector.nonlinearity * level**2 / detector.full_well
     if detector.settling:
         level = settle(level, detector.settling)
     level += ripple
@@ -62,8 +62,8 @@ def quiet(electrons: Floats, detector: Detector, ripple: float, noise: float) ->
     level[1::2, ::2] -= 2 * ripple
     level /= detector.electrons_per_dn
     level += detector.offset
-    if detector.bow:
-        level += 4 * detector.bow * level / largest * (1 - level / largest)
+    if detector.adc_inl:
+        level += 4 * detector.adc_inl * level / largest * (1 - level / largest)
     return Frame(
         np.minimum(level, largest).astype(np.float32),
         detector.exposure,
@@ -73,7 +73,7 @@ def quiet(electrons: Floats, detector: Detector, ripple: float, noise: float) ->
     )
 
 
-def own_noise(detector: Detector, streams: Streams) -> Floats:
+def pixel_noise(detector: Detector, streams: Streams) -> Floats:
     """The noise (rows, columns) that read-out adds, electron; its draws are those of `read_out`."""
     shape = detector.rows, detector.columns
     noise = np.zeros(shape)
@@ -84,7 +84,7 @@ def own_noise(detector: Detector, streams: Streams) -> Floats:
     if detector.pattern:
         for offset in offsets(detector.pattern, shape, device_streams(detector), streams):
             noise += offset
-    return noise / detector.multiplication
+    return noise / detector.em_gain
 
 
 PHASES = 6  # sub-pixel places per axis
@@ -186,7 +186,7 @@ def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, 
     side, across = electrons.shape[-1], math.gcd(len(electrons), PHASES**2)
     cells = electrons.reshape(-1, across, side, side).transpose(0, 2, 1, 3)
     own = size.noise if noisy else 0.0
-    frame = quiet(
+    frame = noise_free_frame(
         cells.reshape(-1, across * side) + size.background,
         case.instrument.detector,
         math.hypot(own, math.sqrt(size.background)),
@@ -274,12 +274,12 @@ def images(instrument: Instrument, place: Floats, side: int) -> Floats:
     psf, weight, offset, _ = _shaken(instrument)
     strip = np.zeros((side, len(place) * side))
     middle = np.arange(len(place)) * side + side // 2
-    for share, (x, y) in zip(weight, offset, strict=True):
+    for fraction, (x, y) in zip(weight, offset, strict=True):
         stamp(strip, psf, middle + place[:, 0] + x, side // 2 + place[:, 1] + y,
-              np.full(len(place), share))  # fmt: skip
-    share = instrument.detector.crosstalk
-    if share:
-        strip = diffuse(strip, share)
+              np.full(len(place), fraction))  # fmt: skip
+    fraction = instrument.detector.crosstalk
+    if fraction:
+        strip = diffuse(strip, fraction)
     return np.ascontiguousarray(strip.reshape(side, -1, side).transpose(1, 0, 2))
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Camera, Frame, Light, Spots, Streams
 from startrack.design import Case
 from startrack.detector import Detector, Line, Scan, scan
-from startrack.motion import Motion, turn
+from startrack.motion import Motion, realise_motion
 from startrack.trial.view import psf_of, throughput
 
 
@@ -22,7 +22,7 @@ def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) 
     """
     instrument = case.instrument
     detector, lines = _lines(instrument.detector)
-    motion = turn(instrument.motion, duration(instrument.detector), streams)
+    motion = realise_motion(instrument.motion, duration(instrument.detector), streams)
     return scan(
         light,
         psf_of(instrument),

@@ -10,13 +10,13 @@ from startrack.attitude import UNKNOWN_FLOOR
 from startrack.catalog import open_sky
 from startrack.core import Floats, Stars
 from startrack.design import Case
-from startrack.trial.conditions import dimming, separate
-from startrack.trial.neighbours import pulls
+from startrack.trial.conditions import colour_correction, separable_stars
+from startrack.trial.neighbours import blending_shift
 from startrack.trial.star_errors import errors, lasting
 
 
 @lru_cache(maxsize=8)
-def trust(case: Case) -> Floats:
+def systematic_variance(case: Case) -> Floats:
     """Variance per axis of a star's place that no noise explains, as a calibrated tracker knows it.
 
         own = S-curve^2 + PRNU^2 + DSNU^2 + pull^2 / 2
@@ -34,16 +34,16 @@ def trust(case: Case) -> Floats:
         floor = UNKNOWN_FLOOR
     if floor is not None:
         return np.full(len(stars), floor**2)
-    own = lasting(errors(case), stars.magnitude_g + dimming(case, stars.colour)) ** 2
+    own = lasting(errors(case), stars.magnitude_g + colour_correction(case, stars.colour)) ** 2
     catalog = case.believed_catalog
-    name = separate(catalog, case.instrument.camera).name
-    own[name] += (pulls(case, catalog) ** 2).sum(axis=1) / 2
+    name = separable_stars(catalog, case.instrument.camera).name
+    own[name] += (blending_shift(case, catalog) ** 2).sum(axis=1) / 2
     return own
 
 
-def trust_in(case: Case, stars: Stars) -> Floats:
+def systematic_variance_of(case: Case, stars: Stars) -> Floats:
     """The same (m,) for some stars of the true sky; of those that the tracker knows."""
     known = open_sky(case.believed_catalog).stars.identifier
     order = np.argsort(known)
     place = np.searchsorted(known, stars.identifier, sorter=order)
-    return trust(case)[order[np.minimum(place, len(known) - 1)]]
+    return systematic_variance(case)[order[np.minimum(place, len(known) - 1)]]

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Sky, open_sky
-from startrack.core import Camera, Floats, Ints, Light, Path, Psf, Stars, Streams
+from startrack.core import Camera, Floats, Ints, Light, LineOfSight, Psf, Stars, Streams
 from startrack.design import Case, Instrument
 from startrack.detector import Course, arriving, expected
-from startrack.motion import shake, turn
-from startrack.optics import focus, veil
+from startrack.motion import realise_motion, sample_jitter
+from startrack.optics import pixel_psf, stray_light
 from startrack.scene import SUN, WAVELENGTH, Sight, blackbody_photons, illuminate
 
 PART = 2**14  # stars
@@ -33,7 +33,7 @@ def random_attitudes(seed: int, numbers: Sequence[int]) -> Rotation:
     return Rotation.from_quat([_quaternion(Streams(seed, number)) for number in numbers])
 
 
-def rotations(cube: NDArray[np.float64]) -> Rotation:
+def rotations_from_cube(cube: NDArray[np.float64]) -> Rotation:
     """Rotations of points (n, 3) in the unit cube, which are as evenly spread as the points.
 
     Source: Shoemake (1992), Uniform random rotations, Graphics Gems III, 124.
@@ -48,7 +48,7 @@ def _quaternion(streams: Streams) -> NDArray[np.float64]:
     return streams("attitude").standard_normal(4)
 
 
-def look(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
+def stars_in_field(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
     """The stars that can reach the frame, brightest first."""
     return sky.stars[nearby(sky, icrs_to_camera, camera)]
 
@@ -77,14 +77,16 @@ def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Stream
     light = illuminate(case.scene, stars, sight)
     if instrument.baffle is None:
         return light
-    return veil(light, instrument.baffle, instrument.optics, icrs_to_camera, instrument.camera)
+    return stray_light(
+        light, instrument.baffle, instrument.optics, icrs_to_camera, instrument.camera
+    )
 
 
 @lru_cache(maxsize=8)
 def psf_of(instrument: Instrument) -> Psf:
     """The PSF for sunlike stars, computed once per design."""
     detector = instrument.detector
-    return focus(
+    return pixel_psf(
         instrument.optics,
         detector.pitch,
         WAVELENGTH,
@@ -104,10 +106,10 @@ def detected_spectrum(instrument: Instrument) -> NDArray[np.float64]:
     return electrons
 
 
-def path_of(instrument: Instrument, streams: Streams) -> Path:
+def line_of_sight(instrument: Instrument, streams: Streams) -> LineOfSight:
     """The path of the line of sight in the exposure of one trial."""
     camera = instrument.camera
-    return shake(
+    return sample_jitter(
         instrument.motion,
         instrument.detector.exposure,
         1 / camera.focal_length_px,
@@ -116,16 +118,16 @@ def path_of(instrument: Instrument, streams: Streams) -> Path:
     )
 
 
-def course_of(instrument: Instrument, streams: Streams) -> Course | None:
+def motion_function(instrument: Instrument, streams: Streams) -> Course | None:
     """The same motion at any time, which only a rolling shutter asks for."""
     detector = instrument.detector
     if not detector.row_delay:
         return None
-    return turn(instrument.motion, detector.exposure, streams).over
+    return realise_motion(instrument.motion, detector.exposure, streams).over
 
 
-def noiseless(
-    case: Case, stars: Stars, path: Path, icrs_to_camera: Rotation, streams: Streams
+def expected_electrons(
+    case: Case, stars: Stars, path: LineOfSight, icrs_to_camera: Rotation, streams: Streams
 ) -> NDArray[np.float64]:
     """The expected electrons (rows, columns) of a trial's frame.
 
@@ -141,13 +143,17 @@ def noiseless(
         instrument.camera,
         instrument.detector,
         throughput(instrument),
-        course_of(instrument, streams),
-        frame_before(instrument, light, path, icrs_to_camera, streams),
+        motion_function(instrument, streams),
+        residual_charge(instrument, light, path, icrs_to_camera, streams),
     )
 
 
-def frame_before(
-    instrument: Instrument, light: Light, path: Path, icrs_to_camera: Rotation, streams: Streams
+def residual_charge(
+    instrument: Instrument,
+    light: Light,
+    path: LineOfSight,
+    icrs_to_camera: Rotation,
+    streams: Streams,
 ) -> NDArray[np.float64] | None:
     """What the frame before left in the pixels, which only a lag asks for.
 
@@ -169,10 +175,15 @@ def frame_before(
     )
 
 
-def motion_before(instrument: Instrument, path: Path, streams: Streams) -> tuple[Path, Course]:
+def motion_before(
+    instrument: Instrument, path: LineOfSight, streams: Streams
+) -> tuple[LineOfSight, Course]:
     """The path in the exposure of the frame before, and the same motion at any time."""
     detector = instrument.detector
-    motion, late = turn(instrument.motion, detector.exposure, streams), 1 / detector.update_rate
+    motion, late = (
+        realise_motion(instrument.motion, detector.exposure, streams),
+        1 / detector.update_rate,
+    )
     earlier = replace(path, rotation=motion.at(path.time - late))
     return earlier, lambda start, step: motion.over(start - late, step)
 
@@ -182,16 +193,16 @@ def throughput(instrument: Instrument) -> NDArray[np.float64]:
     return instrument.optics.area * instrument.optics.transmission(WAVELENGTH)
 
 
-def asked_for(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
+def reference_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
     """The attitude icrs_to_camera that a tracker must report for the spacecraft to have its own.
 
     Its time stamp may be late, and the camera may not sit as the tracker believes: the truth is
     the spacecraft's attitude at the time stated, taken back into the believed camera.
     """
     truth = icrs_to_camera
-    if case.lateness:
-        path = turn(case.instrument.motion, case.instrument.detector.exposure, streams)
-        truth = Rotation.from_rotvec(path.at(np.array([case.lateness]))[0]) * truth
+    if case.time_tag_error:
+        path = realise_motion(case.instrument.motion, case.instrument.detector.exposure, streams)
+        truth = Rotation.from_rotvec(path.at(np.array([case.time_tag_error]))[0]) * truth
     mounting, believed = case.instrument.mounting, case.believed_mounting
     if mounting == believed:
         return truth

@@ -18,7 +18,7 @@ from startrack.design import Case, Instrument
 from startrack.detection import (
     Ground,
     detect_within,
-    grown,
+    grown_mask,
     kernel_half,
     margin,
     measure_ground,
@@ -33,30 +33,30 @@ from startrack.detector import (
     Rates,
     Tilt,
     arriving,
-    excesses,
     expose_within,
     frame_of,
-    lone_pixels,
+    independent_pixels,
     numbers_of,
-    odd_pixels,
-    only_lone_pixels,
+    outlier_pixels,
     put,
     rates_for,
+    require_independent_pixels,
     seen,
+    threshold_crossings,
     tilt_for,
 )
 from startrack.scene import illuminate
 from startrack.trial.view import (
-    course_of,
     electrons_of,
+    expected_electrons,
     light_of,
-    look,
+    line_of_sight,
     motion_before,
+    motion_function,
     nearby,
-    noiseless,
-    path_of,
     psf_of,
     random_attitude,
+    stars_in_field,
     throughput,
 )
 
@@ -92,18 +92,18 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     half = reach_of(star / detector.electrons_per_dn, ground.noise, plan)
     size = detector.columns, detector.rows
     regions = around_paths(x, y, half, *size)
-    odd = lone_pixels(detector, noise.odd, streams)
+    odd = independent_pixels(detector, noise.odd, streams)
     if len(odd):
         regions = np.concatenate([regions, around_pixels(odd, plan.spread, *size)])
-    pixel, numbers = excesses(
+    pixel, numbers = threshold_crossings(
         noise.numbers, noise.tilt, rates, ground.sky.mesh, plan.border, regions, streams
     )
     lone = around_pixels(pixel, 0, *size)
     every = np.concatenate([regions, lone])
-    windows = grown(every, plan.far, *size)
+    windows = grown_mask(every, plan.far, *size)
     frame = expose_within(windows, (weight, x, y), star, psf, detector, sky, streams)
     # Numbers of noise must not be written over those about a star, which are searched first then.
-    if separate(grown(lone, plan.spread, *size), windows[: len(regions)]):
+    if separate(grown_mask(lone, plan.spread, *size), windows[: len(regions)]):
         put(frame, pixel, numbers)
         return detect_within(frame, every, ground, settings, psf)
     spots = detect_within(frame, regions, ground, settings, psf)
@@ -119,8 +119,10 @@ def arrive(
     if plan.star is not None:
         near = nearby(plan.catalog, icrs_to_camera, camera)
         return plan.catalog.stars.direction[near], plan.star[near]
-    light = light_of(case, look(plan.catalog, icrs_to_camera, camera), icrs_to_camera, streams)
-    if light.glow:
+    light = light_of(
+        case, stars_in_field(plan.catalog, icrs_to_camera, camera), icrs_to_camera, streams
+    )
+    if light.diffuse:
         raise ValueError(
             "fidelity must be frame where the light of the sky varies over the field, got window"
         )
@@ -134,14 +136,14 @@ def places_of(
 
     What the frame before left is a fainter star, where the star was then.
     """
-    path, lag = path_of(instrument, streams), instrument.detector.lag
-    views = [(1 - lag, path, course_of(instrument, streams))]
+    path, lag = line_of_sight(instrument, streams), instrument.detector.lag
+    views = [(1 - lag, path, motion_function(instrument, streams))]
     if lag:
         views.append((lag, *motion_before(instrument, path, streams)))
     camera, detector = instrument.camera, instrument.detector
     parts = [
-        (share * weight, x, y)
-        for share, path, course in views
+        (fraction * weight, x, y)
+        for fraction, path, course in views
         for weight, x, y in seen(direction, path, icrs_to_camera, camera, detector, course)
     ]
     if len(parts) == 1:
@@ -174,7 +176,7 @@ class Plan:
     sky        electron in a pixel of mean response
     noise      what makes false spots
     threshold  sigma
-    share      (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
+    fraction   (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
     spread     pixel, that the filter reaches;  far  that the detection looks from a peak
     border     pixel, that a peak keeps from the frame's border
     """
@@ -186,7 +188,7 @@ class Plan:
     psf: Psf
     noise: Noise
     threshold: float
-    share: Floats
+    fraction: Floats
     spread: int
     far: int
     border: int
@@ -197,7 +199,7 @@ def plan_of(case: Case) -> Plan:
     """Render and measure some frames, once per design."""
     instrument, settings = case.instrument, case.tracker.detection
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
-    only_lone_pixels(detector)
+    require_independent_pixels(detector)
     light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
     _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]
@@ -227,7 +229,7 @@ def noise_of(
     """
     level, mesh = float(np.median([one.lowest for one in grounds])), grounds[0].sky.mesh
     for limit in ODD:
-        odd = odd_pixels(detector, sky, limit)
+        odd = outlier_pixels(detector, sky, limit)
         try:
             numbers = numbers_of(detector, sky, odd.tobytes())
             tilt = tilt_for(numbers, weight, level, mesh, border)
@@ -243,8 +245,10 @@ def ground_of(case: Case, streams: Streams) -> Ground:
     """What the search of one frame of the design compares with; its stars raise that a little."""
     case = replace(case, scene=replace(case.scene, lights=()))
     instrument, attitude = case.instrument, random_attitude(streams)
-    stars = look(open_sky(case.catalog), attitude, instrument.camera)
-    electrons = noiseless(case, stars, path_of(instrument, streams), attitude, streams)
+    stars = stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
+    electrons = expected_electrons(
+        case, stars, line_of_sight(instrument, streams), attitude, streams
+    )
     frame = frame_of(electrons, instrument.detector, streams)
     return measure_ground(frame, case.tracker.detection, psf_of(instrument))
 
@@ -278,18 +282,18 @@ def reach_of(flux: Floats, noise: float, plan: Plan) -> Ints:
     """
     least = (plan.threshold - FAINTEST) * noise
     return np.asarray(
-        _reach(flux, plan.share, least, DARKEST * noise, bool(plan.detector.crosstalk))
+        _reach(flux, plan.fraction, least, DARKEST * noise, bool(plan.detector.crosstalk))
     )
 
 
 @njit(cache=True, error_model="numpy")
-def _reach(flux, share, least, dark, more):  # type: ignore[no-untyped-def]
+def _reach(flux, fraction, least, dark, more):  # type: ignore[no-untyped-def]
     half = np.empty(len(flux), np.int64)
     for n in range(len(flux)):
-        reach = len(share)
-        while reach > 0 and flux[n] * share[reach - 1] < dark:
+        reach = len(fraction)
+        while reach > 0 and flux[n] * fraction[reach - 1] < dark:
             reach -= 1
-        half[n] = -1 if flux[n] * share[0] < least else max(reach + more, LEAST_HALF)
+        half[n] = -1 if flux[n] * fraction[0] < least else max(reach + more, LEAST_HALF)
     return half
 
 

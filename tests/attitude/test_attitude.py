@@ -3,13 +3,13 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import Attitude, refine, solve
+from startrack.attitude import SolverSettings, refine, solve
 from startrack.attitude.solve import scale_unknown
 from startrack.core.camera import Camera
 from startrack.core.values import Matches, Spots, Status
 
 CAMERA = Camera(1024, 1024, 4800.0)
-EXACT = Attitude(centroid_floor=0.0)
+EXACT = SolverSettings(centroid_floor=0.0)
 
 
 def sky(n: int, seed: int = 0, camera: Camera = CAMERA):
@@ -140,7 +140,7 @@ def test_the_covariance_is_enlarged_by_what_surprises_alone():
         pixel = pixel + np.random.default_rng(seed).normal(0, 0.1 * 1.12**seed, pixel.shape) / 10
         for tolerance, freedom in ((0.0, 7), (1e-3, 6)):
             spots, matches = spots_of(pixel, 0.1), matches_of(direction)
-            wide = Attitude(centroid_floor=0.0, gate=1e3)
+            wide = SolverSettings(centroid_floor=0.0, gate=1e3)
             got = solve(spots, matches, wide, tolerance)
             best = refine(pixel, spots.covariance, direction, CAMERA, got.icrs_to_camera, tolerance)
             total = best.chi_square.sum()
@@ -164,7 +164,7 @@ def test_mismatched_stars_are_left_out_the_worst_first():
 
 
 def test_of_four_stars_none_is_left_out():
-    narrow = Attitude(centroid_floor=0.0, gate=2.0)
+    narrow = SolverSettings(centroid_floor=0.0, gate=2.0)
     for count in (4, 5):
         _, pixel, direction = sky(count, 7)
         pixel[0] += 50.0
@@ -176,7 +176,7 @@ def test_half_of_the_stars_stay_however_wrong_they_are():
     for count, left in ((12, 6), (13, 6)):
         _, pixel, direction = sky(count, 7)
         pixel[:, 0] += 1e-5 * 4.0 ** np.arange(count)
-        narrow = Attitude(centroid_floor=0.0, gate=2.0)
+        narrow = SolverSettings(centroid_floor=0.0, gate=2.0)
         assert solve(spots_of(pixel, 1e-6), matches_of(direction), narrow).stars == left
 
 
@@ -185,10 +185,10 @@ def test_a_star_on_the_gate_stays():
     _, pixel, direction = sky(40, 9)
     pixel[3, 0] += 0.55
     spots, matches = spots_of(pixel, 0.1), matches_of(direction)
-    everything = solve(spots, matches, Attitude(centroid_floor=0.0, gate=1e3)).icrs_to_camera
+    everything = solve(spots, matches, SolverSettings(centroid_floor=0.0, gate=1e3)).icrs_to_camera
     off = np.linalg.norm(pixel[3] - CAMERA.project(everything.apply(direction[3])))
-    for share, left in ((0.999, 39), (1.001, 40)):
-        settings = Attitude(centroid_floor=0.0, gate=share * off / 0.1)
+    for fraction, left in ((0.999, 39), (1.001, 40)):
+        settings = SolverSettings(centroid_floor=0.0, gate=fraction * off / 0.1)
         assert solve(spots, matches, settings).stars == left
 
 
@@ -211,7 +211,7 @@ def test_what_stars_err_by_beside_their_noise_adds_in_squares():
 
     def stated(sigma, floor, own=None):
         return solve(
-            spots_of(pixel, sigma), matches, Attitude(centroid_floor=floor), own=own
+            spots_of(pixel, sigma), matches, SolverSettings(centroid_floor=floor), own=own
         ).covariance
 
     wanted = stated(0.05, 0.0)

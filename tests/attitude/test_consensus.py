@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import Attitude, consensus, solve
+from startrack.attitude import SolverSettings, consensus, solve
 from startrack.core.camera import Camera
 from startrack.core.units import arcsec
 from startrack.core.values import Matches, Spots, Status
@@ -59,7 +59,7 @@ def test_solve_survives_more_wrong_matches_than_right_ones():
         got = solve(
             Spots(x, y, ones, covariance, ones, np.ones(14, int)),
             Matches(Status.SOLVED, "", index, index, known, CAMERA, None, 1e-9),
-            Attitude(centroid_floor=0.0, sift=True),
+            SolverSettings(centroid_floor=0.0, sift=True),
         )
         assert (got.icrs_to_camera * attitude.inv()).magnitude() < 400 * arcsec
         assert 5 <= got.stars <= 7

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from startrack.benchmark import STAGES, Clocked, Stage, markdown, measure, values
+from startrack.benchmark import Clocked, Stage, markdown, measure, values
 from startrack.benchmark.stage import ROUNDS
 from startrack.benchmark.stamping import exact
 from startrack.benchmark.table import figure, spent
@@ -54,10 +54,6 @@ def test_a_way_in_another_process_keeps_its_own_time():
     (row,) = measure(stage({"a": lambda: Clocked(3.25, 7.0)}, pieces=7))
     assert row.seconds == pytest.approx(1.0)
     assert row.error == 0.25
-
-
-def test_the_command_knows_all_stages():
-    assert tuple(STAGES) == cli.STAGES
 
 
 def test_a_stage_that_there_is_not_is_wrong_use(capsys):

@@ -11,12 +11,12 @@ from startrack.core.streams import Streams
 from startrack.core.units import arcsec
 from startrack.design.case import Case
 from startrack.metrics import Interpretation
-from startrack.motion import Broadband, Motion, Tone, wander
+from startrack.motion import Broadband, Motion, Tone, jitter_rms
 from startrack.optimise.margins import limiting_magnitude
 from startrack.trial import errors
 from startrack.trial.chain import run_random_trial
 from startrack.trial.star_response import BRIGHTEST, chart, detection_probability, scale
-from startrack.trial.view import path_of
+from startrack.trial.view import line_of_sight
 
 
 def line(case: Case, name: str) -> NDArray[np.float64]:
@@ -48,7 +48,7 @@ def test_levels_grow_as_those_of_a_mixture(case):
     """A mixture of normal laws lies above the normal law of its rms in the tail."""
     whole = analytic(case).whole.spread
     one, two, three = (
-        whole.level((0, 1), share, Interpretation.MIXED) for share in (0.6827, 0.9545, 0.9973)
+        whole.level((0, 1), fraction, Interpretation.MIXED) for fraction in (0.6827, 0.9545, 0.9973)
     )
     rms = analytic(case).across
     assert one < rms
@@ -103,10 +103,10 @@ def test_jitter_moves_the_mean_of_an_exposure(case):
         broadband=(Broadband("y", (0.5, 100.0), (2 * arcsec**2, 0.01 * arcsec**2)),),
     )
     instrument = replace(case.instrument, motion=motion)
-    paths = [path_of(instrument, Streams(3, number)) for number in range(600)]
+    paths = [line_of_sight(instrument, Streams(3, number)) for number in range(600)]
     mean = np.array([path.weight @ path.rotation for path in paths])
     rms = np.sqrt((mean**2).mean(axis=0))
-    np.testing.assert_allclose(wander(motion, case.instrument.detector.exposure), rms, rtol=0.1)
+    np.testing.assert_allclose(jitter_rms(motion, case.instrument.detector.exposure), rms, rtol=0.1)
     shaken = replace(case, instrument=instrument)
     np.testing.assert_allclose(line(shaken, "jitter") * arcsec, rms, rtol=0.1)
 

@@ -30,10 +30,10 @@ def strewn(count: int, stars: int, fov: float, seed: int = 1) -> Fields:
     )
 
 
-def response(sigma: float, share: float = 1.0) -> Response:
+def response(sigma: float, fraction: float = 1.0) -> Response:
     """The same for all magnitudes."""
     covariance = np.broadcast_to(np.eye(2) * sigma**2, (3, 2, 2))
-    return Response(0.0, 1.0, np.full(3, share), covariance, covariance[None])
+    return Response(0.0, 1.0, np.full(3, fraction), covariance, covariance[None])
 
 
 def spread(view: Fields, displacement: np.ndarray, table: Response, **changes: object):  # type: ignore[no-untyped-def]

@@ -18,7 +18,7 @@ from startrack.io import shipped
 from startrack.metrics import Interpretation
 from startrack.montecarlo.workers import Serial
 from startrack.trial.chain import observe
-from startrack.trial.star_response import quiet
+from startrack.trial.star_response import noise_free_frame
 from startrack.trial.view import random_attitude
 
 
@@ -116,7 +116,7 @@ def test_the_chessboard_moves_no_centroid(case):
     y, x = np.mgrid[:64, :64]
     electrons += 900 * np.exp(-((x - 30.3) ** 2 + (y - 33.8) ** 2) / 2 / 0.9**2)
     places = [
-        detect(quiet(electrons, case.instrument.detector, ripple, 8.0), Detection())
+        detect(noise_free_frame(electrons, case.instrument.detector, ripple, 8.0), Detection())
         for ripple in (0.5, 8.0)
     ]
     assert [len(one) for one in places] == [1, 1]
@@ -148,7 +148,7 @@ def test_the_analytic_budget_is_that_of_trials(name):
     for line in budget.lines:
         if line.across > 0.2 * budget.across:
             # Few pairs of stars make most of what neighbours do.
-            share = 0.6 if line.name == "neighbours" else 0.25
-            assert beside[line.name].across == pytest.approx(line.across, rel=share)
-            assert beside[line.name].about == pytest.approx(line.about, rel=share)
+            fraction = 0.6 if line.name == "neighbours" else 0.25
+            assert beside[line.name].across == pytest.approx(line.across, rel=fraction)
+            assert beside[line.name].about == pytest.approx(line.about, rel=fraction)
     assert budget.across == pytest.approx(analytic(design).across, rel=0.15)

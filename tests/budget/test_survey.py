@@ -35,8 +35,8 @@ def test_the_milky_way_has_more_stars_and_less_error(case):
     low, high = latitude < 10 * deg, latitude > 50 * deg
     assert found.stars[low].mean() > 1.5 * found.stars[high].mean()
     assert found.about[low].mean() < found.about[high].mean()
-    assert found.share(4) == 1.0
-    assert found.share(60) < 0.5
+    assert found.fraction(4) == 1.0
+    assert found.fraction(60) < 0.5
 
 
 def test_the_survey_averages_to_the_budget(case):

@@ -7,7 +7,7 @@ from scipy import stats
 from startrack.calibration.photon_transfer import NAMES, Level, sample_detector
 from startrack.core.streams import Streams
 from startrack.detector import Detector, frame_of
-from startrack.detector.background import ground
+from startrack.detector.background import background
 from startrack.optimise.ensemble import Ensembles
 
 SHORT = Ensembles(count=2, stretch=1000, most_steps=10_000)
@@ -20,7 +20,7 @@ DETECTOR = Detector(
 def level(detector, electrons, exposure, frames=4):
     """Frames that the detector room takes of even light."""
     detector = dataclasses.replace(detector, exposure=exposure)
-    expected = ground(detector, electrons)
+    expected = background(detector, electrons)
     number = round(1e6 * exposure) + round(electrons)
     images = [frame_of(expected, detector, Streams(number, i)).image for i in range(frames)]
     return Level(np.array(images), exposure, electrons > 0)

@@ -37,7 +37,7 @@ def image(sigma, rng, flux=20_000.0, stars=12, gain=2.0, read=8.0, known=True):
 
 
 def posterior(likelihood):
-    """The share of the posterior below each width of the grid."""
+    """The fraction of the posterior below each width of the grid."""
     log = likelihood(GRID)
     density = np.exp(log - log.max())
     return (np.cumsum(density) - density / 2) / density.sum()
@@ -55,8 +55,8 @@ def test_the_rank_of_the_true_width_is_uniform(known):
         sigma = np.exp(rng.uniform(np.log(0.5), np.log(1.5)))
         flux = rng.uniform(10_000, 30_000, 8)
         frame, spots = image(sigma, rng, flux, 8, read=8.0 if known else 100.0, known=known)
-        share = posterior(width_likelihood([frame], [spots], LOW, HIGH))
-        ranks.append(np.interp(np.log(sigma), GRID, share))
+        fraction = posterior(width_likelihood([frame], [spots], LOW, HIGH))
+        ranks.append(np.interp(np.log(sigma), GRID, fraction))
     assert stats.kstest(ranks, "uniform").pvalue > 1e-3
 
 
@@ -65,8 +65,8 @@ def test_more_light_tells_more():
     spread = []
     for flux in (4000.0, 16_000.0):
         frame, spots = image(0.8, rng, flux)
-        share = posterior(width_likelihood([frame], [spots], LOW, HIGH))
-        low, high = np.interp([0.16, 0.84], share, GRID)
+        fraction = posterior(width_likelihood([frame], [spots], LOW, HIGH))
+        low, high = np.interp([0.16, 0.84], fraction, GRID)
         spread.append(high - low)
     # Between the laws of photons (2) and of read noise (4).
     assert 1.8 < spread[0] / spread[1] < 4.2

@@ -7,7 +7,7 @@ from astropy import units as u
 from astropy.coordinates import GCRS, SkyCoord, get_sun
 from astropy.time import Time
 
-from startrack.catalog import Observer, aberrate, apparent, earth
+from startrack.catalog import Observer, aberrate, apparent, earth_observer
 from startrack.core.units import LIGHT_SPEED, arcsec
 
 from .test_catalog import MAS, STARS, catalog
@@ -32,7 +32,7 @@ def test_aberration_of_the_year_is_20_5_arcsec():
     largest = 0.0
     for epoch in np.arange(2026, 2027, 0.05):
         stars = sphere(2000)
-        seen = aberrate(stars, earth(epoch).velocity)
+        seen = aberrate(stars, earth_observer(epoch).velocity)
         largest = max(largest, np.linalg.norm(seen - stars, axis=1).max() / arcsec)
     assert largest == pytest.approx(20.5, abs=0.35)  # 20.49552 and the orbit's 1.7 %
 
@@ -47,7 +47,7 @@ def test_aberration_of_a_low_orbit_is_5_2_arcsec():
 @pytest.mark.parametrize("epoch", [2026.1, 2026.4, 2026.7, 1975.3])
 def test_all_together_is_astropys_gcrs(epoch):
     date = Time(epoch, format="jyear", scale="tdb")
-    observer = earth(epoch)
+    observer = earth_observer(epoch)
     seen = apparent(catalog(), epoch, observer.position, observer.velocity).direction
     ra, dec, pm_ra, pm_dec, parallax = STARS.T
     stars = SkyCoord(
@@ -72,7 +72,7 @@ def test_all_together_is_astropys_gcrs(epoch):
 def test_parallax_draws_an_ellipse_of_the_parallax():
     star = catalog(np.array([[270.0, 66.56, 0, 0, 300.0]]))  # the pole of the ecliptic
     epochs = 2016 + np.arange(0, 1, 0.02)
-    seen = np.array([apparent(star, e, earth(e).position).direction[0] for e in epochs])
+    seen = np.array([apparent(star, e, earth_observer(e).position).direction[0] for e in epochs])
     radius = np.linalg.norm(seen - star.place(2016.0)[0], axis=1) / MAS
     assert radius.min() == pytest.approx(300 * 0.983, abs=4)
     assert radius.max() == pytest.approx(300 * 1.017, abs=4)
@@ -89,7 +89,7 @@ def test_negative_parallax_is_none():
 
 def test_orbital_velocity_is_added():
     orbit = np.array([0.0, 7600.0, 0.0])
-    with_it, without = earth(2026.0, orbit), earth(2026.0)
+    with_it, without = earth_observer(2026.0, orbit), earth_observer(2026.0)
     assert isinstance(with_it, Observer)
     np.testing.assert_allclose(with_it.velocity - without.velocity, orbit, atol=1e-9)
     assert np.linalg.norm(without.velocity) == pytest.approx(29.8e3, rel=0.02)
@@ -98,8 +98,8 @@ def test_orbital_velocity_is_added():
 
 def test_refusals():
     with pytest.raises(ValueError, match=r"epoch must lie in \[1900, 2100\], got 2150"):
-        earth(2150.0)
+        earth_observer(2150.0)
     with pytest.raises(ValueError, match="orbital_velocity must be three finite numbers"):
-        earth(2026.0, np.array([1.0, 2.0]))
+        earth_observer(2026.0, np.array([1.0, 2.0]))
     with pytest.raises(ValueError, match="must be below the speed of light"):
         aberrate(np.array([[1.0, 0, 0]]), np.array([LIGHT_SPEED, 0, 0]))

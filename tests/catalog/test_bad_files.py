@@ -135,12 +135,12 @@ def write_votable(path):
     path.write_text(path.read_text().replace("<TABLE>", '<TABLE nrows="2">'))
 
 
-@pytest.mark.parametrize("share", [0.3, 0.7, 0.95])
-def test_cut_votable(tmp_path, share):
+@pytest.mark.parametrize("fraction", [0.3, 0.7, 0.95])
+def test_cut_votable(tmp_path, fraction):
     path = tmp_path / "gaia.vot"
     write_votable(path)
     text = path.read_text()
-    path.write_text(text[: int(share * len(text))])
+    path.write_text(text[: int(fraction * len(text))])
     with pytest.raises(ValueError, match=r"gaia\.vot must be a whole VOTable, got"):
         read(path)
 

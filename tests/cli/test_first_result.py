@@ -16,19 +16,22 @@ def test_the_package_alone_loads_no_other():
 
 
 def test_the_chain_loads_no_package_before_it_is_asked_for():
-    assert not loaded("import startrack.chain").intersection(HEAVY)
+    assert not loaded("import startrack.trial").intersection(HEAVY)
 
 
 def test_the_chain_builds_no_kernel_before_it_is_called():
-    code = "import startrack.chain; from startrack.detector import poisson_quantile; print(poisson_quantile.types)"  # noqa: E501
+    code = (
+        "import startrack.trial; from startrack.core import poisson_quantile; "
+        "print(poisson_quantile.types)"
+    )
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
 
 
 def test_a_first_trial_loads_no_tables_no_ephemeris_and_no_pictures():
     first = (
-        "from startrack.chain import trial; from startrack.design import load_design; "
-        "from startrack.shipped import shipped; "
-        "assert trial(load_design(shipped('designs/nanosatellite.toml')).case, 1, 0).solved"
+        "from startrack import load_design, run_random_trial, shipped; "
+        "case = load_design(shipped('designs/nanosatellite.toml')).case; "
+        "assert run_random_trial(case, 1, 0).solved"
     )
     needless = {"astropy.table", "astropy.time", "astropy.coordinates", "matplotlib", "nlopt"}
     modules = loaded(first)

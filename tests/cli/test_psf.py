@@ -13,9 +13,9 @@ def test_the_command_tells_and_draws(tmp_path: Path, capsys):
     assert told == json.loads((tmp_path / "psf.json").read_text())
     assert told["model"] == "airy"
     assert 0 < told["model_error"] < 0.05
-    shares = list(told["encircled_energy"].values())
-    assert shares == sorted(shares)
-    assert 0.9 < shares[-1] <= 1
+    fractions = list(told["encircled_energy"].values())
+    assert fractions == sorted(fractions)
+    assert 0.9 < fractions[-1] <= 1
     factors = told["mtf_nyquist_x"]
     product = factors["optics"] * factors["pixel"] * factors["motion"]
     assert abs(factors["total"] - product) < 2e-3

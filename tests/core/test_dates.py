@@ -152,7 +152,7 @@ def test_beyond_the_table_its_last_value_is_kept_within_the_stated_error(monkeyp
 
 def test_a_leap_second_is_nothing_to_stars_and_little_to_bodies():
     """One second of time: the stated angles, by the observer's own motion."""
-    from startrack.catalog.apparent import earth
+    from startrack.catalog.apparent import earth_observer
     from startrack.scene.ephemeris import observer_of
     from startrack.scene.parameters import Scene
 
@@ -162,7 +162,7 @@ def test_a_leap_second_is_nothing_to_stars_and_little_to_bodies():
     for name, most in (("sun", 0.045), ("moon", 0.6), ("venus", 0.06), ("mars", 0.06)):
         first, second = (one.see(name).direction for one in seen)
         assert np.linalg.norm(np.cross(first, second)) < most * arcsec
-    turn = earth(2040.0 + 1 / 86400 / 365.25).velocity - earth(2040.0).velocity
+    turn = earth_observer(2040.0 + 1 / 86400 / 365.25).velocity - earth_observer(2040.0).velocity
     assert np.linalg.norm(turn) / 299792458 < 1e-5 * arcsec
 
 

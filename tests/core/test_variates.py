@@ -39,8 +39,8 @@ def test_the_law_is_poissons(mean):
     edges = np.unique(stats.poisson.ppf(np.linspace(0.001, 0.999, 30), mean))
     cell = np.searchsorted(edges, draw, side="left")
     count = np.bincount(cell, minlength=len(edges) + 1)
-    share = np.diff(np.concatenate([[0], stats.poisson.cdf(edges, mean), [1]]))
-    assert stats.chisquare(count, share * len(draw)).pvalue > 1e-4
+    fraction = np.diff(np.concatenate([[0], stats.poisson.cdf(edges, mean), [1]]))
+    assert stats.chisquare(count, fraction * len(draw)).pvalue > 1e-4
 
 
 def test_mean_and_variance_of_huge_means():

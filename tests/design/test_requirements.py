@@ -12,7 +12,7 @@ from startrack.io import shipped
 from startrack.optimise.margins import limiting_magnitude, needed_magnitude
 from startrack.optimise.margins import margins as margins_of
 from startrack.trial.chain import observe
-from startrack.trial.view import look, random_attitude
+from startrack.trial.view import random_attitude, stars_in_field
 
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
 
@@ -56,12 +56,12 @@ def test_slewing_costs_magnitudes():
 
 
 def test_needed_magnitude_against_a_count():
-    """The share of random fields that hold five stars to this magnitude is the one asked for."""
+    """The fraction of random fields that hold five stars to this magnitude is the one asked for."""
     needed = needed_magnitude(CASE, 5, 0.9)
     camera, hits = CASE.instrument.camera, 0
     for n in range(600):
         attitude = random_attitude(Streams(11, n))
-        stars = look(open_sky(CASE.catalog), attitude, camera)
+        stars = stars_in_field(open_sky(CASE.catalog), attitude, camera)
         inside = camera.holds(camera.project(attitude.apply(stars.direction)))
         hits += (stars.magnitude_g[inside] <= needed).sum() >= 5
     assert 0.9 - 0.05 < hits / 600 < 0.9 + 0.05  # four standard errors

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from startrack.design.files import load_design
-from startrack.design.variables import Box, Link, Variable
+from startrack.design.variables import DesignSpace, Link, Variable
 from startrack.io import shipped
 from startrack.motion import Tone
 
@@ -15,7 +15,7 @@ SHARP = Variable("tracker.detection.threshold", 4.0, 10.0)
 
 
 def test_corners_and_middle():
-    box = Box(CASE, (FOCAL, SHARP))
+    box = DesignSpace(CASE, (FOCAL, SHARP))
     low, middle, high = (box.design(np.full(2, u)) for u in (0, 0.5, 1))
     assert low.instrument.optics.focal_length == 0.02
     assert middle.instrument.optics.focal_length == pytest.approx(0.04)
@@ -25,13 +25,13 @@ def test_corners_and_middle():
 
 
 def test_place_undoes_design():
-    box = Box(CASE, (FOCAL, SHARP))
+    box = DesignSpace(CASE, (FOCAL, SHARP))
     np.testing.assert_allclose(box.place(box.design(np.array([0.2, 0.9]))), [0.2, 0.9])
     assert box.design(box.start).instrument.optics.focal_length == pytest.approx(0.035, rel=1e-15)
 
 
 def test_text_has_units():
-    assert Box(CASE, (FOCAL, SHARP)).text(CASE) == {
+    assert DesignSpace(CASE, (FOCAL, SHARP)).text(CASE) == {
         "instrument.optics.focal_length": "35 mm",
         "tracker.detection.threshold": "6",
     }
@@ -55,18 +55,18 @@ def test_text_has_units():
 )
 def test_wrong_variables_are_refused(variable, words):
     with pytest.raises(ValueError, match=words):
-        Box(CASE, (variable,))
+        DesignSpace(CASE, (variable,))
 
 
 def test_no_variable_and_one_twice_are_refused():
     with pytest.raises(ValueError, match="at least one"):
-        Box(CASE, ())
+        DesignSpace(CASE, ())
     with pytest.raises(ValueError, match="twice"):
-        Box(CASE, (FOCAL, FOCAL))
+        DesignSpace(CASE, (FOCAL, FOCAL))
 
 
 def test_a_whole_number_is_rounded():
-    box = Box(CASE, (Variable("instrument.detector.bits", 8, 14),))
+    box = DesignSpace(CASE, (Variable("instrument.detector.bits", 8, 14),))
     assert [box.design(np.array([u])).instrument.detector.bits for u in (0, 0.4, 1)] == [8, 10, 14]
 
 
@@ -74,7 +74,7 @@ def test_a_number_in_a_list_may_vary():
     tone = Tone(10.0, rms_x=1e-5)
     motion = dataclasses.replace(CASE.instrument.motion, tones=(Tone(5.0), tone))
     case = dataclasses.replace(CASE, instrument=dataclasses.replace(CASE.instrument, motion=motion))
-    box = Box(case, (Variable("instrument.motion.tones.1.rms_x", "1 arcsec", "5 arcsec"),))
+    box = DesignSpace(case, (Variable("instrument.motion.tones.1.rms_x", "1 arcsec", "5 arcsec"),))
     tones = box.design(np.array([1.0])).instrument.motion.tones
     assert tones[0] == Tone(5.0)
     assert tones[1].frequency == 10.0
@@ -87,16 +87,20 @@ def test_what_is_linked_follows():
         Link("instrument.optics.blur", "instrument.optics.focal_length"),
         Link("instrument.detector.exposure", "instrument.optics.blur", -2.0),
     )
-    box = Box(CASE, (FOCAL,), links)
+    box = DesignSpace(CASE, (FOCAL,), links)
     twice = box.design(box.start + math.log(2) / math.log(4)).instrument
     assert twice.optics.blur == pytest.approx(2 * CASE.instrument.optics.blur)
     assert twice.detector.exposure == pytest.approx(CASE.instrument.detector.exposure / 4)
     with pytest.raises(ValueError, match="twice"):
-        Box(CASE, (FOCAL,), (Link("instrument.optics.focal_length", "instrument.optics.blur"),))
+        DesignSpace(
+            CASE, (FOCAL,), (Link("instrument.optics.focal_length", "instrument.optics.blur"),)
+        )
     with pytest.raises(
         ValueError, match=r"optics\.k1 must be positive where a link holds it, got 0"
     ):
-        Box(CASE, (FOCAL,), (Link("instrument.optics.k1", "instrument.optics.focal_length"),))
+        DesignSpace(
+            CASE, (FOCAL,), (Link("instrument.optics.k1", "instrument.optics.focal_length"),)
+        )
 
 
 def test_a_function_makes_the_last_changes():
@@ -107,5 +111,5 @@ def test_a_function_makes_the_last_changes():
             case, instrument=dataclasses.replace(case.instrument, detector=detector)
         )
 
-    box = Box(CASE, (FOCAL,), adapt=square)
+    box = DesignSpace(CASE, (FOCAL,), adapt=square)
     assert box.design(np.array([1.0])).instrument.detector.rows == 224

@@ -25,8 +25,8 @@ def errors(sky, case, seed, frames=2, steps=((0.0, 1.0),), psf=None, **settings)
         x = x + streams("x").uniform(-0.5, 0.5, x.size)
         y = y + streams("y").uniform(-0.5, 0.5, y.size)
         image = np.full((SIDE, SIDE), float(case["bkg_e"]))
-        for shift, share in steps:
-            image += sky((SIDE, SIDE), x + shift, y, share * case["flux_e"], case["sigma_px"])
+        for shift, fraction in steps:
+            image += sky((SIDE, SIDE), x + shift, y, fraction * case["flux_e"], case["sigma_px"])
         image = streams("shot noise").poisson(image)
         image = image + case["read_e"] * streams("read noise").standard_normal(image.shape)
         frame = Frame(

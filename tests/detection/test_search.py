@@ -97,7 +97,7 @@ def test_a_faint_streak_needs_its_own_kernel(sky):
 
 @pytest.mark.parametrize("known", LIMITS)
 def test_faint_stars_are_found_as_often_as_can_be(sky, known):
-    # Within 5 points of the limit; 600 stars know a share to 2 points.
+    # Within 5 points of the limit; 600 stars know a fraction to 2 points.
     found = total = 0
     sigma = known["sigma_px"]
     settings = Detection(kernel_sigma=sigma, false_per_frame=0.05, max_spots=999)

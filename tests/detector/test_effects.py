@@ -10,7 +10,7 @@ import tomli_w
 from scipy import constants, ndimage, stats
 
 from startrack.core.streams import Streams
-from startrack.detector import Defects, Detector, Hits, Pattern, Region, Thermal, read_out
+from startrack.detector import Defects, Detector, Hits, Pattern, RegionOfInterest, Thermal, read_out
 from startrack.detector.effects import bloom, carry, diffuse, multiply, settle
 from startrack.detector.hits import tracks
 from startrack.detector.maps import dark, read_noise, response
@@ -105,7 +105,7 @@ def test_a_binned_pixel_is_the_sum_of_its_pixels():
 def test_a_region_is_cut_from_the_array():
     base = {"prnu": 0.1, "defects": Defects(dsnu=5.0)}
     fine = replace(PLAIN, **base)
-    part = replace(PLAIN, columns=40, rows=30, region=Region(150, 60, 200, 100), **base)
+    part = replace(PLAIN, columns=40, rows=30, region=RegionOfInterest(150, 60, 200, 100), **base)
     np.testing.assert_array_equal(response(part), response(fine)[60:90, 150:190])
     # The array's centre (99.5, 49.5) seen from the image's (169.5, 74.5).
     assert part.shift == (-70.0, -25.0)
@@ -155,9 +155,9 @@ def test_a_gain_register_doubles_the_variance():
 
 
 def test_a_register_of_any_charge_draws_from_scipys_gamma():
-    charge, share = np.array([0.0, 1, 2, 7, 500]), np.array([0.3, 0.9, 0.1, 0.5, 0.99])
-    wanted = [0, *stats.gamma.ppf(share[1:], charge[1:], scale=300.0)]
-    np.testing.assert_allclose(multiply(charge, 300.0, share), wanted, rtol=1e-9)
+    charge, fraction = np.array([0.0, 1, 2, 7, 500]), np.array([0.3, 0.9, 0.1, 0.5, 0.99])
+    wanted = [0, *stats.gamma.ppf(fraction[1:], charge[1:], scale=300.0)]
+    np.testing.assert_allclose(multiply(charge, 300.0, fraction), wanted, rtol=1e-9)
 
 
 def test_settling_is_a_geometric_tail():
@@ -227,8 +227,8 @@ def test_every_pixel_is_hit_as_often_as_the_next():
     for trial in range(frames):
         pixel, _ = tracks(thin, (3, 4), 5e-6, 0.2, Streams(2, trial))
         counts[pixel] += 1
-    share = 1 - math.exp(-1.4e11 * 0.2 * 25e-12)  # of the frames in which a pixel is hit
-    deviation = (counts - frames * share) / math.sqrt(frames * share * (1 - share))
+    fraction = 1 - math.exp(-1.4e11 * 0.2 * 25e-12)  # of the frames in which a pixel is hit
+    deviation = (counts - frames * fraction) / math.sqrt(frames * fraction * (1 - fraction))
     assert stats.chi2.sf((deviation**2).sum(), 12) > 1e-4
 
 
@@ -255,15 +255,15 @@ def test_steps_and_shortcut_draw_the_same_frame():
 
 def test_a_bent_response_falls_short_by_its_share():
     flat = np.full((100, 200), 30_000.0)
-    short = drawn(flat, bend=0.05)
-    share = 0.05 * 30_000 / 65_535
-    assert short.mean() == pytest.approx(30_000 * (1 - share), abs=8)
+    short = drawn(flat, nonlinearity=0.05)
+    fraction = 0.05 * 30_000 / 65_535
+    assert short.mean() == pytest.approx(30_000 * (1 - fraction), abs=8)
 
 
 def test_a_bowed_converter_is_off_at_half_scale():
     for level, wanted in ((0.0, 0.0), (32_767 - 1000, 40.0)):
         flat = np.full((100, 200), level)
-        rise = drawn(flat, bow=40.0).mean() - drawn(flat).mean()
+        rise = drawn(flat, adc_inl=40.0).mean() - drawn(flat).mean()
         assert rise == pytest.approx(wanted, abs=2.5)
 
 
@@ -277,8 +277,9 @@ def test_a_design_with_all_effects_survives_a_file():
     one = replace(
         PLAIN, thermal=Thermal(300.0, activation=1.1e-19, capacitance=2e-15), hits=Hits(2.5e4),
         defects=Defects(3.0, 1e-4, 500.0, 1e-5, 2), pattern=Pattern(1.0, 0.5, 2.0),
-        region=Region(3, 4, 400, 300), row_delay=1.5e-5, blooming=True, multiplication=20.0,
-        crosstalk=0.01, lag=0.001, settling=0.02, bend=0.01, bow=0.5, gain=2.0, binning=1,
+        region=RegionOfInterest(3, 4, 400, 300), row_delay=1.5e-5, blooming=True, em_gain=20.0,
+        crosstalk=0.01, lag=0.001, settling=0.02, nonlinearity=0.01, adc_inl=0.5, gain=2.0,
+        binning=1,
     )  # fmt: skip
     text = tomli_w.dumps(to_table(one))
     assert from_table(Detector, tomllib.loads(text)) == one
@@ -290,12 +291,12 @@ def test_a_design_with_all_effects_survives_a_file():
         ("crosstalk", 0.3),
         ("lag", 1.0),
         ("settling", -0.1),
-        ("multiplication", 0.5),
-        ("bend", 0.6),
-        ("bow", 20_000.0),
+        ("em_gain", 0.5),
+        ("nonlinearity", 0.6),
+        ("adc_inl", 20_000.0),
         ("binning", 0),
         ("row_delay", -1e-6),
-        ("region", Region(190, 0, 200, 100)),
+        ("region", RegionOfInterest(190, 0, 200, 100)),
     ],
 )
 def test_impossible_effects_are_refused(name, value):

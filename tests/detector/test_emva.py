@@ -82,7 +82,7 @@ def test_linearity(name):
 
 def test_a_bend_is_measured_back():
     """Of a response n (1 - bend n / full_well), the quadratic term is the bend."""
-    one = Detector(SIZE, SIZE, 5e-6, 0.1, full_well=20_000.0, bits=16, bend=0.04)
+    one = Detector(SIZE, SIZE, 5e-6, 0.1, full_well=20_000.0, bits=16, nonlinearity=0.04)
     level = np.linspace(500, 15_000, 8)
     mean = [np.mean(pair(one, each, 50 + n)) for n, each in enumerate(level)]
     curve = np.polyfit(level, np.array(mean) * one.electrons_per_dn, 2)

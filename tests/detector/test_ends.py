@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
-from startrack.core.values import Light, Path, Psf
+from startrack.core.values import Light, LineOfSight, Psf
 from startrack.detector import Defects, Detector, Hits, Pattern, Thermal, expected, expose, read_out
 
-REST = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
+REST = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 WAVELENGTH, THROUGHPUT = np.array([600e-9]), np.ones(1)
 
 
@@ -132,9 +132,10 @@ def test_exposures(exposure):
 def test_shapes(columns, rows):
     everything = Detector(
         columns, rows, 5e-6, 0.1, offset=100, full_well=20_000.0, read_noise=5.0, prnu=0.01,
-        dark_current=10.0, crosstalk=0.02, lag=0.01, blooming=True, bend=0.01, settling=0.01,
-        bow=1.0, hits=Hits(1e8), pattern=Pattern(1.0, 1.0, 1.0), thermal=Thermal(300.0),
-        defects=Defects(1.0, 0.01, 100.0, 0.01, 1), read_noise_spread=0.3, multiplication=2.0,
+        dark_current=10.0, crosstalk=0.02, lag=0.01, blooming=True,
+        nonlinearity=0.01, settling=0.01, adc_inl=1.0, hits=Hits(1e8),
+        pattern=Pattern(1.0, 1.0, 1.0), thermal=Thermal(300.0),
+        defects=Defects(1.0, 0.01, 100.0, 0.01, 1), read_noise_spread=0.3, em_gain=2.0,
     )  # fmt: skip
     for one in (replace(DETECTOR, columns=columns, rows=rows), everything):
         image = frame(one, pixel=(0.0, 0.0), electrons=5000.0, sky=10.0)
@@ -144,9 +145,10 @@ def test_shapes(columns, rows):
 
 def test_everything_at_once_repeats():
     everything = replace(
-        DETECTOR, read_noise=5.0, prnu=0.01, crosstalk=0.02, lag=0.01, blooming=True, bend=0.01,
-        settling=0.01, bow=1.0, hits=Hits(1e9), pattern=Pattern(1.0, 1.0, 1.0),
-        defects=Defects(1.0, 0.01, 100.0, 0.01, 1), read_noise_spread=0.3, multiplication=2.0,
+        DETECTOR, read_noise=5.0, prnu=0.01, crosstalk=0.02, lag=0.01, blooming=True,
+        nonlinearity=0.01, settling=0.01, adc_inl=1.0, hits=Hits(1e9),
+        pattern=Pattern(1.0, 1.0, 1.0),
+        defects=Defects(1.0, 0.01, 100.0, 0.01, 1), read_noise_spread=0.3, em_gain=2.0,
     )  # fmt: skip
     light = {"electrons": 5000.0, "sky": 10.0}
     np.testing.assert_array_equal(frame(everything, 3, **light), frame(everything, 3, **light))

@@ -9,15 +9,15 @@ from scipy import ndimage, optimize, stats
 
 from startrack.core.streams import Streams
 from startrack.detector import Defects, Detector, frame_of
-from startrack.detector.background import ground, ground_tables
+from startrack.detector.background import background, background_tables
 from startrack.detector.threshold_crossings import (
     Numbers,
-    excesses,
     numbers_of,
     rates_for,
+    threshold_crossings,
     tilt_for,
 )
-from startrack.detector.windows import odd_pixels
+from startrack.detector.windows import outlier_pixels
 
 # Few electrons and coarse numbers, where a normal law would be far off.
 DETECTOR = Detector(
@@ -43,7 +43,7 @@ UNEVEN = dataclasses.replace(DETECTOR, defects=Defects(dsnu=15.0))
 
 
 def images(detector):
-    level, tables = ground(detector, SKY), ground_tables(detector, SKY)
+    level, tables = background(detector, SKY), background_tables(detector, SKY)
     return [frame_of(level, detector, Streams(7, n), tables).image for n in range(FRAMES)]
 
 
@@ -66,11 +66,12 @@ def filtered(frames):
 
 def drawn(level, regions=NONE, trials=FRAMES, detector=DETECTOR):
     """All excesses of many trials: row, column, numbers about it."""
-    numbers = numbers_of(detector, SKY, odd_pixels(detector, SKY, 4.0).tobytes())
+    numbers = numbers_of(detector, SKY, outlier_pixels(detector, SKY, 4.0).tobytes())
     tilt = tilt_for(numbers, WEIGHT, level, MESH, BORDER)
     rates = rates_for(numbers, tilt, np.full(len(tilt.most), level))
     found = [
-        excesses(numbers, tilt, rates, MESH, BORDER, regions, Streams(8, n)) for n in range(trials)
+        threshold_crossings(numbers, tilt, rates, MESH, BORDER, regions, Streams(8, n))
+        for n in range(trials)
     ]
     pixel = np.concatenate([each[0] for each in found])
     return (*np.divmod(pixel, detector.columns), np.concatenate([each[1] for each in found]))
@@ -190,12 +191,12 @@ def cumulant(numbers, weight, theta, x, y):
     which = np.pad(
         np.arange(place.size).reshape(place.shape), ((down,) * 2, (across,) * 2), "symmetric"
     )[y : y + weight.shape[0], x : x + weight.shape[1]]
-    share = np.bincount(which.ravel(), weight.ravel(), place.size)
+    fraction = np.bincount(which.ravel(), weight.ravel(), place.size)
     low = np.minimum(place.astype(int), len(law) - 2).ravel()
     t = place.ravel() - low
     own = law[low] * (1 - t[:, None]) + law[low + 1] * t[:, None]
     number = numbers.lowest + np.arange(law.shape[1])
-    return np.log((own * np.exp(theta * np.outer(share, number))).sum(axis=1)).sum()
+    return np.log((own * np.exp(theta * np.outer(fraction, number))).sum(axis=1)).sum()
 
 
 @pytest.mark.parametrize(("mesh", "border"), [(1, 0), (1, 2), (4, 0), (4, 1)])
@@ -213,7 +214,7 @@ def test_rates_are_those_of_the_exponential_moments(mesh, border):
             k = cumulant(numbers, UNLIKE, tilt.theta, x, y)
             wanted[y // mesh, x // mesh] += np.exp(k - tilt.theta * level[y // mesh, x // mesh])
     assert rates.total == pytest.approx(wanted.sum(), rel=1e-6)
-    np.testing.assert_allclose(np.diff(rates.share, prepend=0) * rates.total, wanted.ravel(),
+    np.testing.assert_allclose(np.diff(rates.fraction, prepend=0) * rates.total, wanted.ravel(),
                                rtol=1e-5, atol=1e-9)  # fmt: skip
 
 
@@ -247,7 +248,7 @@ def test_excesses_of_pixels_without_noise_are_where_the_filter_passes():
     over[1:-1, 1:-1] = (filtered > level)[1:-1, 1:-1]
     times = np.zeros(place.size)
     for trial in range(100):
-        found = excesses(numbers, tilt, rates, 4, 1, NONE, Streams(9, trial))
+        found = threshold_crossings(numbers, tilt, rates, 4, 1, NONE, Streams(9, trial))
         for pixel, about in zip(*found, strict=True):
             y, x = divmod(pixel, 11)
             np.testing.assert_array_equal(about, around[y : y + 3, x : x + 5])

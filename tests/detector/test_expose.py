@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 from startrack.core.camera import Camera
 from startrack.core.curve import Curve
 from startrack.core.streams import Streams
-from startrack.core.values import Light, Path, Psf
+from startrack.core.values import Light, LineOfSight, Psf
 from startrack.detector import Detector, electron_rate, expected, expose
 
 WAVELENGTH = np.array([500e-9, 700e-9])
 THROUGHPUT = np.array([2e-4, 1e-4])
-REST = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
+REST = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 LEVEL = Rotation.identity()
 
 
@@ -89,7 +89,7 @@ def test_smear_is_the_mean_over_the_path(length):
 
 def test_a_path_turns_the_sky():
     """A direction that turns about +y by five pixels' worth moves to larger columns."""
-    turn = Path(np.zeros(1), np.ones(1), np.array([[0.0, 0.005, 0.0]]))
+    turn = LineOfSight(np.zeros(1), np.ones(1), np.array([[0.0, 0.005, 0.0]]))
     image = render([32.0, 24.0], 1e4, path=turn)
     assert np.argmax(image.sum(axis=0)) == 37
 

@@ -78,7 +78,7 @@ def test_a_path_spreads_a_star_over_its_points():
 
 
 def test_crosstalk_spreads_and_keeps():
-    """To the left and the right goes twice the share, one pixel far."""
+    """To the left and the right goes twice the fraction, one pixel far."""
     (sharp, *_), _ = electrons([[0, 0, 2e4]] * 3)
     (wide, *_), _ = electrons([[0, 0, 2e4]] * 3, crosstalk=0.1)
     assert wide.sum() == pytest.approx(sharp.sum(), rel=1e-6)

@@ -19,12 +19,12 @@ def summed(mean: float, law: Law) -> np.ndarray:
     electrons = np.arange(0, math.ceil(mean + 12 * math.sqrt(mean) + 40))
     weight = stats.poisson.pmf(electrons, mean)
     held = np.minimum(electrons, law.full_well)
-    level = held * (1 - law.bend * held / law.full_well)
+    level = held * (1 - law.nonlinearity * held / law.full_well)
     # Where a number gives way to the next, read backwards from a fine grid.
     number = np.arange(law.largest + 1)
     x = np.linspace(-law.largest, 2 * law.largest, 3_000_001)
     y = np.clip(x / law.largest, 0, 1)
-    edge = np.interp(number + 0.5, x + 4 * law.bow * y * (1 - y), x)
+    edge = np.interp(number + 0.5, x + 4 * law.adc_inl * y * (1 - y), x)
     edge = (edge - law.offset) / law.gain
     edge[-1] = np.inf
     if law.noise:
@@ -59,10 +59,10 @@ def test_the_law_is_exact(name, tabled):
     for trial in range(16 if tabled else 80):
         image = digitise(np.full(shape, mean), law, Streams(11, trial))
         count += np.bincount(image.ravel(), minlength=len(count))
-    share = summed(mean, law)
-    many = share * count.sum() > 5
+    fraction = summed(mean, law)
+    many = fraction * count.sum() > 5
     observed = np.append(count[many], count[~many].sum())
-    wanted = np.append(share[many], share[~many].sum()) * count.sum()
+    wanted = np.append(fraction[many], fraction[~many].sum()) * count.sum()
     keep = wanted > 1e-9
     assert observed[~keep].sum() == 0
     # Numbers too rare for the chi-square are pooled, and the pool may be rare itself.
@@ -94,15 +94,15 @@ def test_between_levels_the_law_is_as_near_as_stated(mean, noise):
 def test_the_tail_is_the_laws():
     """32 Mpx beyond 4.5 sigma: some 90 pixels, so within four of their standard errors."""
     mean, law = LAWS["sky"]
-    share = summed(mean, law)
-    number = np.arange(len(share))
-    centre = share @ number
-    threshold = centre + 4.5 * math.sqrt(share @ (number - centre) ** 2)
+    fraction = summed(mean, law)
+    number = np.arange(len(fraction))
+    centre = fraction @ number
+    threshold = centre + 4.5 * math.sqrt(fraction @ (number - centre) ** 2)
     pixels = sum(
         int((digitise(np.full((2048, 2048), mean), law, Streams(3, n)) > threshold).sum())
         for n in range(8)
     )
-    wanted = share[number > threshold].sum() * 8 * 2**22
+    wanted = fraction[number > threshold].sum() * 8 * 2**22
     assert wanted > 50
     assert abs(pixels - wanted) < 4 * math.sqrt(wanted)
 
@@ -147,10 +147,10 @@ def test_counted_electrons_are_the_poisson_quantile():
 
 def test_normal_quantiles_are_scipys():
     rng = np.random.default_rng(1)
-    share = np.concatenate([rng.random(100_000), 2.0 ** -rng.uniform(1, 54, 100_000), [0.5]])
+    fraction = np.concatenate([rng.random(100_000), 2.0 ** -rng.uniform(1, 54, 100_000), [0.5]])
     quantile = np.vectorize(inverse_normal)
-    np.testing.assert_allclose(quantile(share), special.ndtri(share), atol=1e-10)
-    np.testing.assert_allclose(quantile(1 - share[:1000]), -quantile(share[:1000]))
+    np.testing.assert_allclose(quantile(fraction), special.ndtri(fraction), atol=1e-10)
+    np.testing.assert_allclose(quantile(1 - fraction[:1000]), -quantile(fraction[:1000]))
 
 
 def test_poisson_from_a_share_is_scipys():
@@ -158,6 +158,6 @@ def test_poisson_from_a_share_is_scipys():
 
     rng = np.random.default_rng(2)
     for mean in (1e-3, 0.4, 2.9, 3.1, 40.0):
-        for share in (*rng.random(300), 1e-9, 1 - 1e-9, 1 - 1e-6):
-            assert drawn(mean, share) == stats.poisson.ppf(share, mean)
+        for fraction in (*rng.random(300), 1e-9, 1 - 1e-9, 1 - 1e-6):
+            assert drawn(mean, fraction) == stats.poisson.ppf(fraction, mean)
     assert poisson_quantile(0.0, 1.0) == drawn(0.0, 0.9) == 0

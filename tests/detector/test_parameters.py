@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from startrack.detector import Defects, Detector, Pattern, Region, Scan, Thermal
+from startrack.detector import Defects, Detector, Pattern, RegionOfInterest, Scan, Thermal
 
 DETECTOR = Detector(300, 200, 5e-6, 0.1, full_well=30_000.0, bits=12)
 BEYOND = 1e-9
@@ -19,8 +19,8 @@ BEYOND = 1e-9
         ("crosstalk", 0.0, 0.25),
         ("lag", 0.0, 0.99),
         ("settling", 0.0, 0.99),
-        ("multiplication", 1.0, 1e5),
-        ("bend", -0.49, 0.49),
+        ("em_gain", 1.0, 1e5),
+        ("nonlinearity", -0.49, 0.49),
         ("read_noise_spread", 0.0, 2.0),
     ],
 )
@@ -66,16 +66,21 @@ def test_what_there_is_none_of_is_zero_and_not_less(name):
 
 
 def test_a_bow_stays_under_a_quarter_of_the_range():
-    assert replace(DETECTOR, bow=-4095 / 4 + 0.01).bow < -1023
+    assert replace(DETECTOR, adc_inl=-4095 / 4 + 0.01).adc_inl < -1023
     with pytest.raises(ValueError, match=r"a quarter of the converter's range, got 1023\.75"):
-        replace(DETECTOR, bow=4095 / 4)
+        replace(DETECTOR, adc_inl=4095 / 4)
 
 
 def test_a_region_ends_with_its_array():
-    fits = replace(DETECTOR, columns=100, rows=50, binning=2, region=Region(40, 30, 240, 130))
+    fits = replace(
+        DETECTOR, columns=100, rows=50, binning=2, region=RegionOfInterest(40, 30, 240, 130)
+    )
     # The image's centre, 49.5 and 24.5, is the array's pixel 139.5 and 79.5 of 119.5 and 64.5.
     assert fits.shift == (-10.0, -7.5)
-    for region, name in ((Region(41, 30, 240, 130), "columns"), (Region(40, 31, 240, 130), "rows")):
+    for region, name in (
+        (RegionOfInterest(41, 30, 240, 130), "columns"),
+        (RegionOfInterest(40, 31, 240, 130), "rows"),
+    ):
         with pytest.raises(ValueError, match=f"array's .* {name}"):
             replace(fits, region=region)
 
@@ -104,7 +109,7 @@ def test_rates_of_lines():
     ("name", "value"),
     [
         ("row_delay", 1e-6),
-        ("region", Region(0, 0, 300, 200)),
+        ("region", RegionOfInterest(0, 0, 300, 200)),
         ("lag", 0.1),
         ("read_noise_spread", 0.1),
     ],
@@ -117,7 +122,7 @@ def test_lines_are_without_what_a_matrix_has(name, value):
 def test_noise_adds_in_squares_and_is_seen_before_the_register():
     """20 fF at 300 K leave 56.8 electrons; the rms of a log-normal spread is exp of its square."""
     one = replace(
-        DETECTOR, read_noise=30.0, read_noise_spread=0.5, multiplication=10.0,
+        DETECTOR, read_noise=30.0, read_noise_spread=0.5, em_gain=10.0,
         pattern=Pattern(4.0, 3.0, 9.0), thermal=Thermal(300.0, capacitance=20e-15),
     )  # fmt: skip
     wanted = math.sqrt((30 * math.exp(0.25)) ** 2 + 4**2 + 3**2 + 56.81**2) / 10
@@ -138,14 +143,14 @@ def test_defects_end_where_all_pixels_are_taken():
 
 
 def test_a_region_is_as_large_as_an_array_may_be():
-    assert Region(0, 0, 2**16, 2**16).array_rows == 2**16
+    assert RegionOfInterest(0, 0, 2**16, 2**16).array_rows == 2**16
     beyond = 2**16 + 1
     for wrong in (
         *((-1, 0, 9, 9), (0, -1, 9, 9), (beyond, 0, 9, 9), (0, beyond, 9, 9)),
         *((0, 0, beyond, 9), (0, 0, 9, beyond), (0, 0, 0, 9), (0, 0, 9, 0)),
     ):
         with pytest.raises(ValueError, match="must"):
-            Region(*wrong)
+            RegionOfInterest(*wrong)
 
 
 @pytest.mark.parametrize("name", ["row", "column", "column_offset"])

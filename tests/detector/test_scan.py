@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
-from startrack.core.values import Glow, Light, Path, Psf
+from startrack.core.values import DiffuseLight, Light, LineOfSight, Psf
 from startrack.detection import Detection, detect
 from startrack.detector import Detector, expected, scan, staggered, tdi
 from startrack.detector.lines import Line
@@ -172,7 +172,9 @@ def test_each_line_sees_its_own_part_of_the_sky():
     lines = (Line(0.0, gain=0.5), Line(3.0, gain=2.0), Line(1.0, phase=1))
     camera = Camera(7, 3, 2000.0)
     one = Detector(7, 3, 5e-6, 2e-3, dark_current=30.0)
-    glow = Glow(np.array([4e9]), np.array([[1.0, 1.0], [3.0, 3.0]]))  # 1, 2, 3 on the three rows
+    glow = DiffuseLight(
+        np.array([4e9]), np.array([[1.0, 1.0], [3.0, 3.0]])
+    )  # 1, 2, 3 on the three rows
     light = Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 1)), np.array([6e9]), glow=(glow,))
     image = scanned(
         light, gaussian(), Rotation.identity(), walking(1.0), camera, lines, 4, one, THROUGHPUT
@@ -239,7 +241,7 @@ def test_a_rolling_shutter_shears_the_frame():
     def course(start, step):
         return np.multiply.outer(np.add.outer(start, step), [0.0, rate / FOCAL, 0.0])
 
-    rest = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
+    rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     one = Detector(200, 100, 5e-6, 1e-3, row_delay=50e-6)
     image = expected(light, gaussian(), rest, Rotation.identity(), camera, one, THROUGHPUT, course)
     for row in (10, 49.5, 90):
@@ -250,7 +252,7 @@ def test_a_rolling_shutter_shears_the_frame():
 
 def test_a_rolling_shutter_must_know_the_motion():
     camera = Camera(20, 10, FOCAL)
-    rest = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
+    rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     with pytest.raises(TypeError, match="course must be given"):
         expected(
             star_at(camera, 5, 5, 1.0), gaussian(), rest, Rotation.identity(), camera,

@@ -5,13 +5,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
-from startrack.core.values import Path
+from startrack.core.values import LineOfSight
 from startrack.detector import shutter
 
 FOCAL = 4e5  # pixel, so long that a turn is a shift
 CAMERA = Camera(200, 100, FOCAL)
 DELAY = 50e-6
-PATH = Path(np.array([-2e-3, 0.0, 2e-3]), np.array([0.2, 0.5, 0.3]), np.zeros((3, 3)))
+PATH = LineOfSight(np.array([-2e-3, 0.0, 2e-3]), np.array([0.2, 0.5, 0.3]), np.zeros((3, 3)))
 
 
 def walking(columns: float, rows: float):
@@ -62,7 +62,7 @@ def test_a_long_path_comes_in_parts(monkeypatch, rolling):
     """Ten points of two stars, at most seven places at a time: three points, and a last one."""
     time = np.linspace(-1e-3, 1e-3, 10)
     course = walking(3000.0, 1000.0)
-    path = Path(time, np.arange(1, 11) / 55, course(np.zeros(1), time)[0])
+    path = LineOfSight(time, np.arange(1, 11) / 55, course(np.zeros(1), time)[0])
     direction = CAMERA.unproject(np.array([[50.0, 10], [70, 89]]))
     view = direction, path, Rotation.identity(), CAMERA
 
@@ -82,7 +82,7 @@ def test_a_long_path_comes_in_parts(monkeypatch, rolling):
 def test_at_once_turns_the_sky_before_the_attitude_is_left():
     """Rotated by scipy star by star: the path's turn after the attitude."""
     rng = np.random.default_rng(4)
-    path = Path(np.zeros(3), np.ones(3) / 3, rng.normal(0, 1e-4, (3, 3)))
+    path = LineOfSight(np.zeros(3), np.ones(3) / 3, rng.normal(0, 1e-4, (3, 3)))
     attitude = Rotation.from_rotvec([0.3, -1.0, 0.7])
     direction = attitude.inv().apply(CAMERA.unproject(rng.uniform(0, 100, (5, 2))))
     ((weight, x, y),) = shutter.at_once(direction, path, attitude, CAMERA)

@@ -8,25 +8,31 @@ import pytest
 from startrack.core.streams import Streams
 from startrack.core.values import Frame, Psf
 from startrack.detector import Defects, Detector, Hits, Pattern
-from startrack.detector.background import ground, ground_tables
+from startrack.detector.background import background, background_tables
 from startrack.detector.expose import draw, frame_of
 from startrack.detector.hits import tracks
 from startrack.detector.maps import dark
-from startrack.detector.windows import expose_within, lone_pixels, odd_pixels, only_lone_pixels, put
+from startrack.detector.windows import (
+    expose_within,
+    independent_pixels,
+    outlier_pixels,
+    put,
+    require_independent_pixels,
+)
 
 DETECTOR = Detector(200, 150, 5e-6, 0.1, dark_current=10.0, read_noise=5.0, prnu=0.01, bits=16)
 
 
 def test_pixels_of_nearly_even_response_are_none_of_them():
     """Ten thousand electrons, unequal by 1 %: a third of the shot noise is far from five of it."""
-    assert len(odd_pixels(DETECTOR, 1000.0, 5.0)) == 0
-    assert len(odd_pixels(replace(DETECTOR, prnu=0.3), 1000.0, 5.0)) > 1000
+    assert len(outlier_pixels(DETECTOR, 1000.0, 5.0)) == 0
+    assert len(outlier_pixels(replace(DETECTOR, prnu=0.3), 1000.0, 5.0)) > 1000
 
 
 def test_hot_and_dead_pixels_are():
     """Sky 100, read noise 5: beyond 100 + 5 sqrt(125 + 1) = 156 electrons, or below 44."""
     one = replace(DETECTOR, prnu=0.0, defects=Defects(hot=0.02, hot_current=3000.0, dead=0.01))
-    odd = odd_pixels(one, 100.0, 5.0)
+    odd = outlier_pixels(one, 100.0, 5.0)
     level = dark(one).ravel() * 0.1 + 100
     assert set(np.flatnonzero(level > 100 + 160)) <= set(odd)  # dead ones have no sky
     hot, dead = (level > 158).sum(), 0.01 * level.size
@@ -52,9 +58,9 @@ def test_windows_hold_the_numbers_of_the_frame(changes, tabled):
     course = np.array([[-3.0, 1.0], [0.0, 0.0], [4.0, -2.0]])
     places = np.array([0.2, 0.5, 0.3]), x + course[:, :1], y + course[:, 1:]
     star = rng.uniform(1e3, 1e4, STARS)
-    electrons = ground(one, 100.0).copy()
+    electrons = background(one, 100.0).copy()
     draw(electrons, psf, [places], star, one)
-    whole = frame_of(electrons, one, Streams(3, 0), ground_tables(one, 100.0)).image
+    whole = frame_of(electrons, one, Streams(3, 0), background_tables(one, 100.0)).image
     corner = rng.integers([-5, -5], [150, 140], (80, 2))
     windows = np.hstack([corner, corner + rng.integers(1, 14, (80, 2))])
     windows = np.clip(windows, 0, [150, 140, 150, 140])
@@ -82,8 +88,8 @@ def test_numbers_are_put_as_into_a_wider_frame_that_is_cut():
 
 def test_lone_pixels_are_the_odd_ones_and_those_hit():
     odd, hits = np.array([5, 17]), Hits(5e9)
-    assert lone_pixels(DETECTOR, odd, Streams(1, 0)) is odd
-    got = lone_pixels(replace(DETECTOR, hits=hits), odd, Streams(1, 0))
+    assert independent_pixels(DETECTOR, odd, Streams(1, 0)) is odd
+    got = independent_pixels(replace(DETECTOR, hits=hits), odd, Streams(1, 0))
     pixel, _ = tracks(hits, (150, 200), 5e-6, 0.1, Streams(1, 0))
     assert len(pixel) > 10
     np.testing.assert_array_equal(got, [*odd, *pixel])
@@ -93,7 +99,7 @@ def test_lone_pixels_are_the_odd_ones_and_those_hit():
     ("name", "value"),
     [
         ("blooming", True),
-        ("multiplication", 2.0),
+        ("em_gain", 2.0),
         ("pattern", Pattern(1.0, 0.0, 0.0)),
         ("settling", 0.1),
         ("read_noise_spread", 0.1),
@@ -101,6 +107,6 @@ def test_lone_pixels_are_the_odd_ones_and_those_hit():
     ],
 )
 def test_pixels_that_know_of_each_other_are_refused(name, value):
-    only_lone_pixels(replace(DETECTOR, crosstalk=0.1))
+    require_independent_pixels(replace(DETECTOR, crosstalk=0.1))
     with pytest.raises(ValueError, match=f"without {name}; choose the fidelity frame"):
-        only_lone_pixels(replace(DETECTOR, **{name: value}))
+        require_independent_pixels(replace(DETECTOR, **{name: value}))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from startrack.catalog import Selection, aberrate, earth, open_sky
+from startrack.catalog import Selection, aberrate, earth_observer, open_sky
 from startrack.core.units import LIGHT_SPEED, arcsec
 from tests.hard.case import hard, refused
 
@@ -33,7 +33,7 @@ def _still() -> float:
 )
 def _pole() -> float:
     pole = np.array([[0.0, 0.0, 1.0]])
-    velocities = [earth(2026 + n / 24).velocity for n in range(24)]
+    velocities = [earth_observer(2026 + n / 24).velocity for n in range(24)]
     return max(float(np.linalg.norm(aberrate(pole, v) - pole)) for v in velocities) / arcsec
 
 

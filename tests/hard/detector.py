@@ -9,22 +9,22 @@ from startrack.benchmark.stamping import lens
 from startrack.core import poisson_quantile
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
-from startrack.core.values import Light, Path
+from startrack.core.values import Light, LineOfSight
 from startrack.detector import Detector, expected, read_out
-from startrack.optics import focus
+from startrack.optics import pixel_psf
 from tests.hard.case import hard, refused
 
 BASE = {"columns": 64, "rows": 48, "pixel_pitch": 5e-6, "exposure": 0.1, "offset": 100}
-REST = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
+REST = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 ROOM = Detector(**BASE, full_well=20_000.0)
 
 
 def image_of(pixel, electrons: float):
     camera = Camera(64, 48, 1000.0)
-    optics, pitch, wavelength, share = lens("gauss", 0.7)
+    optics, pitch, wavelength, fraction = lens("gauss", 0.7)
     rate = np.full((1, 1), electrons / ROOM.exposure)
     light = Light(camera.unproject(np.atleast_2d(pixel)), wavelength, rate, np.zeros(1))
-    psf = focus(optics, pitch, wavelength, share)
+    psf = pixel_psf(optics, pitch, wavelength, fraction)
     return expected(light, psf, REST, Rotation.identity(), camera, ROOM, np.ones(1))
 
 
@@ -35,7 +35,7 @@ for _electrons in (1e-3, 1e9):
         return float(abs(image_of((31.37, 22.81), electrons).sum() / electrons - 1))
 
 
-@hard("detector", "a star on the outer corner, share that is inside", (0.24999, 0.25001))
+@hard("detector", "a star on the outer corner, fraction that is inside", (0.24999, 0.25001))
 def _corner() -> float:
     return float(image_of((-0.5, -0.5), 1e5).sum() / 1e5)
 

@@ -7,7 +7,7 @@ from scipy import special
 
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
-from startrack.motion import Motion, image_path, shake, slew
+from startrack.motion import Motion, image_path, sample_jitter, slew
 from tests.hard.case import hard, refused
 
 PIXEL = 1e-4
@@ -32,7 +32,7 @@ for _length in (0.01, 1.0, 150.0, 2000.0):
 
 @hard("motion", "rest, points of the path", (1, 1))
 def _rest() -> float:
-    return float(len(shake(Motion(), 0.1, PIXEL, Streams(1, 0)).time))
+    return float(len(sample_jitter(Motion(), 0.1, PIXEL, Streams(1, 0)).time))
 
 
 @hard("motion", "a star that goes behind the camera", "the star must stay before the camera")

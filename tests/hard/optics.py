@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from startrack.optics import Optics, focus
+from startrack.optics import Optics, pixel_psf
 from startrack.optics.pixel_psf import irradiance
 from tests.hard.case import hard, refused
 
@@ -28,18 +28,19 @@ for _model in ("fraunhofer", "fresnel", "kirchhoff"):
     @hard("optics", f"f/100 by {_model}, largest difference from Airy over the peak", (0, 2e-5))
     def _slow(model=_model) -> float:
         one, airy = (
-            focus(Optics(1.0, 100.0, psf=name), 20e-6, GREEN, ONE).table for name in (model, "airy")
+            pixel_psf(Optics(1.0, 100.0, psf=name), 20e-6, GREEN, ONE).table
+            for name in (model, "airy")
         )
         return float(np.abs(one - airy).max() / airy.max())
 
 
 @hard(
     "optics",
-    "a pixel of 122 wavelengths * f-number holds the star, share of the energy",
+    "a pixel of 122 wavelengths * f-number holds the star, fraction of the energy",
     (0.99668, 0.99765),  # of the circles in and around the pixel (Rayleigh 1881)
 )
 def _huge_pixel() -> float:
-    psf = focus(Optics(0.05, 2.0, psf="airy"), 134e-6, GREEN, ONE)
+    psf = pixel_psf(Optics(0.05, 2.0, psf="airy"), 134e-6, GREEN, ONE)
     return float(psf.table.max())
 
 
@@ -50,4 +51,4 @@ def _fast() -> str:
 
 @hard("optics", "hundreds of waves of defocus", "let `blur` stand for")
 def _blurred() -> str:
-    return refused(lambda: focus(Optics(0.5, 4.0, defocus=0.02), 10e-6, GREEN, ONE))
+    return refused(lambda: pixel_psf(Optics(0.5, 4.0, defocus=0.02), 10e-6, GREEN, ONE))

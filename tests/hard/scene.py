@@ -47,7 +47,7 @@ def _behind_the_moon() -> float:
 @hard("scene", "a star without a colour beside one of the Sun's, ratio of photons", (0.8, 1.25))
 def _colourless() -> float:
     bare, solar = (
-        lit(Scene(), np.array([1.0, 0, 0]), star_at([1, 0, 0], c)).photon_rate.sum()
+        lit(Scene(), np.array([1.0, 0, 0]), star_at([1, 0, 0], c)).photon_irradiance.sum()
         for c in (np.nan, 0.82)
     )
     return float(bare / solar)

@@ -9,7 +9,7 @@ from startrack.identification.evidence import log_brightness
 
 SPOTS = np.array([-8.0, -9.5, -7.2, -10.1, -8.8, -6.4, -9.0])
 STARS = SPOTS + 12.0 + np.array([0.3, -0.2, 0.1, 0.0, 0.4, -0.3, -0.1])
-ALL_WILD = 0.1  # the share of stars that may be as bright as any spot
+ALL_WILD = 0.1  # the fraction of stars that may be as bright as any spot
 
 
 def ratio(spot, star, magnitude=SPOTS, expected=STARS, spot_blur=0.4, star_blur=0.3):

@@ -145,8 +145,8 @@ def test_evidence_by_chance_is_one_in_the_mean():
 def test_random_attitudes_are_as_dense_as_stated():
     """Closer than an angle a to a given one are (a - sin a) / pi of them: a ball of radius a."""
     angle = 1e-2
-    share = (angle - np.sin(angle)) / np.pi
-    assert np.exp(-LOG_ATTITUDES) * 4 / 3 * np.pi * angle**3 == pytest.approx(share, rel=1e-5)
+    fraction = (angle - np.sin(angle)) / np.pi
+    assert np.exp(-LOG_ATTITUDES) * 4 / 3 * np.pi * angle**3 == pytest.approx(fraction, rel=1e-5)
 
 
 @pytest.mark.parametrize("unknowns", range(6))

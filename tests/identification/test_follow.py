@@ -11,7 +11,7 @@ from startrack.core.units import deg
 from startrack.identification import Identification
 from startrack.identification.fit import derivatives
 from startrack.identification.seen import see
-from startrack.identification.sky import Voters, sky_grid
+from startrack.identification.sky import VerificationStars, sky_grid
 from startrack.identification.track import _away, _chain, _misfit, _update, follow
 from startrack.identification.verify import weigh_prior
 
@@ -35,7 +35,7 @@ def expected_at(pixel):
 def voters():
     """The stars, each fainter than the one before."""
     sky = sky_grid(TURN.inv().apply(CAMERA.unproject(STAR)), 0.1)
-    return Voters(sky, 3.0 + 0.3 * sky.member, np.full(len(STAR), 0.3))
+    return VerificationStars(sky, 3.0 + 0.3 * sky.member, np.full(len(STAR), 0.3))
 
 
 def test_each_match_makes_the_windows_of_the_next_smaller(design, spots_at):

@@ -25,7 +25,7 @@ from startrack.identification.predict import predict
 from startrack.identification.search import breadth_first
 from startrack.identification.seen import see, usable
 from startrack.identification.sky import cone, sky_grid
-from startrack.identification.spot_grid import hits, sieve
+from startrack.identification.spot_grid import hits, spot_grid
 
 
 def unit(vectors):
@@ -175,7 +175,7 @@ def test_the_sieve_finds_what_a_scan_finds():
     rng = np.random.default_rng(13)
     low, high = np.array([-0.1, -0.07]), np.array([0.1, 0.07])
     plane = low + (high - low) * rng.random((30, 2))
-    screen = sieve(plane, low, high, 8e-4)
+    screen = spot_grid(plane, low, high, 8e-4)
     places = np.concatenate([plane + 4e-4 * rng.standard_normal(plane.shape) for _ in range(30)])
     places = np.clip(places, low, high)
     apart = np.linalg.norm(places[:, None] - plane, axis=2).min(axis=1)

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from startrack.core.camera import Camera
 from startrack.identification import Identification
 from startrack.identification.seen import see
-from startrack.identification.sky import Voters, sky_grid
-from startrack.identification.verify import attempt, verify, weigh
+from startrack.identification.sky import VerificationStars, sky_grid
+from startrack.identification.verify import attempt_attitude, verify, weigh
 
 CAMERA = Camera(1024, 1024, 2000.0)
 TURN = Rotation.from_rotvec([0.4, -1.0, 2.0])
@@ -23,7 +23,7 @@ def seen_at(spots_at, pixel, focal):
 def voters():
     """The stars, each fainter than the one before."""
     sky = sky_grid(TURN.inv().apply(CAMERA.unproject(STAR)), 0.1)
-    return Voters(sky, 3.0 + 0.3 * sky.member, np.full(12, 0.3))
+    return VerificationStars(sky, 3.0 + 0.3 * sky.member, np.full(12, 0.3))
 
 
 @pytest.mark.parametrize("scale", [0.95, 1.0, 1.08])
@@ -32,11 +32,11 @@ def test_two_stars_give_attitude_and_focal_length(spots_at, scale):
     spot = (STAR - CAMERA.centre) * scale + CAMERA.centre
     direction = TURN.inv().apply(CAMERA.unproject(STAR))
     seen = seen_at(spots_at, spot, 0.1)
-    rotation, found = attempt(seen, np.array([3, 7, 1]), direction[3], direction[7])
+    rotation, found = attempt_attitude(seen, np.array([3, 7, 1]), direction[3], direction[7])
     assert found == pytest.approx(scale, rel=2e-4)
     assert (Rotation.from_matrix(rotation) * TURN.inv()).magnitude() < 2e-4
     held = seen_at(spots_at, spot, 0.0)
-    assert attempt(held, np.array([3, 7, 1]), direction[3], direction[7])[1] == 1.0
+    assert attempt_attitude(held, np.array([3, 7, 1]), direction[3], direction[7])[1] == 1.0
 
 
 def evidence(spots_at, focal, scale=1.0):

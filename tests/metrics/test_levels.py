@@ -18,8 +18,8 @@ from startrack.metrics import (
 @pytest.mark.parametrize(
     ("share", "confidence", "count"), [(0.95, 0.95, 59), (0.9, 0.9, 22), (0.99, 0.95, 299)]
 )
-def test_fewest_trials_as_wilks_tabulated(share, confidence, count):
-    assert fewest_trials(share, confidence) == count
+def test_fewest_trials_as_wilks_tabulated(fraction, confidence, count):
+    assert fewest_trials(fraction, confidence) == count
 
 
 def test_levels_of_normal_errors_are_one_two_and_three_sigma():
@@ -29,15 +29,15 @@ def test_levels_of_normal_errors_are_one_two_and_three_sigma():
         assert got.value == pytest.approx(sigmas, rel=0.02)
 
 
-@pytest.mark.parametrize("share", [0.68, 0.9545, 0.9973])
+@pytest.mark.parametrize("fraction", [0.68, 0.9545, 0.9973])
 @pytest.mark.parametrize("count", [40, 300, 3000])
-def test_intervals_cover_whatever_the_law(share, count):
+def test_intervals_cover_whatever_the_law(fraction, count):
     """Heavy tails, 1500 repetitions; 95 % or more, 1e-4 of false alarm."""
     rng = np.random.default_rng(count)
-    truth = stats.t(3).ppf((1 + share) / 2)
+    truth = stats.t(3).ppf((1 + fraction) / 2)
     hits = 0
     for _ in range(1500):
-        interval = level_interval(rng.standard_t(3, count), share)
+        interval = level_interval(rng.standard_t(3, count), fraction)
         hits += interval.low <= truth <= interval.high
     assert hits >= stats.binom.ppf(1e-4, 1500, 0.95)
 

@@ -4,7 +4,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from startrack.core.values import Estimate, Status
-from startrack.metrics import judge, rms_interval, share_interval, summarise
+from startrack.metrics import fraction_interval, judge, rms_interval, summarise
 from startrack.trial.chain import OUTCOMES
 
 TRUTH = Rotation.from_rotvec([0.3, -1.0, 2.0])
@@ -73,6 +73,6 @@ def test_share_intervals_cover():
     """Exact intervals cover at least 95 %; 1e-4 below that is a false alarm."""
     hits = 0
     for count in np.random.default_rng(1).binomial(100, 0.97, 1000):
-        interval = share_interval(int(count), 100)
+        interval = fraction_interval(int(count), 100)
         hits += interval.low <= 0.97 <= interval.high
     assert hits >= stats.binom.ppf(1e-4, 1000, 0.95)

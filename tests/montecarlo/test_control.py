@@ -13,7 +13,7 @@ from startrack.montecarlo.attitudes import at_random
 from startrack.montecarlo.control import control
 from startrack.montecarlo.estimate import controlled, plain
 from startrack.montecarlo.sampling import sample_controlled, squares, surplus
-from startrack.trial.view import look, random_attitude
+from startrack.trial.view import random_attitude, stars_in_field
 
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
 CAMERA = CASE.instrument.camera
@@ -69,7 +69,7 @@ def test_trials_are_those_of_the_chain():
 
 @pytest.mark.parametrize(
     ("change", "sentence"),
-    [({"lag": 0.1}, "without lag"), ({"bend": 0.05}, "without bend, bow and hits")],
+    [({"lag": 0.1}, "without lag"), ({"nonlinearity": 0.05}, "without bend, bow and hits")],
 )
 def test_detectors_whose_law_is_not_linear_are_refused(change, sentence):
     instrument = CASE.instrument
@@ -91,6 +91,8 @@ def test_a_sky_without_bright_stars_has_no_control():
 def test_a_frame_without_any_star_has_no_control():
     """A narrow field of a sparse catalogue: nothing to linearise, and no error either."""
     size = CASE.instrument.detector.rows, CASE.instrument.detector.columns
-    none = look(Sky(open_sky(CASE.catalog).stars[:0]), random_attitude(Streams(1, 1)), CAMERA)
+    none = stars_in_field(
+        Sky(open_sky(CASE.catalog).stars[:0]), random_attitude(Streams(1, 1)), CAMERA
+    )
     electrons, image = np.full(size, 30.0), np.full(size, 70.0)
     assert control(CASE, random_attitude(Streams(1, 1)), none, electrons, image) is None

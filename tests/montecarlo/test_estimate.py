@@ -95,9 +95,9 @@ def test_a_control_that_says_nothing_costs_next_to_nothing():
 def test_the_share_of_two_levels_is_the_cheapest():
     """Against a search: variance per cost of n fine and m coarse values."""
     rho, ratio = 0.99, 5.0
-    share = np.geomspace(1, 100, 4001)
-    cost = (1 + share / ratio) * (1 - rho**2 + rho**2 / share)
-    assert best_share(rho, ratio) == pytest.approx(share[np.argmin(cost)], rel=0.01)
+    fraction = np.geomspace(1, 100, 4001)
+    cost = (1 + fraction / ratio) * (1 - rho**2 + rho**2 / fraction)
+    assert best_share(rho, ratio) == pytest.approx(fraction[np.argmin(cost)], rel=0.01)
 
 
 def test_the_root_of_a_mean_square_is_an_rms():

@@ -58,8 +58,8 @@ def test_a_read_only_folder_ends_clearly():
         folder.chmod(0o755)
         code = (
             "import os, pathlib, sys\n"
-            "from startrack.campaign.store import Store\n"
-            "from startrack.catalog import shipped\n"
+            "from startrack.montecarlo.store import Store\n"
+            "from startrack.io import shipped\n"
             "from startrack.design import load_design\n"
             "case = load_design(shipped('designs/nanosatellite.toml')).case\n"
             "os.setuid(65534)\n"
@@ -190,9 +190,9 @@ def test_numba_compiles_once_before_the_workers_begin(tmp_path):
     code = """
 import sys
 from numba.core.registry import CPUDispatcher
-from startrack.catalog import shipped
+from startrack.io import shipped
 from startrack.design import load_design
-from startrack.study.montecarlo import pool, run, warm
+from startrack.montecarlo import pool, run, warm
 
 def missed():
     found = {}

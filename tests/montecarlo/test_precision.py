@@ -10,14 +10,14 @@ from startrack.montecarlo.resume import FIRST_LOOK
 REPETITIONS = 400
 
 
-@pytest.mark.parametrize(("share", "n"), [(0.5, 25), (0.9, 200), (0.9973, 3000)])
-def test_quantile_intervals_hold_what_they_state(share, n):
+@pytest.mark.parametrize(("fraction", "n"), [(0.5, 25), (0.9, 200), (0.9973, 3000)])
+def test_quantile_intervals_hold_what_they_state(fraction, n):
     """On Rayleigh errors; the interval is conservative: at least 95 %, one-sided bound at 1e-4."""
-    truth = stats.rayleigh.ppf(share)
+    truth = stats.rayleigh.ppf(fraction)
     rng = np.random.default_rng(11)
     hits = 0
     for _ in range(REPETITIONS):
-        interval = quantile_interval(rng.rayleigh(size=n), share)
+        interval = quantile_interval(rng.rayleigh(size=n), fraction)
         assert interval.low <= interval.value <= interval.high
         hits += interval.low <= truth <= interval.high
     assert hits >= stats.binom.ppf(1e-4, REPETITIONS, 0.95)

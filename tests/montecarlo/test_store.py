@@ -133,7 +133,7 @@ def test_files_that_are_no_store_are_refused_and_left_alone(tmp_path, case):
 
 def test_two_processes_on_one_store_are_refused(path, case):
     code = (
-        "import pathlib\nfrom startrack.campaign.store import Store\n"
+        "import pathlib\nfrom startrack.montecarlo.store import Store\n"
         f"Store(pathlib.Path({str(path)!r}))"
     )
     with Store(path, case, 3):

@@ -7,7 +7,15 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
-from startrack.motion import Broadband, Motion, Tone, image_path, shake, slew, turn
+from startrack.motion import (
+    Broadband,
+    Motion,
+    Tone,
+    image_path,
+    realise_motion,
+    sample_jitter,
+    slew,
+)
 from startrack.motion.quadrature import joined, points
 
 PIXEL = 1e-4
@@ -26,12 +34,12 @@ def smeared(path, x, sigma):
 
 
 def test_rest_is_one_point_for_every_trial():
-    path = shake(Motion(), 0.1, PIXEL, ONE)
+    path = sample_jitter(Motion(), 0.1, PIXEL, ONE)
     assert path.rotation.tolist() == [[0.0, 0.0, 0.0]]
     assert path.weight.tolist() == [1.0]
-    assert shake(Motion(tones=(Tone(10.0),)), 0.1, PIXEL, ONE).time.tolist() == [0.0]
+    assert sample_jitter(Motion(tones=(Tone(10.0),)), 0.1, PIXEL, ONE).time.tolist() == [0.0]
     given = Motion(rate_x=0.1, tones=(Tone(10.0, rms_x=1e-4, phase=0.0),))
-    assert shake(given, 0.1, PIXEL, ONE) is shake(given, 0.1, PIXEL, Streams(2, 5))
+    assert sample_jitter(given, 0.1, PIXEL, ONE) is sample_jitter(given, 0.1, PIXEL, Streams(2, 5))
 
 
 def test_moments_of_a_straight_path():
@@ -152,7 +160,9 @@ def test_jitter_is_sampled_to_a_millionth_of_the_flux():
             broadband=(Broadband("y", (0.1, 5.0, top), (size * 1e-9, size * 1e-9, size * 1e-12)),),
         )
         streams = Streams(9, trial)
-        path = shake(motion, 0.1, PIXEL, streams, 0.2)
-        fine = turn(motion, 0.1, streams).at((np.arange(20000) + 0.5) / 20000 * 0.1 - 0.05)
+        path = sample_jitter(motion, 0.1, PIXEL, streams, 0.2)
+        fine = realise_motion(motion, 0.1, streams).at(
+            (np.arange(20000) + 0.5) / 20000 * 0.1 - 0.05
+        )
         dense = type(path)(np.zeros(0), np.full(20000, 1 / 20000), fine)
         np.testing.assert_allclose(smeared(path, x, 0.5), smeared(dense, x, 0.5), atol=2e-6)

@@ -6,7 +6,7 @@ import pytest
 from startrack.core.streams import Streams
 from startrack.design.files import load_design
 from startrack.io import shipped
-from startrack.motion import Broadband, Motion, Tone, blur, shake, slew, stability
+from startrack.motion import Broadband, Motion, Tone, blur, sample_jitter, slew, stability
 from startrack.trial.chain import observe
 from startrack.trial.view import random_attitude
 
@@ -31,7 +31,9 @@ def test_drift_and_blur_of_a_spectrum_are_its_weighted_integrals():
     All within four standard errors, which are some 5 %.
     """
     motion = Motion(broadband=(TABLE,))
-    trials = [stability(shake(motion, EXPOSURE, PIXEL, Streams(6, n), 0.1)) for n in range(800)]
+    trials = [
+        stability(sample_jitter(motion, EXPOSURE, PIXEL, Streams(6, n), 0.1)) for n in range(800)
+    ]
     f = np.geomspace(0.05, 300, 400001)
     s = np.exp(np.interp(np.log(f), np.log(TABLE.frequency), np.log(TABLE.density)))
     sinc, half = np.sinc(f * EXPOSURE), np.pi * f * EXPOSURE

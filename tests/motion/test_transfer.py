@@ -7,7 +7,16 @@ import pytest
 from scipy import special
 
 from startrack.core.camera import Camera
-from startrack.motion import Motion, Tone, density, image_path, nyquist_mtf, slew, transfer, turn
+from startrack.motion import (
+    Motion,
+    Tone,
+    density,
+    image_path,
+    nyquist_mtf,
+    realise_motion,
+    slew,
+    transfer,
+)
 
 PIXEL = 1e-8  # so small that the tangent bends no path
 CAMERA = Camera(2001, 2001, 1 / PIXEL)
@@ -127,7 +136,7 @@ def test_density_and_transfer_function_are_one_thing():
     time = np.linspace(-0.05, 0.05, 20001)
     motion = Motion(rate_y=100 * PIXEL, tones=(Tone(25.0, rms_x=2 * PIXEL, phase=0.2),))
     path, offset = seen(motion)
-    dense = turn(motion, 0.1).at(time)[:, [1, 0]] * [1, -1] / PIXEL
+    dense = realise_motion(motion, 0.1).at(time)[:, [1, 0]] * [1, -1] / PIXEL
     image = density(time, dense, 801, 801, cell)
     assert image.sum() == pytest.approx(1, rel=1e-9)
     at = (np.arange(801) - 400) * cell

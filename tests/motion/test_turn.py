@@ -5,7 +5,7 @@ import pytest
 from scipy import integrate, signal, stats
 
 from startrack.core.streams import Streams
-from startrack.motion import Broadband, Motion, Tone, turn
+from startrack.motion import Broadband, Motion, Tone, realise_motion
 from startrack.motion.realisation import bands
 
 TABLE = Broadband("x", (2.0, 20.0, 100.0, 400.0), (1e-9, 1e-9, 2e-10, 1e-13))
@@ -32,13 +32,13 @@ def test_power_is_the_integral_of_the_density(table):
     cut = bands(table)
     assert cut.power.sum() == pytest.approx(power, rel=1e-9)
     assert cut.width.sum() == pytest.approx(table.frequency[-1] - table.frequency[0], rel=1e-12)
-    for share in (0.1, 0.5, 0.9):
+    for fraction in (0.1, 0.5, 0.9):
         for k in (0, len(cut.low) // 2, len(cut.low) - 1):
-            top = cut.place(np.full(len(cut.low), share))[k]
+            top = cut.place(np.full(len(cut.low), fraction))[k]
             below, _ = integrate.quad(
                 lambda u: density(np.exp(u), table) * np.exp(u), np.log(cut.low[k]), np.log(top)
             )
-            assert below == pytest.approx(share * cut.power[k], rel=1e-8)
+            assert below == pytest.approx(fraction * cut.power[k], rel=1e-8)
 
 
 def test_periodogram_gives_back_the_spectrum():
@@ -50,7 +50,7 @@ def test_periodogram_gives_back_the_spectrum():
     time = np.arange(count) / rate - 0.5
     power = 0.0
     for trial in range(400):
-        x = turn(Motion(broadband=(TABLE,)), 1.0, Streams(3, trial)).at(time)[:, 0]
+        x = realise_motion(Motion(broadband=(TABLE,)), 1.0, Streams(3, trial)).at(time)[:, 0]
         f, one = signal.periodogram(x, rate, "hann", detrend=False)
         power += one / 400
     for low in 20 * 2 ** np.arange(0, 4.0, 0.5):
@@ -63,7 +63,7 @@ def test_variance_and_covariance_at_any_lag():
     """E[(x(t) - x(0))^2] = 2 Int S (1 - cos 2 pi f t) df, within four standard errors."""
     motion = Motion(broadband=(TABLE,))
     lags = np.array([0.0005, 0.004, 0.03, 0.2])
-    x = np.array([turn(motion, 0.1, Streams(5, n)).at(lags)[:, 0] for n in range(3000)])
+    x = np.array([realise_motion(motion, 0.1, Streams(5, n)).at(lags)[:, 0] for n in range(3000)])
     f = np.geomspace(2, 400, 400001)
     for k, lag in enumerate(lags):
         expected = np.trapezoid(2 * density(f) * (1 - np.cos(2 * np.pi * f * lag)), f)
@@ -76,7 +76,7 @@ def test_variance_and_covariance_at_any_lag():
 
 def test_a_tone_has_its_rms_frequency_and_leads():
     tone = Tone(12.5, rms_x=3e-5, rms_y=1e-5, rms_z=2e-5, phase=0.4, lead_y=-np.pi / 2, lead_z=1.0)
-    motion = turn(Motion(tones=(tone,)), 0.1)
+    motion = realise_motion(Motion(tones=(tone,)), 0.1)
     time = np.arange(10000) / 10000 * 8 / 12.5
     angle = -motion.at(time)
     assert angle.std(axis=0) == pytest.approx([3e-5, 1e-5, 2e-5], rel=1e-9)
@@ -87,7 +87,7 @@ def test_a_tone_has_its_rms_frequency_and_leads():
 
 def test_speed_is_that_of_the_path():
     tone = Tone(30.0, rms_x=1e-5, rms_y=2e-5)
-    motion = turn(Motion(rate_y=2e-4, tones=(tone,)), 0.1, Streams(1, 2))
+    motion = realise_motion(Motion(rate_y=2e-4, tones=(tone,)), 0.1, Streams(1, 2))
     time = np.arange(20000) / 20000 * 100 / 30
     measured = np.sqrt((np.diff(motion.at(time), axis=0) ** 2).mean(axis=0)) / (time[1] - time[0])
     np.testing.assert_allclose(motion.speed, measured, rtol=1e-4)
@@ -95,7 +95,7 @@ def test_speed_is_that_of_the_path():
 
 def test_panels_and_single_times_agree():
     motion = Motion(1e-3, -2e-3, 5e-3, (Tone(70.0, 1e-5, 0.0, 3e-5),), (TABLE,))
-    one = turn(motion, 0.3, Streams(2, 7))
+    one = realise_motion(motion, 0.3, Streams(2, 7))
     start, step = np.array([-0.15, 0.0, 0.1]), np.linspace(0, 0.05, 11)
     for a, row in zip(start, one.over(start, step), strict=True):
         np.testing.assert_allclose(row, one.at(a + step), atol=1e-17, rtol=1e-12)
@@ -107,7 +107,7 @@ def test_a_trial_repeats_and_no_cause_disturbs_another():
     full = Motion(tones=(wheel, cooler), broadband=(TABLE,))
 
     def at(motion, trial=3):
-        return turn(motion, 0.1, Streams(8, trial)).at(time)
+        return realise_motion(motion, 0.1, Streams(8, trial)).at(time)
 
     np.testing.assert_array_equal(at(full), at(full))
     assert (at(full) != at(full, 4))[[0, -1], :2].all()
@@ -122,7 +122,7 @@ def test_trials_of_two_exposures_are_alike():
     """Common random numbers: a design with a longer exposure sees nearly the same jitter."""
     time = np.linspace(-0.05, 0.05, 201)
     one, other = (
-        turn(Motion(broadband=(TABLE,)), exposure, Streams(8, 1)).at(time)[:, 0]
+        realise_motion(Motion(broadband=(TABLE,)), exposure, Streams(8, 1)).at(time)[:, 0]
         for exposure in (0.1, 0.12)
     )
     assert np.corrcoef(one, other)[0, 1] > 0.99

@@ -4,12 +4,12 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
 from startrack.core.units import deg
-from startrack.core.values import Glare, Light, Path, Psf
+from startrack.core.values import Light, LineOfSight, Psf, StrayLightSource
 from startrack.detector import Detector, expected
-from startrack.optics import Baffle, Optics, veil
+from startrack.optics import Baffle, Optics, stray_light
 
 WAVELENGTH = np.array([500e-9, 700e-9])
-REST = Path(np.zeros(1), np.ones(1), np.zeros((1, 3)))
+REST = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 POINT = Psf(np.ones((1, 1)), 1, 1.0)
 DETECTOR = Detector(60, 40, 10e-6, 0.2)
 OPTICS = Optics(50e-3, 2.0)
@@ -19,14 +19,14 @@ CAMERA = Camera(60, 40, OPTICS.focal_length / DETECTOR.pixel_pitch)
 def glaring(*angles: float, rate=(3e12, 5e12)) -> Light:
     """Light of nothing but sources at these angles from the boresight, towards +x."""
     place = np.array([[np.sin(a), 0.0, np.cos(a)] for a in angles])
-    glare = Glare(place, np.full(len(place), 1 / len(place)), np.array(rate))
+    glare = StrayLightSource(place, np.full(len(place), 1 / len(place)), np.array(rate))
     none = np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 2)), np.zeros(2)
     return Light(*none, glare=(glare,))
 
 
 def image_of(light: Light, baffle: Baffle, optics=OPTICS, camera=CAMERA, detector=DETECTOR):
     there = Rotation.identity()
-    veiled = veil(light, baffle, optics, there, camera)
+    veiled = stray_light(light, baffle, optics, there, camera)
     throughput = np.full(2, optics.area)
     return expected(veiled, POINT, REST, there, camera, detector, throughput)
 

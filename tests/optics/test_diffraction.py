@@ -73,14 +73,14 @@ def test_a_hexagon_has_its_closed_form_along_an_axis():
 
 
 def test_the_open_area():
-    assert Pupil(obscuration=0.5).share == pytest.approx(0.75, abs=1e-5)
-    arms = Pupil(vanes=4, vane_width=0.02).share
+    assert Pupil(obscuration=0.5).fraction == pytest.approx(0.75, abs=1e-5)
+    arms = Pupil(vanes=4, vane_width=0.02).fraction
     assert arms == pytest.approx(1 - (2 * 2 * 0.02 - 0.02**2) / np.pi, abs=2e-5)
     seven = [Segment(0, 0, 0.3)] + [
         Segment(0.62 * math.sin(k * math.pi / 3), 0.62 * math.cos(k * math.pi / 3), 0.3)
         for k in range(6)
     ]
-    assert Pupil(segments=tuple(seven)).share == pytest.approx(
+    assert Pupil(segments=tuple(seven)).fraction == pytest.approx(
         7 * 2 * math.sqrt(3) * 0.09 / math.pi, abs=1e-4
     )
 
@@ -226,11 +226,11 @@ def test_the_irradiance_holds_all_light():
 def test_a_gauss_band_keeps_the_moments():
     wavelength = np.linspace(400e-9, 900e-9, 41)
     weight = np.random.default_rng(2).uniform(0, 1, 41)
-    node, share = gauss_band(wavelength, weight, 6)
+    node, fraction = gauss_band(wavelength, weight, 6)
     for power in range(12):
         x = (wavelength - 650e-9) / 250e-9
         wanted = weight @ x**power / weight.sum()
-        assert share @ ((node - 650e-9) / 250e-9) ** power == pytest.approx(wanted, abs=1e-13)
+        assert fraction @ ((node - 650e-9) / 250e-9) ** power == pytest.approx(wanted, abs=1e-13)
     assert ((wavelength[0] < node) & (node < wavelength[-1])).all()
 
 

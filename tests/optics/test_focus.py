@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from scipy import special
 
-from startrack.optics import Optics, focus, pixel_response, pupil_transfer
+from startrack.optics import Optics, pixel_psf, pixel_response, pupil_transfer
 
 GREEN = np.array([550e-9])
 ONE = np.ones(1)
 
 
 def psf(f_number=4.0, blur=0.0, kind="airy", pitch=5e-6):
-    return focus(Optics(0.05, f_number, blur, kind), pitch, GREEN, ONE)
+    return pixel_psf(Optics(0.05, f_number, blur, kind), pitch, GREEN, ONE)
 
 
 def test_airy_peak_of_tiny_pixels_is_the_closed_form():

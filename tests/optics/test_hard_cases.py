@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from startrack.optics import Aberration, Optics, Pupil, Segment, focus
+from startrack.optics import Aberration, Optics, Pupil, Segment, pixel_psf
 from startrack.optics.airy import airy_encircled
 from startrack.optics.pixel_psf import irradiance
 
@@ -20,7 +20,7 @@ def test_only_ratios_to_the_wavelength_count(wavelength, model):
 
     def table(scale):
         optics = Optics(1e5 * scale, 3.0, 2 * scale, model)
-        return focus(optics, 8 * scale, np.array([scale]), ONE)
+        return pixel_psf(optics, 8 * scale, np.array([scale]), ONE)
 
     here, there = table(wavelength), table(1e-6)
     np.testing.assert_allclose(here.table, there.table, atol=1e-11)
@@ -29,7 +29,7 @@ def test_only_ratios_to_the_wavelength_count(wavelength, model):
 
 def test_f_100_is_the_airy_pattern_in_every_model():
     tables = [
-        focus(Optics(1.0, 100.0, psf=model), 20e-6, GREEN, ONE).table
+        pixel_psf(Optics(1.0, 100.0, psf=model), 20e-6, GREEN, ONE).table
         for model in ("airy", "fraunhofer", "fresnel", "kirchhoff")
     ]
     for each in tables[1:]:
@@ -39,15 +39,15 @@ def test_f_100_is_the_airy_pattern_in_every_model():
 def test_f_one_half_of_an_aplanatic_lens_is_refused():
     with pytest.raises(ValueError, match=r"f_number must be at least 0\.6"):
         Optics(0.02, 0.5)
-    table = focus(Optics(0.02, 0.5, lens="perfect"), 1e-6, GREEN, ONE)
+    table = pixel_psf(Optics(0.02, 0.5, lens="perfect"), 1e-6, GREEN, ONE)
     assert 0.9 < table.energy < 1
 
 
 def test_an_object_at_twice_the_focal_length_is_imaged_one_to_one():
     near = Optics(0.05, 4.0, psf="airy", object_distance=0.1)
     assert near.image_distance == pytest.approx(0.1)
-    table = focus(near, 5e-6, GREEN, ONE)
-    far = focus(Optics(0.1, 8.0, psf="airy"), 5e-6, GREEN, ONE)
+    table = pixel_psf(near, 5e-6, GREEN, ONE)
+    far = pixel_psf(Optics(0.1, 8.0, psf="airy"), 5e-6, GREEN, ONE)
     np.testing.assert_allclose(table.table, far.table, rtol=1e-9, atol=1e-15)
 
 
@@ -55,7 +55,7 @@ def test_an_object_nearly_at_the_focus_is_imaged_far_away():
     near = Optics(0.05, 4.0, psf="airy", object_distance=0.0505)
     assert near.working_f_number == pytest.approx(4 * 101)
     disk = 550e-9 * 404
-    table = focus(near, disk / 2, GREEN, ONE)
+    table = pixel_psf(near, disk / 2, GREEN, ONE)
     assert airy_encircled(6 * disk, 550e-9, 404) < table.energy
     for distance in (0.05, 0.03):
         with pytest.raises(ValueError, match="beyond the focal length"):
@@ -77,7 +77,7 @@ def test_defocus_on_the_axis_is_a_sinc(waves):
 def test_many_waves_of_defocus_fill_the_geometric_disk():
     """Ten waves: rays fill a disk of radius d / (2 f#); diffraction leaves a tenth outside."""
     defocus = 8 * 4.0**2 * 10 * 550e-9
-    table = focus(Optics(0.5, 4.0, defocus=defocus), 10e-6, GREEN, ONE)
+    table = pixel_psf(Optics(0.5, 4.0, defocus=defocus), 10e-6, GREEN, ONE)
     edge = defocus / 8 / 10e-6
     at = (np.arange(table.table.shape[0]) - table.table.shape[0] // 2) / table.oversampling
     radius = np.hypot(at, at[:, None])
@@ -90,11 +90,11 @@ def test_many_waves_of_defocus_fill_the_geometric_disk():
 
 def test_too_many_waves_are_refused():
     with pytest.raises(ValueError, match="let `blur` stand for"):
-        focus(Optics(0.5, 4.0, defocus=0.02), 10e-6, GREEN, ONE)
+        pixel_psf(Optics(0.5, 4.0, defocus=0.02), 10e-6, GREEN, ONE)
     with pytest.raises(ValueError, match="defocus must be at most a tenth"):
         Optics(0.05, 4.0, defocus=0.01)
     with pytest.raises(ValueError, match="let `blur` stand for"):
-        focus(Optics(0.5, 4.0, aberrations=(Aberration(100, 1e-4),)), 10e-6, GREEN, ONE)
+        pixel_psf(Optics(0.5, 4.0, aberrations=(Aberration(100, 1e-4),)), 10e-6, GREEN, ONE)
 
 
 @pytest.mark.parametrize(
@@ -141,11 +141,11 @@ def test_growing_aberrations_vanish_on_the_axis_and_turn_with_the_field():
 
 @pytest.mark.parametrize("disks", [20, 40, 62, 122, 1000])
 def test_a_pixel_of_many_disks_holds_what_its_circles_do(disks):
-    """The share of a square lies between those of its inner and its outer circle; all is counted.
+    """A square holds between what its inner and its outer circle do; all is counted.
 
     Whatever the phase, its pixels add up to the energy, less what passes the box of the table.
     """
-    psf = focus(Optics(0.05, 2.0, psf="airy"), disks * 1.1e-6, GREEN, ONE)
+    psf = pixel_psf(Optics(0.05, 2.0, psf="airy"), disks * 1.1e-6, GREEN, ONE)
     half = disks * 0.55e-6
     inner, outer = airy_encircled(half * np.array([1, math.sqrt(2)]), 550e-9, 2.0)
     assert inner < psf.table.max() < outer
@@ -157,7 +157,7 @@ def test_a_pixel_of_many_disks_holds_what_its_circles_do(disks):
 
 def test_two_ways_to_a_pixel_of_many_disks():
     one, two = (
-        focus(Optics(0.05, 2.0, psf=model), 62 * 1.1e-6, GREEN, ONE)
+        pixel_psf(Optics(0.05, 2.0, psf=model), 62 * 1.1e-6, GREEN, ONE)
         for model in ("airy", "fraunhofer")
     )
     np.testing.assert_allclose(one.table, two.table, atol=2e-5)
@@ -174,4 +174,4 @@ def test_two_ways_to_a_pixel_of_many_disks():
 def test_pixels_that_cannot_be_are_named(change, words):
     usual = {"pitch": 5e-6, "fill_factor": 1.0, "diffusion": 0.0} | change
     with pytest.raises(ValueError, match=words):
-        focus(Optics(0.05, 4.0), wavelength=GREEN, weight=ONE, **usual)
+        pixel_psf(Optics(0.05, 4.0), wavelength=GREEN, weight=ONE, **usual)

@@ -5,7 +5,16 @@ import pytest
 from scipy import special
 
 from startrack.detector.stamp import stamp
-from startrack.optics import POINT, Aberration, Optics, Pupil, encircled, focus, modulation, quality
+from startrack.optics import (
+    POINT,
+    Aberration,
+    Optics,
+    Pupil,
+    encircled,
+    modulation,
+    pixel_psf,
+    quality,
+)
 from startrack.optics.airy import airy, airy_encircled
 from startrack.optics.transfer import blur_transfer, pupil_transfer
 
@@ -31,7 +40,7 @@ def centroid(image):
 @pytest.mark.parametrize("model", ["airy", "fraunhofer"])
 @pytest.mark.parametrize("disk", [0.14, 0.25, 0.5, 1.0, 2.0])
 def test_stamped_airy_patterns(model, disk):
-    psf = focus(Optics(0.05, 2.8, psf=model), 550e-9 * 2.8 / disk, GREEN, ONE)
+    psf = pixel_psf(Optics(0.05, 2.8, psf=model), 550e-9 * 2.8 / disk, GREEN, ONE)
     box = 2 * ((psf.table.shape[0] // 2 - 3) // psf.oversampling) + 1
     errors = []
     for x, y in np.random.default_rng(4).uniform(-0.5, 0.5, (8, 2)):
@@ -46,7 +55,7 @@ def test_stamped_airy_patterns(model, disk):
 
 @pytest.mark.parametrize("sigma", [0.1, 0.3, 0.7, 1.5])
 def test_stamped_gaussians(sigma):
-    psf = focus(Optics(0.05, 4.0, 5e-6 * sigma, "gaussian"), 5e-6, np.array([1e-12]), ONE)
+    psf = pixel_psf(Optics(0.05, 4.0, 5e-6 * sigma, "gaussian"), 5e-6, np.array([1e-12]), ONE)
     box = 2 * ((psf.table.shape[0] // 2 - 3) // psf.oversampling) + 1
     at, errors = np.arange(box) - box // 2, []
     for x, y in np.random.default_rng(4).uniform(-0.5, 0.5, (50, 2)):
@@ -64,7 +73,7 @@ def test_the_fast_way_of_products_is_the_slow_way():
     """A table that is no product by a hair goes the other way, to the same image."""
     from startrack.core.values import Psf
 
-    psf = focus(Optics(0.05, 4.0, 5e-6, "gaussian"), 5e-6, GREEN, ONE)
+    psf = pixel_psf(Optics(0.05, 4.0, 5e-6, "gaussian"), 5e-6, GREEN, ONE)
     bent = psf.table.copy()
     bent[0, 0] += 1e-12
     images = [np.zeros((40, 30)) for _ in range(2)]
@@ -81,7 +90,8 @@ def test_two_ways_to_one_table(f_number, blur):
     """Closed-form transfer functions with wings apart, and irradiance point by point."""
     band = np.array([450e-9, 600e-9, 800e-9]), np.array([1.0, 2.0, 0.5])
     one, two = (
-        focus(Optics(0.05, f_number, blur, model), 5e-6, *band) for model in ("airy", "fraunhofer")
+        pixel_psf(Optics(0.05, f_number, blur, model), 5e-6, *band)
+        for model in ("airy", "fraunhofer")
     )
     assert (one.oversampling, one.table.shape) == (two.oversampling, two.table.shape)
     np.testing.assert_allclose(one.table, two.table, atol=1e-5 * one.table.max())
@@ -90,7 +100,7 @@ def test_two_ways_to_one_table(f_number, blur):
 
 def test_energy_of_a_table_is_exact():
     """Inside a square box: the closed transform of the Airy pattern over the box, by quadrature."""
-    psf = focus(Optics(0.05, 4.0, psf="airy"), 2.2e-6, GREEN, ONE, POINT)
+    psf = pixel_psf(Optics(0.05, 4.0, psf="airy"), 2.2e-6, GREEN, ONE, POINT)
     half = psf.half_width  # lambda f# is one pixel
     node, weight = np.polynomial.legendre.leggauss(400)
     line = airy(np.hypot(node * half, (node * half)[:, None]), 1.0, 1.0) * np.pi / 4
@@ -99,16 +109,16 @@ def test_energy_of_a_table_is_exact():
 
 def test_a_small_active_square_keeps_the_light():
     """The pixels count what falls on them over the fill factor: the same mean, a sharper image."""
-    full, part = (focus(Optics(0.05, 4.0), 3e-6, GREEN, ONE, fill) for fill in (1.0, 0.25))
+    full, part = (pixel_psf(Optics(0.05, 4.0), 3e-6, GREEN, ONE, fill) for fill in (1.0, 0.25))
     assert part.energy == pytest.approx(full.energy, abs=2e-3)
     middle = full.table.shape[0] // 2
     assert part.table[middle, middle] > 1.2 * full.table[middle, middle]
 
 
 def test_diffusion_adds_to_blur_in_squares():
-    one = focus(Optics(0.05, 4.0, 3e-6), 5e-6, GREEN, ONE, 1.0, 4e-6)
-    two = focus(Optics(0.05, 4.0, 5e-6), 5e-6, GREEN, ONE)
-    seeing = focus(Optics(0.05, 4.0, 3e-6, seeing=8e-5), 5e-6, GREEN, ONE)
+    one = pixel_psf(Optics(0.05, 4.0, 3e-6), 5e-6, GREEN, ONE, 1.0, 4e-6)
+    two = pixel_psf(Optics(0.05, 4.0, 5e-6), 5e-6, GREEN, ONE)
+    seeing = pixel_psf(Optics(0.05, 4.0, 3e-6, seeing=8e-5), 5e-6, GREEN, ONE)
     np.testing.assert_allclose(one.table, two.table, atol=1e-9)
     np.testing.assert_allclose(seeing.table, two.table, atol=1e-9)
 
@@ -116,7 +126,7 @@ def test_diffusion_adds_to_blur_in_squares():
 def test_quality_of_an_airy_disk():
     """Closed forms: transfer function, encircled energy, width at half maximum 1.029 lambda f#."""
     optics = Optics(0.05, 8.0, psf="airy")
-    response, image = (focus(optics, 4.4e-6, GREEN, ONE, fill) for fill in (1.0, POINT))
+    response, image = (pixel_psf(optics, 4.4e-6, GREEN, ONE, fill) for fill in (1.0, POINT))
     judged = quality(response, image)
     nyquist = np.array([0.5 / 4.4e-6])
     wanted = pupil_transfer(nyquist, 550e-9, 8.0)[0]
@@ -130,7 +140,7 @@ def test_quality_of_an_airy_disk():
 
 def test_modulation_of_a_blur():
     response, image = (
-        focus(Optics(0.05, 1.0, 4e-6, "gaussian"), 5e-6, np.array([1e-12]), ONE, fill)
+        pixel_psf(Optics(0.05, 1.0, 4e-6, "gaussian"), 5e-6, np.array([1e-12]), ONE, fill)
         for fill in (1.0, POINT)
     )
     wanted = blur_transfer(np.array([0.5]), 0.8)[0]
@@ -148,7 +158,7 @@ def test_spider_and_aberrations_keep_their_light():
         pupil=Pupil(0.3, 4, 0.05),
         aberrations=(Aberration(6, 40e-9), Aberration(11, 2e-8)),
     )
-    psf = focus(optics, 5e-6, GREEN, ONE)
+    psf = pixel_psf(optics, 5e-6, GREEN, ONE)
     m, s = psf.table.shape[0] // 2, psf.oversampling
     sums = [psf.table[(m + k) % s :: s, (m + k) % s :: s].sum() for k in (0, s // 3, s // 2)]
     np.testing.assert_allclose(sums, psf.energy, atol=5e-3)

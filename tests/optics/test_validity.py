@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from startrack.optics import Aberration, Optics, Pupil, choose, focus
+from startrack.optics import Aberration, Optics, Pupil, choose, pixel_psf
 from startrack.optics.kirchhoff import ThinLens, on_axis
 from startrack.optics.parameters import MODELS
 from startrack.optics.validity import fresnel_error, fresnel_radius, paper_radius
@@ -75,16 +75,16 @@ def test_no_model_errs_by_more_than_it_says(name):
     """Each model's table against that of the Kirchhoff integral, at 5 micrometre pixels."""
     optics = DESIGNS[name]
     band = np.array([GREEN]), np.ones(1)
-    exact = focus(replace(optics, psf="kirchhoff"), 5e-6, *band)
+    exact = pixel_psf(replace(optics, psf="kirchhoff"), 5e-6, *band)
     peak = exact.table.max()
     if not optics.plain:  # the bounds are of the peak without aberrations
         plain = replace(optics, psf="airy", defocus=0.0, aberrations=(), pupil=Pupil())
-        peak = max(peak, focus(plain, 5e-6, *band).table.max())
+        peak = max(peak, pixel_psf(plain, 5e-6, *band).table.max())
     for model, error in choose(optics, 5e-6, GREEN).errors.items():
         if math.isinf(error):
             assert model in ("gaussian", "airy")
             continue
-        other = focus(replace(optics, psf=model), 5e-6, *band)
+        other = pixel_psf(replace(optics, psf=model), 5e-6, *band)
         assert other.oversampling == exact.oversampling
         reach = min(other.table.shape[0], exact.table.shape[0]) // 2
         tables = []

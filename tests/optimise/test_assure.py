@@ -13,20 +13,20 @@ from startrack.trial.chain import OUTCOMES
 class Coin:
     """A bench whose trials are solved with a known probability."""
 
-    def __init__(self, seed, share):
-        self.rng, self.share, self.asked = np.random.default_rng(seed), share, []
+    def __init__(self, seed, fraction):
+        self.rng, self.fraction, self.asked = np.random.default_rng(seed), fraction, []
 
     def run(self, case, trials, fidelity=Fidelity.FRAME, first=0):
         self.asked.append(range(first, first + trials))
         table = np.zeros(trials, OUTCOMES)
-        table["solved"] = self.rng.random(trials) < self.share
+        table["solved"] = self.rng.random(trials) < self.fraction
         return table
 
 
 @pytest.fixture
 def campaign(small):
-    def asking(share):
-        needs = dataclasses.replace(small.campaign.requirements, min_availability=share)
+    def asking(fraction):
+        needs = dataclasses.replace(small.campaign.requirements, min_availability=fraction)
         return dataclasses.replace(small.campaign, requirements=needs)
 
     return asking
@@ -59,7 +59,7 @@ def test_no_sky_is_tried_twice(small, campaign):
 
 
 def test_a_clear_answer_takes_no_more_trials(small, campaign):
-    for share in (0.5, 1.0):
-        coin = Coin(1, share)
+    for fraction in (0.5, 1.0):
+        coin = Coin(1, fraction)
         shown(coin, small, campaign(0.9))
         assert len(coin.asked) == 1

@@ -2,7 +2,7 @@
 
 from startrack.design.choice import branches
 from startrack.design.files import load_design
-from startrack.design.variables import Box
+from startrack.design.variables import DesignSpace
 from startrack.io import shipped
 from startrack.optimise.evaluate import missed
 from startrack.optimise.margins import margins
@@ -15,7 +15,7 @@ def test_with_each_detector_some_design_meets_what_needs_no_trials():
     campaign = design.campaign
     begun = {}
     for branch in branches(design.case, campaign.choices):
-        box = Box(branch.case, campaign.variables, campaign.links)
+        box = DesignSpace(branch.case, campaign.variables, campaign.links)
         begun[branch.label] = missed(margins(campaign.requirements, branch.case))
         found = box.design(reach(box, campaign.requirements).place)
         assert missed(margins(campaign.requirements, found)) == 0, branch.label

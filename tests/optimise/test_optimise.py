@@ -11,17 +11,17 @@ import pytest
 
 from startrack.design.choice import Choice
 from startrack.design.files import Design, save_design
-from startrack.design.variables import Box, Variable
+from startrack.design.variables import DesignSpace, Variable
 from startrack.optimise.evaluate import evaluate
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import optimize
-from startrack.optimise.runner import Bench
+from startrack.optimise.runner import TrialRunner
 from startrack.optimise.tables import comparison
 
 
 @pytest.fixture(scope="module")
 def optimum(small):
-    return optimize(small.case, small.campaign, Bench(5))
+    return optimize(small.case, small.campaign, TrialRunner(5))
 
 
 def test_the_best_is_better_on_fresh_trials(optimum):
@@ -35,7 +35,7 @@ def test_the_best_is_better_on_fresh_trials(optimum):
 def test_the_best_is_the_best_feasible_one_of_the_last_pass(optimum, small):
     last = [one for one in optimum.evaluations if one.trials == small.campaign.most_trials]
     best = min((one for one in last if one.feasible), key=lambda one: one.score)
-    box = Box(small.case, small.campaign.variables)
+    box = DesignSpace(small.case, small.campaign.variables)
     np.testing.assert_allclose(box.place(optimum.best), best.place, atol=1e-12)
     assert optimum.promised == best.error
     assert len(optimum.evaluations) <= small.campaign.evaluations
@@ -59,9 +59,9 @@ def test_every_design_lies_in_the_box(optimum):
 
 def test_what_is_in_the_ledger_is_not_tried_again(optimum, small, tmp_path):
     with Ledger(tmp_path / "ledger.sqlite") as ledger:
-        first = optimize(small.case, small.campaign, Bench(5, ledger=ledger))
+        first = optimize(small.case, small.campaign, TrialRunner(5, ledger=ledger))
     with Ledger(tmp_path / "ledger.sqlite") as ledger:
-        again = optimize(small.case, small.campaign, Bench(5, ledger=ledger))
+        again = optimize(small.case, small.campaign, TrialRunner(5, ledger=ledger))
     # The same seed, the same answer; as text, in which NaN is NaN.
     assert repr(first) == repr(optimum)
     assert repr(first) == repr(dataclasses.replace(again, trials=first.trials))
@@ -72,18 +72,18 @@ def test_what_is_in_the_ledger_is_not_tried_again(optimum, small, tmp_path):
 
 
 def test_designs_are_compared_on_the_same_sky(small):
-    box = Box(small.case, small.campaign.variables)
-    one = evaluate(box, small.campaign, box.start, Bench(5))
-    again = evaluate(box, small.campaign, box.start, Bench(5))
+    box = DesignSpace(small.case, small.campaign.variables)
+    one = evaluate(box, small.campaign, box.start, TrialRunner(5))
+    again = evaluate(box, small.campaign, box.start, TrialRunner(5))
     assert one == again
 
 
 def test_a_design_that_breaks_a_limit_is_not_feasible(small):
     tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01)
     campaign = dataclasses.replace(small.campaign, requirements=tight)
-    box = Box(small.case, campaign.variables)
-    done = evaluate(box, campaign, box.start, Bench(5))
-    free = evaluate(box, small.campaign, box.start, Bench(5))
+    box = DesignSpace(small.case, campaign.variables)
+    done = evaluate(box, campaign, box.start, TrialRunner(5))
+    free = evaluate(box, small.campaign, box.start, TrialRunner(5))
     assert not done.feasible
     assert done.margins["mass"] < 0
     assert done.score > free.score + 10
@@ -95,7 +95,7 @@ def test_a_box_that_meets_nothing_is_said_to(small):
     campaign = dataclasses.replace(
         small.campaign, requirements=tight, variables=small.campaign.variables[:1]
     )
-    optimum = optimize(small.case, campaign, Bench(5))
+    optimum = optimize(small.case, campaign, TrialRunner(5))
     assert not optimum.feasible
     assert "no design of the box" in optimum.ending
     short = list(optimum.lacking)
@@ -119,7 +119,7 @@ def test_a_start_that_sees_no_star_still_finds_some(small):
         for one in small.campaign.variables
     ]
     campaign = dataclasses.replace(small.campaign, variables=tuple(wide), evaluations=40)
-    bench = Bench(5)
+    bench = TrialRunner(5)
     assert bench.run(dim, 12)["spots"].max() == 0
     optimum = optimize(dim, campaign, bench)
     assert optimum.feasible
@@ -133,7 +133,7 @@ def test_branches_race_and_the_better_wins(small):
     campaign = dataclasses.replace(
         small.campaign, choices=(window,), variables=small.campaign.variables[:2], evaluations=40
     )
-    optimum = optimize(small.case, campaign, Bench(5))
+    optimum = optimize(small.case, campaign, TrialRunner(5))
     assert optimum.branch == "window 5"
     assert optimum.best.tracker.detection.window == 5
     assert "the best took window 5." in comparison(optimum, campaign)
@@ -146,14 +146,14 @@ def test_a_race_leaves_evaluations_to_the_winner(small):
         small.campaign, choices=(window,), variables=small.campaign.variables[:2], evaluations=24,
         fresh_trials=20,
     )  # fmt: skip
-    optimum = optimize(small.case, campaign, Bench(5))
+    optimum = optimize(small.case, campaign, TrialRunner(5))
     assert len(optimum.evaluations) <= 24
     assert len(optimum.evaluations) > 2 * 4 + 4 + 2
 
 
 def test_a_design_that_cannot_be_built_is_recorded_not_raised(small, blind):
-    box = Box(blind, small.campaign.variables)
-    done = evaluate(box, small.campaign, box.start, Bench(5))
+    box = DesignSpace(blind, small.campaign.variables)
+    done = evaluate(box, small.campaign, box.start, TrialRunner(5))
     assert done.summary is None
     assert "must overlap" in done.note
     assert math.isfinite(done.score)
@@ -176,7 +176,7 @@ def test_designs_that_a_function_refuses_are_avoided(small):
             optics=dataclasses.replace(small.case.instrument.optics, blur=6e-6),
         ),
     )
-    optimum = optimize(case, campaign, Bench(5), adapt=sharp)
+    optimum = optimize(case, campaign, TrialRunner(5), adapt=sharp)
     assert optimum.best.instrument.optics.blur <= 9e-6
     assert any("too blurred" in one.note for one in optimum.evaluations)
 

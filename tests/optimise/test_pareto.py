@@ -3,9 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from startrack.design.variables import Box
+from startrack.design.variables import DesignSpace
 from startrack.optimise.pareto import Goals, front, undominated
-from startrack.optimise.runner import Bench
+from startrack.optimise.runner import TrialRunner
 
 
 def test_only_what_none_beats_is_kept():
@@ -17,10 +17,10 @@ def test_only_what_none_beats_is_kept():
 @pytest.mark.parametrize("method", ["epsilon", "weighted"])
 def test_accuracy_is_paid_for_in_mass(small, method):
     campaign = dataclasses.replace(
-        small.campaign, variables=small.campaign.variables[:2], prospects=30
+        small.campaign, variables=small.campaign.variables[:2], analytic_evaluations=30
     )
-    box = Box(small.case, campaign.variables)
-    points = front(box, campaign, Goals("across", "mass"), Bench(1), 4, method)
+    box = DesignSpace(small.case, campaign.variables)
+    points = front(box, campaign, Goals("across", "mass"), TrialRunner(1), 4, method)
     assert len(points) >= 3
     across, mass = np.transpose([one.expected for one in points])
     assert (np.diff(across) > 0).all()
@@ -44,4 +44,4 @@ def test_a_box_that_meets_nothing_has_no_front(small):
         small.campaign, requirements=tight, variables=small.campaign.variables[:2]
     )
     with pytest.raises(ValueError, match="no design of the box meets the requirements"):
-        front(Box(small.case, campaign.variables), campaign, Goals(), Bench(1), 3)
+        front(DesignSpace(small.case, campaign.variables), campaign, Goals(), TrialRunner(1), 3)

@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from startrack.design.variables import Box, Variable
+from startrack.design.variables import DesignSpace, Variable
 from startrack.optimise import sensitivity as module
 from startrack.optimise.sensitivity import sensitivities
 
@@ -13,7 +13,7 @@ def test_a_power_law_has_known_slopes_and_indices(small, monkeypatch):
     """ln error = 2 ln focal length - 1/2 ln exposure on log scales: a sum, so that first and
     total indices are alike, in proportion to (power times range)^2."""
     focal, exposure = small.campaign.variables[0], small.campaign.variables[3]
-    box = Box(small.case, (focal, exposure))
+    box = DesignSpace(small.case, (focal, exposure))
 
     def law(case, _):
         return case.instrument.optics.focal_length**2 / math.sqrt(case.instrument.detector.exposure)
@@ -22,18 +22,18 @@ def test_a_power_law_has_known_slopes_and_indices(small, monkeypatch):
     one, other = sensitivities(box, small.campaign, seed=1, designs=512)
     assert one.slope == pytest.approx(2, rel=1e-3)
     assert other.slope == pytest.approx(-0.5, rel=1e-3)
-    shares = np.array([2 * math.log(70 / 15), 0.5 * math.log(400 / 10)]) ** 2
-    shares /= shares.sum()
-    for index, share in zip((one, other), shares, strict=True):
-        assert index.first.value == pytest.approx(share, abs=0.05)
-        assert index.total.value == pytest.approx(share, abs=0.05)
-        assert index.first.low < share < index.first.high
+    fractions = np.array([2 * math.log(70 / 15), 0.5 * math.log(400 / 10)]) ** 2
+    fractions /= fractions.sum()
+    for index, fraction in zip((one, other), fractions, strict=True):
+        assert index.first.value == pytest.approx(fraction, abs=0.05)
+        assert index.total.value == pytest.approx(fraction, abs=0.05)
+        assert index.first.low < fraction < index.first.high
     assert one.high / one.low == pytest.approx((70 / 15) ** 2)
     assert one.low < one.error < one.high
 
 
 def test_a_design_without_an_attitude_is_refused(small, blind):
-    box = Box(blind, small.campaign.variables[:1])
+    box = DesignSpace(blind, small.campaign.variables[:1])
     with pytest.raises(ValueError, match="must be expected to find"):
         sensitivities(box, dataclasses.replace(small.campaign), seed=1, designs=2)
 
@@ -44,7 +44,7 @@ def test_a_variable_alone_has_all_of_the_variance_and_zero_no_slope(small):
     sharp = dataclasses.replace(
         small.case, instrument=dataclasses.replace(small.case.instrument, optics=optics)
     )
-    box = Box(sharp, (Variable("instrument.optics.blur", "0 um", "20 um"),))
+    box = DesignSpace(sharp, (Variable("instrument.optics.blur", "0 um", "20 um"),))
     (one,) = sensitivities(box, small.campaign, seed=1, designs=2)
     assert one.first.value == one.total.value == 1
     assert one.slope == 0
@@ -53,4 +53,4 @@ def test_a_variable_alone_has_all_of_the_variance_and_zero_no_slope(small):
 
 def test_base_designs_that_are_no_power_of_two_are_refused(small):
     with pytest.raises(ValueError, match="designs must be a power of two, got 65"):
-        sensitivities(Box(small.case, small.campaign.variables[:2]), small.campaign, 1, 65)
+        sensitivities(DesignSpace(small.case, small.campaign.variables[:2]), small.campaign, 1, 65)

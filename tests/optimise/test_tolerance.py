@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from startrack.optimise.ensemble import draw
-from startrack.optimise.runner import Bench
+from startrack.optimise.runner import TrialRunner
 from startrack.optimise.tolerance import designs_needed, fit, region, sample
 
 
@@ -29,7 +29,7 @@ def test_the_region_of_a_known_surface_is_found():
 def test_the_tolerance_region_of_a_small_tracker(small):
     campaign = dataclasses.replace(small.campaign, variables=small.campaign.variables[:2])
     count = []
-    tolerance = sample(small.case, campaign, Bench(3), watch=lambda _: count.append(1))
+    tolerance = sample(small.case, campaign, TrialRunner(3), watch=lambda _: count.append(1))
     assert len(count) == designs_needed(2) == len(tolerance.evaluations)
     assert tolerance.chains.converged
     assert tolerance.checks > 6
@@ -45,14 +45,14 @@ def test_the_tolerance_region_of_a_small_tracker(small):
 
 @pytest.mark.slow
 def test_the_probability_of_the_region_is_kept_by_monte_carlo(small):
-    """Twelve designs of the region: the surface promises a share, Monte Carlo finds one.
+    """Twelve designs of the region: the surface promises a fraction, Monte Carlo finds one.
 
     Three standard errors of a binomial of 12 around one half: 0.43.
     """
     campaign = dataclasses.replace(
         small.campaign, variables=small.campaign.variables[:2], sample_trials=40
     )
-    tolerance = sample(small.case, campaign, Bench(4))
+    tolerance = sample(small.case, campaign, TrialRunner(4))
     assert tolerance.kept == pytest.approx(tolerance.promised, abs=0.43)
 
 
@@ -62,4 +62,4 @@ def test_a_design_that_misses_what_cannot_be_changed_is_refused(small):
         small.campaign, requirements=tight, variables=small.campaign.variables[2:3]
     )
     with pytest.raises(ValueError, match="no variable changes"):
-        sample(small.case, campaign, Bench(3))
+        sample(small.case, campaign, TrialRunner(3))

@@ -32,28 +32,28 @@ def past(height: float) -> np.ndarray:
     return np.array([[np.sin(angle), 0.0, -np.cos(angle)]])
 
 
-def shares(line):
-    return [float(share[0]) for _, share in airglow(below(), line)]
+def fractions(line):
+    return [float(fraction[0]) for _, fraction in airglow(below(), line)]
 
 
 def test_straight_down_a_shell_has_its_zenith_brightness():
-    np.testing.assert_allclose(shares(np.array([[0, 0, -1.0]])), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(fractions(np.array([[0, 0, -1.0]])), 1.0, rtol=1e-9)
 
 
 def test_the_limb_is_brightest_at_the_bottom_of_a_shell():
     """Chords: 2 sqrt(R2^2 - r^2) / thickness at r = R1, closed form."""
     low, high = EARTH_RADIUS + 82e3, EARTH_RADIUS + 98e3
     chord = 2 * np.sqrt(high**2 - low**2) / 16e3
-    assert shares(past(82e3))[0] == pytest.approx(chord, rel=1e-6)
+    assert fractions(past(82e3))[0] == pytest.approx(chord, rel=1e-6)
     heights = np.arange(60e3, 110e3, 1e3)
-    profile = [shares(past(height))[0] for height in heights]
+    profile = [fractions(past(height))[0] for height in heights]
     assert heights[np.argmax(profile)] == 82e3
     assert profile[-1] == 0
     assert chord > 50
 
 
 def test_nothing_glows_above():
-    assert shares(np.array([[0, 0, 1.0]])) == [0, 0]
+    assert fractions(np.array([[0, 0, 1.0]])) == [0, 0]
 
 
 def test_within_a_shell_what_is_ahead_counts():
@@ -137,7 +137,7 @@ def test_a_scene_has_them_where_it_names_them():
     nadir = sight_of(observer_of(scene(lit), None).earth)
     plain = illuminate(replace(scene(lit), lights=("earth",)), stars_at([0, 0, 1]), nadir)
     full = illuminate(scene(lit), stars_at([0, 0, 1]), nadir)
-    assert len(full.glow) == len(plain.glow) + 2
+    assert len(full.diffuse) == len(plain.diffuse) + 2
     assert lamps(lit) > 20
     assert len(full.direction) == len(plain.direction) + lamps(lit)
 

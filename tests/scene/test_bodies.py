@@ -34,14 +34,14 @@ def near_earth(distance: float, phase: float) -> Observer:
 
 
 def test_sunlight_has_the_energy_of_the_solar_constant():
-    """1361 W/m^2 (Kopp and Lean 2011), times a blackbody's share between 320 and 1100 nm."""
+    """1361 W/m^2 (Kopp and Lean 2011), times a blackbody's fraction between 320 and 1100 nm."""
 
     def planck(x):
         return x**3 / np.expm1(x)
 
     low, high = (PLANCK * LIGHT_SPEED / (BOLTZMANN * 5772 * end) for end in (1100e-9, 320e-9))
-    share = integrate.quad(planck, low, high)[0] / (np.pi**4 / 15)
-    assert sunlight(AU) @ ENERGY == pytest.approx(1361 * share, rel=0.03)
+    fraction = integrate.quad(planck, low, high)[0] / (np.pi**4 / 15)
+    assert sunlight(AU) @ ENERGY == pytest.approx(1361 * fraction, rel=0.03)
 
 
 def test_sizes_on_the_sky():
@@ -57,18 +57,18 @@ def test_sizes_on_the_sky():
 def test_the_moon_at_full_and_at_its_first_quarter(date, magnitude):
     """-12.7 at a mean full Moon and near -10 at a quarter, whose light is a thirteenth of it."""
     observer = at(date)
-    over_sun = moon_of(observer).photon_rate.sum() / sunlight(AU).sum()
+    over_sun = moon_of(observer).photon_irradiance.sum() / sunlight(AU).sum()
     assert -26.76 - 2.5 * np.log10(over_sun) == pytest.approx(magnitude, abs=0.3)
 
 
 def test_a_disc_has_its_size_and_its_light():
     disc = Disc(np.array([0.0, 0.6, 0.8]), 0.25 * deg, np.ones(1))
-    place, share = disc_points(disc, 0.005 * deg)
-    assert share.sum() == pytest.approx(1)
+    place, fraction = disc_points(disc, 0.005 * deg)
+    assert fraction.sum() == pytest.approx(1)
     away = np.arccos(np.clip(place @ disc.direction, -1, 1))
     assert away.max() < 0.25 * deg
     # A flat disc's mean square distance from its centre is half its radius squared.
-    assert share @ away**2 == pytest.approx((0.25 * deg) ** 2 / 2, rel=0.01)
+    assert fraction @ away**2 == pytest.approx((0.25 * deg) ** 2 / 2, rel=0.01)
 
 
 @pytest.mark.parametrize("phase", [0.0, 60.0, 90.0, 150.0])
@@ -76,15 +76,15 @@ def test_a_moon_is_lit_from_the_side_of_the_sun(phase):
     direction = np.array([0.0, 0.0, 1.0])
     # The Sun's direction from the body makes the phase angle with the line back to the observer.
     sun = np.array([np.sin(phase * deg), 0.0, -np.cos(phase * deg)])
-    place, share = disc_points(Disc(direction, 0.25 * deg, np.ones(1), sun), 0.002 * deg)
+    place, fraction = disc_points(Disc(direction, 0.25 * deg, np.ones(1), sun), 0.002 * deg)
     x = place[:, 0] / np.tan(0.25 * deg)
     assert x.max() == pytest.approx(1, abs=0.02)
     # The terminator is a half ellipse with the half axis cos(phase), on the dark side of it.
     assert x[np.abs(place[:, 1]) < 3e-5].min() == pytest.approx(-np.cos(phase * deg), abs=0.03)
     if phase == 0:
-        np.testing.assert_allclose(share * len(share), 1)  # even at full phase
+        np.testing.assert_allclose(fraction * len(fraction), 1)  # even at full phase
     else:
-        assert share @ x > 0.1
+        assert fraction @ x > 0.1
 
 
 @pytest.mark.parametrize("spacing", [0.1, 0.05, 0.01])
@@ -93,11 +93,11 @@ def test_a_thin_crescent_keeps_its_light(phase, spacing):
     """However coarse the pixels: all of it, at the limb towards the Sun, on the Sun's side."""
     sun = np.array([np.sin(phase * deg), 0.0, -np.cos(phase * deg)])
     disc = Disc(np.array([0.0, 0.0, 1.0]), 0.25 * deg, np.ones(1), sun)
-    place, share = disc_points(disc, spacing * deg)
-    assert share.sum() == pytest.approx(1)
+    place, fraction = disc_points(disc, spacing * deg)
+    assert fraction.sum() == pytest.approx(1)
     x, y = place[:, :2].T / np.tan(0.25 * deg)
     assert np.hypot(x, y).min() > -np.cos(phase * deg) - 1e-3
-    assert share @ x > 0.3
+    assert fraction @ x > 0.3
 
 
 @pytest.mark.parametrize("radius", [0.5, 0.9, 1.0, 1.3, 60.0])
@@ -126,15 +126,15 @@ def test_discs_that_touch():
         for apart, wanted in ((outer - inner, 1.0), (outer + inner, 0.0)):
             for close in apart * (1 + np.array([-2e-16, 0.0, 2e-16])):
                 way = np.array([np.sin(close), 0.0, np.cos(close)])
-                share = Disc(way, outer, np.ones(1)).hides(behind)
-                assert 0 <= share <= 1
-                assert share == pytest.approx(wanted, abs=1e-5)
+                fraction = Disc(way, outer, np.ones(1)).hides(behind)
+                assert 0 <= fraction <= 1
+                assert fraction == pytest.approx(wanted, abs=1e-5)
 
 
 def test_a_new_moon_has_no_light():
     dark = Disc(np.array([0.0, 0.0, 1.0]), 0.004, np.ones(1), np.array([0.0, 0.0, 1.0]))
-    place, share = disc_points(dark, 0.001)
-    assert len(place) == len(share) == 0
+    place, fraction = disc_points(dark, 0.001)
+    assert len(place) == len(fraction) == 0
 
 
 @pytest.mark.parametrize("phase", [0.0, 45.0, 90.0, 135.0])
@@ -147,7 +147,7 @@ def test_a_far_earth_shines_as_a_lambert_sphere(phase):
     sun = sunlight(at("2026-03-20").see("sun").distance)
     wanted = law * (EARTH_RADIUS / distance) ** 2 * sun.sum()
     glare = earth.glare
-    assert glare.share.sum() * glare.photon_rate.sum() == pytest.approx(wanted, rel=0.01)
+    assert glare.fraction.sum() * glare.photon_irradiance.sum() == pytest.approx(wanted, rel=0.01)
 
 
 def test_under_the_sun_the_near_earth_has_its_radiance():
@@ -159,8 +159,8 @@ def test_under_the_sun_the_near_earth_has_its_radiance():
     assert nadir == pytest.approx(1, abs=1e-5)
     # The limb is 21.9 degrees of the ground away, where the Sun is as much lower.
     limb = np.arccos(EARTH_RADIUS / (EARTH_RADIUS + 500e3))
-    assert np.cos(limb) * solid_angle < earth.glare.share.sum() < solid_angle
+    assert np.cos(limb) * solid_angle < earth.glare.fraction.sum() < solid_angle
 
 
 def test_at_night_it_is_dark():
-    assert len(earth_of(near_earth(EARTH_RADIUS + 500e3, np.pi)).glare.share) == 0
+    assert len(earth_of(near_earth(EARTH_RADIUS + 500e3, np.pi)).glare.fraction) == 0

@@ -41,7 +41,7 @@ def seen(name: str, **scene):
 
 def test_what_is_absent_adds_nothing():
     light = illuminate(Scene(), stars_at([1, 0, 0]), sight_of(np.array([1.0, 0, 0])))
-    assert not light.glow
+    assert not light.diffuse
     assert not light.glare
     assert not light.background.any()
     assert len(light.direction) == 1
@@ -56,7 +56,7 @@ def test_planets_are_points_where_the_ephemeris_has_them():
     at = np.argmax(light.direction @ jupiter.direction)
     np.testing.assert_allclose(light.direction[at], jupiter.direction)
     # V -2.1 is some 270 times the star of G 4.
-    assert 200 < light.photon_rate[at].sum() / light.photon_rate[0].sum() < 400
+    assert 200 < light.photon_irradiance[at].sum() / light.photon_irradiance[0].sum() < 400
 
 
 def test_the_moon_hides_stars_and_fills_its_disc():
@@ -72,7 +72,9 @@ def test_the_moon_hides_stars_and_fills_its_disc():
     assert (off > 8).sum() == 1  # the star beside it; the one behind it is gone
     radius = np.arcsin(1_737_400 / moon.distance) * CAMERA.focal_length_px
     assert np.sort(off)[-2] == pytest.approx(radius, rel=0.1)
-    assert light.glare[0].photon_rate.sum() == pytest.approx(light.photon_rate[1:].sum())
+    assert light.glare[0].photon_irradiance.sum() == pytest.approx(
+        light.photon_irradiance[1:].sum()
+    )
 
 
 def test_out_of_the_field_only_its_glare_is_left():
@@ -88,7 +90,7 @@ def test_the_glow_follows_the_sky_between_its_places():
     line = sun.direction + 1.5 * np.cross(sun.direction, [0, 0, 1.0])
     sight = sight_of(line)
     scene = Scene(lights=("zodiacal",), date=DATE)
-    (glow,) = illuminate(scene, stars_at(), sight).glow
+    (glow,) = illuminate(scene, stars_at(), sight).diffuse
     x, y = np.meshgrid(np.arange(0, 400, 7), np.arange(0, 300, 7))
     pixel = np.column_stack([x.ravel(), y.ravel()])
     direction = sight.icrs_to_camera.inv().apply(CAMERA.unproject(pixel))
@@ -96,9 +98,9 @@ def test_the_glow_follows_the_sky_between_its_places():
     column, row = pixel[:, 0] / 399 * 16, pixel[:, 1] / 299 * 16
     i, j = np.minimum(row.astype(int), 15), np.minimum(column.astype(int), 15)
     v, u = row - i, column - j
-    share = glow.share
-    drawn = (1 - v) * ((1 - u) * share[i, j] + u * share[i, j + 1]) + v * (
-        (1 - u) * share[i + 1, j] + u * share[i + 1, j + 1]
+    fraction = glow.fraction
+    drawn = (1 - v) * ((1 - u) * fraction[i, j] + u * fraction[i, j + 1]) + v * (
+        (1 - u) * fraction[i + 1, j] + u * fraction[i + 1, j + 1]
     )
     np.testing.assert_allclose(drawn, wanted, rtol=0.01)
     assert wanted.max() > 1.3 * wanted.min()
@@ -113,16 +115,16 @@ def test_the_earth_hides_the_sky_and_shines_itself():
     centre, zenith = nadir / np.linalg.norm(nadir), -nadir / np.linalg.norm(nadir)
     down = illuminate(scene, stars_at(centre, zenith), sight_of(centre))
     assert len(down.direction) == 1
-    starlight, earth = down.glow
-    assert not starlight.share.any()
-    assert (earth.share > 0).any()
+    starlight, earth = down.diffuse
+    assert not starlight.fraction.any()
+    assert (earth.fraction > 0).any()
     up = illuminate(scene, stars_at(centre, zenith), sight_of(zenith))
-    assert len(up.glow) == 1
+    assert len(up.diffuse) == 1
     assert len(up.glare) == 1  # the Earth, from below
 
 
 def test_in_the_earths_shadow_there_is_no_sun():
-    """The share of a circular orbit without the Sun, by the closed form of its cylinder.
+    """The fraction of a circular orbit without the Sun, by the closed form of its cylinder.
 
     share = acos(sqrt(h^2 + 2 R h) / (a cos(b))) / pi, b the Sun's angle above the orbit's plane
     """
@@ -164,8 +166,8 @@ def test_the_moon_takes_the_suns_glare(nearer):
     covered = MOON_RADIUS / SUN_RADIUS * (np.linalg.norm(away) / (nearer * core) + 1)
     scene = Scene(lights=("sun", "moon"), date=DATE, place=tuple(place))
     glare = illuminate(scene, stars_at(), sight_of(np.array([0.0, 1.0, 0.2]))).glare
-    assert glare[-1].share.sum() == 1  # the Moon's own
-    left = sum(one.share.sum() for one in glare[:-1])
+    assert glare[-1].fraction.sum() == 1  # the Moon's own
+    left = sum(one.fraction.sum() for one in glare[:-1])
     assert left == pytest.approx(max(1 - covered**2, 0), abs=1e-3)
 
 
@@ -182,7 +184,7 @@ def test_half_a_sun_above_the_limb_has_half_its_glare():
     dark = int(np.argmin([above(phase) for phase in phases]))
     sunrise = brentq(above, phases[dark], phases[dark] + np.pi / 2)
     glare = illuminate(scene(sunrise), stars_at(), sight_of(np.array([0.0, 1.0, 0.2]))).glare
-    assert glare[0].share.sum() == pytest.approx(0.5, abs=0.01)
+    assert glare[0].fraction.sum() == pytest.approx(0.5, abs=0.01)
 
 
 def test_nothing_is_drawn_for_what_is_fixed():

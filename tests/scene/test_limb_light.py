@@ -33,7 +33,8 @@ def brightness(earth: Earth, wavelength: float) -> float:
     """Radiance along +y over the Sun's irradiance in the bin nearest to a wavelength."""
     bin_ = int(np.argmin(np.abs(WAVELENGTH - wavelength)))
     seen = sum(
-        spectrum[bin_] * share[0] for spectrum, share in limb_light(earth, np.array([[0.0, 1, 0]]))
+        spectrum[bin_] * fraction[0]
+        for spectrum, fraction in limb_light(earth, np.array([[0.0, 1, 0]]))
     )
     return float(seen / sunlight(AU)[bin_])
 

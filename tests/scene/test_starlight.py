@@ -5,14 +5,14 @@ import pytest
 
 from startrack.catalog import Selection, open_sky
 from startrack.core.units import deg
-from startrack.scene.photometry import photon_rate
+from startrack.scene.photometry import photon_irradiance
 from startrack.scene.starlight import POLE, starlight, starlight_spectrum
 
 BELTS = [(0, 5), (5, 10), (10, 20), (20, 30), (30, 40), (40, 50), (50, 60), (60, 90)]
 
 
 def on_belt(low, high, count=50):
-    """Directions at latitudes that share the belt's area evenly."""
+    """Directions at latitudes that fraction the belt's area evenly."""
     sine = np.linspace(np.sin(low * deg), np.sin(high * deg), count)
     across = np.cross(POLE, [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
@@ -64,5 +64,5 @@ def test_fainter_catalogues_leave_less():
 
 
 def test_its_unit_is_a_star():
-    star = photon_rate(np.array([10.0]), np.array([4800.0]))[0]
+    star = photon_irradiance(np.array([10.0]), np.array([4800.0]))[0]
     np.testing.assert_allclose(starlight_spectrum() * deg**2, star, rtol=1e-12)

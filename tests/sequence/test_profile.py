@@ -12,7 +12,7 @@ from startrack.core.streams import Streams
 from startrack.core.units import arcsec, deg
 from startrack.motion import Broadband, Motion, Tone, trace
 from startrack.sequence import Gyro, Leg, Sequence
-from startrack.sequence.flight import attitudes, flight, shown
+from startrack.sequence.flight import attitudes, flight, gyro_rates
 
 LEGS = (Leg(2.0, 3 * deg, -1 * deg, 5 * deg), Leg(1.5, -8 * deg, 0.0, 2 * deg), Leg(4.0))
 START = Rotation.from_quat([0.3, -0.2, 0.7, 0.6])
@@ -87,7 +87,7 @@ def test_the_gyroscope_integrates_to_the_turn_plus_its_noise(shaken):
     for number in range(500):
         streams = Streams(4, number)
         true = flight(still, sequence, START, streams)
-        rate = shown(true, gyro, streams)
+        rate = gyro_rates(true, gyro, streams)
         sums.append((rate - [0, 1 * deg, 0]).sum(axis=0) * 0.5)
     span = true.time[-1] - true.time[0]
     want = 900 * span + 400 * span**3 / 3 + 100 * span**2

@@ -9,7 +9,16 @@ from scipy import stats
 from startrack.core.units import arcsec, deg
 from startrack.montecarlo.workers import Serial, pool
 from startrack.motion import Motion
-from startrack.sequence import FRAMES, Gyro, Leg, Mode, Sequence, fly, run, summarise
+from startrack.sequence import (
+    FRAMES,
+    Gyro,
+    Leg,
+    Mode,
+    Sequence,
+    fly_sequences,
+    run,
+    summarise_sequences,
+)
 from startrack.trial.chain import run_random_trial
 
 GYRO = Gyro(2 * arcsec, 0.05 * arcsec, 5 * arcsec)
@@ -22,7 +31,7 @@ AXES = "xyz"
 def lost(small):
     """Calm, wild, calm: the tracker must lose the sky and find it again."""
     sequence = Sequence((CALM, WILD, CALM), period=0.2)
-    return fly(small.case, sequence, 4, 7, Serial())
+    return fly_sequences(small.case, sequence, 4, 7, Serial())
 
 
 def test_a_calm_sequence_is_acquired_once_and_then_tracked(small):
@@ -42,7 +51,7 @@ def test_a_wild_slew_loses_the_sky_and_calm_finds_it_again(lost):
         after = one[one["time"] > 3.5]
         assert after["mode"][0] == Mode.ACQUIRED
         assert (after["mode"][1:] == Mode.TRACKED).all()
-    tracking = summarise(lost)
+    tracking = summarise_sequences(lost)
     assert tracking.losses_per_hour.value * 4 * 5.5 / 3600 == pytest.approx(4, rel=0.05)
     assert 1.4 < tracking.reacquisition.value < 2.1  # second, as long as the slew
     assert 0.6 < tracking.known.value < 0.95
@@ -50,7 +59,7 @@ def test_a_wild_slew_loses_the_sky_and_calm_finds_it_again(lost):
 
 def test_a_gyroscope_bridges_the_slew(small):
     """With rates, the prediction lives through the slew: no frame is searched for."""
-    sequence = Sequence((CALM, WILD, CALM), period=0.2, gyro=GYRO, patience=10)
+    sequence = Sequence((CALM, WILD, CALM), period=0.2, gyro=GYRO, max_coasted_frames=10)
     table = run(small.case, sequence, 7, 0)
     assert (table["mode"] == Mode.COASTED).sum() >= 5
     assert (table["mode"] == Mode.SEARCHING).sum() == 0
@@ -68,7 +77,9 @@ def test_the_filter_is_better_than_a_frame_and_honest(small):
     sequence = Sequence((Leg(3.2, rate_x=0.05 * deg),), period=0.2, gyro=GYRO)
     attitude = dataclasses.replace(small.case.tracker.attitude, centroid_floor=0.015)
     tracker = dataclasses.replace(small.case.tracker, attitude=attitude)
-    table = fly(dataclasses.replace(small.case, tracker=tracker), sequence, 20, 5, Serial())
+    table = fly_sequences(
+        dataclasses.replace(small.case, tracker=tracker), sequence, 20, 5, Serial()
+    )
     last = table[table["time"] > table["time"].max() - 0.01]
     assert len(last) == 20
     assert (last["mode"] == Mode.TRACKED).all()
@@ -83,7 +94,7 @@ def test_a_frame_alone_has_the_law_of_a_trial(small):
     """The first frame of a sequence is a trial: the rms over 60 of each agree (F test, 1e-4)."""
     rate = small.case.instrument.motion
     legs = (Leg(0.1, rate.rate_x, rate.rate_y),)
-    first = fly(small.case, Sequence(legs), 60, 9, Serial())
+    first = fly_sequences(small.case, Sequence(legs), 60, 9, Serial())
     trials = [run_random_trial(small.case, 10, number) for number in range(60)]
     for axis in AXES:
         ours = np.sum(first[f"error_{axis}"] ** 2)
@@ -97,10 +108,10 @@ def test_frames_have_noise_of_their_own_and_workers_do_not_matter(small):
         small.case, instrument=dataclasses.replace(small.case.instrument, motion=Motion())
     )
     sequence = Sequence((Leg(0.6),), period=0.2)
-    alone = fly(still, sequence, 3, 2, Serial())
+    alone = fly_sequences(still, sequence, 3, 2, Serial())
     assert len(np.unique(alone["error_x"])) == len(alone)
     with pool(2) as executor:
-        both = fly(still, sequence, 3, 2, executor)
+        both = fly_sequences(still, sequence, 3, 2, executor)
     assert both.tobytes() == alone.tobytes()
     assert alone.dtype == FRAMES
 
@@ -113,7 +124,7 @@ def test_corrections_that_are_not_followed_are_refused(small):
 
 
 def test_sequences_of_one_frame_tell_no_rate_of_losses(small):
-    table = fly(small.case, Sequence((Leg(0.1),)), 2, 3, Serial())
-    rate = summarise(table).losses_per_hour
+    table = fly_sequences(small.case, Sequence((Leg(0.1),)), 2, 3, Serial())
+    rate = summarise_sequences(table).losses_per_hour
     assert np.isnan(rate.value)
     assert (rate.low, rate.high) == (0, np.inf)

@@ -18,12 +18,12 @@ from startrack.scene import Orbit, Scene
 from startrack.scene.ephemeris import observer_of
 from startrack.trial.chain import observe
 from startrack.trial.view import (
-    frame_before,
     light_of,
-    look,
-    path_of,
+    line_of_sight,
     psf_of,
     random_attitude,
+    residual_charge,
+    stars_in_field,
     throughput,
 )
 
@@ -110,16 +110,16 @@ def test_a_scene_survives_a_file(tmp_path):
     assert load_design(tmp_path / "design.toml").case == case
 
 
-def lagging(share: float, rate: float):
+def lagging(fraction: float, rate: float):
     """The expected electrons of a slewing camera's frame, its attitude and its instrument."""
-    detector = dataclasses.replace(CASE.instrument.detector, lag=share, exposure=0.02)
+    detector = dataclasses.replace(CASE.instrument.detector, lag=fraction, exposure=0.02)
     instrument = dataclasses.replace(CASE.instrument, detector=detector, motion=Motion(rate_y=rate))
     case, streams = dataclasses.replace(CASE, instrument=instrument), Streams(5, 0)
     attitude = random_attitude(streams)
-    stars = look(open_sky(case.catalog), attitude, instrument.camera)
+    stars = stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
     light = light_of(case, stars, attitude, streams)
-    path = path_of(instrument, streams)
-    before = frame_before(instrument, light, path, attitude, streams)
+    path = line_of_sight(instrument, streams)
+    before = residual_charge(instrument, light, path, attitude, streams)
 
     def seen(attitude: Rotation, before=None):
         return expected(
@@ -131,7 +131,7 @@ def lagging(share: float, rate: float):
 
 
 def test_lag_shows_where_the_stars_were_a_frame_ago():
-    """A frame is the share that it keeps, and the share that the frame before it left.
+    """A frame is the fraction that it keeps, and the fraction that the frame before it left.
 
     That frame was seen at another attitude: the camera turns about its own y axis, and an empty
     lag leaves all of it.

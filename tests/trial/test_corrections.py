@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from startrack.attitude import Mounting
-from startrack.catalog import Selection, earth, open_sky
+from startrack.catalog import Selection, earth_observer, open_sky
 from startrack.core.units import arcsec, deg
 from startrack.design.case import Case, Tracker
 from startrack.design.files import load_design
@@ -83,7 +83,7 @@ def test_parallax_of_alpha_centauri():
     """0.75 arcsec (Hipparcos) times the distance from the Sun across the line of sight."""
     stars, moved = (open_sky(Selection(parallax=on)).stars.direction for on in (False, True))
     largest = np.linalg.norm(moved - stars, axis=1).max() / arcsec
-    assert 0.3 < largest <= 0.76 * np.linalg.norm(earth(2026.0).position)
+    assert 0.3 < largest <= 0.76 * np.linalg.norm(earth_observer(2026.0).position)
 
 
 def test_a_late_time_stamp_costs_rate_times_delay():

@@ -76,13 +76,15 @@ def test_faint_stars_are_missed_as_often_as_in_windows():
         attitude = random_attitude(streams)
         place = camera.project(attitude.apply(sky.direction[faint]))
         place = place[camera.holds(place, -4)]
-        for make, shares in found.items():
+        for make, fractions in found.items():
             spots = make(case, attitude, streams)
             away = np.hypot(place[:, :1] - spots.x, place[:, 1:] - spots.y)
-            shares.extend(away.min(axis=1) < 2)
-    drawn_share, share = (np.mean(each) for each in found.values())
-    assert 0.8 < share < 0.95
-    assert abs(drawn_share - share) < 4 * np.sqrt(2 * share * (1 - share) / len(found[spots_of]))
+            fractions.extend(away.min(axis=1) < 2)
+    drawn_share, fraction = (np.mean(each) for each in found.values())
+    assert 0.8 < fraction < 0.95
+    assert abs(drawn_share - fraction) < 4 * np.sqrt(
+        2 * fraction * (1 - fraction) / len(found[spots_of])
+    )
 
 
 def test_spots_are_brightest_first_and_no_more_than_the_tracker_keeps():

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from startrack.attitude import Attitude
+from startrack.attitude import SolverSettings
 from startrack.attitude.parameters import UNKNOWN_FLOOR
 from startrack.catalog import open_sky
 from startrack.design.case import Case, Fidelity
 from startrack.design.files import load_design
 from startrack.detector.lines import Scan
 from startrack.io import shipped
-from startrack.trial import trust, trust_in
+from startrack.trial import systematic_variance, systematic_variance_of
 from startrack.trial.chain import run_trials
 
 
@@ -21,7 +21,9 @@ def tracker(name: str) -> Case:
 
 
 def believing(case: Case, floor: float | None) -> Case:
-    return replace(case, tracker=replace(case.tracker, attitude=Attitude(centroid_floor=floor)))
+    return replace(
+        case, tracker=replace(case.tracker, attitude=SolverSettings(centroid_floor=floor))
+    )
 
 
 @pytest.mark.parametrize("name", ["apst", "st5000"])
@@ -41,7 +43,7 @@ def test_a_sharper_star_is_trusted_less():
     case = tracker("designs/nanosatellite.toml")
     sharp = replace(case.instrument.optics, blur=1e-6)
     keen = replace(case, instrument=replace(case.instrument, optics=sharp))
-    assert np.median(trust(keen)) > 2 * np.median(trust(case))
+    assert np.median(systematic_variance(keen)) > 2 * np.median(systematic_variance(case))
 
 
 def test_a_star_beside_another_is_trusted_less():
@@ -54,7 +56,7 @@ def test_a_star_beside_another_is_trusted_less():
             for one in stars.direction[:500]
         ]
     ).T
-    own = np.sqrt(trust(case)[:500])
+    own = np.sqrt(systematic_variance(case)[:500])
     alone = own[distance > 20 * pixel]
     assert np.median(alone) < 0.1
     near = np.flatnonzero(own > 0.2)
@@ -64,17 +66,19 @@ def test_a_star_beside_another_is_trusted_less():
 
 def test_a_given_floor_is_that_of_all_stars():
     case = believing(tracker("designs/nanosatellite.toml"), 0.02)
-    np.testing.assert_allclose(trust(case), 4e-4)
+    np.testing.assert_allclose(systematic_variance(case), 4e-4)
 
 
 def test_a_scan_is_trusted_as_an_unknown_camera():
     case = tracker("designs/nanosatellite.toml")
     detector = replace(case.instrument.detector, scan=Scan())
     lines = replace(case, instrument=replace(case.instrument, detector=detector))
-    np.testing.assert_allclose(trust(lines), UNKNOWN_FLOOR**2)
+    np.testing.assert_allclose(systematic_variance(lines), UNKNOWN_FLOOR**2)
 
 
 def test_stars_of_the_true_sky_find_their_trust():
     case = tracker("designs/nanosatellite.toml")
     stars = open_sky(case.catalog).stars
-    np.testing.assert_array_equal(trust_in(case, stars[5:9]), trust(case)[5:9])
+    np.testing.assert_array_equal(
+        systematic_variance_of(case, stars[5:9]), systematic_variance(case)[5:9]
+    )

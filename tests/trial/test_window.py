@@ -45,7 +45,7 @@ def both(case, number, seed=5):
         {"row_delay": 20e-6},
         {"hits": Hits(5e4)},
         {"defects": Defects(dsnu=20.0, hot=2e-4, hot_current=5e3, dead=1e-4, dead_columns=1)},
-        {"bits": 14, "bow": 3.0, "bend": 0.02},
+        {"bits": 14, "adc_inl": 3.0, "nonlinearity": 0.02},
         {"crosstalk": 0.03, "columns": 200},
         {"lag": 0.05},
         {"lag": 0.05, "row_delay": 20e-6, "defects": Defects(hot=2e-4, hot_current=5e3)},
@@ -89,7 +89,7 @@ def test_trials_do_not_depend_on_their_company():
     ("effect", "value"),
     [
         ("blooming", True),
-        ("multiplication", 10.0),
+        ("em_gain", 10.0),
         ("settling", 0.01),
         ("read_noise_spread", 0.2),
         ("pattern", Pattern(row=2.0)),

@@ -19,12 +19,12 @@ KOSCHMIEDER = 3.912  # ln 50: a contrast of 2 %
 AIR_AT_GROUND = 1.16e-5  # 1 / m, Rayleigh extinction at 550 nm and sea level
 MOMENTS = 200  # of the phase function, which also sets the quadrature over its angle
 
-# Dry particles, dust-like and water-soluble in the shares 0.3 and 0.7; soot besides in towns.
+# Dry particles, dust-like and water-soluble in the fractions 0.3 and 0.7; soot besides in towns.
 # Source: Shettle and Fenn (1979), AFGL-TR-79-0214, tables 1 and 2; indices of the components as
 # in WMO (1983), WCP-55.
 SIZES = {"rural": (0.027 * um, 0.43 * um), "urban": (0.025 * um, 0.40 * um)}  # median radii
 SPREADS = (0.35, 0.40)  # standard deviation of log10(radius)
-SHARES = (0.999875, 0.000125)  # of the number of particles
+FRACTIONS = (0.999875, 0.000125)  # of the number of particles
 SOOT = {"rural": 0.0, "urban": 0.2}  # of the volume
 INDEX_AT: Floats = np.array([400, 488, 550, 633, 694, 860, 1060, 1300, 1536, 1800, 2000]) * nm
 REAL: Floats = np.array([1.53, 1.53, 1.53, 1.53, 1.53, 1.52, 1.52, 1.4785, 1.4445, 1.4048, 1.34])
@@ -117,6 +117,6 @@ def particles(aerosol: str, wavelength: tuple[float, ...]) -> Particles:
         for radius, spread in zip(SIZES[aerosol], SPREADS, strict=True)
     ]
     at = np.array([REFERENCE, *wavelength])
-    mixed = mie(modes, SHARES, at, index(aerosol, at), MOMENTS)
+    mixed = mie(modes, FRACTIONS, at, index(aerosol, at), MOMENTS)
     extinction, scattering, moments = mixed
     return Particles(extinction[1:] / extinction[0], scattering[1:] / extinction[1:], moments[1:])

@@ -14,7 +14,7 @@ from startrack.earth.atmosphere.table import AirTable
 
 Floats = NDArray[np.float64]
 
-# Scale heights, metre: what share of a gas lies below. Water: Bird and Riordan take 2 km; mixed
+# Scale heights, metre: what fraction of a gas lies below. Water: Bird and Riordan take 2 km; mixed
 # gases thin out as the air does; ozone lies between the two heights.
 WATER_SCALE, AIR_SCALE = 2e3, 8e3
 OZONE_FROM, OZONE_TO = 12e3, 35e3
@@ -31,7 +31,7 @@ class BandTable:
     sky          (h, v, s, b) watt / m^2 / sr, that it adds under the sky alone
     around       (h, v, s, b) watt / m^2 / sr, that white ground around adds, under both
     backscatter  (h, b) 1, spherical albedo
-    through      (h, v, b) 1, share of the ground's own light that goes straight to the sensor,
+    through      (h, v, b) 1, fraction of the ground's own light that goes straight to the sensor,
                  lines of gases included
     rise         (h, v, b) watt / m^2 / sr, heat of the air on its way to the sensor
     fall         (h, v, b) watt / m^2 / sr, heat of the sky that white ground reflects to the
@@ -177,8 +177,8 @@ def _interpolate(mass: Floats, gas: Floats, at: float) -> Floats:
     """(f, m) at one air mass; strong lines go with its square root."""
     root = np.sqrt(mass)
     i = int(np.clip(np.searchsorted(mass, at) - 1, 0, len(mass) - 2))
-    share = (math.sqrt(min(at, mass[-1])) - root[i]) / (root[i + 1] - root[i])
+    fraction = (math.sqrt(min(at, mass[-1])) - root[i]) / (root[i + 1] - root[i])
     return np.exp(
-        (1 - share) * np.log(np.maximum(gas[:, i], 1e-12))
-        + share * np.log(np.maximum(gas[:, i + 1], 1e-12))
+        (1 - fraction) * np.log(np.maximum(gas[:, i], 1e-12))
+        + fraction * np.log(np.maximum(gas[:, i + 1], 1e-12))
     )

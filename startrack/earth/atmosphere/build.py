@@ -61,7 +61,7 @@ def build(
     (T' to space is T), all transmittances T. They are direct plus diffuse, and the direct part
     is the exponential of the optical depth.
 
-    progress  called with the share that is done
+    progress  called with the fraction that is done
     Returns   AirTable, in double precision
     Errors    as `radiance`; numerical: 8 streams with single scattering exact stay within 3e-3
               of 16 in radiance.

@@ -79,8 +79,8 @@ def _beam(water: float, ozone: float, mass: float) -> tuple[Floats, Floats]:
         aerosol_turbidity_500nm=0.0,
         dayofyear=1,
     )
-    share = np.squeeze(spectrum["dni"]) / np.squeeze(spectrum["dni_extra"])
-    return spectrum["wavelength"] * nm, share
+    fraction = np.squeeze(spectrum["dni"]) / np.squeeze(spectrum["dni_extra"])
+    return spectrum["wavelength"] * nm, fraction
 
 
 def _pvlib() -> Any:

@@ -144,21 +144,21 @@ def _from_sea(table: InfraredTable, height: float, angle: Floats) -> tuple[Float
     """The same from the sea; straight lines over the logarithm of height, and over the secant."""
     at = np.interp(np.log(max(height, 1.0)), np.log(table.altitude), np.arange(len(table.altitude)))
     low = min(int(at), len(table.altitude) - 2)
-    share = at - low
+    fraction = at - low
     secant = 1 / np.cos(table.sensor)
     place = np.interp(1 / np.cos(angle), secant, np.arange(len(secant)))
     left = np.minimum(place.astype(int), len(secant) - 2)
     right = (place - left)[:, None]
     found = []
     for values in (np.log(np.maximum(table.through, 1e-12)), table.rise):
-        layer = (1 - share) * values[low] + share * values[low + 1]
+        layer = (1 - fraction) * values[low] + fraction * values[low + 1]
         found.append(layer[left] * (1 - right) + layer[left + 1] * right)
     thin = min(height / table.altitude[0], 1.0)  # under the lowest sensor, in proportion
     return np.exp(thin * found[0]), thin * found[1]
 
 
 def _share_above(table: InfraredTable, ground: float) -> Floats:
-    """(f,) share of the sky's heat at sea level that is left at a height, by its emissivity."""
+    """(f,) fraction of the sky's heat at sea level that is left at a height, by its emissivity."""
     angle, top = np.array([DIFFUSE]), float(table.altitude[-1])
     whole = 1 - _above(table, 0.0, top, angle)[0][0]
     return (1 - _above(table, ground, top, angle)[0][0]) / np.maximum(whole, 1e-12)

@@ -40,8 +40,8 @@ class Sight(NamedTuple):
     sun        (n,) radian, zenith angle of the Sun
     azimuth    (n,) radian, between them, in [0, pi]
     incidence  (n,) 1, cosine between the ground's normal and the Sun; what is below 0 is 0
-    lit        (n,) 1, share of the pixel in the direct beam: 0 in shadow
-    sky_view   (n,) 1, share of the sky's light that reaches the ground
+    lit        (n,) 1, fraction of the pixel in the direct beam: 0 in shadow
+    sky_view   (n,) 1, fraction of the sky's light that reaches the ground
     """
 
     height: Floats
@@ -244,13 +244,13 @@ def _look_up(path, ground, backscatter, where, start, step, geometry, rho, aroun
         scattered[:] = 0
         for side in range(2):
             at = low[3] if side == 0 else high[3]
-            share = one - p if side == 0 else p
+            fraction = one - p if side == 0 else p
             a, c = path[low[0], low[1]], path[low[0], high[1]]
             d2, e = path[high[0], low[1]], path[high[0], high[1]]
             a0, a1, a2, a3 = a[low[2], at], a[high[2], at], c[low[2], at], c[high[2], at]
             a4, a5, a6, a7 = d2[low[2], at], d2[high[2], at], e[low[2], at], e[high[2], at]
             for b in range(bands):
-                scattered[b] += share * (
+                scattered[b] += fraction * (
                     (w0 * a0[b] + w1 * a1[b] + w2 * a2[b] + w3 * a3[b])
                     + (w4 * a4[b] + w5 * a5[b] + w6 * a6[b] + w7 * a7[b])
                 )

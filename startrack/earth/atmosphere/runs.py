@@ -100,7 +100,7 @@ def gather(wavelength: Floats, table: BandTable, response: Floats) -> BandTable:
     """
     require_response(response, wavelength)
     weights = response * np.gradient(wavelength)
-    shares = weights / weights.sum(-1, keepdims=True)
+    fractions = weights / weights.sum(-1, keepdims=True)
     nodes = ("height", "sensor", "sun", "azimuth")
     mean = ("backscatter", "through")
     parts = {}
@@ -109,7 +109,7 @@ def gather(wavelength: Floats, table: BandTable, response: Floats) -> BandTable:
         if field.name in nodes or values is None:
             parts[field.name] = values
         else:
-            parts[field.name] = values @ (shares if field.name in mean else weights).T
+            parts[field.name] = values @ (fractions if field.name in mean else weights).T
     return BandTable(**parts)
 
 

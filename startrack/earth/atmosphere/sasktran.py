@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 
 def mie(
-    modes: Sequence[Any], shares: Sequence[float], wavelength: Floats, index: Any, moments: int
+    modes: Sequence[Any], fractions: Sequence[float], wavelength: Floats, index: Any, moments: int
 ) -> tuple[Floats, Floats, Floats]:
     """Extinction, scattering and Legendre moments of a mixture of particles.
 
@@ -46,7 +46,7 @@ def mie(
     found = sasktran2("mie.distribution").integrate_mie_cpp(
         list(modes), lambda one: at[float(one)], wavelength / nm, num_coeffs=moments
     )
-    weights = np.asarray(shares)
+    weights = np.asarray(fractions)
     extinction = found["xs_total"].to_numpy() @ weights
     by_mode = found["xs_scattering"].to_numpy() * weights
     scattering = by_mode.sum(-1)

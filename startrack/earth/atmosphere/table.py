@@ -55,10 +55,10 @@ class AirTable:
     azimuth      (p,) radian, between Sun and sensor as the ground sees them; 0 for the same side
     path         (k, h, a, v, s, p) 1 / sr, radiance of the air over a black ground, over the
                  Sun's irradiance
-    beam         (k, h, s) 1, share of the direct sunlight that arrives
+    beam         (k, h, s) 1, fraction of the direct sunlight that arrives
     skylight     (k, h, s) 1, irradiance of the sky over a black ground, over the Sun's
-    seen         (k, h, a, v) 1, share of the ground's light that goes straight to the sensor
-    around       (k, h, a, v) 1, share that gets there scattered, so from the ground around
+    seen         (k, h, a, v) 1, fraction of the ground's light that goes straight to the sensor
+    around       (k, h, a, v) 1, fraction that gets there scattered, so from the ground around
     backscatter  (k, h) 1, spherical albedo of the air from below
     spectrum     (f,) metre
     irradiance   (f,) watt / m^2 / m, the Sun's at one astronomical unit

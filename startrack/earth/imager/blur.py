@@ -16,7 +16,7 @@ from startrack.earth.geometry import inside_pixel
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-FAINT = 1e-3  # share of the light that may lie beyond the weights
+FAINT = 1e-3  # fraction of the light that may lie beyond the weights
 SMEARED = 16  # instants of an exposure
 
 

@@ -31,7 +31,7 @@ class Goals:
     mtf            1, at Nyquist along the track, pixel and smear included
     pixel_pitch, read_noise, bits, stages  of the detector
     efficiency     electron / photon, lens and filter included
-    smear          pixel that the ground moves in an exposure, which is that share of a line's time
+    smear          pixel that the ground moves in an exposure, that fraction of a line's time
     ground_speed   metre / second; None for a circular orbit around the Earth
     """
 

@@ -126,8 +126,10 @@ def burning(spot: HotSpot, ground: Ground, spread: float) -> Floats:
     aside = aside - (aside @ normal)[:, None] * normal
     variance = np.maximum((ground.distance * spread) ** 2, spot.area / (2 * math.pi))
     with np.errstate(invalid="ignore"):
-        share = np.exp(-0.5 * (aside**2).sum(1) / variance) * spot.area / (2 * math.pi * variance)
-    return np.where(ground.hit, np.minimum(share, 1.0), 0.0)
+        fraction = (
+            np.exp(-0.5 * (aside**2).sum(1) / variance) * spot.area / (2 * math.pi * variance)
+        )
+    return np.where(ground.hit, np.minimum(fraction, 1.0), 0.0)
 
 
 def _cover(land: Land, ground: Ground) -> NDArray[np.int64]:

@@ -28,12 +28,12 @@ from startrack.earth.imager.land import Land, burning, reflectance, temperature
 from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
 from startrack.earth.imager.through import Band, band_of
 from startrack.earth.terrain import Ground, geodetic
-from startrack.optics import focus
+from startrack.optics import pixel_psf
 
 Floats = NDArray[np.float64]
 
 COARSE = 24  # lines or columns, at most, by which the surroundings are looked at beforehand
-FAINT = 1e-12  # share of a pixel below which a fire does not count
+FAINT = 1e-12  # fraction of a pixel below which a fire does not count
 BLACK = np.zeros(1)  # reflectance
 MOST_LINES = 2**20  # of an image, so that no two channels share their noise
 
@@ -103,7 +103,7 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     period = scene.sensor.dating(flight).period
     exposure = exposure_of(channel, period)
     detector = channel.detector
-    psf = focus(
+    psf = pixel_psf(
         channel.optics, detector.pitch, band.wavelength, band.weight, detector.fill_factor,
         detector.diffusion,
     )  # fmt: skip
@@ -200,14 +200,14 @@ def lights(land: Land, ground: Ground, setting: Setting, spread: float) -> Terms
     terms = Terms(*(each[:, 0] for each in found))
     if band.heat is None or not land.hot_spots:
         return terms
-    shares = [burning(spot, ground, spread) for spot in land.hot_spots]
+    fractions = [burning(spot, ground, spread) for spot in land.hot_spots]
     emitted = terms.emitted.copy()
-    for spot, share in zip(land.hot_spots, shares, strict=True):
-        burns = np.flatnonzero(share > FAINT)
+    for spot, fraction in zip(land.hot_spots, fractions, strict=True):
+        burns = np.flatnonzero(fraction > FAINT)
         flame = np.full(len(burns), spot.temperature)
         black = at_sensor(ground[burns], band.table, BLACK, around, band.heat, flame)
-        emitted[burns] += share[burns] * (black.emitted[:, 0] - terms.emitted[burns])
-    left = np.maximum(1 - sum(shares), 0).astype(np.float32)  # what burns is black
+        emitted[burns] += fraction[burns] * (black.emitted[:, 0] - terms.emitted[burns])
+    left = np.maximum(1 - sum(fractions), 0).astype(np.float32)  # what burns is black
     return terms._replace(
         direct=terms.direct * left, indirect=terms.indirect * left, emitted=emitted
     )

@@ -35,7 +35,7 @@ LEAST = 0.98  # of a band's response that a table must hold
 class Band(NamedTuple):
     """How a channel sees through the air.
 
-    wavelength, weight  (f,) metre; (f,) 1, share of each wavelength in what an even spectrum of
+    wavelength, weight  (f,) metre; (f,) 1, fraction of each wavelength in what an even spectrum of
                         energy leaves; sums to one
     electrons           electron / joule, their mean over the band times its width: an even
                         spectral radiance of one leaves so many electrons a second and etendue,

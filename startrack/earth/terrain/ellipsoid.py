@@ -144,5 +144,5 @@ def shell(ox, oy, oz, dx, dy, dz, height):  # type: ignore[no-untyped-def]
     cx, cy, cz = oy * dz - oz * dy, oz * dx - ox * dz, ox * dy - oy * dx
     rest = a - (cx * cx + cy * cy + cz * cz)
     root = math.sqrt(rest) if rest >= 0 else -math.inf
-    share = 1 / a
-    return (-b - root) * share, (root - b) * share
+    fraction = 1 / a
+    return (-b - root) * fraction, (root - b) * fraction

@@ -48,7 +48,7 @@ class Ground:
     sun_incidence        (n,) radian, between the normal and the sun; beyond pi / 2 it is behind
     shadow               (n,) whether no direct sunlight comes: the sun stands behind the slope,
                          behind other terrain or under the horizon; false for the sky
-    sky_view             (n,) 1, share of the light of a uniform sky that reaches the slope; 1
+    sky_view             (n,) 1, fraction of the light of a uniform sky that reaches the slope; 1
                          where it was not asked for
     tangent_height       (n,) metre, least height of the ray above the ellipsoid where it sees the
                          sky; that of its origin where it looks upwards; NaN for hits

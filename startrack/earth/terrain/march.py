@@ -281,8 +281,8 @@ def _leaf(heights, path, margin, u0, reached, s, leave, slot, j, i):  # type: ig
     second = _clear(path, u0 - i, path.v0 - j, a, b, c, d, s + half)
     third = _clear(path, u0 - i, path.v0 - j, a, b, c, d, leave)
     # What the path may be wrong by grows with the cube of the distance from its middle.
-    share = max(abs(s), abs(leave)) / reached
-    margin *= share * share * share
+    fraction = max(abs(s), abs(leave)) / reached
+    margin *= fraction * fraction * fraction
     if not _dip(first, second, third)[0] <= margin:  # true of a hole too
         return MISS, first, math.inf, math.inf
     if first > margin and third < -margin:

@@ -41,7 +41,7 @@ def reach(lines, x, y, z, dx, dy, dz, longest):  # type: ignore[no-untyped-def]
     """Half the length of a path that keeps to its tolerance, at most `longest`; its margin.
 
     The third derivatives of the path, in metres, stay below 8 c / p^2, with c the horizontal
-    share of the direction and p the distance from the axis: of the height 3 sin(e) cos^2(e) / r^2,
+    part of the direction and p the distance from the axis: of the height 3 sin(e) cos^2(e) / r^2,
     of the latitude 6 c / r^2, of the longitude 6 c / p^2. Taylor's remainder does the rest.
 
     Returns  metre; metre by which height less terrain may be wrong at the ends
@@ -58,9 +58,9 @@ def reach(lines, x, y, z, dx, dy, dz, longest):  # type: ignore[no-untyped-def]
     half = _cube_root(6 * tolerance * across_2 / (8 * level))
     most = half if half < LONGEST * across else LONGEST * across
     half = most if most < longest else longest
-    share = half / most
+    fraction = half / most
     margin = tolerance + (lines.highest - lines.lowest) * 2 * tolerance / cell
-    return half, margin * share * share * share
+    return half, margin * fraction * fraction * fraction
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -224,12 +224,12 @@ def bilinear(
     if exact:
         y, x = np.round(y), np.round(x)
     out = np.zeros(np.broadcast_shapes(v.shape, u.shape))
-    for row, column, share in (
+    for row, column, fraction in (
         (j, i, (1 - y) * (1 - x)), (j, after, (1 - y) * x),
         (j + 1, i, y * (1 - x)), (j + 1, after, y * x),
     ):  # fmt: skip
-        # A vertex without a share has no say, be it a hole.
-        out += np.where(share > 1e-9, values[row, column] * share, 0.0)
+        # A vertex without a fraction has no say, be it a hole.
+        out += np.where(fraction > 1e-9, values[row, column] * fraction, 0.0)
     return np.where(inside, out, np.nan).astype(np.float32)
 
 

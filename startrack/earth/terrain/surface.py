@@ -160,9 +160,9 @@ def close(grid: Grid, heights: Singles) -> tuple[Singles, float]:
     return heights, north
 
 
-def _beyond(row: Singles, share: float) -> Singles:
+def _beyond(row: Singles, fraction: float) -> Singles:
     mean = row[0, :-1].mean()
-    return ((mean - (1 - share) * row) / share).astype(np.float32)
+    return ((mean - (1 - fraction) * row) / fraction).astype(np.float32)
 
 
 class Lattice(NamedTuple):

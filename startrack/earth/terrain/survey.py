@@ -22,7 +22,7 @@ def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> G
     sky_rays  rays by which each point looks for the sky; 0 asks for none
     Returns   Ground, its maps empty
     Errors    ValueError where `sun` is not a unit vector. numerical: that of the intersector; the
-              share of the sky that is seen as in `view_sky`.
+              fraction of the sky that is seen as in `view_sky`.
     """
     whole(0, 2**16, sky_rays=sky_rays)
     sun = np.asarray(sun, float)
@@ -63,7 +63,7 @@ def view_sky(
     count          rays
     Returns        (n,) 1
     Errors         numerical: rms 0.03, 0.013, 0.005 and 0.002 with 16, 64, 256 and 1024 rays in a
-                   spherical bowl, whose share is known.
+                   spherical bowl, whose fraction is known.
     """
     seen = np.zeros(len(point))
     east = np.cross([0.0, 0.0, 1.0], normal)

@@ -74,9 +74,9 @@ def test_what_is_no_table_is_refused(tmp_path):
 
 
 def test_numbers_are_physical(table):
-    for share in (table.beam, table.skylight, table.seen, table.around, table.backscatter):
-        assert (share >= 0).all()
-        assert (share <= 1).all()
+    for fraction in (table.beam, table.skylight, table.seen, table.around, table.backscatter):
+        assert (fraction >= 0).all()
+        assert (fraction <= 1).all()
     assert (table.path > 0).all()
     assert (table.seen + table.around <= 1 + 1e-6).all()
 

@@ -31,7 +31,7 @@ from startrack.earth.imager.blur import blurred, weights_of
 from startrack.earth.imager.land import Cover, HotSpot, Land, reflectance
 from startrack.earth.imager.through import band_of
 from startrack.io.shipped import shipped
-from startrack.optics import Aberration, Optics, focus
+from startrack.optics import Aberration, Optics, pixel_psf
 
 PLANCK_TIMES_C = 1.98644586e-25  # J m, CODATA 2018
 EPOCH = "2026-06-21T10:00:00"
@@ -110,7 +110,7 @@ def test_an_edge_is_as_sharp_as_the_transfer_function_says(tmp_path):
     from startrack.optics import modulation
 
     optics = Optics(0.1, 4.0, blur=4e-6, psf="airy")
-    psf = focus(optics, 10e-6, np.array([550 * nm]), np.ones(1))
+    psf = pixel_psf(optics, 10e-6, np.array([550 * nm]), np.ones(1))
     weights = weights_of(psf, 4, 1.0, 1.0, 0.0)
     place = np.arange(64)[:, None] + (np.arange(4) + 0.5) / 4 - 0.5
     wave = 1 + np.cos(2 * np.pi * 0.25 * place)  # (columns, rays across)
@@ -126,7 +126,7 @@ def test_an_edge_is_as_sharp_as_the_transfer_function_says(tmp_path):
 def test_the_tail_of_coma_lies_where_the_optics_put_it():
     """The middle ray of one pixel alone, against the star that the detector's stamp would place."""
     optics = Optics(0.1, 4.0, psf="fraunhofer", aberrations=(Aberration(8, 80 * nm),))
-    psf = focus(optics, 2.2e-6, np.array([550 * nm]), np.ones(1))
+    psf = pixel_psf(optics, 2.2e-6, np.array([550 * nm]), np.ones(1))
     rays = np.zeros((41, 41, 9), np.float32)
     rays[20, 20, 4] = 9.0
     image = np.concatenate(list(blurred(iter([rays]), weights_of(psf, 3, 1.0, 1.0, 0.0))))
@@ -137,7 +137,7 @@ def test_the_tail_of_coma_lies_where_the_optics_put_it():
 
 
 def test_strips_do_not_show():
-    psf = focus(Optics(0.1, 4.0, psf="airy"), 10e-6, np.array([550 * nm]), np.ones(1))
+    psf = pixel_psf(Optics(0.1, 4.0, psf="airy"), 10e-6, np.array([550 * nm]), np.ones(1))
     weights = weights_of(psf, 2, 1.0, 1.0, 0.5)
     rays = np.random.default_rng(1).random((50, 30, 4)).astype(np.float32)
     whole = np.concatenate(list(blurred(iter([rays]), weights)))
@@ -246,8 +246,8 @@ def test_what_no_picture_would_show_is_refused():
         replace(one, detector=replace(one.detector, crosstalk=0.02))
 
 
-@pytest.mark.parametrize(("area", "share"), [(1.0, None), (9.0, None), (400.0, 1.0)])
-def test_a_fire_keeps_its_power_however_small(tmp_path, area, share):
+@pytest.mark.parametrize(("area", "fraction"), [(1.0, None), (9.0, None), (400.0, 1.0)])
+def test_a_fire_keeps_its_power_however_small(tmp_path, area, fraction):
     """Pixels are 0.3 m: what burns adds up to its area, or fills the pixel."""
     one = channel(flat_band(3.6 * um, 4.0 * um))
     cold = rendered(survey(one, Land(lapse=0.0)), tmp_path)
@@ -257,10 +257,10 @@ def test_a_fire_keeps_its_power_however_small(tmp_path, area, share):
     heat = band_of(one, None, 3e3, 1.0).heat
     assert heat is not None
     flame = heat(np.array([900.0]))[0, 0] * um
-    if share is None:
+    if fraction is None:
         assert added.sum() * 0.3**2 / flame == pytest.approx(area, rel=0.05)
     else:
-        assert added.max() / flame == pytest.approx(share, rel=0.01)
+        assert added.max() / flame == pytest.approx(fraction, rel=0.01)
 
 
 def test_a_hot_spot_saturates_a_photodiode_at_its_well(tmp_path):

@@ -1,0 +1,5 @@
+"""The painted sky of the tests of detection."""
+
+from tests.detection.conftest import sky
+
+__all__ = ["sky"]
