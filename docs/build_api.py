@@ -91,7 +91,7 @@ def _escaped(text: str) -> str:
 def build(folder: Path) -> None:
     """Write the pages of all public modules.
 
-    Errors  UserWarning from pdoc where a type or a page cannot be made, if warnings are errors.
+    Raises  UserWarning from pdoc where a type or a page cannot be made, if warnings are errors.
     """
     _tell_types_of_tuples()
     children = extract.iter_modules2

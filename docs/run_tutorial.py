@@ -50,7 +50,7 @@ class Told(NamedTuple):
 def walk(page: str, folder: Path) -> list[Told]:
     """Run all blocks of a page in a folder, in their order.
 
-    Errors  AssertionError where a command ends with another exit status than the page says.
+    Raises  AssertionError where a command ends with another exit status than the page says.
     """
     told = []
     came = ""

@@ -20,10 +20,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+from startrack.core import Floats
+
 import one_thread  # noqa: F401  # isort: skip
 import numpy as np
 from markley_mortari import SCENARIOS, scenario
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from validation import show, validation
 
@@ -35,8 +36,6 @@ from startrack.benchmark.attitude import Solver, aligned, fields
 from startrack.budget import analytic, measured
 from startrack.metrics import attitude_bound
 from startrack.montecarlo import Serial
-
-Floats = NDArray[np.float64]
 
 ORACLE = Path(__file__).parents[1] / "tests/oracle/wahba_cases.json"
 EPS = 2.0**-52

@@ -19,18 +19,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from startrack import Camera, Frame, Matches, Spots, Status, Tracker, lost_in_space, read_image
 from startrack.calibration import CameraPosterior, Prior, sample_camera
 from startrack.catalog import Selection, open_sky
+from startrack.core import Floats
 from startrack.detection import Detection
 from startrack.identification import Identification
 from startrack.optimise import Ensembles
 
-Floats = NDArray[np.float64]
 CAMERA = Camera(1024, 1024, 2000.0)
 PRIOR = Prior(0.01, 10.0, 0.1, 0.02, 0.02, 0.5, 1.5)
 STARS, LONE = 40, 8  # stars with places; those of them whose pixels are drawn, too

@@ -21,7 +21,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack import Frame, Streams, read_image
@@ -39,9 +38,8 @@ from startrack.benchmark.starfield import (
     places,
     snr_of,
 )
+from startrack.core import Floats
 from startrack.detection import Detection, detect, subtract_dark
-
-Floats = NDArray[np.float64]
 
 SIGMAS = (0.7, 1.2)
 FAINTEST = 9.5  # magnitude G, of stars that a spot of a real image may be

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -41,11 +40,10 @@ from startrack import (
     shipped,
 )
 from startrack.catalog import open_sky
+from startrack.core import Floats
 from startrack.metrics import judge
 from startrack.trial import plan_of, window
 from startrack.trial.window import spots_in_windows
-
-Floats = NDArray[np.float64]
 
 Drawn = dict[str, list[Floats]]  # errors of each fidelity by the design's name, radian
 

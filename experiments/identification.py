@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack import Spots, deg
@@ -47,11 +46,10 @@ from startrack.benchmark.identification import (
     spots_at,
     wrong,
 )
+from startrack.core import Floats
 from startrack.identification import build_index, cached_index, identify, track
 from startrack.identification.seen import keep_brightest, see, usable
 from startrack.identification.verify import weigh
-
-Floats = NDArray[np.float64]
 
 CEDAR_SKIES = 20  # a regime: it takes up to a second for one
 SOLVERS = ("startrack", "tetra3rs", "tetra3rs tuned", "cedar-solve")

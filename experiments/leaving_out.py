@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from startrack.core import Floats
+
 Change = Callable[[Any], Any]
 Observe = Callable[[Any, int], Floats]
 

@@ -9,14 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack import arcsec, deg
 from startrack.attitude import align
 from startrack.benchmark.attitude import unit
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats
 
 
 def unequal(side: float) -> Floats:

@@ -17,9 +17,9 @@ import time
 from pathlib import Path as File
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack import Camera, LineOfSight, Streams
+from startrack.core import Floats
 from startrack.motion import (
     Broadband,
     Motion,
@@ -30,8 +30,6 @@ from startrack.motion import (
     sample_jitter,
     slew,
 )
-
-Floats = NDArray[np.float64]
 
 PIXEL = 3e-4  # radian, 62 arcsec
 EXPOSURE = 0.1

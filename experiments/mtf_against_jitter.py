@@ -22,14 +22,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, ScalarFormatter
-from numpy.typing import NDArray
 
 from startrack import Case, Fidelity, arcsec, deg, load_design, psf_of, shipped, um
+from startrack.core import Floats
 from startrack.design import Objective, replaced
 from startrack.motion import Tone, jitter_rms
 from startrack.optimise import TrialRunner
-
-Floats = NDArray[np.float64]
 
 JITTER = (0.0, 10.0, 20.0, 40.0)  # arcsec rms about x and y; a pixel spans 65
 FREQUENCIES = (40.0, 60.0)  # Hz, about x and y

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from startrack import Case, arcsec, load_design, shipped
+from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Star, centre_of_gravity_error, summarise
 from startrack.optimise import Evaluation, Ledger, Search, TrialRunner, evaluate, least
@@ -31,7 +31,6 @@ from startrack.optimise.margins import margins as margins_of
 from startrack.optimise.runner import FRESH
 from startrack.optimise.steps import availability, correct, prospect, refine
 
-Floats = NDArray[np.float64]
 JUDGE = 1000  # seed of the trials that all designs are judged on; no search has it
 CHOOSING = 300  # trials that the best of all is chosen by
 REACH = 0.25  # of each range, around the best, within which the budget is set right

@@ -14,6 +14,8 @@ closed forms integrated over pixels.
 
 from __future__ import annotations
 
+from startrack.core import Floats
+
 import one_thread  # noqa: F401  # isort: skip
 
 import argparse
@@ -27,7 +29,6 @@ from typing import Any
 import numpy as np
 import psf_figures
 import psf_peers
-from numpy.typing import NDArray
 
 from startrack import Psf
 from startrack.benchmark.psf import FIELD, NOLL, WAVELENGTH, Pattern, by_rings
@@ -37,7 +38,6 @@ from startrack.optics import pixel_psf
 from startrack.optics.airy import airy
 from startrack.optics.kirchhoff import ThinLens, on_axis
 
-Floats = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]
 
 WAVES = np.linspace(450e-9, 650e-9, 10)

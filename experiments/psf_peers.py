@@ -11,11 +11,10 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.optics.zernike import zernike
 
-Floats = NDArray[np.float64]
 Stamp = Callable[[float, float], Floats]
 
 ACROSS = 256

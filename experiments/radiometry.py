@@ -26,11 +26,11 @@ from typing import Any
 
 import numpy as np
 import one_thread  # noqa: F401
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack import Streams, arcsec, deg, load_design, nm, observe, shipped, um
 from startrack.benchmark.radiance import ALBEDO, image, scenery
+from startrack.core import Floats
 from startrack.earth.atmosphere import (
     Air,
     AirTable,
@@ -51,8 +51,6 @@ from startrack.earth.geometry import EarthScene, observe_earth
 from startrack.io.tables import from_table
 from startrack.scene import Orbit, Scene, load_limb
 from startrack.scene.ephemeris import EARTH_RADIUS, observer_of
-
-Floats = NDArray[np.float64]
 
 GREEN: Floats = np.array([550 * nm])
 SUN = 0.5371  # cosine, off the ordinates of the solvers

@@ -31,11 +31,11 @@ from scipy import special, stats
 from scipy.spatial.transform import Rotation
 
 from startrack import Camera, Light, LineOfSight, Streams
+from startrack.core import Floats
 from startrack.detector import Detector, expose, read_out
 from startrack.detector.maps import dark, response
 from startrack.optics import Optics, pixel_psf
 
-Floats = NDArray[np.float64]
 Image = NDArray[Any]
 
 SIZE = 1024

@@ -27,9 +27,8 @@ from scipy import special
 
 from startrack import Streams
 from startrack.benchmark.noise import law
+from startrack.core import Floats
 from startrack.detector import Detector, read_out
-
-Floats = NDArray[np.float64]
 
 SIZE, FRAMES, REPEATS = 1024, 24, 7
 SKY, DARK = 20.0, 30.0  # electron in a pixel; electron / second

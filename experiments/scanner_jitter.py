@@ -24,19 +24,16 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from startrack import Case, LineOfSight, arcsec, deg, load_design, shipped
+from startrack.core import Floats, Ints
 from startrack.design import replaced
 from startrack.montecarlo import pool
 from startrack.motion import Motion, Tone, image_path, nyquist_mtf, slew, stability
 from startrack.motion.transfer import NYQUIST
 from startrack.optimise import TrialRunner
 from startrack.trial.sweep import duration
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FREQUENCIES = (0.05, 0.15, 0.5, 1.5, 5.0, 15.0, 50.0, 150.0)  # Hz; two cycles a line at most
 PHASES = (0.0, 120 * deg, 240 * deg)

@@ -11,6 +11,8 @@ writes speed_vs_error.md, .json and .png.
 
 from __future__ import annotations
 
+from startrack.core import Floats
+
 import one_thread  # noqa: F401  # isort: skip
 
 import argparse
@@ -26,7 +28,6 @@ import psf_peers
 from attitude import scipy_one_by_one
 from detection import peers as finders
 from identification import peers as solvers
-from numpy.typing import NDArray
 from optimiser import by_cmaes, by_tpe
 from radiometry import by_scipy
 from rendering import galsim_noise, galsim_stars, numpy_exact, numpy_normal, opencv_randn, quantise
@@ -58,7 +59,6 @@ from startrack.benchmark import terrain as rays
 from startrack.benchmark.terrain import mountains
 from startrack.io.saving import save_json, save_text
 
-Floats = NDArray[np.float64]
 PACKAGES = (
     *("galsim", "sep", "tetra3rs", "hcipy", "prysm", "poppy", "photutils", "pyxel-sim"),
     *("embreex", "optuna", "cma", "sasktran2"),

@@ -37,6 +37,7 @@ from startrack.benchmark.terrain import (
     random_rays,
     towards,
 )
+from startrack.core import Floats
 from startrack.earth.terrain import (
     Array,
     Grid,
@@ -54,7 +55,6 @@ from startrack.earth.terrain import (
 from startrack.earth.terrain.survey import LIFT
 from startrack.earth.terrain.trace import blocked, trace
 
-Floats = NDArray[np.float64]
 ELEVATIONS = (85, 60, 30, 10)
 PARTS = ("hits", "shadow", "cache", "aliasing", "speed-1k", "speed-4k", "rugged", "grazing")
 RANDOM = np.random.default_rng(20260621)
@@ -204,7 +204,7 @@ def memory(surface: Surface) -> int:
 class Embree:
     """The vertices of a grid as triangles, in float32.
 
-    Errors  ImportError where embreex is missing.
+    Raises  ImportError where embreex is missing.
     """
 
     def __init__(self, grid: Grid, heights: NDArray[np.float32]) -> None:

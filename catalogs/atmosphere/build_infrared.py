@@ -14,14 +14,12 @@ from pathlib import Path
 
 import numpy as np
 from build_tables import sign
-from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.core.units import deg, um
 from startrack.earth.atmosphere import planck
 from startrack.earth.atmosphere.infrared import DIFFUSE, InfraredTable, save_infrared, sun_spectrum
 from startrack.io.saving import whole
-
-Floats = NDArray[np.float64]
 
 HERE = Path(__file__).parent
 EARTH = 6371e3  # metre

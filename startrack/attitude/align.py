@@ -13,9 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude.jacobi import best_rotation
 from startrack.attitude.least_squares import invert, largest_eigenvalue, least_squares
-from startrack.core import rotation_of
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, rotation_of
 
 EPS = 2.0**-52
 MOST_STEPS = 100  # two or three do, but for stars that do not belong together
@@ -64,8 +62,8 @@ def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:
     reference  (m, n, 3) unit vectors in the source's axes
     weight     (m, n) inverse variances, 1 / radian^2; zero for what is not there
     Returns    Alignment
-    Errors     ValueError where shapes differ, a number is not finite, or a weight is negative.
-               numerical: some eps sqrt(condition), which is what rounding the vectors costs.
+    Raises     ValueError where shapes differ, a number is not finite, or a weight is negative.
+    Accuracy   numerical: some eps sqrt(condition), which is what rounding the vectors costs.
     """
     b, r, w = (np.ascontiguousarray(each, float) for each in (observed, reference, weight))
     if w.ndim != 2 or b.shape != r.shape or b.shape != (*w.shape, 3):

@@ -9,8 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.attitude.jacobi import best_rotation
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats
 
 
 def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -> NDArray[np.bool_]:
@@ -26,7 +25,7 @@ def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -
     sigma      (n,) radian, error of each direction per axis
     gate       sigma, beyond which a star does not agree
     Returns    (n,) which stars agree; none where no pair does
-    Errors     numerical: none of note. It takes n^3 / 2 steps: 0.1 ms for 30 stars.
+    Accuracy   numerical: none of note. It takes n^3 / 2 steps: 0.1 ms for 30 stars.
     """
     chosen = np.zeros(len(sigma), np.bool_)
     _search(

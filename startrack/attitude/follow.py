@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import non_negative
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, non_negative
 
 
 @dataclass(frozen=True)

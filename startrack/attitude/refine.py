@@ -6,14 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude.align import turn_by
 from startrack.attitude.least_squares import invert, least_squares
-from startrack.core import Camera, rotation_of
-
-Floats = NDArray[np.float64]
+from startrack.core import Camera, Floats, rotation_of
 
 MOST_STEPS = 10
 SMALLEST_STEP = 1e-15  # radian
@@ -58,10 +55,10 @@ def refine(
     direction   (n, 3) unit vectors, ICRS axes
     start       icrs_to_camera near the minimum
     tolerance   1, standard deviation beforehand of the scale; 0 holds it
-    Errors      ValueError where the stars leave the attitude open (fewer than two directions).
-                model: the covariance of a centroid is taken as the same before distortion.
-                numerical: the residuals are differences of like numbers, so that the result has
-                all digits of a double.
+    Raises      ValueError where the stars leave the attitude open (fewer than two directions).
+    Accuracy    model: the covariance of a centroid is taken as the same before distortion.
+                numerical: the residuals are differences of like numbers, so that the result has all
+                digits of a double.
     """
     seen = camera.unproject(pixel)
     seen_plane = seen[:, :2] / seen[:, 2:]

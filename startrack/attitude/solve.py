@@ -28,7 +28,7 @@ def scale_unknown(covariance: Floats, seen: Floats, weight: Floats, tolerance: f
     weight      (m, n) radian^-2
     tolerance   1, standard deviation beforehand of the scale, over one
     Returns     (m, 3, 3) radian^2
-    Errors      model: to first order.
+    Accuracy    model: to first order.
     """
     loose = np.empty_like(covariance)
     _loosen(covariance, seen, weight, tolerance**-2, loose)

@@ -63,7 +63,7 @@ def davenport(observed: Array, reference: Array, weight: Array) -> Rotation:
     reference  (..., n, 3) unit vectors in the source's axes
     weight     (..., n) inverse variances, on any scale
     Returns    source_to_target
-    Errors     numerical: as `svd`, eps over the gap between the two largest eigenvalues.
+    Accuracy   numerical: as `svd`, eps over the gap between the two largest eigenvalues.
     """
     _, vectors = np.linalg.eigh(davenport_matrix(products(observed, reference, weight)))
     return Rotation.from_quat(vectors[..., 3])
@@ -80,7 +80,7 @@ def svd(observed: Array, reference: Array, weight: Array) -> Rotation:
     reference  (..., n, 3) unit vectors in the source's axes
     weight     (..., n) inverse variances, on any scale
     Returns    source_to_target
-    Errors     numerical: it loses digits where fields are narrow (the square root of eps in the
+    Accuracy   numerical: it loses digits where fields are narrow (the square root of eps in the
                worst case); `align` and `refine` restore them.
     """
     u, _, vt = np.linalg.svd(products(observed, reference, weight))
@@ -111,7 +111,7 @@ def quest(observed: Array, reference: Array, weight: Array) -> Rotation:
     reference  (..., n, 3) unit vectors in the source's axes
     weight     (..., n) inverse variances, on any scale
     Returns    source_to_target
-    Errors     numerical: worse than `svd`, since the polynomial's coefficients hold the fourth
+    Accuracy   numerical: worse than `svd`, since the polynomial's coefficients hold the fourth
                powers of the singular values; fields of a few degrees lose half of their digits.
     """
     flips = FLIPS.astype(observed.dtype)
@@ -156,8 +156,8 @@ def foam(observed: Array, reference: Array, weight: Array) -> Rotation:
     reference  (..., n, 3) unit vectors in the source's axes
     weight     (..., n) inverse variances, on any scale
     Returns    source_to_target
-    Errors     numerical: as `quest`; narrow fields lose half of their digits. No turn at all
-               where B has no second direction.
+    Accuracy   numerical: as `quest`; narrow fields lose half of their digits. No turn at all where
+               B has no second direction.
     """
     b = products(observed, reference, weight)
     x, y, z = (b[..., i, :] for i in range(3))

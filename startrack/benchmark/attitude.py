@@ -7,14 +7,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import align, davenport, foam, quest, svd
 from startrack.benchmark.stage import Stage
-from startrack.core import deg
+from startrack.core import Floats, deg
 
-Floats = NDArray[np.float64]
 Solver = Callable[[Any, Any, Any], Rotation]
 
 STARS, MANY = 15, 2000

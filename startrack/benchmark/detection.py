@@ -6,7 +6,6 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import norm
 
@@ -23,11 +22,9 @@ from startrack.benchmark.starfield import (
     places,
     stars_at,
 )
-from startrack.core import Frame, Streams
+from startrack.core import Floats, Frame, Streams
 from startrack.detection import Detection, detect, gaussian_psf
 from startrack.metrics import Star, centroid_bound
-
-Floats = NDArray[np.float64]
 
 FALSE = 0.05  # spots a frame that are allowed
 

@@ -12,11 +12,9 @@ from scipy.spatial.transform import Rotation
 from startrack.benchmark.stage import Stage
 from startrack.benchmark.stamping import SIGMA, lens
 from startrack.benchmark.starfield import paint
-from startrack.core import Camera, Light, LineOfSight, Streams
+from startrack.core import Camera, Floats, Light, LineOfSight, Streams
 from startrack.detector import Detector, expose
 from startrack.optics import pixel_psf
-
-Floats = NDArray[np.float64]
 
 SIZE, SKY, DARK, READ_NOISE = 1024, 20.0, 3.0, 8.0  # pixel; electron
 EXPOSURE = 0.1  # second

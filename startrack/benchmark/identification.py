@@ -14,10 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from startrack.benchmark.stage import Stage
 from startrack.catalog import Selection, open_sky
-from startrack.core import Camera, Spots, Stars, deg
+from startrack.core import Camera, Floats, Spots, Stars, deg
 from startrack.identification import Identification, PatternIndex, build_index, identify
-
-Floats = NDArray[np.float64]
 
 LIMIT_G = {8: 6.5, 12: 6.0, 20: 5.0}  # field, degree: faintest star seen
 TOLERANCE = 0.01  # of the focal length

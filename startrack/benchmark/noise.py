@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from scipy import special, stats
 
 from startrack.benchmark.stage import Stage
-from startrack.core import Streams
+from startrack.core import Floats, Streams
 from startrack.detector import Detector, read_out
-
-Floats = NDArray[np.float64]
 
 SIZE, SKY, READ_NOISE = 1024, 20.0, 8.0  # pixel; electron
 FRAMES = 8

@@ -8,15 +8,11 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from startrack.benchmark.stage import Stage
+from startrack.core import Floats
 from startrack.design import DesignSpace, load_design
 from startrack.io import shipped
 from startrack.optimise import Search, foresee, least, prospect
-
-Floats = NDArray[np.float64]
 
 TRIES = 100
 LONG = 300  # tries of the search that the others are held against

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.benchmark.stage import Stage
+from startrack.core import Floats
 from startrack.optics import Pupil, cells, intensity, openness, pupil_samples, zernike
-
-Floats = NDArray[np.float64]
 
 WAVELENGTH, F_NUMBER = 550e-9, 1.4
 FIELD: Floats = (np.arange(155) - 77) / 5  # wavelength * f-number

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.benchmark.stage import Stage
-from startrack.core import deg, nm
+from startrack.core import Floats, deg, nm
 from startrack.earth.atmosphere import (
     AirTable,
     FineTable,
@@ -22,8 +22,6 @@ from startrack.earth.atmosphere import (
     refine,
 )
 from startrack.io import shipped
-
-Floats = NDArray[np.float64]
 
 WAVELENGTHS: Floats = np.array([450, 550, 800]) * nm
 ALBEDO = 0.2

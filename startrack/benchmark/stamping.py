@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from startrack.benchmark.psf import F_NUMBER, WAVELENGTH
 from startrack.benchmark.stage import Stage
+from startrack.core import Floats
 from startrack.detector import stamp
 from startrack.optics import Optics, airy, pixel_psf
-
-Floats = NDArray[np.float64]
 
 SIGMA = 0.7  # pixel
 BOX = 15  # pixels a side

@@ -8,9 +8,7 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from startrack.core import Frame, Spots, Streams
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, Frame, Spots, Streams
 
 SIDE, BACKGROUND, READ_NOISE, OFFSET = 1024, 50.0, 5.0, 100.0
 NEAR = 1.5  # pixel

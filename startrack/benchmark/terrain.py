@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.benchmark.stage import Stage
-from startrack.core import Streams
+from startrack.core import Floats, Streams
 from startrack.earth.terrain import Grid, Level, Rays, Scan, cartesian, fractal, index, trace, up
-
-Floats = NDArray[np.float64]
 
 STEP = np.radians(1 / 3600)
 HEIGHT, RELIEF = 600e3, 1500.0

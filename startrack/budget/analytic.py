@@ -70,12 +70,12 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
     pattern moves them by. Fixed errors (camera, catalogue) move each star of each field.
 
     count   fields over the sky, a power of two
-    Errors  ValueError where the case contradicts itself, or no field can be solved.
-            model: to first order; cosmic rays, the smear of a roll, a rolling shutter, lag and
-            what the PSF does over the field are left out; so is light that varies over the sky
-            (`scene.lights`); a star near the threshold counts by its chance, and one so sharp
-            that the tracker takes it for a hot pixel counts as seen.
-            numerical: 1 % across and 3 % about for 512 fields.
+    Raises    ValueError where the case contradicts itself, or no field can be solved.
+    Accuracy  model: to first order; cosmic rays, the smear of a roll, a rolling shutter, lag and
+              what the PSF does over the field are left out; so is light that varies over the sky
+              (`scene.lights`); a star near the threshold counts by its chance, and one so sharp
+              that the tracker takes it for a hot pixel counts as seen. numerical: 1 % across and 3
+              % about for 512 fields.
     """
     return of_fields(case, fields(case.catalog, case.instrument.camera, attitudes, count))[0]
 

@@ -49,7 +49,7 @@ class Law:
     def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
         """Of the mixture of all fields; with a law of time and field alike, mixed is all it knows.
 
-        Errors  ValueError for another interpretation.
+        Raises  ValueError for another interpretation.
         """
         if interpretation is not Interpretation.MIXED:
             raise ValueError(

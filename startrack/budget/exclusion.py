@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.budget.analytic import analytic
-from startrack.core import arcsec
+from startrack.core import Floats, arcsec
 from startrack.design import Case
 from startrack.scene import (
     AU,
@@ -22,8 +21,6 @@ from startrack.scene import (
     Earth,
     sunlight,
 )
-
-Floats = NDArray[np.float64]
 
 FULL_MOON_G = -12.73 + SUN_G_MINUS_V  # Krisciunas and Schaefer (1991), as `moon_of`
 DARK = 40.0  # magnitude per square arcsecond that stands for a black sky
@@ -69,8 +66,8 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
     angle     (n,) radian, rising; to the Earth's limb, to the centres of the others
     altitude  metre, from which the Earth is seen
     Returns   an Exclusion for each of "sun", "moon" and "earth"
-    Errors    ValueError where the case has no baffle, or `analytic` refuses it.
-              model: that of `Baffle` and of the budget; the veil is even over the field, and the
+    Raises    ValueError where the case has no baffle, or `analytic` refuses it.
+    Accuracy  model: that of `Baffle` and of the budget; the veil is even over the field, and the
               body beside it. numerical: 1 % between skies of whole magnitudes.
     """
     if case.instrument.baffle is None:

@@ -152,7 +152,7 @@ def propagate(
     displacement  (d, n, 2) pixel, fixed errors of the places
     tolerance     1, sigma about one of the scale that the tracker fits; 0 where it fits none
     fewest, most  detected stars that a solution needs, and the brightest that are kept
-    Errors        model: to first order in the errors; a star that is detected at times counts as a
+    Accuracy      model: to first order in the errors; a star that is detected at times counts as a
                   fraction of one, which states too little error where few stars are seen.
     """
     count = len(view.attitude)

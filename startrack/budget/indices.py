@@ -36,7 +36,7 @@ def indices_of(
     window   second
     Returns  AKE, MKE, RKE and KDE (see `INDICES`), each a line whose sample has a member for each
              sequence
-    Errors   ValueError where the window does not fit twice, or no sequence was solved in enough
+    Raises   ValueError where the window does not fit twice, or no sequence was solved in enough
              frames. Frames without an attitude are left out of all sequences, for the windows of
              members to be alike.
     """

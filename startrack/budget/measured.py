@@ -70,8 +70,8 @@ def measured(
     progress  called with the number of members that were just done
     Returns   Budget whose lines hold (members, times, 3) errors; unsolved and false frames are
               left out with their member
-    Errors    ValueError where no member can be solved in all frames. statistical: 4 % of an rms
-              across the boresight for 300 members of 1 frame.
+    Raises    ValueError where no member can be solved in all frames.
+    Accuracy  statistical: 4 % of an rms across the boresight for 300 members of 1 frame.
     """
     whole(1, 10**7, members=members, times=times)
     refuse_scans(case)

@@ -94,7 +94,8 @@ def calibrate(
     spots    of each frame
     matches  of each frame; unsolved ones are left out
     camera   to start from
-    Errors   ValueError where no frame is solved, or lengths differ. model: OpenCV's distortion.
+    Raises    ValueError where no frame is solved, or lengths differ.
+    Accuracy  model: OpenCV's distortion.
     """
     if len(spots) != len(matches):
         raise ValueError(

@@ -10,10 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import non_negative
+from startrack.core import Floats, non_negative
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
-
-Floats = NDArray[np.float64]
 
 NAMES = ("electrons_per_dn", "read_noise", "dark_current", "prnu", "dark_pattern", "offset")
 LOW = np.array([1e-3, 1e-2, 1e-3, 1e-5, 1e-3])  # of all but the offset, whose prior is even
@@ -83,10 +81,10 @@ def sample_detector(
     the logarithms, and in the offset.
 
     levels  one lit and two dark ones of different exposures at least
-    Errors  ValueError where levels are missing, or the lit ones are not brighter.
-            model: pixels normal and independent, photons beyond a few tens a pixel or read noise
-            that rules; the signal of a lit level known to 1 / sqrt(pixels); one dark pattern at
-            all exposures.
+    Raises    ValueError where levels are missing, or the lit ones are not brighter.
+    Accuracy  model: pixels normal and independent, photons beyond a few tens a pixel or read noise
+              that rules; the signal of a lit level known to 1 / sqrt(pixels); one dark pattern at
+              all exposures.
     """
     dark = {level.exposure for level in levels if not level.lit}
     if len(dark) < 2 or not any(level.lit for level in levels):

@@ -7,15 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.calibration.camera import Calibration, calibrate
 from startrack.calibration.psf_width import width_likelihood
-from startrack.core import Camera, Frame, Matches, Spots, non_negative, positive
+from startrack.core import Camera, Floats, Frame, Matches, Spots, non_negative, positive
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
-
-Floats = NDArray[np.float64]
 
 CAMERA = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
 LOGARITHMS = ("floor", "psf_sigma")  # sampled as such
@@ -104,9 +101,9 @@ def sample_camera(
     matches  of each frame; those with fewer than 4 stars are left out
     camera   where the prior has its middle
     images   of the same order
-    Errors   ValueError where no frame has 4 matched stars.
-             model: normal errors of centroids, no bad match; a narrow frame tells the principal
-             point only through the tangent plane's bend: see `open`.
+    Raises    ValueError where no frame has 4 matched stars.
+    Accuracy  model: normal errors of centroids, no bad match; a narrow frame tells the principal
+              point only through the tangent plane's bend: see `open`.
     """
     chosen = [pair for pair in zip(spots, matches, strict=True) if len(pair[1]) >= 4]
     if not chosen:

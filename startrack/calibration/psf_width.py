@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.special import erf
 
-from startrack.core import Frame, Spots
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, Frame, Spots
 
 HALF = 4  # pixel, from the middle of a stamp to its edge
 APART = 2 * HALF  # pixel along either axis to the next spot, so that a stamp has one star
@@ -37,10 +34,10 @@ def width_likelihood(
 
     low, high  pixel, the widths between which it is asked
     Returns    a function of ln sigma (w,)
-    Errors     ValueError where no star is alone in its stamp, unsaturated, and brighter than 15
-               sigma. model: one Gaussian for the whole field; a PSF with wings gives the width of
-               its core and more. numerical: interpolated, by
-               1e-3 of ln L near its peak.
+    Raises     ValueError where no star is alone in its stamp, unsaturated, and brighter than 15
+               sigma.
+    Accuracy   model: one Gaussian for the whole field; a PSF with wings gives the width of its core
+               and more. numerical: interpolated, by 1e-3 of ln L near its peak.
     """
     stars = [
         (_stamp(image, *np.rint(place).astype(int)).ravel(), frame, place)

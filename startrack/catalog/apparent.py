@@ -33,7 +33,7 @@ def earth_observer(epoch: float, orbital_velocity: Floats | None = None) -> Obse
     epoch             Julian year (TDB), in [1900, 2100]
     orbital_velocity  (3,) m/s of a satellite against the Earth's centre, ICRS axes
     Returns           the observer
-    Errors            ValueError outside these years. 14 km and 5 mm/s: 1e-7 and 2e-7 of what
+    Raises            ValueError outside these years. 14 km and 5 mm/s: 1e-7 and 2e-7 of what
                       parallax and aberration need. A satellite's place is taken as the centre's.
     """
     from astropy import units  # costs 0.5 s, and only aberration and parallax need it
@@ -68,8 +68,8 @@ def apparent(
     observer_position  (3,) astronomical unit from the barycentre; None leaves parallax out
     observer_velocity  (3,) m/s against the barycentre; None leaves aberration out
     Returns            the stars, in the order of the catalogue
-    Errors             model: no light deflection by the Sun (4 mas at 90 deg from it, 41 mas at
-                       11 deg), no radial velocity, no orbits of double stars.
+    Accuracy           model: no light deflection by the Sun (4 mas at 90 deg from it, 41 mas at 11
+                       deg), no radial velocity, no orbits of double stars.
     """
     place = catalog.place(epoch)
     if observer_position is not None:
@@ -93,7 +93,8 @@ def aberrate(direction: Floats, velocity: Floats) -> Floats:
     direction  (n, 3) unit vectors towards the stars, for an observer at rest
     velocity   (3,) m/s of the observer
     Returns    (n, 3) unit vectors
-    Errors     ValueError from the speed of light on. numerical: 1e-16.
+    Raises     ValueError from the speed of light on.
+    Accuracy   numerical: 1e-16.
     """
     beta = velocity / LIGHT_SPEED
     if not beta @ beta < 1:

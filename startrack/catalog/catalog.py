@@ -64,9 +64,9 @@ class Catalog:
 
         epoch    Julian year
         Returns  (n, 3) barycentric vectors on ICRS axes, not of unit length
-        Errors   model: radial velocities are left out, an error that grows as the square of the
-                 time. After 10 years it is 64 mas for Barnard's star, the worst, and 6 mas for
-                 alpha Centauri.
+        Accuracy  model: radial velocities are left out, an error that grows as the square of the
+                  time. After 10 years it is 64 mas for Barnard's star, the worst, and 6 mas for
+                  alpha Centauri.
         """
         east, north, direction = self.triad()
         motion = self.pm_ra[:, None] * east + self.pm_dec[:, None] * north
@@ -77,7 +77,7 @@ class Catalog:
 
         epoch    Julian year
         Returns  the catalogue at that epoch
-        Errors   as `place`; going there and back returns to within the cube of the motion (radian).
+        Raises   as `place`; going there and back returns to within the cube of the motion (radian).
         """
         east, north, _ = self.triad()
         motion = self.pm_ra[:, None] * east + self.pm_dec[:, None] * north
@@ -113,7 +113,7 @@ def _columns() -> list[str]:
 def join(first: Catalog, second: Catalog) -> Catalog:
     """Two catalogues of the same epoch as one, in this order.
 
-    Errors  ValueError where the epochs differ.
+    Raises  ValueError where the epochs differ.
     """
     if first.epoch != second.epoch:
         raise ValueError(f"epoch must be the same to join, got {first.epoch} and {second.epoch}")
@@ -148,7 +148,7 @@ def assemble(
     magnitude_g, colour    magnitude
     line                   the number in the file of each star's line, to name a bad one
     Returns                the catalogue; an unknown proper motion and parallax become zero
-    Errors                 ValueError without stars, and where a position is none.
+    Raises                 ValueError without stars, and where a position is none.
     """
     if len(identifier) == 0:
         raise ValueError(f"{path} must hold stars, got none")

@@ -34,7 +34,7 @@ def g_from_johnson(v: Floats, b_minus_v: Floats) -> tuple[Floats, Floats]:
 
     v, b_minus_v  (n,) magnitude, NaN where unknown
     Returns       (n,) G and (n,) BP - RP, which is NaN where the colour is missing
-    Errors        0.03 mag in G for stars with 0 < B - V < 1.3. Beyond B - V = 1.5, B - V says
+    Accuracy      0.03 mag in G for stars with 0 < B - V < 1.3. Beyond B - V = 1.5, B - V says
                   little about a giant's temperature, and G is uncertain by 0.5 mag; without a
                   colour by 0.3 mag.
     """
@@ -47,7 +47,7 @@ def g_from_tycho(vt: Floats, bt_minus_vt: Floats) -> tuple[Floats, Floats]:
 
     vt, bt_minus_vt  (n,) magnitude, NaN where unknown
     Returns          (n,) G and (n,) BP - RP, which is NaN where the colour is missing
-    Errors           0.05 mag in G where BT and VT are good to 0.02 mag; without a colour 0.3 mag.
+    Accuracy         0.05 mag in G where BT and VT are good to 0.02 mag; without a colour 0.3 mag.
     """
     colour = _solve(G_MINUS_VT, G_MINUS_BT, bt_minus_vt, -0.3, 2.5)
     return _from(vt, G_MINUS_VT, colour), colour
@@ -58,7 +58,7 @@ def g_from_hipparcos(hp: Floats, v_minus_i: Floats) -> tuple[Floats, Floats]:
 
     hp, v_minus_i  (n,) magnitude, NaN where unknown
     Returns        (n,) G and (n,) BP - RP, which is NaN where the colour is missing
-    Errors         0.02 mag in G where V - I is good to 0.02 mag; without a colour 0.3 mag.
+    Accuracy       0.02 mag in G where V - I is good to 0.02 mag; without a colour 0.3 mag.
     """
     colour = _polynomial(np.clip(v_minus_i, -0.4, 4.0), C_OF_V_MINUS_I)
     return _from(hp, G_MINUS_HP, np.clip(colour, *HP_RANGE)), colour
@@ -72,8 +72,8 @@ def v_from_g(g: Floats, colour: Floats) -> Floats:
 def colour_from_hipparcos(g: Floats, hp: Floats) -> Floats:
     """BP - RP, (n,) magnitude, of stars with G and Hp, within the range of the fit.
 
-    Errors  the scatter of the fit over its slope: 0.02 mag for blue stars, 0.01 for red ones,
-            and more for stars that vary or are double.
+    Accuracy  the scatter of the fit over its slope: 0.02 mag for blue stars, 0.01 for red ones, and
+              more for stars that vary or are double.
     """
     return _solve((0.0,), G_MINUS_HP, hp - g, *HP_RANGE)
 

@@ -36,7 +36,7 @@ def read(path: Path, format: str = "auto") -> Catalog:
     path     the file; text may be gzipped
     format   one of FORMATS; "auto" looks at the first bytes
     Returns  the catalogue at its own epoch
-    Errors   FileNotFoundError without the file; ValueError for a file that is empty, cut, of
+    Raises   FileNotFoundError without the file; ValueError for a file that is empty, cut, of
              another format, or has a position that is none.
     """
     one_of(FORMATS, format=format)
@@ -62,7 +62,7 @@ def read(path: Path, format: str = "auto") -> Catalog:
 def recognise_format(path: Path) -> str:
     """Which of FORMATS a file is, by its first bytes.
 
-    Errors  FileNotFoundError without the file; ValueError for one that is empty or like none.
+    Raises  FileNotFoundError without the file; ValueError for one that is empty or like none.
     """
     start = _start(path)
     if not start.strip():

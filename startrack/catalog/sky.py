@@ -39,7 +39,8 @@ class Sky:
         direction  (3,) ICRS, of any length
         radius     radian, in [0, pi]
         Returns    (k,) indices into the stars, brightest first
-        Errors     ValueError for a direction without length. numerical: 3e-16 rad.
+        Raises     ValueError for a direction without length.
+        Accuracy   numerical: 3e-16 rad.
         """
         within(0, np.pi, radius=radius)
         length = math.hypot(*direction)
@@ -54,7 +55,7 @@ class Sky:
         directions  (m, 3) ICRS, of any length
         radius      radian, in [0, pi]
         Returns     m arrays of indices into the stars, each brightest first
-        Errors      as `cone`.
+        Raises      as `cone`.
         """
         directions = np.asarray(directions, float)
         if directions.ndim != 2 or directions.shape[1] != 3:
@@ -115,7 +116,7 @@ def belt(direction, height, radius):  # type: ignore[no-untyped-def]
 def open_sky(selection: Selection) -> Sky:
     """The sky of a selection, brightest star first; the same one for the same selection.
 
-    Errors  FileNotFoundError, ImportError or ValueError where the catalogue cannot be read.
+    Raises  FileNotFoundError, ImportError or ValueError where the catalogue cannot be read.
     """
     catalog = _catalog(selection)
     catalog = catalog[catalog.magnitude_g <= selection.limit_g]

@@ -32,7 +32,7 @@ class Records:
     def numbers(self, name: str) -> Floats:
         """A column as numbers, NaN where the field is blank.
 
-        Errors  ValueError where a field is no finite number.
+        Raises  ValueError where a field is no finite number.
         """
         texts = self.columns[name]
         try:
@@ -51,7 +51,7 @@ class Records:
     def integers(self, name: str) -> Ints:
         """A column of whole numbers, none of them blank.
 
-        Errors  ValueError where a field is no whole number.
+        Raises  ValueError where a field is no whole number.
         """
         values = self.numbers(name)
         wrong = np.flatnonzero(values != np.round(values))
@@ -79,7 +79,7 @@ def fixed_width(
     needed   bytes that every line must have; what follows may be blank and stripped
     record   bytes of a whole line
     Returns  the columns
-    Errors   ValueError for an empty or a cut file and for a line that is too short.
+    Raises   ValueError for an empty or a cut file and for a line that is too short.
     """
     lines = text_lines(path, record)
     for number, line in enumerate(lines, 1):
@@ -101,7 +101,7 @@ def separated(path: Path, fields: Mapping[str, int], count: int, record: int) ->
     count    fields in a line
     record   bytes of a whole line
     Returns  the columns
-    Errors   ValueError for an empty or a cut file and for a line with another number of fields.
+    Raises   ValueError for an empty or a cut file and for a line with another number of fields.
     """
     columns: dict[str, list[str]] = {name: [] for name in fields}
     lines = text_lines(path, record)
@@ -122,7 +122,7 @@ def text_lines(path: Path, record: int) -> list[str]:
     path     the file
     record   bytes of a whole line; a last line that is shorter and has no end was cut
     Returns  the lines without their ends
-    Errors   ValueError for a file that is empty, cut, or not text.
+    Raises   ValueError for a file that is empty, cut, or not text.
     """
     text = content(path)
     lines = text.splitlines()
@@ -137,7 +137,7 @@ def text_lines(path: Path, record: int) -> list[str]:
 def content(path: Path) -> str:
     """The text of a file, plain or gzipped.
 
-    Errors  ValueError for a file that is empty, cut, or not text.
+    Raises  ValueError for a file that is empty, cut, or not text.
     """
     data = path.read_bytes()
     if data[:2] == b"\x1f\x8b":
@@ -155,7 +155,7 @@ def content(path: Path) -> str:
 def csv_table(path: Path) -> Any:
     """Read a CSV file, plain or gzipped, or an ECSV file.
 
-    Errors  ValueError for a file that is empty, cut, or whose rows differ in length.
+    Raises  ValueError for a file that is empty, cut, or whose rows differ in length.
     """
     from astropy.io import ascii
 
@@ -180,7 +180,7 @@ def csv_table(path: Path) -> Any:
 def numbers(path: Path, table: Any, name: str) -> Floats:
     """A column of a table as numbers, NaN where it is masked or the table has no such column.
 
-    Errors  ValueError where the column does not hold numbers.
+    Raises  ValueError where the column does not hold numbers.
     """
     if name not in table.colnames:
         return np.full(len(table), np.nan)
@@ -199,7 +199,7 @@ def degrees(records: Records, name: str, cuts: tuple[int, int] | None = None) ->
     cuts     where the minutes and the seconds begin, for fields that touch; None for fields
              with blanks between them
     Returns  (n,) number, NaN where the field is blank
-    Errors   ValueError where a field is not three numbers, or has 60 minutes or more.
+    Raises   ValueError where a field is not three numbers, or has 60 minutes or more.
     """
     values = np.full(len(records.line), np.nan)
     for i, text in enumerate(records.columns[name]):
@@ -228,7 +228,7 @@ def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
 
     path     the file
     Returns  its header, and its columns by name in lower case, in the machine's byte order
-    Errors   ValueError for a file that is cut, damaged, or has no table.
+    Raises   ValueError for a file that is cut, damaged, or has no table.
     """
     from astropy.io import fits
     from astropy.utils.exceptions import AstropyWarning
@@ -259,7 +259,7 @@ def votable(path: Path) -> Any:
 
     path     the file
     Returns  an astropy table
-    Errors   ValueError for a file that is cut, has no table, or fewer rows than it says.
+    Raises   ValueError for a file that is cut, has no table, or fewer rows than it says.
     """
     from astropy.io.votable import parse
     from astropy.io.votable.exceptions import VOWarning

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.cli.exits import Exit, WrongUse
 from startrack.cli.options import add_out, add_seed, describe
 from startrack.cli.terminal import progress, tell
-from startrack.core import Streams, um
+from startrack.core import Floats, Streams, um
 from startrack.earth.geometry import EarthScene, Strip, find, observe_earth
 from startrack.earth.imager import (
     Channel,
@@ -47,7 +46,6 @@ as `geoid`. The finest file counts where several overlap. For the geometry, a ta
 design has it lets the camera drift and shake from line to line.
 """
 
-Floats = NDArray[np.float64]
 
 PANEL = 1500  # lines and columns of a quick look, at most
 

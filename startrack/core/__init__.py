@@ -2,6 +2,7 @@
 
 units      Units as SI floats, constants with their source, and `"50 mm"` read and written at the
            border.
+arrays     Types of arrays, for annotations.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value.
 streams    A seed, a trial and a cause enter; a generator leaves, the same for any number of
            workers.
@@ -15,6 +16,7 @@ dates      A date as text enters; a time leaves, converted with the tables that 
 variates   Random variates for compiled code: bits of a counter, normal and Poisson quantiles.
 """
 
+from startrack.core.arrays import Floats, Ints
 from startrack.core.camera import Camera
 from startrack.core.checks import finite, non_negative, one_of, positive, whole, within
 from startrack.core.curve import ALL, Curve
@@ -39,9 +41,7 @@ from startrack.core.units import (
 from startrack.core.values import (
     DiffuseLight,
     Estimate,
-    Floats,
     Frame,
-    Ints,
     Light,
     LineOfSight,
     Matches,

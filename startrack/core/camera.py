@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core.arrays import Floats
 from startrack.core.checks import finite, positive, whole
 
-Floats = NDArray[np.float64]
 NO_ROTATION = np.zeros(3)
 
 
@@ -101,7 +101,7 @@ class Camera:
 
         direction  (n, 3) in camera axes, of any length
         Returns    (n, 2) pixel (x, y); NaN for what lies behind the camera
-        Errors     numerical: 1e-12 of the array's width.
+        Accuracy   numerical: 1e-12 of the array's width.
         """
         direction = np.atleast_2d(np.ascontiguousarray(direction, float))
         if not self.distorted:
@@ -120,7 +120,7 @@ class Camera:
 
         pixel    (n, 2) pixel (x, y)
         Returns  (n, 3) unit vectors in camera axes
-        Errors   numerical: 1e-9 pixel, where the distortion can be inverted at all.
+        Accuracy  numerical: 1e-9 pixel, where the distortion can be inverted at all.
         """
         pixel = np.atleast_2d(np.asarray(pixel, float))
         if self.distorted and len(pixel):

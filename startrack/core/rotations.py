@@ -9,10 +9,9 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Floats = NDArray[np.float64]
+from startrack.core.arrays import Floats
 
 
 def rotation_of(matrix: Floats) -> Rotation:

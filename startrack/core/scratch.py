@@ -9,8 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import DTypeLike, NDArray
 
+from startrack.core.arrays import Ints
+
 Image = NDArray[np.float32]
-Ints = NDArray[np.int64]
 
 
 class _Lasting(threading.local):

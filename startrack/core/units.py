@@ -46,7 +46,7 @@ def parse(text: str, unit: str) -> float:
     text     a number and a unit as astropy writes them: "50 mm", "5 deg", "10 electron / s"
     unit     unit of the result
     Returns  the value in that unit, correctly rounded
-    Errors   ValueError where the text is no number with a unit, or its unit does not convert.
+    Raises   ValueError where the text is no number with a unit, or its unit does not convert.
     """
     found = NUMBER.fullmatch(text)
     if not found or not found[2]:

@@ -60,7 +60,7 @@ def inverse_normal(fraction):  # type: ignore[no-untyped-def]
     """Phi^-1(share), by cubic Hermite interpolation.
 
     fraction  in [2^-54, 1 - 2^-54]
-    Errors  numerical: 1e-10.
+    Accuracy  numerical: 1e-10.
     """
     nearer = fraction if fraction <= 0.5 else 1.0 - fraction
     mantissa, power = math.frexp(nearer)
@@ -202,7 +202,7 @@ def poisson_quantile(mean: float, normal: float) -> float:
     mean     (...) expectation; zero or less gives zero
     normal   (...) standard normal
     Returns  (...) whole numbers as floats
-    Errors   numerical: exact within 7 standard deviations up to a mean of 1e5; beyond either,
-             now and then one off. Past 8.2 standard deviations (probability 2e-16) it is clipped.
+    Accuracy  numerical: exact within 7 standard deviations up to a mean of 1e5; beyond either, now
+              and then one off. Past 8.2 standard deviations (probability 2e-16) it is clipped.
     """
     return quantile(mean, normal)

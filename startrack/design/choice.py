@@ -44,7 +44,7 @@ class Branch(NamedTuple):
 def branches(case: Case, choices: Sequence[Choice]) -> list[Branch]:
     """Every combination of the choices; the case alone where there are none.
 
-    Errors  ValueError where a value does not fit its parameter, or there are more than 256.
+    Raises  ValueError where a value does not fit its parameter, or there are more than 256.
     """
     count = math.prod(len(choice.values) for choice in choices)
     if count > MOST_BRANCHES:

@@ -30,7 +30,7 @@ def load_design(path: Path) -> Design:
     `product = "cmv4000"` under `[instrument.detector]` stands for the values of that detector in
     the catalogue; keys beside it override them.
 
-    Errors  ValueError, one sentence with the file, the place in it, the rule and the value.
+    Raises  ValueError, one sentence with the file, the place in it, the rule and the value.
     """
     path = Path(path)
     table = read_table(path, "a design file")

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import one_of
+from startrack.core import Floats, one_of
 from startrack.metrics import Interval
 
-Floats = NDArray[np.float64]
 AXES = {"across": [0, 1], "about": [2], "both": [0, 1, 2]}
 RESAMPLES = 4000
 BOOTSTRAP = 1  # names the stream of the resampling
@@ -40,7 +39,7 @@ class Objective:
     def read(cls, text: str) -> Objective:
         """From "across", "about-99.73" and the like, the fraction in percent.
 
-        Errors  ValueError where the text is none of these.
+        Raises  ValueError where the text is none of these.
         """
         axes, dash, percent = text.partition("-")
         try:
@@ -86,7 +85,7 @@ class Objective:
 
         first, second  radian^2, of trials
         paired         whether the two are of the same trials, in the same order
-        Errors  NaN where one solved none.
+        Accuracy  NaN where one solved none.
         """
         if not (np.isfinite(first).any() and np.isfinite(second).any()):
             return Interval(np.nan, np.nan, np.nan)

@@ -32,7 +32,7 @@ def current_name(case: Any, name: str) -> str:
 def find(case: Any, name: str) -> Any:
     """What stands at a name, such as "instrument.motion.tones.0.rms_x".
 
-    Errors  ValueError where there is no such parameter.
+    Raises  ValueError where there is no such parameter.
     """
     at = case
     for part in current_name(case, name).split("."):
@@ -48,7 +48,7 @@ def find(case: Any, name: str) -> Any:
 def number(case: Any, name: str) -> float:
     """The number at a name.
 
-    Errors  ValueError where there is none that can vary.
+    Raises  ValueError where there is none that can vary.
     """
     value = find(case, name)
     if isinstance(value, bool) or not isinstance(value, float | int):
@@ -59,7 +59,7 @@ def number(case: Any, name: str) -> float:
 def replaced(case: Any, name: str, value: Any) -> Any:
     """The case with another value at a name; a number is rounded where a whole one stands.
 
-    Errors  ValueError with the name, where the parameter refuses the value.
+    Raises  ValueError with the name, where the parameter refuses the value.
     """
     held = find(case, name)
     if isinstance(held, int) and not isinstance(held, bool) and isinstance(value, float):
@@ -83,7 +83,7 @@ def unit_at(case: Any, name: str) -> Unit | None:
 def quantity(case: Any, name: str, value: float | str) -> float:
     """A number or a text with a unit as the SI value for a parameter.
 
-    Errors  ValueError where the parameter has a unit and the value none, or the reverse.
+    Raises  ValueError where the parameter has a unit and the value none, or the reverse.
     """
     unit = unit_at(case, name)
     if unit and isinstance(value, str):

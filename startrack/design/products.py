@@ -18,7 +18,7 @@ def with_product(table: Mapping[str, Any]) -> dict[str, Any]:
 
     table    of a whole design
     Returns  a table without the key
-    Errors   ValueError for a name that the catalogue does not have.
+    Raises   ValueError for a name that the catalogue does not have.
     """
     match table:
         case {"instrument": {"detector": {"product": _} as detector} as instrument}:

@@ -60,7 +60,7 @@ class DesignSpace:
     adapt  a Python function that makes the last changes to each design, None for none; what it
            refuses with a ValueError is no design of the box
 
-    Errors  ValueError where a name is no number of the case, a bound has a wrong unit, the bounds
+    Raises  ValueError where a name is no number of the case, a bound has a wrong unit, the bounds
             are not in order, or the start lies outside them.
     """
 
@@ -130,7 +130,7 @@ class DesignSpace:
     def design(self, place: NDArray[np.float64]) -> Case:
         """The case at a place in the unit cube.
 
-        Errors  ValueError where the parameters, or `adapt`, refuse it.
+        Raises  ValueError where the parameters, or `adapt`, refuse it.
         """
         case = self._replaced(place)
         return self.adapt(case) if self.adapt else case

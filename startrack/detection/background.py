@@ -53,8 +53,8 @@ def sky(filtered: Image, mesh: int, floor: float) -> Sky:
     filtered  (rows, columns) digital number
     mesh      pixel, side of a tile
     floor     digital number, least noise
-    Errors    statistical, of 32-pixel tiles: 0.05 sigma of the filtered image in the mean, 2 %
-              in the noise where neighbours are alike, 0.12 sigma and 9 % where they are not.
+    Accuracy  statistical, of 32-pixel tiles: 0.05 sigma of the filtered image in the mean, 2 % in
+              the noise where neighbours are alike, 0.12 sigma and 9 % where they are not.
     """
     mesh = min(mesh, max(filtered.shape))
     mean, rms, skewness = _tiles(filtered, mesh, floor)

@@ -33,7 +33,7 @@ def centroid(
 
     psf      what a star looks like
     Returns  Spots, brightest first
-    Errors   those of the files of the four centroids.
+    Raises   those of the files of the four centroids.
     """
     table = measured(sample(frame, pixels, candidates, settings), settings, psf)
     order = np.argsort(-table[:, 2], kind="stable")  # NaN goes last

@@ -27,8 +27,8 @@ def detect(frame: Frame, settings: Detection, psf: Psf | None = None) -> Spots:
     psf       of the design at rest, for what the settings want it; None: a Gaussian of their
               kernel_sigma
     Returns   Spots, brightest first; none where there is none
-    Errors    TypeError or ValueError where the image is not a two-dimensional array of real
-              numbers with at least one finite value. Those of `centroid` for the accuracy.
+    Raises    TypeError or ValueError where the image is not a two-dimensional array of real numbers
+              with at least one finite value. Those of `centroid` for the accuracy.
     """
     image, star = pixels(frame), star_image(settings, psf)
     return centroid(frame, image, find(image, settings, star), settings, star)
@@ -55,7 +55,7 @@ def detect_near(
     reach     pixel, by which a star may lie off its place along either axis
     settings, psf  as `detect` takes them; the mesh is the window's side
     Returns   Spots, brightest first; one star for two places near it
-    Errors    those of `detect`; ValueError where `place` is not (m, 2) or reach not positive.
+    Raises    those of `detect`; ValueError where `place` is not (m, 2) or reach not positive.
     """
     positive(reach=reach)
     place = np.asarray(place, float)

@@ -120,8 +120,8 @@ def chance_to_pass(
     image  expected digital numbers;  level  of those where no star is
     noise  digital number, of an empty pixel;  shot  variance for each digital number of light
     fraction  as `sharp` takes it
-    Errors model: normal noise, whatever else is asked of the peak.
-           numerical: counted on 400 patterns of noise, the same for all peaks: 0.015 at 0.9.
+    Accuracy  model: normal noise, whatever else is asked of the peak. numerical: counted on 400
+              patterns of noise, the same for all peaks: 0.015 at 0.9.
     """
     patterns = Streams(0, 0)("noise of a core").standard_normal((PATTERNS, 3, 3))
     return np.asarray(_passing(image, x, y, level, noise, shot, fraction, patterns))

@@ -57,8 +57,8 @@ def expect(
     place  (n, 2) pixel, where the stars are; no two so near that one sees the other
     level  digital number where no star is
     area   pixel, of the frames that are searched, on which the threshold may depend
-    Errors model: the highest of the noise about a star is that of a place fitted to it, whose
-           squared height has two degrees of freedom more (Wilks); found within 2 % of the stars.
+    Accuracy  model: the highest of the noise about a star is that of a place fitted to it, whose
+              squared height has two degrees of freedom more (Wilks); found within 2 % of the stars.
     """
     star = star_image(settings, psf)
     kernel, gain = kernel_of(settings, star), gain_of(frame, 0.0)

@@ -365,7 +365,7 @@ def gaussian(sample: Sample, sigma: float) -> Floats:
 
     sigma    pixel, first guess, which also sets the window: 3 sigma and half a pixel
     Returns  as `gravity`; NaN where the fit runs away
-    Errors   model: a star that is no Gaussian is fitted by its core.
+    Accuracy  model: a star that is no Gaussian is fitted by its core.
     """
     half = max(sample.half, math.ceil(3 * sigma + 0.5))
     return np.asarray(fitted(sample, Model(NO_TABLE, 1, half, half, half, float(sigma))))
@@ -383,10 +383,10 @@ def likelihood(sample: Sample, psf: Psf) -> Floats:
 
     psf      as the design makes it
     Returns  as `gravity`; NaN where the fit runs away
-    Errors   statistical: the bound within 1 % from an SNR of 15 on and 3 % at 8, counting the
-             star's own shot noise, as no estimator keeps it where the star is nearly noise.
-             model: a PSF that is too wide by 10 % costs 1 % in the error of the place, and 10 %
-             in the flux. Where the gain is unknown, the weights are those of a faint star.
+    Accuracy  statistical: the bound within 1 % from an SNR of 15 on and 3 % at 8, counting the
+              star's own shot noise, as no estimator keeps it where the star is nearly noise. model:
+              a PSF that is too wide by 10 % costs 1 % in the error of the place, and 10 % in the
+              flux. Where the gain is unknown, the weights are those of a faint star.
     """
     half_x, half_y = reach(psf)
     ring = max(sample.half, half_x, half_y)

@@ -33,11 +33,11 @@ def gravity(sample: Sample, uncut: bool) -> Floats:
              what that costs, to first order
     Returns  (n, 9): x, y, flux, its sigma, xx, xy, yy, window's column and row; NaN up to yy
              where the window runs away or holds no light
-    Errors   model: the pixels average a sharp star, which moves g by up to 0.0023 pixel for a
-             Gaussian of sigma 0.5 pixel, 0.054 for 0.3. A star whose sigma exceeds a fifth of
-             the window leaves light in the ring, which keeps up to a third of the window's pull.
-             The covariance holds neither. A faint star whose window shows no light is measured
-             in 3 x 3 pixels.
+    Accuracy  model: the pixels average a sharp star, which moves g by up to 0.0023 pixel for a
+              Gaussian of sigma 0.5 pixel, 0.054 for 0.3. A star whose sigma exceeds a fifth of the
+              window leaves light in the ring, which keeps up to a third of the window's pull. The
+              covariance holds neither. A faint star whose window shows no light is measured in 3 x
+              3 pixels.
     """
     return _gravity(*sample, uncut)
 

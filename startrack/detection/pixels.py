@@ -57,9 +57,9 @@ class Pixels(NamedTuple):
 def pixels(frame: Frame) -> Pixels:
     """Read a frame; what is not finite is a dead pixel.
 
-    Errors   TypeError where the image does not hold real numbers; ValueError where it is not
-             two-dimensional, is empty, or holds no finite value.
-             numerical: 24 bits, 6e-8 of the range of the image.
+    Raises    TypeError where the image does not hold real numbers; ValueError where it is not
+              two-dimensional, is empty, or holds no finite value.
+    Accuracy  numerical: 24 bits, 6e-8 of the range of the image.
     """
     image = np.asarray(frame.image)
     if image.dtype.kind not in "iuf":
@@ -123,7 +123,7 @@ def subtract_dark(frame: Frame, dark: Frame) -> Frame:
 
     frame, dark  of the same shape, exposure and temperature; the dark frame best a median of many
     Returns      Frame of float32, whose offset is 0, because the dark frame held it
-    Errors       ValueError where the shapes differ.
+    Raises       ValueError where the shapes differ.
     """
     if frame.image.shape != dark.image.shape:
         raise ValueError(
@@ -148,7 +148,7 @@ def divide_flat(frame: Frame, flat: Frame) -> Frame:
     frame    less its dark frame, or with the right offset
     flat     image of an even surface, best a mean of many
     Returns  Frame of float32 with the same offset
-    Errors   ValueError where the shapes differ or the flat holds no light.
+    Raises   ValueError where the shapes differ or the flat holds no light.
     """
     if frame.image.shape != flat.image.shape:
         raise ValueError(
@@ -168,7 +168,7 @@ def divide_flat(frame: Frame, flat: Frame) -> Frame:
 def without_pixels(frame: Frame, x: Ints, y: Ints) -> Frame:
     """Mark known hot or dead pixels, columns x and rows y (n,), as NaN, which `detect` fills.
 
-    Errors  ValueError where a pixel lies outside the frame.
+    Raises  ValueError where a pixel lies outside the frame.
     """
     rows, columns = frame.image.shape
     x, y = np.asarray(x), np.asarray(y)

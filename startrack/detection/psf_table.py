@@ -59,7 +59,7 @@ def expected(
     x, y       pixel, of the star
     left, top  pixel, first column and row of the window
     star       (3, rows, columns) 1, slope by x, slope by y, written here; 0 beyond the table
-    Errors     numerical: 1e-6 of the peak for a PSF with four samples a sigma.
+    Accuracy   numerical: 1e-6 of the peak for a PSF with four samples a sigma.
     """
     middle, samples = table.shape[0] // 2, table.shape[0]
     _, rows, columns = star.shape

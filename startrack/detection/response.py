@@ -71,8 +71,8 @@ def response(
     frame    expected numbers, not rounded
     x, y     (n,) pixel, peaks, at least the side from the border
     sigma    (rows, columns) digital number, of the pixels' noise
-    Errors   numerical: a secant over two sigma, exact where the centroid is quadratic there. What
-             a pixel of the ring does to the background is left out.
+    Accuracy  numerical: a secant over two sigma, exact where the centroid is quadratic there. What
+              a pixel of the ring does to the background is left out.
     """
     star = star_image(settings, psf)
     nothing: NDArray[np.int64] = np.ones(len(x), np.int64)

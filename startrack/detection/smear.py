@@ -33,8 +33,8 @@ def smeared(psf: Psf, x: float, y: float) -> Psf:
     Source: transform of the uniform law on a segment.
 
     x, y     pixel, by which the star's image moves in the exposure
-    Errors   ValueError where the motion is not finite.
-             numerical: 1e-6 of the peak where the table holds all of the star.
+    Raises    ValueError where the motion is not finite.
+    Accuracy  numerical: 1e-6 of the peak where the table holds all of the star.
     """
     finite(x=x, y=y)
     if x == 0 and y == 0:

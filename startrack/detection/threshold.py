@@ -54,7 +54,7 @@ def sigmas(threshold: float, skewness: Grid, kurtosis: Grid) -> Grid:
     The terms of second order stay what they are at a skewness of 0.5, beyond which the next
     ones would have to be told too.
 
-    Errors  numerical: too much by 0.08 sigma at 5.5 sigma and a skewness of 0.24, by 0.6 at 0.46.
+    Accuracy  numerical: too much by 0.08 sigma at 5.5 sigma and a skewness of 0.24, by 0.6 at 0.46.
     """
     z = threshold
     more = skewness * (z**2 - 1) / 6
@@ -116,8 +116,8 @@ def false_alarms(settings: Detection, columns: int, rows: int, psf: Psf | None =
     Source: Adler (1981), The geometry of random fields, theorem 6.9.3.
 
     Returns  1, per frame
-    Errors   model: 5 % for thresholds from 4 on where the gain is known, a factor of 2 where the
-             tiles alone tell the noise.
+    Accuracy  model: 5 % for thresholds from 4 on where the gain is known, a factor of 2 where the
+              tiles alone tell the noise.
     """
     star, area = star_image(settings, psf), columns * rows
     bumps = _bumps(star, kernel_of(settings, star))

@@ -28,7 +28,7 @@ def weighted(sample: Sample, sigma: float) -> Floats:
 
     sigma    pixel, of the weight; best that of the stars
     Returns  as `gravity`, whose flux it keeps
-    Errors   model: pixels average the star, which moves c by at most what `gravity` has.
+    Accuracy  model: pixels average the star, which moves c by at most what `gravity` has.
     """
     return _weighted(*sample, gravity(sample, True), sigma)
 

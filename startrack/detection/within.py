@@ -63,8 +63,8 @@ def detect_within(
     ground    background and noise, as from `measure_ground`
     settings, psf  as `detect` takes them
     Returns   Spots, brightest first
-    Errors    model: of a connected component, what lies in the margin beyond the kernel's reach
-              has no part in its area.
+    Accuracy  model: of a connected component, what lies in the margin beyond the kernel's reach has
+              no part in its area.
     """
     star = star_image(settings, psf)
     kernel = kernel_of(settings, star)

@@ -5,15 +5,14 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.detector.effects import diffuse
 from startrack.detector.law import law_of
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
 from startrack.detector.tables import Tables, tables_for
 
-Floats = NDArray[np.float64]
 WINGS = 0.6  # standard deviations; most pixels that a star reaches are no brighter
 
 

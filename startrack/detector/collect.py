@@ -5,12 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Camera, Light
+from startrack.core import Camera, Floats, Light
 from startrack.detector.parameters import Detector
-
-Floats = NDArray[np.float64]
 
 
 def electron_rate(light: Light, detector: Detector, throughput: Floats) -> tuple[Floats, Floats]:
@@ -36,7 +33,7 @@ def glow_of(light: Light, camera: Camera, detector: Detector, throughput: Floats
     """Expected electrons (rows, columns) of what varies over the field, None where nothing does.
 
     throughput  (k,) square metre, aperture times transmission
-    Errors      model: the solid angle of a pixel is that on the boresight.
+    Accuracy    model: the solid angle of a pixel is that on the boresight.
     """
     if not light.diffuse:
         return None

@@ -6,11 +6,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Streams, Unit, non_negative, whole, within
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, Streams, Unit, non_negative, whole, within
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Streams, bits, drawn, inverse_normal, key, uniform
+from startrack.core import Floats, Streams, bits, drawn, inverse_normal, key, uniform
 from startrack.detector.law import COUNT, Image, Law, blank, number, signal
 from startrack.detector.tables import OPEN, STEPS, Tables, tables_for
-
-Floats = NDArray[np.float64]
 
 
 def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | None = None) -> Image:
@@ -26,8 +24,8 @@ def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | Non
     electrons  (rows, columns) expectation of photo- and dark electrons
     tables     of the law where most pixels lie, None for those of the electrons
     Returns    (rows, columns) digital numbers
-    Errors     numerical: between the levels of the tables, 2e-5 total variation from the exact
-               law, 6e-5 more variance; none on the levels and none in stars.
+    Accuracy   numerical: between the levels of the tables, 2e-5 total variation from the exact law,
+               6e-5 more variance; none on the levels and none in stars.
     """
     image = blank(electrons.shape, law)
     tables = tables_for(electrons, law) if tables is None else tables

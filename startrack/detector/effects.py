@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 import scipy
 from numba import njit
-from numpy.typing import NDArray
 from scipy import special
 
-Floats = NDArray[np.float64]
+from startrack.core import Floats
 
 
 def carry(electrons: Floats, before: Floats | None, fraction: float) -> Floats:
@@ -82,7 +81,7 @@ def multiply(charge: Floats, gain: float, fraction: Floats) -> Floats:
     charge   (...) electron
     gain     1
     fraction  (...) uniform numbers in (0, 1)
-    Errors   model: a register of many stages with little gain each; no clock-induced charge.
+    Accuracy  model: a register of many stages with little gain each; no clock-induced charge.
     """
     out = np.zeros_like(charge)
     some = charge > 0

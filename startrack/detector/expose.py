@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Frame, Light, LineOfSight, Psf, Streams
+from startrack.core import Camera, Floats, Frame, Light, LineOfSight, Psf, Streams
 from startrack.detector.background import background, background_tables, caught
 from startrack.detector.collect import electron_rate, glow_of
 from startrack.detector.effects import carry, diffuse
@@ -19,8 +19,6 @@ from startrack.detector.readout import read_out
 from startrack.detector.shutter import Course, Places, at_once, row_by_row
 from startrack.detector.stamp import stamp_paths
 from startrack.detector.tables import Tables
-
-Floats = NDArray[np.float64]
 
 
 def expose(
@@ -83,9 +81,9 @@ def expected(
     course          how the camera turns at any time; a rolling shutter needs it
     before          what this function gave for the frame before, for the lag
     Returns         (rows, columns) electron
-    Errors          ValueError where camera and detector differ in size.
-                    TypeError where a rolling shutter has no `course`.
-                    model: the solid angle of a pixel is that on the boresight.
+    Raises          ValueError where camera and detector differ in size. TypeError where a rolling
+                    shutter has no `course`.
+    Accuracy        model: the solid angle of a pixel is that on the boresight.
     """
     if detector.scan:
         raise ValueError("detector must be a matrix where a frame is exposed at once, got lines")

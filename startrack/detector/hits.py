@@ -48,8 +48,8 @@ def tracks(
 
     pitch    metre
     Returns  (k,) row * columns + column, rising, and (k,) electron
-    Errors   model: no straggling, no delta rays, no diffusion.
-             numerical: lengths are counted in 1/16 pixel; their sum along a track is exact.
+    Accuracy  model: no straggling, no delta rays, no diffusion. numerical: lengths are counted in
+              1/16 pixel; their sum along a track is exact.
     """
     random = streams("hits")
     rows, columns = shape

@@ -9,9 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.detector.parameters import Detector
 
-Floats = NDArray[np.float64]
 Image = NDArray[np.uint16] | NDArray[np.uint32]
 
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Streams
+from startrack.core import Floats, Streams
 from startrack.detector.defects import dark_response, photo_response
 from startrack.detector.parameters import Detector
-
-Floats = NDArray[np.float64]
 
 
 def response(detector: Detector) -> Floats | None:

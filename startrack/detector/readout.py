@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Streams
+from startrack.core import Floats, Streams
 from startrack.detector.digitise import digitise, digitise_hit, normals, shot
 from startrack.detector.effects import bloom, multiply, settle
 from startrack.detector.hits import tracks
@@ -14,8 +14,6 @@ from startrack.detector.maps import device_streams, read_noise
 from startrack.detector.parameters import Detector
 from startrack.detector.pattern import offsets
 from startrack.detector.tables import Tables
-
-Floats = NDArray[np.float64]
 
 
 def read_out(
@@ -29,7 +27,7 @@ def read_out(
     electrons  (rows, columns) expectation of photo- and dark electrons
     tables     as `digitise` takes them
     Returns    (rows, columns) digital numbers, in 16 bits or, where these do not hold them, 32
-    Errors     as `digitise` and the effects.
+    Raises     as `digitise` and the effects.
     """
     law = law_of(detector)
     if in_steps(detector):

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Frame, Light, Psf, Streams, whole
+from startrack.core import Camera, Floats, Frame, Light, Psf, Streams, whole
 from startrack.detector.collect import electron_rate, glow_of
 from startrack.detector.expose import frame_of
 from startrack.detector.lines import Line
@@ -14,8 +13,6 @@ from startrack.detector.maps import response
 from startrack.detector.parameters import Detector
 from startrack.detector.shutter import Turn
 from startrack.detector.stamp import stamp
-
-Floats = NDArray[np.float64]
 
 NODES = 8  # per exposure of a line, Gauss-Legendre: 1e-6 of the flux for one pixel of smear
 
@@ -44,9 +41,9 @@ def scan(
     turn            seconds (m,) -> rotation vectors (m, 3) as in Path
     camera          the true one; its rows hold the lines
     detector        as many rows as there are lines; `exposure` is that of one line
-    Errors          ValueError where sizes differ, or where a map of the pixels' read noise is
-                    asked for.
-                    model: blooming, hits and channel act on the image as on a matrix; the sky's
+    Raises          ValueError where sizes differ, or where a map of the pixels' read noise is asked
+                    for.
+    Accuracy        model: blooming, hits and channel act on the image as on a matrix; the sky's
                     glow is that of time zero.
     """
     electrons = scanned(

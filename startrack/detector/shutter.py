@@ -6,12 +6,10 @@ from collections.abc import Callable, Iterator
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, LineOfSight
+from startrack.core import Camera, Floats, LineOfSight
 
-Floats = NDArray[np.float64]
 Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in Path
 Course = Callable[
     [Floats, Floats], Floats
@@ -56,8 +54,8 @@ def row_by_row(
     the middle row.
 
     course  the motion, beyond the exposure too
-    Errors  model: all rows of one star's image share the time of its middle, so that a star of a
-            few pixels is not sheared.
+    Accuracy  model: all rows of one star's image share the time of its middle, so that a star of a
+              few pixels is not sheared.
     """
     here = icrs_to_camera.apply(direction)
 

@@ -7,11 +7,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from startrack.core import Psf
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, Psf
 
 ONE = np.ones((1, 1))
 ONE.flags.writeable = False
@@ -56,7 +53,7 @@ def stamp(
     x, y       (n,) pixel; what falls outside the image is left out
     electrons  (n,) electron
     gain       (rows, columns) 1, response of each pixel, None where all are one
-    Errors     numerical: 4e-6 of the peak, 1e-5 pixel in the centroid, with the sampling that
+    Accuracy   numerical: 4e-6 of the peak, 1e-5 pixel in the centroid, with the sampling that
                optics gives its tables; Gaussians 4e-7 of the peak, 1e-7 pixel.
     """
     stamp_paths(image, psf, np.ones(1), x[None], y[None], electrons, gain)

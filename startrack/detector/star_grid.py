@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Frame, Psf
+from startrack.core import Floats, Frame, Psf
 from startrack.detector.effects import diffuse
 from startrack.detector.expose import to_frame
 from startrack.detector.law import law_of, mean_numbers
 from startrack.detector.maps import device_streams
 from startrack.detector.parameters import Detector
 from startrack.detector.stamp import stamp
-
-Floats = NDArray[np.float64]
 
 
 def star_grid(

@@ -24,14 +24,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Streams, bits, key, uniform
+from startrack.core import Floats, Ints, Streams, bits, key, uniform
 from startrack.detector.background import background
 from startrack.detector.law import law_of
 from startrack.detector.parameters import Detector
 from startrack.detector.tables import BITS, build, levels_between
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LEAST = -1e9  # of K, where no pixel of a tile is asked for
 MOST_PROPOSALS = 0.05  # of the pixels; beyond, the whole frame is cheaper
@@ -56,7 +53,7 @@ def numbers_of(detector: Detector, sky: float, odd: bytes) -> Numbers:
     """The laws of an even sky, some odd pixels taken for middling ones.
 
     odd     numbers of these pixels, as bytes of int64
-    Errors  ValueError where the noise spans too many numbers for a table.
+    Raises  ValueError where the noise spans too many numbers for a table.
     """
     law, mean = law_of(detector), background(detector, sky).copy()
     mean.ravel()[np.frombuffer(odd, np.int64)] = np.median(mean)
@@ -130,7 +127,7 @@ def rates_for(numbers: Numbers, tilt: Tilt, level: Floats) -> Rates:
     """What the levels of tiles ask for.
 
     level   (down, across) digital number, of each tile
-    Errors  ValueError where the levels are so low that whole frames are cheaper.
+    Raises  ValueError where the levels are so low that whole frames are cheaper.
     """
     shift = level.ravel() - numbers.lowest * tilt.weight.sum()
     rate = np.exp(tilt.most - tilt.theta * shift) * tilt.among[:, -1]
@@ -156,8 +153,8 @@ def threshold_crossings(
 
     regions  (w, 4) left, top, right, bottom, the last two not in it: where none is asked for
     Returns  (k,) row * columns + column, and (k, 2 m + 1, 2 n + 1) the digital numbers about it
-    Errors   model: excesses are strewn as if each knew nothing of the others, which they do where
-             they lie a filter's width apart; two that overlap come as often as chance has it.
+    Accuracy  model: excesses are strewn as if each knew nothing of the others, which they do where
+              they lie a filter's width apart; two that overlap come as often as chance has it.
     """
     count = int(streams("false spots").poisson(rates.total))
     start = key(streams, "numbers of false spots")

@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from startrack.core import Frame, Psf, Streams, canvas
+from startrack.core import Floats, Frame, Ints, Psf, Streams, canvas
 from startrack.detector.background import background, background_tables
 from startrack.detector.digitise import digitise_row, digitised, keys
 from startrack.detector.expose import to_frame
@@ -22,9 +21,6 @@ from startrack.detector.readout import in_steps
 from startrack.detector.shutter import Places
 from startrack.detector.stamp import ONE, Shape, add, room_for, shape_of
 from startrack.detector.tables import Tables
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NO_HITS = np.empty(0, np.int64), np.empty(0)
 
@@ -62,7 +58,7 @@ class Points(NamedTuple):
 def require_independent_pixels(detector: Detector) -> None:
     """Refuse a detector whose pixels know of each other, or of the frame before.
 
-    Errors  ValueError that names the effect.
+    Raises  ValueError that names the effect.
     """
     effects = {
         "blooming": detector.blooming,

@@ -220,7 +220,7 @@ def refit(spots: Spots, matches: Matches, camera: Camera, settings: Identificati
     """What `identify` makes of the focal length, once the matches are known.
 
     camera    as the tracker believes it
-    Errors    ValueError where the matches are not solved.
+    Raises    ValueError where the matches are not solved.
     """
     if matches.icrs_to_camera is None:
         raise ValueError(f"matches must be solved, got {matches.status}: {matches.reason}")

@@ -38,8 +38,8 @@ def identify(
     Returns   Matches: solved with the spots in rising order and at the least-squares attitude,
               or too few stars, a blank image, ambiguous (a hypothesis that is likely true, but
               not beyond doubt), or no match
-    Errors    ValueError where the index was built from another number of stars. model: the
-              bound on false matches holds for spots strewn at random; those of trees or
+    Raises    ValueError where the index was built from another number of stars.
+    Accuracy  model: the bound on false matches holds for spots strewn at random; those of trees or
               clouds are clumped, and so are stars.
     """
     if index.stars != len(stars):

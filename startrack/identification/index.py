@@ -136,9 +136,9 @@ def build_index(
     stars_per_field  how many stars form triangles, in the mean over fields
     triangles        about how many to index, most often fewer; each takes 6 bytes
     resolution       radian, stars closer than this are one spot; None for field / POINTS
-    Errors           ValueError where a star's direction is no unit vector, or the field lies
-                     outside (0, 90] deg. model: the number of triangles holds for stars strewn
-                     at random.
+    Raises           ValueError where a star's direction is no unit vector, or the field lies
+                     outside (0, 90] deg.
+    Accuracy         model: the number of triangles holds for stars strewn at random.
     """
     positive(field_of_view=field_of_view)
     within(0, 90 * deg, field_of_view=field_of_view)

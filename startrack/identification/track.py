@@ -205,8 +205,9 @@ def track(
     predicted   icrs_to_camera, carried to the middle of this exposure
     covariance  (3, 3) radian^2, of the small rotation about the camera's axes
     Returns     as `identify`
-    Errors      ValueError where the covariance is not positive definite. model: windows are
-                linear in the error of the prediction, which holds up to some degrees.
+    Raises      ValueError where the covariance is not positive definite.
+    Accuracy    model: windows are linear in the error of the prediction, which holds up to some
+                degrees.
     """
     covariance = np.array(covariance, float)
     if covariance.shape != (3, 3) or not (np.linalg.eigvalsh(covariance) > 0).all():

@@ -16,7 +16,7 @@ def open_checked(path: Path, keyword: str, form: int, what: str) -> Iterator[Any
     keyword  of the first header, that names the format
     form     its value
     what     the file is to be, for the sentence
-    Errors   FileNotFoundError; ValueError where it is something else, another format, or damaged.
+    Raises   FileNotFoundError; ValueError where it is something else, another format, or damaged.
     """
     from astropy.io import fits
     from astropy.utils.exceptions import AstropyUserWarning

@@ -23,8 +23,8 @@ def read_image(path: Path) -> Frame:
     Of a colour image the largest of the three channels is taken, because a star is bright in
     at least one. What the file does not say of its detector stays NaN.
 
-    Errors  ValueError, in one sentence with the path, where the file is missing, empty, cut,
-            no image, or holds no finite number.
+    Raises  ValueError, in one sentence with the path, where the file is missing, empty, cut, no
+            image, or holds no finite number.
     """
     path = Path(path)
     if not path.is_file():

@@ -17,7 +17,7 @@ def shipped(name: str) -> Path:
 
     name     path inside `catalogs`, with forward slashes
     Returns  its path on this computer
-    Errors   FileNotFoundError where this installation does not have it.
+    Raises   FileNotFoundError where this installation does not have it.
     """
     for folder in FOLDERS:
         if (folder / name).exists():

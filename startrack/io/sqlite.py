@@ -20,7 +20,7 @@ def has_tables(base: sqlite3.Connection, path: Path | None, what: str, applicati
     """Whether a file was begun before, by whoever writes this application number.
 
     what    the file must be, as in "campaign store"
-    Errors  ValueError where it holds another's tables.
+    Raises  ValueError where it holds another's tables.
     """
     if base.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchone() is None:
         return False

@@ -25,7 +25,7 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
             tuples, and others of its like
     table   what the file holds there
     place   path of the table in its file, for the errors
-    Errors  ValueError that names the place, the rule and the value: for an unknown or a missing
+    Raises  ValueError that names the place, the rule and the value: for an unknown or a missing
             key, a wrong type or unit, a value that the object itself refuses.
 
     A class may name keys of earlier versions in `OLD_KEYS`, old name to new one: they are read,
@@ -75,7 +75,7 @@ def read_table(path: Path, what: str) -> dict[str, Any]:
     """The table of a TOML file.
 
     what    it must be, for the errors: "a design file"
-    Errors  ValueError, one sentence with the file.
+    Raises  ValueError, one sentence with the file.
     """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))

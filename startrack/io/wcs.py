@@ -22,7 +22,7 @@ def camera_to_wcs(camera: Camera, icrs_to_camera: Rotation) -> WCS:
     A pinhole is a gnomonic projection, so that without distortion the two are the same to
     rounding. FITS counts pixels from one; astropy's 0-based calls take that away again.
 
-    Errors  ValueError where no polynomial of order 9 follows the distortion within 5e-4 pixel.
+    Raises  ValueError where no polynomial of order 9 follows the distortion within 5e-4 pixel.
     """
     from astropy.wcs import WCS, Sip
 

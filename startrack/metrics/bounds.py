@@ -6,12 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from startrack.core import non_negative, positive, whole
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, non_negative, positive, whole
 
 PHASES = 8  # sub-pixel positions per axis that the mean is taken over
 REACH = 6.0  # sigma, to where a star is followed
@@ -48,9 +45,9 @@ def centroid_bound(star: Star) -> tuple[float, float]:
     Source: Winick (1986), J. Opt. Soc. Am. A 3(11), 1809, with read noise added as variance.
 
     Returns  pixel, (x, y)
-    Errors   model: read noise as if it were Poisson's; for 30 electrons and a read noise of one
-             electron the exact bound is 1.4 % lower, above 300 electrons less than 0.2 %.
-             numerical: 1e-3, from 8 x 8 sub-pixel positions, above sigma = 0.35 pixel.
+    Accuracy  model: read noise as if it were Poisson's; for 30 electrons and a read noise of one
+              electron the exact bound is 1.4 % lower, above 300 electrons less than 0.2 %.
+              numerical: 1e-3, from 8 x 8 sub-pixel positions, above sigma = 0.35 pixel.
     """
     reach = math.ceil(REACH * star.sigma + star.smear / 2) + 2
     total = np.zeros(2)
@@ -82,9 +79,9 @@ def centre_of_gravity_error(star: Star, window: int) -> tuple[float, float]:
 
     window   pixel, odd width of the square window
     Returns  pixel, root mean square over sub-pixel positions, along x: of noise, of bias
-    Errors   ValueError where the window is not odd.
-             model: noise to first order; more than 5 % low where sum s_k is under 5 times its
-             own noise. No smear.
+    Raises    ValueError where the window is not odd.
+    Accuracy  model: noise to first order; more than 5 % low where sum s_k is under 5 times its own
+              noise. No smear.
     """
     if window < 1 or window % 2 == 0:
         raise ValueError(f"window must be odd and positive, got {window}")
@@ -143,8 +140,8 @@ def attitude_bound(
     stars         at least 3
     sigma         radian per axis, centroid error; of unequal ones sqrt(1 / mean(1 / sigma^2))
     Returns       radian, root mean square about the camera's x, y and z axes
-    Errors        ValueError where a field does not lie in (0, pi) or there are fewer than 3 stars.
-                  model: the series in 1 / N is low by 4 % at 4 stars, 1.5 % at 5, 0.5 % at 10.
+    Raises        ValueError where a field does not lie in (0, pi) or there are fewer than 3 stars.
+    Accuracy      model: the series in 1 / N is low by 4 % at 4 stars, 1.5 % at 5, 0.5 % at 10.
     """
     for name, field in (("fov_x", fov_x), ("fov_y", fov_y)):
         if not 0 < field < math.pi:

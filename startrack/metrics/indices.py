@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import positive
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +40,7 @@ def indices(error: Floats, step: float, window: float, lag: int = 1) -> Indices:
     window   second; a whole number of steps is taken
     lag      windows from the first to the second of a drift
     Returns  Indices; what is left after the last whole window counts in `absolute` alone
-    Errors   ValueError where the step or the lag is not positive, or a window holds less than one
+    Raises   ValueError where the step or the lag is not positive, or a window holds less than one
              step or more than the sequence.
     """
     positive(step=step, window=window)

@@ -8,11 +8,9 @@ from enum import StrEnum
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.metrics.summary import Interval
-
-Floats = NDArray[np.float64]
 
 # What specifications ask for: 1, 2 and 3 sigma of a normal error.
 LEVELS: tuple[float, ...] = (0.68, 0.9545, 0.9973)
@@ -37,9 +35,9 @@ def level(error: Floats, fraction: float, interpretation: Interpretation) -> flo
     error    (members, times) of one axis
     fraction  in (0, 1)
     Returns  in the error's unit
-    Errors   ValueError where the fraction is not in (0, 1) or there is no error.
-             statistical: the worst of few members or times underestimates; `level_interval`
-             gives the uncertainty of the mixed interpretation.
+    Raises    ValueError where the fraction is not in (0, 1) or there is no error.
+    Accuracy  statistical: the worst of few members or times underestimates; `level_interval` gives
+              the uncertainty of the mixed interpretation.
     """
     size = _sizes(error, fraction)
     if interpretation is Interpretation.TEMPORAL:
@@ -59,7 +57,7 @@ def level_interval(error: Floats, fraction: float, confidence: float = 0.95) -> 
     fraction    in (0, 1)
     confidence  in (0, 1), at least; that of the upper bound alone is (1 + confidence) / 2
     Returns     Interval; without an upper bound where there are too few errors
-    Errors      ValueError as in `level`.
+    Raises      ValueError as in `level`.
     """
     size = np.sort(_sizes(np.atleast_2d(error), fraction)[0])
     n, tail = len(size), (1 - confidence) / 2

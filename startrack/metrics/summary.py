@@ -44,7 +44,7 @@ class Summary:
 def summarise(outcomes: NDArray[np.void]) -> Summary:
     """Statistics of a structured array with the fields of `Outcome`.
 
-    Errors are taken over the trials with a right attitude; `availability` tells the rest.
+    Accuracy  are taken over the trials with a right attitude; `availability` tells the rest.
     """
     right = outcomes[outcomes["solved"] & ~outcomes["false"]]
     across = (right["error_x"] ** 2 + right["error_y"] ** 2) / 2
@@ -62,7 +62,7 @@ def summarise(outcomes: NDArray[np.void]) -> Summary:
 def rms_interval(squares: NDArray[np.float64], confidence: float = 0.95) -> Interval:
     """Root of the mean of squares, its interval from the scatter of the squares (normal law).
 
-    Errors  NaN where there is no trial, an open interval where there is one.
+    Accuracy  NaN where there is no trial, an open interval where there is one.
     """
     n = len(squares)
     if n == 0:

@@ -11,11 +11,8 @@ import scipy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Streams, whole
+from startrack.core import Floats, Ints, Streams, whole
 from startrack.trial import random_attitudes, rotations_from_cube
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

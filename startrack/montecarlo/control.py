@@ -12,13 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import refine, tangent
 from startrack.catalog import open_sky
-from startrack.core import Camera, Frame, Ints, Stars
+from startrack.core import Camera, Floats, Frame, Ints, Stars
 from startrack.design import Case
 from startrack.detection import Response, half_of, joined, peak_border, response, star_image
 from startrack.detector import Detector, law_of, require_independent_pixels
 from startrack.trial import index_of, psf_of, systematic_variance
-
-Floats = NDArray[np.float64]
 
 FEWEST = 3  # stars
 SAME = 2.0  # pixel, between two stars that make one spot
@@ -53,10 +51,10 @@ def control(
     electrons  (rows, columns) expected, as `expected` gives them
     image      (rows, columns) digital numbers drawn from them
     Returns    None where fewer than three stars are bright enough
-    Errors     ValueError where pixels know of each other or the converter bends.
-               numerical: mean and variance of a number take rounding as even noise of 1/12, which
-               is right to 1e-8 where the noise is over 1 digital number; saturated pixels are
-               left out.
+    Raises     ValueError where pixels know of each other or the converter bends.
+    Accuracy   numerical: mean and variance of a number take rounding as even noise of 1/12, which
+               is right to 1e-8 where the noise is over 1 digital number; saturated pixels are left
+               out.
     """
     detector, camera = case.instrument.detector, case.instrument.camera
     mean, variance = _law(detector, electrons)

@@ -9,9 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.metrics import Interval
-
-Floats = NDArray[np.float64]
 
 FOLDS = 8  # parts, each corrected by what the others teach
 
@@ -69,7 +68,7 @@ def stratified(values: Floats, stratum: NDArray[np.int64]) -> Mean:
 
     Source: Cochran (1977), Sampling Techniques, eq. (5.11).
 
-    Errors  ValueError where a stratum has fewer than two values.
+    Raises  ValueError where a stratum has fewer than two values.
     """
     count = np.bincount(stratum)
     if count.min() < 2:

@@ -13,7 +13,7 @@ from startrack.io import save_csv, whole
 def export(path: Path, outcomes: NDArray[np.void]) -> None:
     """Write CSV or Parquet, as the name ends.
 
-    Errors  ValueError for another ending; ImportError for Parquet without pyarrow.
+    Raises  ValueError for another ending; ImportError for Parquet without pyarrow.
     """
     if path.suffix == ".csv":
         save_csv(path, outcomes.dtype.names or (), (row.item() for row in outcomes))

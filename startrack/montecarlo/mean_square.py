@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.design import Fidelity
 from startrack.montecarlo.attitudes import REPLICATES
 from startrack.montecarlo.estimate import FOLDS, Mean, explained, plain, replicated, two_levels
 from startrack.montecarlo.sampling import squares
 
-Floats = NDArray[np.float64]
 Outcomes = NDArray[np.void]
 
 FEWEST = 2 * FOLDS  # trials that a level needs
@@ -31,8 +31,8 @@ def mean_square(outcomes: Outcomes, about: bool = False, sobol: bool = False) ->
 
     outcomes  with `surplus_across` and `surplus_about` where trials have a control
     sobol     whether they lie at the points of `by_sobol`: only whole rounds of all scrambles count
-    Errors    NaN where too few trials have a right attitude.
-              numerical: a ratio is biased by 1 / n of its error's square.
+    Raises    NaN where too few trials have a right attitude.
+    Accuracy  numerical: a ratio is biased by 1 / n of its error's square.
     """
     if sobol:
         outcomes = _whole_rounds(outcomes)
@@ -59,7 +59,7 @@ def combined(levels: Sequence[tuple[Outcomes, Fidelity]], about: bool = False) -
 
     levels  outcomes at random attitudes, finest first, of the same case and seed; those with a
             control are helped by it, too
-    Errors  ValueError where a level has fewer than 16 trials of its own, or shares fewer with the
+    Raises  ValueError where a level has fewer than 16 trials of its own, or shares fewer with the
             one before.
     """
     finest = levels[0][0]

@@ -86,7 +86,7 @@ def quantile_interval(
     fraction  in (0, 1)
     Returns  the least value that so many do not exceed; its interval is open above where there
              are too few values to close it
-    Errors   NaN where there is no value. The coverage is at least the confidence.
+    Accuracy  NaN where there is no value. The coverage is at least the confidence.
     """
     if len(values) == 0:
         return Interval(math.nan, math.nan, math.nan)

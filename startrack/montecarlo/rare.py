@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Streams
+from startrack.core import Floats, Streams
 from startrack.montecarlo.attitudes import Regions, towards
 from startrack.montecarlo.estimate import Mean, plain
-
-Floats = NDArray[np.float64]
 
 DEFENCE = 0.2  # fraction of the trials that look anywhere, so that no weight exceeds 5
 

@@ -39,7 +39,7 @@ def resume(
     progress   called with the number of trials that were just done
     block      trials that go to a worker and to disk at a time, at most
     Returns    (n,) structured array in order of trial, without those of blocks that failed
-    Errors     ValueError where more than 10 blocks fail, or all; OSError where the disk is full.
+    Raises     ValueError where more than 10 blocks fail, or all; OSError where the disk is full.
     """
     whole(1, 10**9, trials=trials)
     whole(1, 10**6, block=block)

@@ -50,8 +50,8 @@ def run(
 
     progress  called with the number of trials that were just done
     Returns   (trials,) structured array: `trial` and the fields of Outcome, in order of trial
-    Errors    what a trial raises, which a sky that cannot be solved does not; BrokenExecutor
-              where a block of trials kills its worker each time.
+    Accuracy  what a trial raises, which a sky that cannot be solved does not; BrokenExecutor where
+              a block of trials kills its worker each time.
     """
     whole(1, 10**9, trials=trials)
     size = -(-trials // (workers * BLOCKS_PER_WORKER))

@@ -106,7 +106,7 @@ class Sampling:
     def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> NDArray[np.void]:
         """Outcomes (n,) of some trials, each the same whichever others are asked for.
 
-        Errors  as `startrack.run_trials` and `control`
+        Raises  as `startrack.run_trials` and `control`
         """
         if not self.control:
             look = None if self.attitudes == "random" else self.look(seed, numbers)

@@ -75,8 +75,8 @@ class Store:
         seed  likewise
         sampling  likewise, where the case is given
 
-        Errors  ValueError where the file is none of ours, of another version, or holds another
-                case or seed; OSError where it cannot be opened or another process has it.
+        Raises  ValueError where the file is none of ours, of another version, or holds another case
+                or seed; OSError where it cannot be opened or another process has it.
         """
         self.path = path
         with translate_errors(self.path, WHAT):

@@ -117,7 +117,7 @@ def cluster(address: str) -> Iterator[Executor]:
 def dask_pool(address: str) -> Iterator[Executor]:
     """The workers of a Dask cluster, by the address of its scheduler (tcp://host:port).
 
-    Errors  ImportError without the extra `dask`; OSError where no scheduler answers.
+    Raises  ImportError without the extra `dask`; OSError where no scheduler answers.
     """
     try:
         from distributed import Client
@@ -139,8 +139,8 @@ def mpi_pool() -> Iterator[Executor]:
 
     for one master and eight workers.
 
-    Errors  ImportError without mpi4py; ValueError where the job has no worker. A process that
-            dies ends the whole job, as MPI does; the same command then goes on from the store.
+    Raises  ImportError without mpi4py; ValueError where the job has no worker. A process that dies
+            ends the whole job, as MPI does; the same command then goes on from the store.
     """
     try:
         from mpi4py import MPI

@@ -6,14 +6,11 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import LineOfSight, Streams, positive, within
+from startrack.core import Floats, LineOfSight, Streams, positive, within
 from startrack.motion.parameters import Motion
 from startrack.motion.quadrature import joined, points
 from startrack.motion.realisation import MotionRealisation, realise_motion
-
-Floats = NDArray[np.float64]
 
 SHARPEST = 0.5  # pixel, sigma of the sharpest PSF whose smear must be right
 TOLERANCE = 1e-6
@@ -56,9 +53,9 @@ def slew(
     pixel_angle  radian that a pixel spans on the boresight
     half_field   radian from the boresight to the corner, where roll smears most
     Returns      its first and last points are the start and the end of the exposure
-    Errors       ValueError where the path needs more than 32768 points, some 15 000 pixel.
+    Raises       ValueError where the path needs more than 32768 points, some 15 000 pixel.
                  TypeError where a phase or a spectrum would have to be drawn.
-                 numerical: 1e-6 of the flux for a PSF of sigma 0.5 pixel or wider; at 0.35 pixel,
+    Accuracy     numerical: 1e-6 of the flux for a PSF of sigma 0.5 pixel or wider; at 0.35 pixel,
                  2e-6 as a rule and 1e-4 at worst.
     """
     return trace(realise_motion(motion, exposure), exposure, pixel_angle, half_field)

@@ -6,10 +6,9 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import eval_legendre, roots_jacobi
 
-Floats = NDArray[np.float64]
+from startrack.core import Floats
 
 PANEL = 64  # points beyond which the exposure is cut: finding the points costs their square
 
@@ -22,7 +21,7 @@ def points(count: int) -> tuple[Floats, Floats, Floats]:
 
     Returns  (p,) 1, where the panels start; (j,) 1, the points of each, from its start; and (m,)
              1, weights of all points in order, `joined`, that sum to 1
-    Errors   numerical: exact for polynomials of degree 2 j - 3 in each panel.
+    Accuracy  numerical: exact for polynomials of degree 2 j - 3 in each panel.
     """
     panels = math.ceil((count - 1) / (PANEL - 1))
     each = max(math.ceil((count - 1) / panels), 2) + 1

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
-from startrack.core import Streams
+from startrack.core import Floats, Streams
 from startrack.motion.parameters import AXES, Broadband, Motion, Tone
-
-Floats = NDArray[np.float64]
 
 BANDS_PER_OCTAVE = 8
 
@@ -54,7 +52,7 @@ class Bands:
 def bands(spectrum: Broadband) -> Bands:
     """Cut a spectrum at the points of its table and at eight frequencies in each octave.
 
-    Errors  numerical: the powers add up to the integral of the table to 1e-13.
+    Accuracy  numerical: the powers add up to the integral of the table to 1e-13.
     """
     f, s = np.log(spectrum.frequency), np.log(spectrum.density)
     count = np.maximum(np.ceil(np.diff(f) / np.log(2) * BANDS_PER_OCTAVE), 1).astype(int)
@@ -92,8 +90,8 @@ class MotionRealisation:
 
         time     (m,) second from the middle of the exposure
         Returns  (m, 3) radian. The sky turns against the camera, hence the minus sign.
-        Errors   model: the rotation vectors of slew and jitter are added, which is off by half
-                 their product.
+        Accuracy  model: the rotation vectors of slew and jitter are added, which is off by half
+                  their product.
         """
         angle = np.multiply.outer(time, self.rate)
         if len(self.frequency):
@@ -109,7 +107,7 @@ class MotionRealisation:
         start    (p,) second
         step     (j,) second
         Returns  (p, j, 3) radian
-        Errors   numerical: 1e-15 of the amplitudes.
+        Accuracy  numerical: 1e-15 of the amplitudes.
         """
         first, second = (
             np.exp(2j * np.pi * np.multiply.outer(time, self.frequency)) for time in (start, step)
@@ -144,7 +142,7 @@ def realise_motion(
 
     exposure  second; it decides how much the power of a band varies, and no other draw
     streams   of the trial; needed only where something is drawn
-    Errors    model: the sum has the covariance of the spectrum at all times exactly; its
+    Accuracy  model: the sum has the covariance of the spectrum at all times exactly; its
               distribution is normal as far as a sum over tens of bands is.
     """
     lines = [

@@ -7,14 +7,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import LineOfSight, positive
+from startrack.core import Floats, LineOfSight, positive
 from startrack.motion.parameters import AXES, Motion
 from startrack.motion.quadrature import joined, points
 from startrack.motion.realisation import MotionRealisation, bands, realise_motion
-
-Floats = NDArray[np.float64]
 
 FEWEST_POINTS, POINTS_PER_CYCLE = 32, 8  # of a mean square, whose waves are twice as fast
 
@@ -38,8 +35,8 @@ class Stability(NamedTuple):
 def stability(path: LineOfSight) -> Stability:
     """Drift and blur of one path, which starts and ends with the exposure as those of `shake`.
 
-    Errors  numerical: a path has the points that its image needs: 1e-8 of an rms of 0.1 pixel, but
-            5 % of one of 1e-3. `blur` knows no such bound.
+    Accuracy  numerical: a path has the points that its image needs: 1e-8 of an rms of 0.1 pixel,
+              but 5 % of one of 1e-3. `blur` knows no such bound.
     """
     mean = path.weight @ path.rotation
     rms = np.sqrt(path.weight @ (path.rotation - mean) ** 2)
@@ -56,7 +53,7 @@ def blur(motion: Motion, exposure: float) -> Floats:
 
     exposure  second, T
     Returns   (3,) radian, about the camera's axes
-    Errors    numerical: 1e-6 of the blur.
+    Accuracy  numerical: 1e-6 of the blur.
     """
     positive(exposure=exposure)
     given = tuple(tone for tone in motion.tones if tone.phase is not None)
@@ -81,7 +78,7 @@ def jitter_rms(motion: Motion, exposure: float) -> Floats:
 
     exposure  second, T
     Returns   (3,) radian, about the camera's axes; a tone of given phase counts as if it had none
-    Errors    numerical: 1e-6.
+    Accuracy  numerical: 1e-6.
     """
     square = np.zeros(3)
     for tone in motion.tones:

@@ -7,9 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, LineOfSight, positive, whole
-
-Floats = NDArray[np.float64]
+from startrack.core import Camera, Floats, LineOfSight, positive, whole
 
 
 def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float = 1.0) -> Floats:
@@ -23,8 +21,8 @@ def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float =
     offset   (m, 2) pixel, (x, y) at these times, joined by straight lines
     cell     pixel, side of a cell; the grid's centre is at offset (0, 0)
     Returns  (rows, columns) 1; sums to the fraction of the time that the path is on the grid
-    Errors   ValueError where there are no two times in order.
-             numerical: second order in the distance of the times.
+    Raises    ValueError where there are no two times in order.
+    Accuracy  numerical: second order in the distance of the times.
     """
     time, offset = np.asarray(time, float), np.asarray(offset, float)
     whole(1, 2**15, columns=columns, rows=rows)
@@ -80,7 +78,7 @@ def image_path(path: LineOfSight, camera: Camera, direction: Floats) -> Floats:
 
     direction  (3,) in camera axes, at the middle of the exposure
     Returns    (m, 2) pixel, (x, y) at each time of the path
-    Errors     ValueError where the star gets behind the camera.
+    Raises     ValueError where the star gets behind the camera.
     """
     direction = np.asarray(direction, float)
     seen = Rotation.from_rotvec(path.rotation).apply(direction)
@@ -101,7 +99,7 @@ def transfer(offset: Floats, weight: Floats, frequency: Floats) -> NDArray[np.co
     weight     (m,) 1, fraction of the exposure
     frequency  (..., 2) cycles / pixel, along x and y
     Returns    (...) 1; its modulus is the modulation transfer function (MTF)
-    Errors     numerical: that of the path's points: 1e-6 up to the Nyquist frequency.
+    Accuracy   numerical: that of the path's points: 1e-6 up to the Nyquist frequency.
     """
     phase = np.asarray(frequency, float) @ np.asarray(offset, float).T
     return np.exp(-2j * np.pi * phase) @ weight

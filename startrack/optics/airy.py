@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-Floats = NDArray[np.float64]
+from startrack.core import Floats
 
 
 def airy(radius: Floats, wavelength: float, f_number: float) -> Floats:
@@ -18,7 +17,7 @@ def airy(radius: Floats, wavelength: float, f_number: float) -> Floats:
 
     radius    (...) metre from the centre
     Returns   (...) 1, in [0, 1]
-    Errors    model: scalar, paraxial.  numerical: 1e-15 of the peak.
+    Accuracy  model: scalar, paraxial.  numerical: 1e-15 of the peak.
     """
     return np.square(jinc(np.pi * np.asarray(radius, float) / (wavelength * f_number)))
 
@@ -26,7 +25,7 @@ def airy(radius: Floats, wavelength: float, f_number: float) -> Floats:
 def jinc(v: Floats) -> Floats:
     """2 J1(v) / v, one at v = 0.
 
-    Errors  numerical: 1e-15. Below v = 1e-8 the quotient is one to the last digit.
+    Accuracy  numerical: 1e-15. Below v = 1e-8 the quotient is one to the last digit.
     """
     tiny = np.abs(v) < 1e-8
     safe = np.where(tiny, 1.0, v)

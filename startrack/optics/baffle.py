@@ -8,13 +8,19 @@ from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, DiffuseLight, Light, StrayLightSource, Unit, positive, within
+from startrack.core import (
+    Camera,
+    DiffuseLight,
+    Floats,
+    Light,
+    StrayLightSource,
+    Unit,
+    positive,
+    within,
+)
 from startrack.optics.parameters import Optics
-
-Floats = NDArray[np.float64]
 
 NODES = 17  # of the veil's map along a side of the frame
 
@@ -60,10 +66,10 @@ def stray_light(
 
     since a sky of radiance L leaves L area / focal_length^2 on the detector.
 
-    Errors  model: the veil at a place of the frame depends on the angle of the source to that
-            place's line of sight alone; no ghosts. A source in the field veils it by the curve's
-            first value. numerical: 1 % between the 17 x 17 places of its map, where the curve is
-            no steeper than a decade in half a frame.
+    Accuracy  model: the veil at a place of the frame depends on the angle of the source to that
+              place's line of sight alone; no ghosts. A source in the field veils it by the curve's
+              first value. numerical: 1 % between the 17 x 17 places of its map, where the curve is
+              no steeper than a decade in half a frame.
     """
     line = icrs_to_camera.inv().apply(camera.lattice(NODES))
     spread = optics.focal_length**2 / optics.area

@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.optics.parameters import MODELS, Optics
 from startrack.optics.pupil import cells, openness
 from startrack.optics.transfer import blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.wavefront import wavefront
-
-Floats = NDArray[np.float64]
 
 AIRY_SIGMA = math.sqrt(2) / math.pi  # wavelength * f-number: peak and energy of the Airy disk
 SAMPLES = 64  # across the pupils whose distance is taken
@@ -45,7 +43,7 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
 
     pitch, side  metre, of a pixel and of its active square (the whole pixel if None)
     wavelength   metre, mean of the band
-    Errors       model: bounds on the peak-normalised difference, two to ten times the true one; of
+    Accuracy     model: bounds on the peak-normalised difference, two to ten times the true one; of
                  the unaberrated peak. Kirchhoff itself is scalar: no polarisation.
     """
     kappa, gaussian = _integrals(optics, side or pitch, wavelength)

@@ -14,9 +14,8 @@ from functools import lru_cache
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from startrack.core import Floats
 
 
 def pupil_samples(half_width: float, slope: float = 0.0) -> int:
@@ -25,7 +24,7 @@ def pupil_samples(half_width: float, slope: float = 0.0) -> int:
     half_width  1, half the field's width over wavelength * f-number: that many cycles across
     slope       wave per radius, steepest slope of the wavefront
     Returns     even
-    Errors      numerical: 3e-6 of the peak without aberrations, 1e-4 with the steepest wavefront
+    Accuracy    numerical: 3e-6 of the peak without aberrations, 1e-4 with the steepest wavefront
                 that the samples are meant for; it falls with the fifth power of their number.
     """
     return 2 * math.ceil(max(2.4 * half_width, 6 * slope) + 14)
@@ -41,7 +40,7 @@ def intensity(pupil: Floats, phase: Floats, place: Floats, field: Floats) -> Flo
     place    (n,) 1, of the samples in radii of the aperture; symmetric about zero
     field    (m,) 1, of the points over wavelength * f-number; symmetric about zero, m odd
     Returns  (m, m), rows along y
-    Errors   numerical: 1e-13 of the peak beyond the sampling; see `pupil_samples`.
+    Accuracy  numerical: 1e-13 of the peak beyond the sampling; see `pupil_samples`.
     """
     cosine, sine = _waves(place.tobytes(), field.tobytes())
     parts = _fold(pupil, phase)

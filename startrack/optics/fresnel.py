@@ -15,9 +15,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.core import positive
+from startrack.core import Floats, positive
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
@@ -41,9 +40,9 @@ def fresnel(
     spacing  metre between the points of the grid
     count    points along a side, odd; the axis is in the middle
     Returns  (count, count), rows along y
-    Errors   model: paraxial.  numerical: 1e-13 beyond the sampling of the pupil; its cost grows
-             as n log n a row, whatever the spacing.
-             ValueError where the pupil is too coarse for the phase of the plane.
+    Raises    ValueError where the pupil is too coarse for the phase of the plane.
+    Accuracy  model: paraxial.  numerical: 1e-13 beyond the sampling of the pupil; its cost grows as
+              n log n a row, whatever the spacing.
     """
     positive(radius=radius, wavelength=wavelength, image=image, plane=plane, spacing=spacing)
     cell = (place[1] - place[0]) * radius

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import positive
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, positive
 
 
 def gaussian(
@@ -31,7 +28,7 @@ def gaussian(
     distance            metre, g or g(t), broadcast against the image points
     sigma               metre, in the image
     Returns             (...) 1 / metre^2; over the image its integral is (f/g)^2
-    Errors              model: no rings, and the far wings are missing.
+    Accuracy            model: no rings, and the far wings are missing.
     """
     positive(focal_length=focal_length, sigma=sigma, distance=float(np.min(distance)))
     scale = focal_length / np.asarray(distance, float)

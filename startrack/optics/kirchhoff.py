@@ -18,9 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import finite, one_of, positive, whole
+from startrack.core import Floats, finite, one_of, positive, whole
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 NODE, WEIGHT = np.polynomial.legendre.leggauss(16)
@@ -75,8 +74,8 @@ def on_axis(lens: ThinLens, defocus: float = 0.0) -> complex:
     """The amplitude on the axis, eq. (9).
 
     defocus  metre by which the plane lies behind the image
-    Errors   numerical: 1e-12 relative. The effort is 16 evaluations per wave of phase.
-             ValueError where it would pass 4e8 evaluations.
+    Raises    ValueError where it would pass 4e8 evaluations.
+    Accuracy  numerical: 1e-12 relative. The effort is 16 evaluations per wave of phase.
     """
     plane = _plane(lens, defocus)
     edges = _equal_phase(lens, plane, 0.0)
@@ -90,9 +89,9 @@ def profile(lens: ThinLens, radius: Floats, defocus: float = 0.0) -> Complex:
 
     radius   (n,) metre from the axis, in the plane of the image
     Returns  (n,) relative amplitude, of which the phase counts from the point on the axis
-    Errors   numerical: 1e-10 of the peak. Panels in r^2 follow the phase; the angle is a periodic
-             trapezoid, which converges faster than any power.
-             ValueError where it would pass 4e8 evaluations.
+    Raises    ValueError where it would pass 4e8 evaluations.
+    Accuracy  numerical: 1e-10 of the peak. Panels in r^2 follow the phase; the angle is a periodic
+              trapezoid, which converges faster than any power.
     """
     radius = np.asarray(radius, float)
     if not np.isfinite(radius).all():
@@ -115,8 +114,8 @@ def point(lens: ThinLens, image: Floats, source: Floats, samples: int) -> comple
     image    (2,) metre, (x'', y'') in the plane of the image
     source   (2,) metre, (x', y') in the plane of the object, whose distance is finite
     samples  along the radius; angles are three times as many
-    Errors   numerical: exponential in `samples` once there are two per wave. `profile` is the fast
-             way for an object on the axis.
+    Accuracy  numerical: exponential in `samples` once there are two per wave. `profile` is the fast
+              way for an object on the axis.
     """
     whole(1, 10_000, samples=samples)
     if not math.isfinite(lens.distance):

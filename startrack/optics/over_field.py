@@ -7,15 +7,10 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
-from startrack.core import Psf
+from startrack.core import Floats, Psf
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import pixel_psf
 from startrack.optics.zernike import Aberration, nm_to_noll, noll_to_nm
-
-Floats = NDArray[np.float64]
 
 
 def at_field(optics: Optics, x: float, y: float) -> Optics:

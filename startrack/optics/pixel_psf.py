@@ -7,18 +7,15 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy import fft, special
 from scipy.linalg import eigh_tridiagonal
 
-from startrack.core import Psf, non_negative, positive, within
+from startrack.core import Floats, Psf, non_negative, positive, within
 from startrack.optics.choose import AIRY_SIGMA, choose
 from startrack.optics.fraunhofer import intensity, pupil_samples
 from startrack.optics.parameters import Optics
 from startrack.optics.transfer import blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.wavefront import steepest, wavefront
-
-Floats = NDArray[np.float64]
 
 
 def gauss_band(wavelength: Floats, weight: Floats, count: int) -> tuple[Floats, Floats]:
@@ -33,7 +30,8 @@ def gauss_band(wavelength: Floats, weight: Floats, count: int) -> tuple[Floats, 
     weight      (k,) not negative
     count       wanted nodes; fewer come back where the band has fewer wavelengths
     Returns     (n,) metre; (n,) 1, that sum to one
-    Errors      numerical: 1e-14 of the moments. ValueError where no weight is above zero.
+    Raises      ValueError where no weight is above zero.
+    Accuracy    numerical: 1e-14 of the moments.
     """
     used = weight > 0
     if not used.any():
@@ -90,13 +88,13 @@ def pixel_psf(
     fill_factor  1, area of the active square in the middle of a pixel over that of the pixel. The
                  table is divided by it, because whoever counts photons has counted it already
     diffusion    metre, sigma of the Gaussian that charge diffusion adds per axis
-    Errors       model: see `choose`; the fraction outside the table is 1 - Psf.energy.
-                 numerical: 1e-5 of the peak; see `pixel_response`, `pixel_average`, `stamp`. What
-                 is finer than a sigma of 1/64 pixel is blurred to that, lest shares become
-                 negative between the samples. So, where a pixel holds more than ten wavelength *
-                 f-number, a star within 1/32 pixel of its edge is divided wrongly by some of its
-                 light: 7e-4 at twenty, 0.01 at thirty, 0.08 at forty, 0.26 at 122.
-                 ValueError where the wavefront needs more samples than MOST_SAMPLES.
+    Raises       ValueError where the wavefront needs more samples than MOST_SAMPLES.
+    Accuracy     model: see `choose`; the fraction outside the table is 1 - Psf.energy. numerical:
+                 1e-5 of the peak; see `pixel_response`, `pixel_average`, `stamp`. What is finer
+                 than a sigma of 1/64 pixel is blurred to that, lest shares become negative between
+                 the samples. So, where a pixel holds more than ten wavelength * f-number, a star
+                 within 1/32 pixel of its edge is divided wrongly by some of its light: 7e-4 at
+                 twenty, 0.01 at thirty, 0.08 at forty, 0.26 at 122.
     """
     positive(pitch=pitch, fill_factor=fill_factor)
     within(0, 1, fill_factor=fill_factor)
@@ -167,7 +165,7 @@ def pixel_response(
     finest      pixel, the scale on which the image varies; sets the sampling
     cusp        metre, minus the slope of the transfer function at zero
     side        metre, of a pixel's active square; the pitch if None
-    Errors      numerical: 2e-6 of the peak, 1e-6 in energy.
+    Accuracy    numerical: 2e-6 of the peak, 1e-6 in energy.
     """
     side = side or pitch
     oversampling = _oversampling(finest)
@@ -242,7 +240,8 @@ def irradiance(
     spacing, count      metre; points along a side, odd, the axis in the middle
     slope               metre per radius, of the wavefront, if known
     Returns             (count, count) 1 / metre^2, of all light that passes the pupil
-    Errors              numerical: 1e-5 of the peak. ValueError beyond MOST_SAMPLES.
+    Raises              ValueError beyond MOST_SAMPLES.
+    Accuracy            numerical: 1e-5 of the peak.
     """
     slope = steepest(optics, model) if slope is None else slope
     shortest = float(wavelength.min())
@@ -275,7 +274,7 @@ def pixel_average(plane: Floats, spacing: float, side: float, blur: float) -> Fl
     plane    (m, m), without frequencies above its Nyquist's
     spacing  metre
     Returns  (m, m); what lies within side / 2 + 6 blur + 24 samples of an edge has lost light
-    Errors   numerical: exact to 1e-6 of the peak, because the plane has no more frequencies.
+    Accuracy  numerical: exact to 1e-6 of the peak, because the plane has no more frequencies.
     """
     size = fft.next_fast_len(plane.shape[0] + math.ceil((side / 2 + 6 * blur) / spacing), real=True)
     fx, fy = fft.rfftfreq(size, spacing), fft.fftfreq(size, spacing)

@@ -9,12 +9,9 @@ from itertools import combinations
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-from startrack.core import Unit, finite, non_negative, one_of, positive, whole, within
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, Unit, finite, non_negative, one_of, positive, whole, within
 
 EDGE = 0.75  # cell, width of the soft edge: 3e-6 of the peak at twice the critical sampling
 MARGIN = 3  # cells beyond the rim, where the soft edge has died out
@@ -102,7 +99,7 @@ class Pupil:
     def fraction(self) -> float:
         """Open area over that of the circle.
 
-        Errors  numerical: 1e-5 for shapes with corners.
+        Accuracy  numerical: 1e-5 for shapes with corners.
         """
         return 1.0 if self.clear else _share(self)
 
@@ -132,8 +129,8 @@ def openness(pupil: Pupil, x: Floats, cell: float) -> Floats:
 
     x        (n,) 1, places in radii of the aperture, for both axes
     Returns  (n, n) 1, rows along y
-    Errors   model: where edges meet in a corner the product of the two soft edges stands for
-             the convolution: an area of a tenth of a cell squared per corner.
+    Accuracy  model: where edges meet in a corner the product of the two soft edges stands for the
+              convolution: an area of a tenth of a cell squared per corner.
     """
     y = x[:, None]
     if pupil.segments:

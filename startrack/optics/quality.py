@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Psf
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, Psf
 
 RADII = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0)  # pixel
 BLOCKS = (1, 3, 5, 7)  # pixels along a side
@@ -41,7 +38,7 @@ def quality(response: Psf, image: Psf) -> Quality:
 
     response  of the pixels
     image     the same optics with `fill_factor=POINT`
-    Errors    numerical: 2e-3 in modulation, 1e-3 in energy; energies beyond the table are NaN.
+    Accuracy  numerical: 2e-3 in modulation, 1e-3 in energy; energies beyond the table are NaN.
     """
     middle = image.table.shape[0] // 2
     nyquist = np.array([0.5])
@@ -62,8 +59,8 @@ def modulation(psf: Psf, frequency: Floats, angle: float) -> Floats:
     frequency  (n,) cycle / pixel
     angle      radian of the wave's direction, from +x towards +y
     Returns    (n,) 1; at zero it is the energy within the table
-    Errors     the wings outside count as haze without modulation: 2e-3 from two cycles per width
-               of the table on.
+    Accuracy   the wings outside count as haze without modulation: 2e-3 from two cycles per width of
+               the table on.
     """
     at = (np.arange(psf.table.shape[0]) - psf.table.shape[0] // 2) / psf.oversampling
     along = np.exp(-2j * np.pi * np.outer(frequency * np.cos(angle), at))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from startrack.core import Floats
 
 
 def pupil_transfer(frequency: Floats, wavelength: float, f_number: float) -> Floats:

@@ -22,7 +22,7 @@ def paper_radius(focal_length: float, distance: float, wavelength: float, order:
     focal_length, distance, wavelength  metre; the distance must be finite
     order                               1 for the first zero
     Returns                             metre; the f-number limit is focal_length / (2 R)
-    Errors                              ValueError where there is no image.
+    Raises                              ValueError where there is no image.
     """
     beyond = _image(focal_length, distance)
     positive(wavelength=wavelength)
@@ -72,7 +72,7 @@ def fresnel_radius(
 def fresnel_error(focal_length: float, distance: float, wavelength: float, radius: float) -> float:
     """Bound on how far Fresnel's peak lies above Kirchhoff's for a parabolic lens, relative to it.
 
-    Errors  a bound while the result is below one; it exceeds the true error by a fifth at 20 %.
+    Accuracy  a bound while the result is below one; it exceeds the true error by a fifth at 20 %.
     """
     beyond = _image(focal_length, distance)
     positive(wavelength=wavelength, radius=radius)

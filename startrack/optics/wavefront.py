@@ -24,14 +24,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.optics.kirchhoff import path_defect
 from startrack.optics.parameters import Optics
 from startrack.optics.pupil import cells, openness
 from startrack.optics.zernike import zernike
-
-Floats = NDArray[np.float64]
 
 STEEPEST = 0.999  # sine of an angle at the focus, where the soft edge beyond the rim is cut
 
@@ -57,8 +55,8 @@ class Wavefront:
 def wavefront(optics: Optics, model: str, samples: int) -> Wavefront:
     """The pupil of a model on `samples` by `samples` cells.
 
-    Errors  model "kirchhoff": the phase k x^2 R^2 / b^3 of an image point x is left out; a tenth
-            of a radian at x = 0.1 sqrt(lambda b^3) / R, beyond any table here.
+    Accuracy  model "kirchhoff": the phase k x^2 R^2 / b^3 of an image point x is left out; a tenth
+              of a radian at x = 0.1 sqrt(lambda b^3) / R, beyond any table here.
     """
     place, cell = cells(samples)
     opened = openness(optics.pupil, place, cell)

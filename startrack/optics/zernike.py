@@ -6,13 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-from startrack.core import Unit, finite, whole
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, Unit, finite, whole
 
 MOST = 231  # Noll index of the last mode with n = 20
 

@@ -9,12 +9,9 @@ from dataclasses import dataclass
 
 import emcee
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import whole
+from startrack.core import Floats, whole
 from startrack.optimise.ledger import Ledger
-
-Floats = NDArray[np.float64]
 
 LONG_ENOUGH = 50  # autocorrelation times, emcee's own rule
 FEWEST = 400  # independent samples of each variable
@@ -122,10 +119,10 @@ def draw(
     log_probability  (n, d) -> (n,), minus infinity where there is none
     start            places (n, d) of n walkers; spread wider than the law for an honest R-hat
     ledger           keeps each stretch, so that sampling goes on where it was cut short
-    Errors           ValueError where the log-probability is NaN, minus infinity at all starts, or
-                     is itself drawn with a standard deviation above 1. emcee never asks again
-                     for the place where a walker stands, so that a less noisy one is right on
-                     average (Andrieu and Roberts 2009). See `Chains.doubt` for all else.
+    Raises           ValueError where the log-probability is NaN, minus infinity at all starts, or
+                     is itself drawn with a standard deviation above 1. emcee never asks again for
+                     the place where a walker stands, so that a less noisy one is right on average
+                     (Andrieu and Roberts 2009). See `Chains.doubt` for all else.
     """
     settings = settings or Ensembles()
     chains = [

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy import special
 
 from startrack.budget import Budget, Law, analytic
-from startrack.core import arcsec
+from startrack.core import Floats, arcsec
 from startrack.design import AXES, Campaign, Case, DesignSpace, Objective, Requirements
 from startrack.metrics import Summary, summarise
 from startrack.optimise.margins import margins as margins_of
@@ -21,8 +20,6 @@ from startrack.trial import OUTCOMES
 
 PENALTY = 10.0  # ln(error) that a margin missed by its full size costs
 LOST = 20.0  # ln(arcsec) of a design that no trial solves
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -123,7 +120,7 @@ def forecast(case: Case, objective: Objective) -> float:
 def expect(case: Case, campaign: Campaign) -> tuple[Budget, dict[str, float]]:
     """The analytic budget of a design, and all its margins without a trial.
 
-    Errors  ValueError where the budget expects no attitude anywhere.
+    Raises  ValueError where the budget expects no attitude anywhere.
     """
     budget = analytic(case)
     margins = margins_of(campaign.requirements, case)
@@ -134,8 +131,8 @@ def expect(case: Case, campaign: Campaign) -> tuple[Budget, dict[str, float]]:
 def foresee(box: DesignSpace, campaign: Campaign, place: Floats) -> float:
     """The score of a design without a trial; NaN where it cannot be built.
 
-    Errors  model: that of the budget, and all that it leaves out. Never the score to end with: an
-            optimiser finds the designs that a model is wrong about.
+    Accuracy  model: that of the budget, and all that it leaves out. Never the score to end with: an
+              optimiser finds the designs that a model is wrong about.
     """
     try:
         budget, margins = expect(box.design(place), campaign)
@@ -173,7 +170,7 @@ def expected_error(objective: Objective, budget: Budget) -> float:
         sum_i weight_i P(k / 2, L^2 / (2 square_i)) = share,   P the regularised incomplete
         gamma function, k = 2, 1, 3 axes, square_i the mean square per axis in field i
 
-    Errors  model: errors that are normal and alike about the axes, in each field.
+    Accuracy  model: errors that are normal and alike about the axes, in each field.
     """
     law = budget.whole.spread
     assert isinstance(law, Law)

@@ -34,7 +34,7 @@ class Ledger:
     def __init__(self, path: Path | None = None):
         """Open the ledger of a file, or begin one; None keeps it in memory.
 
-        Errors  ValueError where the file is none of ours, OSError where it cannot be opened or
+        Raises  ValueError where the file is none of ours, OSError where it cannot be opened or
                 another process has it.
         """
         self.path = path

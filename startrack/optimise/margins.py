@@ -50,8 +50,8 @@ def limiting_magnitude(case: Case) -> float:
         signal / noise = N sqrt(sum p^2) / sqrt(sky + dark + read noise^2 + gain^2 / 12)
                        = threshold,   p the fractions of the smeared star's light in its pixels
 
-    Errors  model: background-limited, which holds at the threshold; the pixel phase is averaged,
-            and the tests that tell a star from a hot pixel cost up to half a magnitude more.
+    Accuracy  model: background-limited, which holds at the threshold; the pixel phase is averaged,
+              and the tests that tell a star from a hot pixel cost up to half a magnitude more.
     """
     detector = case.instrument.detector
     pixel = case.instrument.camera.focal_length_px**-2
@@ -80,7 +80,7 @@ def limiting_magnitude(case: Case) -> float:
 def needed_magnitude(case: Case, stars: int, fraction: float) -> float:
     """The G that must be seen so that `share` of the sky shows `stars` stars in the field.
 
-    Errors  numerical: 0.02 magnitudes between the focal lengths at which the sky is counted.
+    Accuracy  numerical: 0.02 magnitudes between the focal lengths at which the sky is counted.
     """
     camera = case.instrument.camera
     at, below = math.modf(math.log(camera.focal_length_px) / math.log(FOCAL_STEP))

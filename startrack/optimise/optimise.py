@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.design import Campaign, Case, DesignSpace, Fidelity, Objective, branches
 from startrack.metrics import Interval, Summary, summarise
 from startrack.optimise.evaluate import Evaluation, evaluate, measured, measured_score
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.steps import Watch, availability, prospect, race, reach, refine
 from startrack.trial import OUTCOMES
-
-Floats = NDArray[np.float64]
 
 FINALISTS = 4  # designs that are judged on fresh frames, until one meets the requirements there
 
@@ -83,8 +82,8 @@ def optimize(
     watch        called with each evaluation
     watch_fresh  called with the number of fresh trials just done
     adapt        as in Box
-    Errors       ValueError where the campaign names no variables.
-                 model: what trials correct is searched locally; a better design may lie elsewhere.
+    Raises       ValueError where the campaign names no variables.
+    Accuracy     model: what trials correct is searched locally; a better design may lie elsewhere.
     """
     boxes = {
         branch.label: DesignSpace(branch.case, campaign.variables, campaign.links, adapt)

@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import arcsec, one_of, whole
+from startrack.core import Floats, arcsec, one_of, whole
 from startrack.design import Campaign, DesignSpace, Objective
 from startrack.optimise.evaluate import PENALTY, expect, expected_error, missed
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import least_of_all
-
-Floats = NDArray[np.float64]
 
 METHODS = ("epsilon", "weighted")
 UNITS = {"mass": "kg", "power": "W", "data rate": "bit / s", "volume": "m3", "cost": "1"}
@@ -75,8 +72,8 @@ def front(
     the origin. Source: Miettinen (1999), Nonlinear Multiobjective Optimization, 3.1 and 3.2.
 
     Returns  the points that no other beats in both goals by the budget, in order of the first
-    Errors   ValueError where no design of the box meets the requirements.
-             model: the budget's; `measured` shows it.
+    Raises    ValueError where no design of the box meets the requirements.
+    Accuracy  model: the budget's; `measured` shows it.
     """
     whole(2, 1000, points=points)
     one_of(METHODS, method=method)
@@ -169,7 +166,7 @@ class _Asked:
     def least(self, score: Callable[[Floats], float], start: Floats) -> Floats:
         """The place where a score of both goals is least, of all so far that meet the requirements.
 
-        Errors  ValueError where none does.
+        Raises  ValueError where none does.
         """
 
         def asked(place: Floats) -> float:

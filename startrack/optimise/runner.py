@@ -64,7 +64,7 @@ class TrialRunner:
         """The outcomes of trials first ... first + trials - 1 of a design.
 
         progress  called with the number of trials that were just done
-        Errors    ValueError where the design cannot be tried, also when asked again.
+        Raises    ValueError where the design cannot be tried, also when asked again.
         """
         key = self._key(case, fidelity, first)
         if reason := self.ledger.refusal(key):

@@ -10,11 +10,8 @@ from typing import Any
 
 import nlopt
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import positive, whole, within
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, positive, whole, within
 
 REFUSED = 1e6  # what nlopt is told of a place that has no score
 REPEATS = 10  # calls for each evaluation, after which a search that repeats itself is ended
@@ -92,7 +89,7 @@ def least(
 
     score    of a place (d,); NaN or infinite where it has none
     enough   asked after each evaluation; a sentence ends the search
-    Errors   what `score` raises; ValueError where the start is not in the cube.
+    Raises   what `score` raises; ValueError where the start is not in the cube.
     """
     if not ((start >= 0) & (start <= 1)).all():
         raise ValueError(f"start must lie in the unit cube, got {start}")

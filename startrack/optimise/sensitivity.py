@@ -8,14 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from startrack.core import arcsec, whole
+from startrack.core import Floats, arcsec, whole
 from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Interval
 from startrack.optimise.evaluate import forecast
-
-Floats = NDArray[np.float64]
 
 STEP = 0.01  # of each range, for derivatives
 DESIGNS = 64  # base designs of the Sobol indices, a power of two; each costs d + 2
@@ -55,8 +52,8 @@ def sensitivities(
     seed     of the points of the box
     designs  base designs, a power of two
     Returns  in order of the variables; of one alone both indices are 1
-    Errors   ValueError where the budget expects no attitude at the design, or nearly nowhere.
-             model: the budget's; designs without an attitude count with the largest error.
+    Raises    ValueError where the budget expects no attitude at the design, or nearly nowhere.
+    Accuracy  model: the budget's; designs without an attitude count with the largest error.
     """
     whole(2, 2**20, designs=designs)
     if designs & (designs - 1):

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.design import Campaign, Case, DesignSpace, Objective, Requirements
 from startrack.metrics import Interval, fraction_interval
 from startrack.optimise.evaluate import Evaluation, evaluate, foresee, missed
@@ -22,13 +23,11 @@ PROSPECT_FRACTION = (
     0.6  # of the places are spread over the whole box, the rest around the best of them
 )
 
-Floats = NDArray[np.float64]
-
 
 def prospect(box: DesignSpace, campaign: Campaign, start: Floats) -> Found:
     """Look over the whole box by DIRECT, then nearer by Sbplx, without a trial.
 
-    Errors  model: that of `foresee`; the place is one to begin at, never one to end with.
+    Accuracy  model: that of `foresee`; the place is one to begin at, never one to end with.
     """
 
     def score(place: Floats) -> float:
@@ -57,8 +56,8 @@ class Reached(NamedTuple):
 def reach(box: DesignSpace, requirements: Requirements) -> Reached:
     """Look for a design that meets mass, power and all else that needs no trials.
 
-    Errors  model: a search; a corner that meets them may be missed where it is smaller than a
-            part in 120 of the box.
+    Accuracy  model: a search; a corner that meets them may be missed where it is smaller than a
+              part in 120 of the box.
     """
 
     tried = list[float]()

@@ -8,15 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy import special
 
+from startrack.core import Floats
 from startrack.design import Campaign, Case, DesignSpace
 from startrack.optimise.ensemble import Chains, draw, thinned
 from startrack.optimise.evaluate import Evaluation, evaluate
 from startrack.optimise.runner import TrialRunner
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +38,7 @@ def fit(place: Floats, result: Floats) -> Surface:
 
     place   (n, d) in [-1, 1]
     result  (n, k)
-    Errors  ValueError where there are no more points than the quadratic has terms.
+    Raises  ValueError where there are no more points than the quadratic has terms.
     """
     terms = _terms(place)
     if len(place) <= terms.shape[1]:
@@ -120,8 +118,8 @@ def sample(
     with normal laws of the surfaces' own errors. The density is a function, not a Monte Carlo, so
     that the sampler sees no noise. Designs drawn from the region are then tried.
 
-    Errors  ValueError where the campaign names no variables or the centre cannot be tried.
-            model: a quadratic; its error is in the result, measured twice.
+    Raises    ValueError where the campaign names no variables or the centre cannot be tried.
+    Accuracy  model: a quadratic; its error is in the result, measured twice.
     """
     box = DesignSpace(case, campaign.variables, campaign.links)
     campaign = replace(campaign, trials=campaign.sample_trials, most_trials=campaign.sample_trials)

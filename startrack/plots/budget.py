@@ -10,16 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack.budget import Budget, Line, Survey, Term, analytic, residuals
-from startrack.core import arcsec, deg
+from startrack.core import Floats, arcsec, deg
 from startrack.design import Case
 from startrack.io import save_figure
 from startrack.trial import Errors, errors
-
-Floats = NDArray[np.float64]
 
 COLOURS = {
     Term.BIAS: "#7f7f7f",

@@ -11,9 +11,8 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.io import save_figure
-
-Floats = NDArray[np.float64]
 
 
 def draw_geometry(path: Path, maps: dict[str, Floats], title: str) -> None:

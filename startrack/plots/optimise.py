@@ -9,14 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
-from numpy.typing import NDArray
 
-from startrack.core import arcsec
+from startrack.core import Floats, arcsec
 from startrack.design import Objective
 from startrack.io import save_figure
 from startrack.optimise import Goals, Optimum, Point, Sensitivity, Tolerance, thinned
-
-Floats = NDArray[np.float64]
 
 
 def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:

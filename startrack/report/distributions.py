@@ -11,12 +11,10 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from startrack.core import arcsec
+from startrack.core import Floats, arcsec
 from startrack.metrics import Interval
 from startrack.montecarlo import Regions, quantile_interval
 from startrack.report.page import BLUE, GREY, RED
-
-Floats = NDArray[np.float64]
 
 FRACTIONS = (0.5, 0.68, 0.9545, 0.9973)
 POINTS = 300  # of a curve

@@ -10,18 +10,15 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Streams, arcsec, deg
+from startrack.core import Floats, Streams, arcsec, deg
 from startrack.design import Case
 from startrack.metrics import Interval, rms_interval, summarise
 from startrack.montecarlo import Serial, run
 from startrack.motion import stability
 from startrack.report.page import BLUE, RED
 from startrack.trial import Record, observe
-
-Floats = NDArray[np.float64]
 
 BINS = 8
 FEWEST = 8  # stars in a bin

@@ -61,8 +61,8 @@ def write_report(
 
     title     plain text
     progress  called with the number of trials that were just done again
-    Errors    ValueError where the store holds no trial, or a startrack of another version made
-              it, whose trials this one must not explain.
+    Raises    ValueError where the store holds no trial, or a startrack of another version made it,
+              whose trials this one must not explain.
     """
     if store.startrack != (version := origin()["startrack"]):
         raise ValueError(

@@ -7,14 +7,11 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import nm
+from startrack.core import Floats, nm
 from startrack.scene.bodies import Earth
 from startrack.scene.ephemeris import EARTH_RADIUS
 from startrack.scene.photometry import BIN, WAVELENGTH
-
-Floats = NDArray[np.float64]
 
 RAYLEIGH = 1e10 / (4 * np.pi)  # photon / s / m^2 / sr
 HIGHEST = 300e3  # metre, of all shells
@@ -51,8 +48,8 @@ def airglow(earth: Earth, line: Floats) -> Iterator[tuple[Floats, Floats]]:
 
     line     (n, 3) unit vectors, ICRS axes
     Yields   (k,) photon / s / m^2 / sr in each bin and (n,) 1, of which the products add up
-    Errors   model: a factor of two from night to night; the same by day, where it drowns in the
-             limb; no structure; the Earth is a sphere. numerical: none.
+    Accuracy  model: a factor of two from night to night; the same by day, where it drowns in the
+              limb; no structure; the Earth is a sphere. numerical: none.
     """
     for shell in SHELLS:
         outer, inner = (_path(earth, line, height) for height in (shell.high, shell.low))

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import StrayLightSource, deg
+from startrack.core import Floats, StrayLightSource, deg
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, Body, Observer
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, photon_irradiance
-
-Floats = NDArray[np.float64]
 
 SUN_G = -26.90  # at one astronomical unit, Casagrande & VandenBerg (2018), MNRAS 479, L102
 SUN_RADIUS = 6.957e8  # metre, IAU 2015 nominal
@@ -49,7 +47,7 @@ class Disc:
         The lens between two circles R and r at a distance d, over the circle r: the sectors of both
         less their triangles.
 
-        Errors  model: circles in a plane, as they are where one of them is small.
+        Accuracy  model: circles in a plane, as they are where one of them is small.
         """
         outer, inner = self.radius, other.radius
         apart = 2 * math.asin(min(float(np.linalg.norm(self.direction - other.direction)) / 2, 1.0))
@@ -84,8 +82,8 @@ def moon_of(observer: Observer) -> Disc:
         V = -12.73 + 0.026 a + 4e-9 a^4,   a the phase angle in degrees, at the mean distance
 
     Source: Krisciunas and Schaefer (1991), PASP 103, 1033, eq. (9).
-    Errors  model: 0.1 mag below 7 degrees of phase, where it is brighter still; the colour is the
-            Sun's; no earthlight.
+    Accuracy  model: 0.1 mag below 7 degrees of phase, where it is brighter still; the colour is the
+              Sun's; no earthlight.
     """
     body = observer.see("moon")
     return Disc(
@@ -144,8 +142,8 @@ class Earth:
 def earth_of(observer: Observer) -> Earth:
     """The Earth, as an observer in an orbit sees it.
 
-    Errors  model: clouds, seas and the limb's air are one mean grey; 50 % for a place, 10 % for
-            the whole. numerical: 1 % from a quadrature of 16 x 48 places.
+    Accuracy  model: clouds, seas and the limb's air are one mean grey; 50 % for a place, 10 % for
+              the whole. numerical: 1 % from a quadrature of 16 x 48 places.
     """
     distance = float(np.linalg.norm(observer.earth))
     body = observer.see("sun")
@@ -178,7 +176,7 @@ def disc_points(disc: Disc, spacing: float) -> tuple[Floats, Floats]:
     spacing  radian between points
     Returns  (n, 3) unit vectors and (n,) fractions of the light, of sum one; none of a crescent
              thinner than some 1/128 of the radius, as the Moon's are no more, 7 degrees from new
-    Errors   ValueError where there would be millions, more than memory holds with their spectra.
+    Raises   ValueError where there would be millions, more than memory holds with their spectra.
     """
     count = max(math.ceil(disc.radius / spacing), 2)
     if count > MOST:

@@ -6,14 +6,11 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import GOLDEN_ANGLE, deg, nm
+from startrack.core import GOLDEN_ANGLE, Floats, deg, nm
 from startrack.scene.bodies import Earth
 from startrack.scene.ephemeris import EARTH_RADIUS, J2000, Observer
 from startrack.scene.photometry import BIN, WAVELENGTH, blackbody_photons
-
-Floats = NDArray[np.float64]
 
 # Million inhabitants, latitude and longitude in degree: the urban agglomerations of ten million
 # and more, and some of the brightest below. Source: United Nations, World Urbanization Prospects
@@ -50,9 +47,9 @@ def cities(earth: Earth, observer: Observer) -> tuple[Floats, Floats]:
         V = -2.5 log10(lumen cos(a) / pi / distance^2 / 2.54e-6 lux),  a from the zenith
 
     Returns  (n, 3) unit vectors, ICRS axes, and (n, k) photon / s / m^2 in each bin
-    Errors   model: a factor of three for a city, which is an even disc; towns below two million
-             are left out; no air, no clouds. Places within 0.2 degree: how the Earth's
-             axis has moved since 2000 is left out.
+    Accuracy  model: a factor of three for a city, which is an even disc; towns below two million
+              are left out; no air, no clouds. Places within 0.2 degree: how the Earth's axis has
+              moved since 2000 is left out.
     """
     place, heads = _spots()
     turned = place @ _turn(observer.day).T

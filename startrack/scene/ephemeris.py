@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import LIGHT_SPEED, Streams, installed_tables
+from startrack.core import LIGHT_SPEED, Floats, Streams, installed_tables
 from startrack.scene.parameters import Orbit, Scene
-
-Floats = NDArray[np.float64]
 
 AU = 149_597_870_700.0  # metre, IAU 2012
 EARTH_RADIUS = 6_378_137.0  # metre, WGS 84 at the equator
@@ -67,9 +64,9 @@ class Observer:
         """A body, or the Sun, where it was when its light left it.
 
         name    "sun", "moon", or a planet
-        Errors  model: no aberration (21 arcsec), no light deflection.
-                numerical: astropy's built-in ephemeris: Sun 1 arcsec, Moon 10 arcsec, planets
-                40 arcsec between 1900 and 2100.
+        Accuracy  model: no aberration (21 arcsec), no light deflection. numerical: astropy's
+                  built-in ephemeris: Sun 1 arcsec, Moon 10 arcsec, planets 40 arcsec between 1900
+                  and 2100.
         """
         late = 0.0
         for _ in range(2):

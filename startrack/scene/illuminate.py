@@ -8,10 +8,18 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, DiffuseLight, Light, Stars, StrayLightSource, Streams, arcsec
+from startrack.core import (
+    Camera,
+    DiffuseLight,
+    Floats,
+    Light,
+    Stars,
+    StrayLightSource,
+    Streams,
+    arcsec,
+)
 from startrack.scene.airglow import HIGHEST, airglow
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
@@ -28,8 +36,6 @@ from startrack.scene.photometry import (
 from startrack.scene.planets import PLANETS, magnitude_v
 from startrack.scene.starlight import starlight, starlight_spectrum
 from startrack.scene.zodiacal import zodiacal, zodiacal_spectrum
-
-Floats = NDArray[np.float64]
 
 NODES = 17  # of a glow's map along a side of the frame
 LIMB_NODES = 129  # the same where the Earth's limb is in the frame
@@ -67,11 +73,11 @@ def illuminate(scene: Scene, stars: Stars, sight: Sight | None = None) -> Light:
 
     sight    where the camera looks; None: only stars and the even background, which are the same
             everywhere
-    Errors   those of `photometry.photon_rate`, `zodiacal`, `starlight`, `planets`, `bodies`;
-             ValueError where a disc in the field has too many pixels.
-             model: what hides a star hides it whole; discs are those of the middle of the
-             exposure. numerical: glow 1 % between the places of its map, the Earth's limb 1/128 of
-             the frame.
+    Raises    those of `photometry.photon_rate`, `zodiacal`, `starlight`, `planets`, `bodies`;
+              ValueError where a disc in the field has too many pixels.
+    Accuracy  model: what hides a star hides it whole; discs are those of the middle of the
+              exposure. numerical: glow 1 % between the places of its map, the Earth's limb 1/128 of
+              the frame.
     """
     rate = photon_irradiance(stars.magnitude_g, colour_temperature(stars.colour))
     light = Light(stars.direction, WAVELENGTH, rate, _even(scene.background_g))

@@ -8,14 +8,12 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.io import open_checked, shipped
 from startrack.scene.bodies import EARTH_ALBEDO, Earth
 from startrack.scene.ephemeris import EARTH_RADIUS
 from startrack.scene.photometry import WAVELENGTH
-
-Floats = NDArray[np.float64]
 
 FORMAT = 1  # of the file
 DARK = 1e-12  # 1 / sr over the Sun's irradiance, below which the air counts as dark
@@ -49,10 +47,9 @@ class Limb:
         sun         (n,) radian; past the table's the air is dark
         azimuth     (n,) radian
         Returns     (n, k) 1 / sr, over the Sun's irradiance
-        Errors      ValueError where a tangent height lies under the table or is not a number.
-                    model: clear air without aerosol, straight rays; no twilight with the Sun
-                    below the horizon.
-                    numerical: straight lines in the logarithm, 3 % between the nodes.
+        Raises      ValueError where a tangent height lies under the table or is not a number.
+        Accuracy    model: clear air without aerosol, straight rays; no twilight with the Sun below
+                    the horizon. numerical: straight lines in the logarithm, 3 % between the nodes.
         """
         from scipy.interpolate import RegularGridInterpolator  # 0.1 s; few scenes have an Earth
 
@@ -93,7 +90,7 @@ def save_limb(path: Path, limb: Limb) -> None:
 def load_limb(path: Path) -> Limb:
     """Read it.
 
-    Errors  FileNotFoundError; ValueError where the file is no table of the limb or damaged.
+    Raises  FileNotFoundError; ValueError where the file is no table of the limb or damaged.
     """
     with open_checked(path, "LIMB", FORMAT, "a table of the limb") as parts:
         axes = [parts[name].data.astype(np.float64) for name in _AXES]
@@ -111,7 +108,7 @@ def limb_light(earth: Earth, line: Floats) -> Iterator[tuple[Floats, Floats]]:
     line     (n, 3) unit vectors, ICRS axes
     Yields   (k,) photon / s / m^2 in each bin and (n,) 1 / sr, of which the products add up: one
              for each wavelength of the table, which stands for the bins nearest to it
-    Errors   model: that of `Limb`, over a ground of albedo 0.3; the Earth is a sphere.
+    Accuracy  model: that of `Limb`, over a ground of albedo 0.3; the Earth is a sphere.
     """
     table = _table()
     along = line @ earth.centre

@@ -101,7 +101,7 @@ class Scene:
     def start(self) -> datetime:
         """The date, UTC.
 
-        Errors  ValueError where it is not one.
+        Raises  ValueError where it is not one.
         """
         try:
             date = datetime.fromisoformat(self.date or "")

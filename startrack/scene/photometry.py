@@ -6,11 +6,8 @@ from functools import lru_cache
 from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, nm
-
-Floats = NDArray[np.float64]
+from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, Floats, nm
 
 BIN = 10 * nm
 # Metre, centres of the bins that span Gaia's G band.
@@ -48,7 +45,7 @@ def photon_irradiance(magnitude_g: Floats, temperature: Floats) -> Floats:
 
     magnitude_g, temperature  (n,) mag, kelvin
     Returns                   (n, k) photon / s / m^2 in each bin
-    Errors                    model: no lines or bands, which cost some per cent for cool stars.
+    Accuracy                  model: no lines or bands, which cost some per cent for cool stars.
                               numerical: 2e-4, from bins of 10 nm.
     """
     shape = blackbody_photons(WAVELENGTH, temperature)

@@ -28,8 +28,8 @@ def magnitude_v(name: str, body: Body, year: float) -> float:
     name    one of PLANETS, or "earth"
     body    where it is
     year    Julian year; Neptune has brightened
-    Errors  model: 0.05 mag, Mars 0.1 mag, as it turns; Saturn's rings are left out where it is
-            seen from elsewhere than the Earth, at phase angles beyond 6.5 degrees.
+    Accuracy  model: 0.05 mag, Mars 0.1 mag, as it turns; Saturn's rings are left out where it is
+              seen from elsewhere than the Earth, at phase angles beyond 6.5 degrees.
     """
     distances = 5 * math.log10(body.sun_distance * body.distance / AU**2)
     return distances + _PHASE[name](body.phase_angle / deg, body, year)

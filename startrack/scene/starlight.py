@@ -6,12 +6,9 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import deg
+from startrack.core import Floats, deg
 from startrack.scene.photometry import photon_irradiance
-
-Floats = NDArray[np.float64]
 
 # Right ascension and declination of the galactic pole, J2000 (IAU 1958).
 POLE = np.array(
@@ -49,8 +46,8 @@ def starlight(direction: Floats, limit_g: float) -> Floats:
     direction  (n, 3) unit vectors, ICRS axes
     limit_g    G of the faintest star of the catalogue
     Returns    (n,) stars of G = 10 per square degree
-    Errors     model: mean over galactic longitude; 15 % of the counts of the belts of latitude
-               down to G 10, 30 % beyond; clouds and rifts of the Milky Way a factor of two.
+    Accuracy   model: mean over galactic longitude; 15 % of the counts of the belts of latitude down
+               to G 10, 30 % beyond; clouds and rifts of the Milky Way a factor of two.
     """
     step = np.hypot(direction @ POLE, DUST)
     edge, light = _fainter()

@@ -5,12 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import deg
+from startrack.core import Floats, deg
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_irradiance
-
-Floats = NDArray[np.float64]
 
 # Leinert et al. (1998), A&A Supplement Series 127, 1, table 17: seen from the Earth at 500 nm, in
 # 1e-8 W / m^2 / sr / um; the pole is that of section 8.3. Zero where the table has nothing.
@@ -56,10 +53,10 @@ def zodiacal(direction: Floats, sun: Floats, sun_distance: float = 1.0) -> Float
     sun           (3,) unit vector to the Sun
     sun_distance  astronomical unit from the observer to the Sun
     Returns       (n,) stars of V = 10 and the Sun's colour per square degree (S10)
-    Errors        model: 10 % beyond 30 degrees from the Sun, where the plane of symmetry, which
-                  is inclined by 2 degrees, is taken for the ecliptic; a factor of two inside 15
-                  degrees; constant inside 2.5. numerical: straight lines between the logarithms
-                  of the table.
+    Accuracy      model: 10 % beyond 30 degrees from the Sun, where the plane of symmetry, which is
+                  inclined by 2 degrees, is taken for the ecliptic; a factor of two inside 15
+                  degrees; constant inside 2.5. numerical: straight lines between the logarithms of
+                  the table.
     """
     elongation = np.arccos(np.clip(direction @ sun, -1, 1))
     latitude = np.arcsin(np.clip(np.abs(direction @ POLE), 0, 1))

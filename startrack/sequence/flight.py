@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Streams
+from startrack.core import Floats, Streams
 from startrack.design import Instrument
 from startrack.motion import MotionRealisation, realise_motion
 from startrack.sequence.parameters import Gyro, Leg, Sequence
-
-Floats = NDArray[np.float64]
 
 
 def attitudes(legs: tuple[Leg, ...], start: Rotation, time: Floats) -> Rotation:
@@ -24,7 +22,7 @@ def attitudes(legs: tuple[Leg, ...], start: Rotation, time: Floats) -> Rotation:
 
     start  attitude at time 0
     time   (m,) second, from 0 on; after the last leg its rate goes on
-    Errors numerical: rounding alone, as each leg's turn is a closed form.
+    Accuracy  numerical: rounding alone, as each leg's turn is a closed form.
     """
     begin, rate = _begins(legs), _rates(legs)
     corner = [start]
@@ -70,12 +68,12 @@ def flight(instrument: Instrument, sequence: Sequence, start: Rotation, streams:
     """Draw the jitter once for the whole sequence, so that it goes on from frame to frame.
 
     start   attitude at time 0, before the jitter
-    Errors  ValueError where the frames come faster than their exposures allow, or the legs are
-            shorter than one frame.
-            model: a frame in which a leg ends moves at the rate of its middle to its end; the
-            turns of slew and jitter in one exposure are added, as in `Turn.at`. Broadband jitter
-            has the covariance of its spectrum at all times, by one line a band for the whole
-            sequence: within one long sequence a band's power does not come and go.
+    Raises    ValueError where the frames come faster than their exposures allow, or the legs are
+              shorter than one frame.
+    Accuracy  model: a frame in which a leg ends moves at the rate of its middle to its end; the
+              turns of slew and jitter in one exposure are added, as in `Turn.at`. Broadband jitter
+              has the covariance of its spectrum at all times, by one line a band for the whole
+              sequence: within one long sequence a band's power does not come and go.
     """
     time = _times(instrument, sequence)
     jitter = realise_motion(
@@ -114,8 +112,8 @@ def gyro_rates(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
     Source: Farrenkopf (1978), J. Guidance and Control 1(4), 282.
 
     Returns  (m - 1, 3) radian / second, camera axes
-    Errors   model: scale factors, misalignments and quantisation are not there; the rate is taken
-             as constant between two frames.
+    Accuracy  model: scale factors, misalignments and quantisation are not there; the rate is taken
+              as constant between two frames.
     """
     step = np.diff(flight.time)[:, None]
     true = -(flight.attitude[1:] * flight.attitude[:-1].inv()).as_rotvec() / step

@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.attitude import Gyroscope, State, correct, predict, start
-from startrack.core import Estimate, Status
+from startrack.core import Estimate, Floats, Status
 from startrack.sequence.parameters import Sequence
-
-Floats = NDArray[np.float64]
 
 GATE = 30.7  # chi-square of 3 degrees of freedom, that a right prediction exceeds once in a million
 

@@ -94,7 +94,7 @@ class Sequence:
 def load_sequence(path: Path) -> Sequence:
     """Read a sequence from TOML, units in strings.
 
-    Errors  ValueError, one sentence with the file, the place in it, the rule and the value.
+    Raises  ValueError, one sentence with the file, the place in it, the rule and the value.
     """
     table = read_table(path, "a sequence file")
     try:

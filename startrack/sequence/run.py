@@ -90,9 +90,9 @@ def run(case: Case, sequence: Sequence, seed: int, number: int) -> NDArray[np.vo
     Returns  (frames,) structured array: number of the sequence, time (second), true rate
              (radian / second), Mode, the fields of Outcome for the frame alone, and error and
              stated sigma (radian, camera axes) of the filter after it; NaN where there is none
-    Errors   those of `flight` and of the chain's rooms; ValueError for a case with a late time
-             stamp or a mounting unlike the believed one, which are not followed in time.
-             model: the tracker sees each frame as soon as it is exposed.
+    Raises    those of `flight` and of the chain's rooms; ValueError for a case with a late time
+              stamp or a mounting unlike the believed one, which are not followed in time.
+    Accuracy  model: the tracker sees each frame as soon as it is exposed.
     """
     if case.time_tag_error or case.instrument.mounting != case.believed_mounting:
         raise ValueError("a sequence must have lateness 0 and the believed mounting")

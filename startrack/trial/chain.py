@@ -109,7 +109,7 @@ def run_trials(
 
     icrs_to_camera  a true attitude for each; None: the random ones of `trial`
     Returns  (n,) structured array: `trial` and the fields of Outcome
-    Errors   as `trial`, with a note that names it.
+    Raises   as `trial`, with a note that names it.
     """
     outcomes = np.empty(len(numbers), OUTCOMES)
     outcomes["trial"] = numbers
@@ -132,7 +132,7 @@ def run_random_trial(
 ) -> Outcome:
     """The outcome of trial `number` of a seed: random attitude, random noise.
 
-    Errors  ValueError where the case contradicts itself, or has what the fidelity lacks.
+    Raises  ValueError where the case contradicts itself, or has what the fidelity lacks.
     """
     streams = Streams(seed, number)
     return run_trial(case, random_attitude(streams), streams, fidelity)
@@ -159,7 +159,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     """Render, detect, identify, estimate, judge.
 
     icrs_to_camera  true attitude at the middle of the exposure
-    Errors          ValueError where the case contradicts itself.
+    Raises          ValueError where the case contradicts itself.
     """
     camera = case.instrument.camera
     stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, camera)

@@ -114,11 +114,11 @@ def outcomes(
 
     icrs_to_camera  a true attitude for each; None: those of the same trials of other fidelities
     Returns  (n,) structured array, as `judge_all` gives it, in the order asked for
-    Errors   ValueError that names what in the case needs an image.
-             model: normal errors, as small as the noise is beside the star; each star alone, with
-             the smear of the field's centre; false spots are counted and never matched. On the
-             example the rms of the attitude's error is that of frames within 5 %; in crowded fields
-             less by a tenth, for stars that merge err more than these.
+    Raises    ValueError that names what in the case needs an image.
+    Accuracy  model: normal errors, as small as the noise is beside the star; each star alone, with
+              the smear of the field's centre; false spots are counted and never matched. On the
+              example the rms of the attitude's error is that of frames within 5 %; in crowded
+              fields less by a tenth, for stars that merge err more than these.
     """
     refuse(case)
     plan = plan_of(case)

@@ -33,8 +33,8 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
 
     catalog  the true one, or that of the tracker
     Returns  (n, 3) pixel, ICRS axes, in the order of `separate`
-    Errors   model: pairs at one angle to the columns stand for all, and smear and scale are those
-             of the boresight.
+    Accuracy  model: pairs at one angle to the columns stand for all, and smear and scale are those
+              of the boresight.
     """
     camera = case.instrument.camera
     stars = separable_stars(catalog, camera).sky.stars

@@ -93,7 +93,7 @@ class Plan(NamedTuple):
 def refuse(case: Case) -> None:
     """Refuse what spots alone cannot show.
 
-    Errors  ValueError that names it.
+    Raises  ValueError that names it.
     """
     instrument = case.instrument
     detector, motion = instrument.detector, instrument.motion

@@ -172,7 +172,7 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 
     icrs_to_camera  true attitude at the middle of the exposure
     Returns         Spots, brightest first; their areas are not known, 0
-    Errors          as `outcomes`
+    Raises          as `outcomes`
     """
     refuse(case)
     plan = plan_of(case)

@@ -213,8 +213,8 @@ def detection_probability(case: Case, magnitude: Floats) -> Floats:
 
     None is where the sky alone fills the pixels.
 
-    Errors  model: the noise of the peak is that of an empty sky; neighbours, and the tests that
-            tell a star from a hot pixel, are left out.
+    Accuracy  model: the noise of the peak is that of an empty sky; neighbours, and the tests that
+              tell a star from a hot pixel, are left out.
     """
     size, detection = scale(case), case.tracker.detection
     if size.background >= size.largest:

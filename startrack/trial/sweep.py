@@ -18,7 +18,7 @@ def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) 
     """The image that the lines make, half of it before time zero and half after.
 
     icrs_to_camera  true attitude at time zero
-    Errors          as `detector.scan`
+    Raises          as `detector.scan`
     """
     instrument = case.instrument
     detector, lines = _lines(instrument.detector)
@@ -52,8 +52,8 @@ def straighten(
     motion    as the tracker believes it; its rates count
     camera    of a matrix of as many rows as the image, as the tracker believes it
     Returns   the same spots elsewhere; the covariance along a line shrinks with its sampling
-    Errors    model: all lines count as their mean, which is right where image and charge keep
-              step; jitter is unknown to the tracker.
+    Accuracy  model: all lines count as their mean, which is right where image and charge keep step;
+              jitter is unknown to the tracker.
     """
     row, delay = scanned.middle
     time = (spots.y - (camera.rows - 1) / 2 + delay) * exposure

@@ -26,8 +26,8 @@ def systematic_variance(case: Case) -> Floats:
     of it on either axis. `Attitude.centroid_floor` takes the place of all that where it is given.
 
     Returns  (n,) pixel^2, for the stars of the believed catalogue
-    Errors   model: a detector that scans is not charted; its tracker reckons with UNKNOWN_FLOOR.
-             Those of `errors` and `pulls`.
+    Accuracy  model: a detector that scans is not charted; its tracker reckons with UNKNOWN_FLOOR.
+              Those of `errors` and `pulls`.
     """
     stars, floor = open_sky(case.believed_catalog).stars, case.tracker.attitude.centroid_floor
     if floor is None and case.instrument.detector.scan:

@@ -81,7 +81,7 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
 
     icrs_to_camera  true attitude at the middle of the exposure
     Returns         Spots, brightest first
-    Errors          ValueError that names what in the design needs the whole frame.
+    Raises          ValueError that names what in the design needs the whole frame.
     """
     plan, instrument = plan_of(case), case.instrument
     detector, sky, psf, settings = plan.detector, plan.sky, plan.psf, case.tracker.detection
@@ -225,7 +225,7 @@ def noise_of(
     """The widest laws that serve: of noise that is seldom looked at, and of few odd pixels.
 
     weight, border  as `tilt_for` takes them
-    Errors          ValueError where noise passes the level so often that whole frames are cheaper.
+    Raises          ValueError where noise passes the level so often that whole frames are cheaper.
     """
     level, mesh = float(np.median([one.lowest for one in grounds])), grounds[0].sky.mesh
     for limit in ODD:

@@ -4,10 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
-Floats = NDArray[np.float64]
+from startrack.core import Floats
 
 
 def paint(shape: tuple[int, int], x: Floats, y: Floats, flux: Floats, sigma: float) -> Floats:

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, open_sky
+from startrack.core import Floats
 from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.core.values import Matches, Spots, Stars
 from startrack.identification import Identification, PatternIndex, build_index, identify
 
-Floats = NDArray[np.float64]
 SETTINGS = Identification()
 
 

@@ -9,10 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import nm, um
+from startrack.core import Floats, nm, um
 from startrack.earth.atmosphere.sasktran import mie
-
-Floats = NDArray[np.float64]
 
 REFERENCE = 550 * nm  # where visibility and extinction are stated
 KOSCHMIEDER = 3.912  # ln 50: a contrast of 2 %
@@ -76,7 +74,7 @@ def profile(visibility: float, height: Floats) -> Floats:
     visibility  metre
     height      (n,) metre above the sea
     Returns     (n,) 1 / metre
-    Errors      model: Shettle and Fenn's profiles, linear in 1 / visibility between them, as
+    Accuracy    model: Shettle and Fenn's profiles, linear in 1 / visibility between them, as
                 extinction is.
     """
     inverse = 1 / np.array([visibility])
@@ -106,8 +104,8 @@ def particles(aerosol: str, wavelength: tuple[float, ...]) -> Particles:
     """Mie scattering of two log-normal modes.
 
     wavelength  metre
-    Errors      ModuleNotFoundError where sasktran2 is missing.
-                model: spheres, dry. At 550 nm albedo and asymmetry of the rural type come out as
+    Raises      ModuleNotFoundError where sasktran2 is missing.
+    Accuracy    model: spheres, dry. At 550 nm albedo and asymmetry of the rural type come out as
                 0.941 and 0.648, where Shettle and Fenn print 0.941 and 0.648.
     """
     from scipy.stats import lognorm

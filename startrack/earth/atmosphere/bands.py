@@ -6,13 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from startrack.core import positive
+from startrack.core import Floats, positive
 from startrack.earth.atmosphere.table import AirTable
-
-Floats = NDArray[np.float64]
 
 # Scale heights, metre: what fraction of a gas lies below. Water: Bird and Riordan take 2 km; mixed
 # gases thin out as the air does; ozone lies between the two heights.
@@ -65,9 +62,9 @@ def in_bands(
     altitude  metre, of the sensor above the ground
     distance  astronomical unit, of the Sun
     Returns   BandTable; its unit is watt / m^2 / sr times that of `response` times metre
-    Errors    ValueError where no response lies inside the table's spectrum, or the sensor on the
+    Raises    ValueError where no response lies inside the table's spectrum, or the sensor on the
               ground.
-              model: under the table's lowest altitude the air below the sensor is less in
+    Accuracy  model: under the table's lowest altitude the air below the sensor is less in
               proportion; at 500 m of 2 km its light is 10 to 20 % low, as haze is densest there.
               numerical: a cubic spline over the logarithm of wavelength and altitude.
     """

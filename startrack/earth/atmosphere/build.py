@@ -7,14 +7,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import deg, nm
+from startrack.core import Floats, deg, nm
 from startrack.earth.atmosphere.gases import GASES, sunlight, transmittance
 from startrack.earth.atmosphere.solver import TOP, solve_radiance
 from startrack.earth.atmosphere.table import Air, AirTable
-
-Floats = NDArray[np.float64]
 
 ALBEDOS = (0.25, 0.75)  # besides black: two that tell the ground's two numbers
 REFERENCE_SUN = 0.5371  # cosine, away from the ordinates of any solver
@@ -63,8 +60,8 @@ def build(
 
     progress  called with the fraction that is done
     Returns   AirTable, in double precision
-    Errors    as `radiance`; numerical: 8 streams with single scattering exact stay within 3e-3
-              of 16 in radiance.
+    Raises    as `radiance`
+    Accuracy  numerical: 8 streams with single scattering exact stay within 3e-3 of 16 in radiance.
     """
     shape = tuple(len(axis) for axis in grid)
     path = np.empty(shape)

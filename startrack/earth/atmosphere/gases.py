@@ -6,11 +6,8 @@ import importlib
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import nm
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, nm
 
 GASES = ("water", "mixed", "ozone")
 
@@ -24,8 +21,8 @@ def transmittance(gas: str, wavelength: Floats, mass: Floats, water: float, ozon
     water       kilogram / square metre
     ozone       metre at standard conditions
     Returns     (f, m) 1
-    Errors      ModuleNotFoundError where pvlib is missing.
-                model: Bird and Riordan (1986), J. Climate Appl. Meteorol. 25, 87, at 122
+    Raises      ModuleNotFoundError where pvlib is missing.
+    Accuracy    model: Bird and Riordan (1986), J. Climate Appl. Meteorol. 25, 87, at 122
                 wavelengths from 300 to 4000 nm, some 10 nm wide below 1 micrometre.
     """
     if gas == "ozone":  # Beer's law; pvlib would take the mass from the Sun's place
@@ -41,8 +38,8 @@ def sunlight(wavelength: Floats) -> Floats:
 
     wavelength  (f,) metre, between 280 and 4000 nm
     Returns     (f,) watt / m^2 / m
-    Errors      ModuleNotFoundError where pvlib is missing.
-                model: the extraterrestrial spectrum of ASTM G173-03, in steps of 0.5 to 5 nm.
+    Raises      ModuleNotFoundError where pvlib is missing.
+    Accuracy    model: the extraterrestrial spectrum of ASTM G173-03, in steps of 0.5 to 5 nm.
     """
     spectra = _pvlib().get_reference_spectra()["extraterrestrial"]
     return np.interp(wavelength, spectra.index.to_numpy() * nm, spectra.to_numpy() / nm)

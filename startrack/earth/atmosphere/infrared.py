@@ -11,15 +11,12 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import deg, positive, um
+from startrack.core import Floats, deg, positive, um
 from startrack.earth.atmosphere.bands import BandTable, require_response
 from startrack.earth.atmosphere.radiance import planck
 from startrack.io import open_checked
 from startrack.scene import AU, SUN, SUN_RADIUS
-
-Floats = NDArray[np.float64]
 
 FORMAT = 1  # of the file
 WARM = 300.0  # kelvin
@@ -71,13 +68,13 @@ def infrared_bands(
     altitude  metre, of the sensor above the ground
     distance  astronomical unit, of the Sun
     Returns   BandTable with the heat of the air, without scattered light
-    Errors    ValueError as `in_bands`.
-              model: a transmittance is the mean over the light of 300 K, so that of a fire of
-              1000 K in 3.4 to 4.2 micrometre comes out 4 % low. The Sun is a blackbody of 5772 K,
-              13 % too bright at 10 micrometre, where its brightness temperature is some 5100 K
-              and its light below 1 % of a warm ground's. No scattering: 1 % at 3.5 micrometre.
-              The ratio for higher ground is exact for grey air; lines that saturate make the air
-              above 2 km seem too dark by up to 0.05.
+    Raises    ValueError as `in_bands`.
+    Accuracy  model: a transmittance is the mean over the light of 300 K, so that of a fire of 1000
+              K in 3.4 to 4.2 micrometre comes out 4 % low. The Sun is a blackbody of 5772 K, 13 %
+              too bright at 10 micrometre, where its brightness temperature is some 5100 K and its
+              light below 1 % of a warm ground's. No scattering: 1 % at 3.5 micrometre. The ratio
+              for higher ground is exact for grey air; lines that saturate make the air above 2 km
+              seem too dark by up to 0.05.
     """
     positive(altitude=altitude, distance=distance)
     require_response(response, table.spectrum)
@@ -111,7 +108,7 @@ def sun_spectrum(wavelength: Floats) -> Floats:
 def load_infrared(path: Path) -> InfraredTable:
     """Read a table.
 
-    Errors  FileNotFoundError; ValueError where the file is no such table or damaged.
+    Raises  FileNotFoundError; ValueError where the file is no such table or damaged.
     """
     with open_checked(path, "INFRARED", FORMAT, "an infrared table of the air") as parts:
         return InfraredTable(*(parts[name].data.astype(np.float64) for name in _ARRAYS))

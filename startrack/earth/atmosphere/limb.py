@@ -6,13 +6,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import deg, nm
+from startrack.core import Floats, deg, nm
 from startrack.earth.atmosphere.solver import limb_radiance
 from startrack.scene import Limb
-
-Floats = NDArray[np.float64]
 
 WAVELENGTH: Floats = np.array([400.0, 450, 500, 550, 600, 700, 800, 900, 1000]) * nm
 TANGENT: Floats = np.concatenate([np.arange(0, 40, 2.0), np.arange(40, 100, 4.0)]) * 1e3
@@ -23,7 +20,7 @@ AZIMUTH: Floats = np.array([0.0, 45, 90, 135, 180]) * deg
 def build_limb(albedo: float = 0.3, progress: Callable[[float], None] | None = None) -> Limb:
     """Solve the radiative transfer in spherical layers of molecules.
 
-    Errors  ModuleNotFoundError where sasktran2 is missing.
+    Raises  ModuleNotFoundError where sasktran2 is missing.
     """
     radiance = np.empty((len(WAVELENGTH), len(TANGENT), len(SUN), len(AZIMUTH)))
     rays = [(tangent, azimuth) for tangent in TANGENT for azimuth in AZIMUTH]

@@ -10,10 +10,9 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from startrack.core import deg
+from startrack.core import Floats, deg
 from startrack.earth.atmosphere.bands import BandTable
 
-Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Reals = NDArray[np.floating[Any]]
 
@@ -99,8 +98,8 @@ class FineTable:
 def refine(table: BandTable, reach: Reach) -> FineTable:
     """Cut out what a scene needs and fill in between with cubic splines.
 
-    Errors  ValueError where the scene reaches beyond the table.
-            numerical: straight lines over 1 degree are good to 1e-3 up to 70 degrees.
+    Raises    ValueError where the scene reaches beyond the table.
+    Accuracy  numerical: straight lines over 1 degree are good to 1e-3 up to 70 degrees.
     """
     axes = table.height, table.sensor, table.sun, table.azimuth
     nodes = [
@@ -156,9 +155,9 @@ def look_up(
     reflectance   (n, b) or (b,) 1
     surroundings  (b,) 1
     Returns       three of (n, b) watt / m^2 / sr
-    Errors        ValueError where a pixel lies outside the table, is not a number, or reflects
-                  less than nothing or more than all.
-                  model: flat surroundings of one reflectance; slopes do not change what the air
+    Raises        ValueError where a pixel lies outside the table, is not a number, or reflects less
+                  than nothing or more than all.
+    Accuracy      model: flat surroundings of one reflectance; slopes do not change what the air
                   sends.
     """
     count, bands = len(sight.height), table.backscatter.shape[1]

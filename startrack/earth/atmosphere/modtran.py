@@ -9,12 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import nm, um
+from startrack.core import Floats, nm, um
 from startrack.earth.atmosphere.runs import Run
-
-Floats = NDArray[np.float64]
 
 # Names of columns, as MODTRAN 4 and 5 (blanks) and 6 (underscores) print them.
 NAMES = {
@@ -46,7 +43,7 @@ def read_modtran(path: Path, albedo: float) -> Run:
 
     albedo   of its ground, which the files do not say
     Returns  Run, in SI whatever the file's units
-    Errors   FileNotFoundError; ValueError, with the file, where columns are missing, a row is
+    Raises   FileNotFoundError; ValueError, with the file, where columns are missing, a row is
              short, or there is none.
     """
     path = Path(path)

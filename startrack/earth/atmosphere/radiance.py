@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK
+from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, Floats
 from startrack.earth.atmosphere.look_up import FineTable, Sight, look_up
-
-Floats = NDArray[np.float64]
 
 COLDEST, HOTTEST = 50.0, 3000.0  # kelvin, of the spline
 NODES = 600
@@ -40,8 +38,8 @@ class Heat:
     def __call__(self, temperature: Floats) -> Floats:
         """(n, b) of (n,) kelvin.
 
-        Errors  ValueError where a temperature is no number from 50 to 3000 K.
-                numerical: 1e-6.
+        Raises    ValueError where a temperature is no number from 50 to 3000 K.
+        Accuracy  numerical: 1e-6.
         """
         temperature = np.asarray(temperature, np.float64)
         good = (temperature >= COLDEST) & (temperature <= HOTTEST)
@@ -118,10 +116,10 @@ def radiance(
     heat             of the bands; None where nothing is warm enough to be seen
     temperature      (n,) kelvin, of the ground; needed with `heat`
     air_temperature  kelvin, one for all the air, where the table has no heat of its own
-    Errors           ValueError as `look_up` and `Heat`; TypeError where heat has no temperature.
-                     model: isothermal air over a black ground of its own temperature gives
-                     Planck's law exactly; it errs by some per cent of L_th in the windows and
-                     more in the bands of gases.
+    Raises           ValueError as `look_up` and `Heat`; TypeError where heat has no temperature.
+    Accuracy         model: isothermal air over a black ground of its own temperature gives Planck's
+                     law exactly; it errs by some per cent of L_th in the windows and more in the
+                     bands of gases.
     """
     count, bands = len(sight.height), table.backscatter.shape[1]
     out = Terms(*np.zeros((5, count, bands), np.float32))

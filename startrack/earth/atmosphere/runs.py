@@ -9,12 +9,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import nm
+from startrack.core import Floats, nm
 from startrack.earth.atmosphere.bands import BandTable, require_response
-
-Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-9  # metre, by which wavelengths of runs may differ
 
@@ -59,9 +56,10 @@ def from_runs(runs: Mapping[Place, Sequence[Run]]) -> tuple[Floats, BandTable]:
 
     runs     of each place three, of which one is black
     Returns  (k,) metre, and a BandTable whose bands are these wavelengths: watt / m^2 / sr / m
-    Errors   ValueError where places leave gaps in their grid, wavelengths differ, or albedos do
-             not do. model: heat of the sky that the ground reflects counts as light of the sky,
-             as the programs print it. numerical: exact for runs that follow the closed form.
+    Raises    ValueError where places leave gaps in their grid, wavelengths differ, or albedos do
+              not do.
+    Accuracy  model: heat of the sky that the ground reflects counts as light of the sky, as the
+              programs print it. numerical: exact for runs that follow the closed form.
     """
     axes = [sorted({place[i] for place in runs}) for i in range(4)]
     shape = tuple(len(axis) for axis in axes)
@@ -154,9 +152,9 @@ def read_uvspec(
     sun, sensor  radian, zenith angles
     unit         watt / m^2 / m, of the file's irradiance
     Returns      Run, without heat
-    Errors       FileNotFoundError; ValueError, with the file, where it has other columns, or not
-                 two heights at each wavelength. model: the transmittance is Beer's, which holds
-                 where lines of gases are resolved.
+    Raises       FileNotFoundError; ValueError, with the file, where it has other columns, or not
+                 two heights at each wavelength.
+    Accuracy     model: the transmittance is Beer's, which holds where lines of gases are resolved.
     """
     ground, top = _levels(path, unit)
     through = _transmittance(*_levels(black, unit), sun, sensor)

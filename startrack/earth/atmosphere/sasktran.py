@@ -7,16 +7,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import nm
+from startrack.core import Floats, nm
 
 
 def sasktran2(part: str = "") -> Any:
     """The package, or a module of it.
 
     part    of its name, such as "mie.distribution"
-    Errors  ModuleNotFoundError where it is missing.
+    Raises  ModuleNotFoundError where it is missing.
     """
     try:
         package = importlib.import_module("sasktran2")
@@ -25,9 +24,6 @@ def sasktran2(part: str = "") -> Any:
             "new tables of the air need sasktran2: python -m pip install 'startrack[earth]'"
         ) from missing
     return importlib.import_module(f"sasktran2.{part}") if part else package
-
-
-Floats = NDArray[np.float64]
 
 
 def mie(
@@ -40,7 +36,7 @@ def mie(
     wavelength  (k,) metre
     index       (k,) refractive index
     Returns     (k,) square metre, (k,) square metre, (k, moments) 1
-    Errors      ModuleNotFoundError where sasktran2 is missing.
+    Raises      ModuleNotFoundError where sasktran2 is missing.
     """
     at = dict(zip(wavelength / nm, index, strict=True))
     found = sasktran2("mie.distribution").integrate_mie_cpp(

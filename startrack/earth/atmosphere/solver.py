@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import nm
+from startrack.core import Floats, nm
 from startrack.earth.atmosphere.aerosol import Particles, particles, profile
 from startrack.earth.atmosphere.sasktran import sasktran2
 from startrack.earth.atmosphere.table import Air
-
-Floats = NDArray[np.float64]
 
 TOP = 100e3  # metre, of the air
 EARTH = 6371e3  # metre, mean radius
@@ -54,8 +51,8 @@ def solve_radiance(
     polarised   whether the Stokes vector is carried along
     Returns     (a, k, r) 1 / sr, radiance over the Sun's irradiance; (layers,) metre and
                 (k, layers) 1 / metre, extinction of air and aerosol
-    Errors      ModuleNotFoundError where sasktran2 is missing.
-                model: plane layers, good to 1 % while Sun and sensor stand 15 degrees above the
+    Raises      ModuleNotFoundError where sasktran2 is missing.
+    Accuracy    model: plane layers, good to 1 % while Sun and sensor stand 15 degrees above the
                 horizon. Without polarisation molecules alone are wrong by up to 10 % at 400 nm.
     """
     sk = sasktran2()
@@ -99,7 +96,7 @@ def limb_radiance(
     rays        r of (tangent height, metre; azimuth, radian, 0 towards the Sun)
     albedo      of the ground
     Returns     (k, r) 1 / sr, over the Sun's irradiance
-    Errors      model: multiple scattering as in a column under the tangent point, straight rays.
+    Accuracy    model: multiple scattering as in a column under the tangent point, straight rays.
     """
     sk = sasktran2()
     heights = np.arange(0.0, TOP + 1, 1e3)

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Unit, non_negative, one_of, within
+from startrack.core import Floats, Unit, non_negative, one_of, within
 from startrack.io import open_checked
 
 AEROSOLS = ("none", "rural", "urban")
@@ -35,8 +35,6 @@ class Air:
         within(2e3, 150e3, visibility=self.visibility)
         non_negative(water=self.water, ozone=self.ozone)
 
-
-Floats = NDArray[np.float64]
 
 FORMAT = 1  # of the file
 AXES = ("wavelength", "height", "altitude", "sensor", "sun", "azimuth")
@@ -91,7 +89,7 @@ ARRAYS = tuple(field.name for field in fields(AirTable) if field.name != "air")
 def save_table(path: Path, table: AirTable) -> None:
     """Write a table as FITS in single precision, with checksums; `path` is written by name.
 
-    Errors  OSError where it cannot be written.
+    Raises  OSError where it cannot be written.
     """
     from astropy.io import fits
 
@@ -108,7 +106,7 @@ def save_table(path: Path, table: AirTable) -> None:
 def load_table(path: Path) -> AirTable:
     """Read a table.
 
-    Errors  FileNotFoundError; ValueError where the file is no table of the air, of another format,
+    Raises  FileNotFoundError; ValueError where the file is no table of the air, of another format,
             or damaged (its checksums do not fit).
     """
     with open_checked(path, "TABLE", FORMAT, "a table of the air") as parts:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.earth.atmosphere.bands import BandTable
 from startrack.earth.atmosphere.look_up import FineTable, Reach, Reals, Sight, refine
 from startrack.earth.atmosphere.radiance import Heat, Terms, radiance
 from startrack.earth.terrain import Ground, up
-
-Floats = NDArray[np.float64]
 
 TINY = 1e-12  # product of sines, below which no azimuth is told
 
@@ -51,9 +49,9 @@ def at_sensor(
     reflectance  (n, b) or (b,) 1, of the ground; where a ray misses it does not matter
     temperature  (n,) kelvin, likewise
     Returns      Terms of (n, b); finite and never negative
-    Errors       those of `radiance`; ValueError where ground lies outside the table's heights, or
-                 a ray grazes it beyond the table's zenith angles.
-                 model: where the Sun stands lower than the table goes, the air's light is that of
+    Raises       those of `radiance`; ValueError where ground lies outside the table's heights, or a
+                 ray grazes it beyond the table's zenith angles.
+    Accuracy     model: where the Sun stands lower than the table goes, the air's light is that of
                  the lowest Sun, less in proportion to the cosine, and none under the horizon.
     """
     bands = table.backscatter.shape[1]

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Unit, finite, positive, within
+from startrack.core import Floats, Unit, finite, positive, within
 from startrack.earth.terrain import cartesian, up
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -43,8 +40,8 @@ class Aircraft:
     def places(self, second: Floats) -> tuple[Floats, Floats]:
         """Positions in metre and velocities over ground in metre / second, (n, 3) each, ITRS.
 
-        Errors  model: a circle through the first place about the Earth's axis of that heading,
-                which leaves the ellipsoid's height by 5 m at most after 100 km.
+        Accuracy  model: a circle through the first place about the Earth's axis of that heading,
+                  which leaves the ellipsoid's height by 5 m at most after 100 km.
         """
         here = np.array([self.longitude]), np.array([self.latitude])
         start = cartesian(*here, np.array([self.altitude]))[0]

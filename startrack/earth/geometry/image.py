@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.earth.geometry.orbit import sun_direction
 from startrack.earth.geometry.parameters import EarthScene
 from startrack.earth.geometry.sensor import together
 from startrack.earth.geometry.sight import Turn, scan_lines
 from startrack.earth.terrain import Ground, read_charts, survey
-
-Floats = NDArray[np.float64]
 
 BATCH = 2**17  # rays that are followed at a time
 

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Unit, finite, installed_tables, positive, utc, within
+from startrack.core import Floats, Unit, finite, installed_tables, positive, utc, within
 from startrack.earth.geometry.aircraft import Aircraft
 from startrack.earth.terrain import EQUATORIAL
-
-Floats = NDArray[np.float64]
 
 GRAVITY = 398600.8e9  # m^3 / s^2, WGS72, as SGP4 wants it (Vallado et al. 2006, AIAA 2006-6753)
 DAY = 86400.0
@@ -166,7 +163,7 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
 def sun_direction(epoch: str, second: float = 0.0) -> Floats:
     """Unit vector (3,) towards the Sun in ITRS, seen from the Earth's centre.
 
-    Errors  model: astropy's built-in ephemeris, 3 arcsec; 9 arcsec of parallax are left out.
+    Accuracy  model: astropy's built-in ephemeris, 3 arcsec; 9 arcsec of parallax are left out.
     """
     from astropy import units
     from astropy.coordinates import ITRS, get_body

@@ -9,11 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import finite, positive, whole
-
-Floats = NDArray[np.float64]
+from startrack.core import Floats, finite, positive, whole
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import LIGHT_SPEED, Camera, Unit, finite, whole
+from startrack.core import LIGHT_SPEED, Camera, Floats, Unit, finite, whole
 from startrack.earth.geometry.orbit import Carrier, Flight, fly
 from startrack.earth.geometry.sensor import Dating, Elements, inside_pixel
 from startrack.earth.terrain import Rays, geodetic
 
-Floats = NDArray[np.float64]
 Turn = Callable[[Floats], Floats]
 
 
@@ -81,7 +79,7 @@ def sight(
              by which the scene turns before the camera
     spread   radian between neighbouring rays; None for those of pixels
     Returns  (n,) rays
-    Errors   model: second order of v / c, 0.4 mm of ground at 600 km.
+    Accuracy  model: second order of v / c, 0.4 mm of ground at 600 km.
     """
     moment, which = np.unique(time, return_inverse=True)
     flight = fly(orbit, moment)

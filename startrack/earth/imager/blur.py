@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from startrack.core import Psf
+from startrack.core import Floats, Psf
 from startrack.earth.geometry import inside_pixel
 
-Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 FAINT = 1e-3  # fraction of the light that may lie beyond the weights
@@ -32,9 +31,9 @@ def weights_of(psf: Psf, side: int, across: float, along: float, smear: float) -
     along    pixel between its lines
     smear    pixel that the ground moves along the track in an exposure
     Returns  (side^2, k, k) 1, k odd; lines first
-    Errors   model: what the table of the PSF does not hold, and what is cut, is given to the rest:
-             1e-3 of the light and haze. numerical: 1 % of the modulation at Nyquist with two rays
-             a side, 0.3 % with four.
+    Accuracy  model: what the table of the PSF does not hold, and what is cut, is given to the rest:
+              1e-3 of the light and haze. numerical: 1 % of the modulation at Nyquist with two rays
+              a side, 0.3 % with four.
     """
     at = (np.arange(psf.table.shape[0]) - psf.table.shape[0] // 2) / psf.oversampling
     look = RegularGridInterpolator((at, at), psf.table, bounds_error=False, fill_value=0.0)

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.core import deg
 from startrack.detector import Detector
@@ -14,8 +13,6 @@ from startrack.earth.atmosphere import Reach, Sight, radiance, refine
 from startrack.earth.imager.parameters import Channel, exposure_of, smear
 from startrack.earth.imager.through import Band
 from startrack.optics import blur_transfer, pixel_transfer, pupil_transfer
-
-Floats = NDArray[np.float64]
 
 GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # of the ground that a radiance is stated for
 
@@ -72,7 +69,8 @@ def figures(
     height  metre above the ground
     rate    radian / second of the ground below
     light   watt / m^2 / sr / m; None for what `reference` gives
-    Errors  model: flat ground; a lens without aberrations beyond its blur, at the mean wavelength.
+    Accuracy  model: flat ground; a lens without aberrations beyond its blur, at the mean
+              wavelength.
     """
     optics, detector = channel.optics, channel.detector
     focal, pitch = optics.image_distance, detector.pitch

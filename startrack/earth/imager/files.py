@@ -62,7 +62,7 @@ def open_fits(path: Path, lines: int, columns: int, cards: dict[str, Any]) -> Pi
 def write_geotiff(path: Path, picture: Picture) -> None:
     """Numbers and terms as bands, tied to the ground by points on a lattice.
 
-    Errors  ImportError without rasterio; ValueError where too little ground is seen.
+    Raises  ImportError without rasterio; ValueError where too little ground is seen.
     """
     try:
         import rasterio

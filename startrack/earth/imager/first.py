@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from startrack.core import LIGHT_SPEED, PLANCK, Unit, non_negative, positive, whole, within
 from startrack.optics import pixel_transfer, pupil_transfer
-
-Floats = NDArray[np.float64]
 
 EARTH_GRAVITY = 3.986004418e14  # m^3 / s^2, IERS conventions 2010
 EARTH_RADIUS = 6371e3  # metre, mean
@@ -114,8 +111,8 @@ def first_parameters(goals: Goals) -> First:
 
     Source: Krutz et al. (2011), section 2.1, and eq. (4).
 
-    Errors  ValueError where no lens is sharp enough, or none as fast as f/0.5 gathers enough.
-            model: one wavelength, a lens without aberrations, a pixel that is all sensitive.
+    Raises    ValueError where no lens is sharp enough, or none as fast as f/0.5 gathers enough.
+    Accuracy  model: one wavelength, a lens without aberrations, a pixel that is all sensitive.
     """
     focal = goals.pixel_pitch * goals.height / goals.gsd
     period = goals.gsd / goals.speed

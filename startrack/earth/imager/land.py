@@ -10,10 +10,18 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Curve, Streams, Unit, finite, non_negative, positive, whole, within
+from startrack.core import (
+    Curve,
+    Floats,
+    Streams,
+    Unit,
+    finite,
+    non_negative,
+    positive,
+    whole,
+    within,
+)
 from startrack.earth.terrain import EQUATORIAL, Ground, cartesian, fractal, up
-
-Floats = NDArray[np.float64]
 
 TEXELS = 1024  # along each side of the texture, which repeats itself beyond
 GREY = Curve((), (0.2,))

@@ -7,10 +7,18 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from startrack.core import ALL, LIGHT_SPEED, PLANCK, Curve, Unit, finite, positive, whole, within
+from startrack.core import (
+    ALL,
+    LIGHT_SPEED,
+    PLANCK,
+    Curve,
+    Floats,
+    Unit,
+    finite,
+    positive,
+    whole,
+    within,
+)
 from startrack.detector import Detector
 from startrack.earth.atmosphere import Air
 from startrack.earth.geometry import (
@@ -27,8 +35,6 @@ from startrack.earth.geometry import (
 from startrack.earth.imager.land import Land
 from startrack.io import from_table, read_table, shipped
 from startrack.optics import Optics
-
-Floats = NDArray[np.float64]
 
 UNKNOWN = {
     "optics": ("principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3"),
@@ -212,7 +218,7 @@ def exposure_of(channel: Channel, period: float) -> float:
 def load_survey(path: Path) -> Survey:
     """Read a scene file; `camera = "hsrs"` stands for the one of the catalogue.
 
-    Errors  ValueError, one sentence with the file, the place in it, the rule and the value.
+    Raises  ValueError, one sentence with the file, the place in it, the rule and the value.
     """
     path = Path(path)
     table = read_table(path, "a scene file")
@@ -228,7 +234,7 @@ def load_survey(path: Path) -> Survey:
 def load_imager(name: str, folder: Path = Path()) -> Imager:
     """A camera of the catalogue by its name, or of a file in a folder.
 
-    Errors  ValueError as `load_survey`.
+    Raises  ValueError as `load_survey`.
     """
     return from_table(Imager, _camera(name, folder))
 

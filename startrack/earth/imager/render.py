@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Psf, Streams, deg, um
+from startrack.core import Floats, Psf, Streams, deg, um
 from startrack.detector import Detector, dark, read_out, response
 from startrack.earth.atmosphere import Terms, at_sensor
 from startrack.earth.geometry import (
@@ -29,8 +29,6 @@ from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smea
 from startrack.earth.imager.through import Band, band_of
 from startrack.earth.terrain import Ground, geodetic
 from startrack.optics import pixel_psf
-
-Floats = NDArray[np.float64]
 
 COARSE = 24  # lines or columns, at most, by which the surroundings are looked at beforehand
 FAINT = 1e-12  # fraction of a pixel below which a fire does not count
@@ -91,7 +89,7 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
 
     Source: Krutz et al. (2011), eq. (4).
 
-    Errors  ValueError as `band_of`, `focus` and the geometry; OSError for files that are missing.
+    Raises  ValueError as `band_of`, `focus` and the geometry; OSError for files that are missing.
     """
     scene = survey.scene(channel)
     flight = scene.flight
@@ -128,8 +126,9 @@ def render(
     folder   from which files are sought
     seed     of the noise
     advance  called with the lines that are done
-    Errors   as `prepare`. model: the solid angle of a pixel is that on the axis; the PSF is that
-             of the axis. The memory is that of some lines besides the picture's own.
+    Raises    as `prepare`.
+    Accuracy  model: the solid angle of a pixel is that on the axis; the PSF is that of the axis.
+              The memory is that of some lines besides the picture's own.
     """
     setting = prepare(survey, channel, folder)
     weights = weights_of(

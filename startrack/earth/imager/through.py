@@ -6,9 +6,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import um
+from startrack.core import Floats, um
 from startrack.earth.atmosphere import (
     Air,
     AirTable,
@@ -24,8 +23,6 @@ from startrack.earth.atmosphere import (
 )
 from startrack.earth.imager.parameters import Channel
 from startrack.io import shipped
-
-Floats = NDArray[np.float64]
 
 INFRARED = 3 * um  # from where a band is counted as infrared: heat there outshines scattered light
 PARTS = 16  # of the distance between wavelengths of a table, over which a response is averaged
@@ -59,7 +56,7 @@ def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: fl
     air       None: a planet without any; beyond 3 micrometre one table stands for all, that of
               mid-latitude summer
     altitude  metre above the ground
-    Errors    ValueError where no shipped table has this air, or holds this band.
+    Raises    ValueError where no shipped table has this air, or holds this band.
     """
     fine = np.geomspace(0.2, 60, 20001) * um
     every = channel.photoelectrons(fine) * np.gradient(fine)

@@ -10,14 +10,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import positive, whole
+from startrack.core import Floats, positive, whole
 from startrack.earth.terrain.ground import Ground
 from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.sources import bilinear
 from startrack.earth.terrain.surface import FULL_TURN
 from startrack.earth.terrain.tile import CELLS
 
-Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 

@@ -7,9 +7,8 @@ import math
 import numpy as np
 from numba import njit
 from numpy.polynomial import Chebyshev, Polynomial
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from startrack.core import Floats
 
 # NIMA TR8350.2 (2000), table 3.1: WGS84's two defining lengths, and what follows from them.
 EQUATORIAL = 6378137.0  # metre
@@ -48,8 +47,8 @@ def geodetic(point: Floats) -> tuple[Floats, Floats, Floats]:
 
     point    (..., 3) metre
     Returns  longitude in (-pi, pi] and latitude, (...) radian; height, (...) metre
-    Errors   numerical: 5e-9 m from -5 to 1000 km of height, 3e-8 m at 36000 km; of no use within
-             100 km of the centre of the Earth.
+    Accuracy  numerical: 5e-9 m from -5 to 1000 km of height, 3e-8 m at 36000 km; of no use within
+              100 km of the centre of the Earth.
     """
     point = np.ascontiguousarray(point, float)
     out = np.empty((point.size // 3, 3))

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.earth.terrain.ellipsoid import up
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

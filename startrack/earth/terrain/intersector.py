@@ -16,7 +16,6 @@ from startrack.earth.terrain.scan import scan
 from startrack.earth.terrain.surface import Grid, Surface, covered, index
 from startrack.earth.terrain.trace import Hits, blocked, describe_all, no_hits, trace
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Levels = NDArray[np.int8]
 

@@ -21,7 +21,7 @@ def meet_level(rays: Rays, height: float) -> Hits:
     At height 0 this is the ellipsoid itself, in closed form.
 
     height  metre above the ellipsoid
-    Errors  numerical: 1e-8 m; rays that graze within 1e-6 m may be judged wrongly.
+    Accuracy  numerical: 1e-8 m; rays that graze within 1e-6 m may be judged wrongly.
     """
     hits = no_hits(len(rays))
     _meet(rays.origin, rays.direction, height, hits.status, hits.distance, hits.place, hits.normal)

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.earth.terrain.sources import Source
 from startrack.earth.terrain.surface import FULL_TURN, SEAM, Grid
 from startrack.earth.terrain.tile import CELLS, VERTICES
 
-Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 

@@ -19,7 +19,6 @@ from startrack.earth.terrain.surface import Surface
 from startrack.earth.terrain.tile import CELLS, Cache
 from startrack.earth.terrain.trace import Hits, ask_on, go_on, no_hits, waiting
 
-Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 
@@ -59,8 +58,9 @@ class Pyramid:
     def meet(self, rays: Rays) -> tuple[Hits, Levels]:
         """Where rays meet the terrain, each on its own level.
 
-        Errors  OSError where a tile cannot be read; ValueError where a height lies beyond the
-                bounds. model: a ray keeps the level that its resolution at the ellipsoid asks for.
+        Raises    OSError where a tile cannot be read; ValueError where a height lies beyond the
+                  bounds.
+        Accuracy  model: a ray keeps the level that its resolution at the ellipsoid asks for.
         """
         level, out = self.choose(rays), no_hits(len(rays))
         for each in np.unique(level):

@@ -13,11 +13,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL, vertical
 from startrack.earth.terrain.ground import Rays
 from startrack.earth.terrain.surface import FULL_TURN, Grid
-
-Floats = NDArray[np.float64]
 
 SAMPLES = 5  # in each cell, between which the height above the surface is searched
 GOLDEN = (math.sqrt(5) - 1) / 2
@@ -31,7 +30,7 @@ def scan(
     heights      (rows, columns) metre above the ellipsoid; NaN is a hole
     start, stop  metre, along the ray
     Returns      (n,) metre, infinity where it does not
-    Errors       numerical: 1e-9 m of a bisection; a dip under the surface that is shorter than a
+    Accuracy     numerical: 1e-9 m of a bisection; a dip under the surface that is shorter than a
                  fifth of a cell is found where a parabola shows it.
     """
     out = np.full(len(rays), np.inf)

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Streams, finite, positive, whole
+from startrack.core import Floats, Streams, finite, positive, whole
 from startrack.earth.terrain.surface import FULL_TURN, Grid
 
 Singles = NDArray[np.float32]
@@ -28,7 +28,7 @@ class Raster:
     band   1, the first
     exact  whether values are classes, such as of land cover, between which there is no mean
 
-    Errors  ImportError where rasterio is missing; OSError where the file cannot be read; ValueError
+    Raises  ImportError where rasterio is missing; OSError where the file cannot be read; ValueError
             where it has no georeference or none that PROJ knows.
     """
 
@@ -119,9 +119,6 @@ def _rasterio() -> Any:
             "rasterio must be installed to read terrain files: pip install 'startrack[earth]'"
         ) from None
     return rasterio
-
-
-Floats = NDArray[np.float64]
 
 
 class Source(Protocol):

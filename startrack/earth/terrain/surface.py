@@ -14,11 +14,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import finite, positive, whole
+from startrack.core import Floats, finite, positive, whole
 from startrack.earth.terrain.ellipsoid import angle, vertical
 from startrack.earth.terrain.tile import BLOCKS, CELLS, PATCHES, VERTICES, cut, fill
 
-Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 FULL_TURN = 2 * math.pi
@@ -105,9 +104,10 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
     heights  (rows, columns) metre above the ellipsoid; NaN is a hole, through which rays fall
     Returns  the surface, all its tiles present; it holds its own copy of the heights and takes
              1.38 times their memory, where they fill its tiles
-    Errors   ValueError where the shape is not that of the grid, where an infinity hides, or all
-             are NaN. numerical: heights are kept in single precision,
-             which rounds by 0.3 mm at most up to 8 km.
+    Raises    ValueError where the shape is not that of the grid, where an infinity hides, or all
+              are NaN.
+    Accuracy  numerical: heights are kept in single precision, which rounds by 0.3 mm at most up to
+              8 km.
     """
     if heights.shape != (grid.rows, grid.columns):
         raise ValueError(

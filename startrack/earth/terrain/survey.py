@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import GOLDEN_ANGLE, whole
+from startrack.core import GOLDEN_ANGLE, Floats, whole
 from startrack.earth.terrain.ground import Ground, Rays, between
 from startrack.earth.terrain.intersector import Intersector, Levels
 from startrack.earth.terrain.level import tangent_height
-
-Floats = NDArray[np.float64]
 
 LIFT = 1e-3  # metre on the way to the light, so that a point does not shade itself
 
@@ -21,8 +18,9 @@ def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> G
     sun       (3,) unit vector towards the sun, Earth-fixed; the sun is taken as a point
     sky_rays  rays by which each point looks for the sky; 0 asks for none
     Returns   Ground, its maps empty
-    Errors    ValueError where `sun` is not a unit vector. numerical: that of the intersector; the
-              fraction of the sky that is seen as in `view_sky`.
+    Raises    ValueError where `sun` is not a unit vector.
+    Accuracy  numerical: that of the intersector; the fraction of the sky that is seen as in
+              `view_sky`.
     """
     whole(0, 2**16, sky_rays=sky_rays)
     sun = np.asarray(sun, float)
@@ -62,7 +60,7 @@ def view_sky(
     point, normal  (n, 3) metre, unit vectors
     count          rays
     Returns        (n,) 1
-    Errors         numerical: rms 0.03, 0.013, 0.005 and 0.002 with 16, 64, 256 and 1024 rays in a
+    Accuracy       numerical: rms 0.03, 0.013, 0.005 and 0.002 with 16, 64, 256 and 1024 rays in a
                    spherical bowl, whose fraction is known.
     """
     seen = np.zeros(len(point))

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.earth.terrain import bundle as of
 from startrack.earth.terrain.bundle import (
     WIDTH,
@@ -23,8 +24,6 @@ from startrack.earth.terrain.ground import Rays
 from startrack.earth.terrain.march import ABSENT, HIT, MISS, march
 from startrack.earth.terrain.surface import FULL_TURN, Surface, corners, lattice, locate
 from startrack.earth.terrain.tile import CELLS, SIZE
-
-Floats = NDArray[np.float64]
 
 
 class Hits(NamedTuple):
@@ -71,9 +70,9 @@ def trace(surface: Surface, rays: Rays) -> Hits:
     The ray is straight; the surface is bilinear in longitude and latitude above WGS84. A ray that
     begins under the surface, or comes under it from its side or out of a hole, ends there.
 
-    Errors   numerical: 1e-8 m of the exact intersection, in the middle 1e-9 m; a ray that grazes
-             a ridge within 1e-6 m may be judged on the wrong side. Nothing is ABSENT
-             where all tiles are in memory.
+    Accuracy  numerical: 1e-8 m of the exact intersection, in the middle 1e-9 m; a ray that grazes a
+              ridge within 1e-6 m may be judged on the wrong side. Nothing is ABSENT where all tiles
+              are in memory.
     """
     hits = waiting(len(rays), 0.0)
     go_on(surface, rays.origin, rays.direction, *hits)
