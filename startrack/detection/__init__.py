@@ -16,8 +16,7 @@ connect      A filtered image and its threshold enter; local maxima leave, sever
              touch.
 examine      Peaks -> which of them stand alone as stars do, and which are hot pixels.
 find         Pixels -> Candidates: peaks of the filtered image that look like stars.
-sample       What every centroid works on: the image, the peaks, and what is known of a pixel's
-             noise.
+sample       Sample: what every centroid works on, the image, the peaks and the noise of a pixel.
 gravity      Sample -> centre of gravity of a window that follows the star.
 weighted     Sample -> centre of gravity under a Gaussian weight that is moved until it sits on
              the star.
@@ -25,6 +24,8 @@ fit          Windows and a model of a star enter; the most likely positions and 
              leave.
 s_curve      Psf -> how far the centre of gravity in a window is wrong, and its measurements set
              right.
+methods      Sample and Psf -> a row per star, by each of the centroid methods that a design can
+             name.
 centroid     Pixels and Candidates -> Spots, by the centroid that the settings ask for.
 detect       A Frame enters; Spots leave, brightest first: of the whole frame, or near predicted
              places.

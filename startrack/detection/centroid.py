@@ -9,17 +9,13 @@ from numba import njit
 
 from startrack.core import Floats, Frame, Ints, Psf, Spots
 from startrack.detection.find import Candidates
-from startrack.detection.fit import gaussian, likelihood
-from startrack.detection.gravity import gravity
+from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
-from startrack.detection.s_curve import compensate, s_curve
-from startrack.detection.sample import Sample, sample
-from startrack.detection.weighted import weighted
+from startrack.detection.sample import Sample
 
 SAME = 1.0  # pixel; two peaks that lead as near as this to one place are one star
-
-NARROWEST_WEIGHT = 1.0  # pixel
+NONE_DEAD = np.empty((0, 0), np.uint8)
 
 
 def centroid(
@@ -40,21 +36,27 @@ def centroid(
     return Spots(*_kept(table, order, candidates.area, settings.max_spots))
 
 
+def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detection) -> Sample:
+    """Gather it from the frame, its pixels and the settings."""
+    saturation = math.inf if settings.saturation is None else settings.saturation
+    return Sample(
+        pixels.value,
+        NONE_DEAD if pixels.dead is None else pixels.dead,
+        candidates.x,
+        candidates.y,
+        settings.window // 2,
+        pixels.step / math.sqrt(12),
+        frame.electrons_per_dn,
+        frame.offset - pixels.pivot,
+        frame.read_noise / frame.electrons_per_dn,
+        saturation - pixels.pivot,
+    )
+
+
 def measured(stars: Sample, settings: Detection, psf: Psf) -> Floats:
     """One row per candidate, as `gravity` describes it."""
-    match settings.centroid:
-        case "likelihood":
-            return likelihood(stars, psf)
-        case "gaussian":
-            return gaussian(stars, settings.kernel_sigma)
-        case "weighted":
-            # Pixels widen a star by their own variance, and show in a narrower weight.
-            seen = math.hypot(settings.kernel_sigma, 1 / math.sqrt(12))
-            return weighted(stars, max(seen, NARROWEST_WEIGHT))
-    table = gravity(stars, uncut=settings.compensation == "gaussian")
-    if settings.compensation == "psf":
-        compensate(table, s_curve(psf, stars.half))
-    return table
+    method = CENTROIDS[settings.centroid]
+    return method(stars, psf, settings.kernel_sigma, settings.compensation)
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,13 +8,12 @@ import numpy as np
 from numba import njit
 
 from startrack.core import Floats, Frame, Psf
-from startrack.detection.centroid import measured
+from startrack.detection.centroid import measured, sample
 from startrack.detection.examine import chance_to_pass, largest_share
 from startrack.detection.find import Candidates
 from startrack.detection.matched import filtered, kernel_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, gain_of
-from startrack.detection.sample import sample
 from startrack.detection.smear import star_image
 from startrack.detection.threshold import bank, highest_between, modelled, sigmas, threshold_over
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from startrack.core import non_negative, one_of, positive, whole, within
+from startrack.detection.methods import CENTROIDS
 
-CENTROIDS = ("gravity", "weighted", "gaussian", "likelihood")
 KERNELS = ("gaussian", "psf")
 COMPENSATIONS = ("none", "gaussian", "psf")
 

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Frame, Ints, Psf
-from startrack.detection.centroid import measured
+from startrack.detection.centroid import measured, sample
 from startrack.detection.find import Candidates
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import pixels
 from startrack.detection.psf_table import reach
-from startrack.detection.sample import sample
 from startrack.detection.smear import star_image
 
 WIDEST = 6  # pixel, half side; light farther out moves no centroid

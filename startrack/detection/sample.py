@@ -1,4 +1,4 @@
-"""What every centroid works on: the image, the peaks, and what is known of a pixel's noise."""
+"""Sample: what every centroid works on, the image, the peaks and the noise of a pixel."""
 
 from __future__ import annotations
 
@@ -9,14 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Frame, Ints
-from startrack.detection.find import Candidates
-from startrack.detection.parameters import Detection
-from startrack.detection.pixels import Pixels
+from startrack.core import Ints
 
 Image = NDArray[np.float32]
 ROW = 9  # x, y, flux, its sigma, xx, xy, yy, and the pixel that the window is centred on
-NONE_DEAD = np.empty((0, 0), np.uint8)
 UNEVEN = 1.6  # a ring's noise exceeds the gain model's by that much never by chance
 
 
@@ -44,23 +40,6 @@ class Sample(NamedTuple):
     offset: float
     read_noise: float
     saturation: float
-
-
-def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detection) -> Sample:
-    """Gather it from the frame, its pixels and the settings."""
-    saturation = math.inf if settings.saturation is None else settings.saturation
-    return Sample(
-        pixels.value,
-        NONE_DEAD if pixels.dead is None else pixels.dead,
-        candidates.x,
-        candidates.y,
-        settings.window // 2,
-        pixels.step / math.sqrt(12),
-        frame.electrons_per_dn,
-        frame.offset - pixels.pivot,
-        frame.read_noise / frame.electrons_per_dn,
-        saturation - pixels.pivot,
-    )
 
 
 @njit(cache=True, error_model="numpy")
