@@ -56,7 +56,7 @@ def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detec
 def measured(stars: Sample, settings: Detection, psf: Psf) -> Floats:
     """One row per candidate, as `gravity` describes it."""
     method = CENTROIDS[settings.centroid]
-    return method(stars, psf, settings.kernel_sigma, settings.compensation)
+    return method.measure(stars, psf, settings.kernel_sigma, settings.compensation)
 
 
 @njit(cache=True, error_model="numpy")

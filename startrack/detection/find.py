@@ -14,6 +14,7 @@ from startrack.detection.background import Sky, believed, sky
 from startrack.detection.connect import lit, peaks, split
 from startrack.detection.examine import alone, largest_share, sharp, spoilt
 from startrack.detection.matched import Kernel, filtered, kernel_of
+from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.threshold import bank, modelled, sigmas, threshold_over
@@ -21,7 +22,6 @@ from startrack.detection.threshold import bank, modelled, sigmas, threshold_over
 Image = NDArray[np.float32]
 # A star between the pixels shows less of its peak, so pixels are looked at from here on.
 LOOK = np.float32(0.75)  # of the threshold
-FITS = ("gaussian", "likelihood")  # leave dead pixels out, and need the peak itself alone
 KERNEL_TAIL = 2  # pixel; the outer pixels of a filtered star are too faint to matter
 
 
@@ -101,7 +101,8 @@ def choose(
     if settings.sharpest_sigma > 0:
         good &= ~sharp(pixels.value, x, y, ring, largest_share(settings.sharpest_sigma))
     if pixels.dead is not None:
-        good &= ~spoilt(pixels.dead, x, y, 0 if settings.centroid in FITS else 1)
+        beside = 0 if CENTROIDS[settings.centroid].skips_dead else 1
+        good &= ~spoilt(pixels.dead, x, y, beside)
     return Candidates(x[good], y[good], area[good])
 
 

@@ -1,21 +1,39 @@
-"""Sample and Psf -> a row per star, by each of the centroid methods that a design can name.
+"""Centroid methods: each from a Sample and a Psf to a row per star.
 
-A new method is a file with a function of a Sample, and one line in `CENTROIDS`.
+A new method is a file with a function of a Sample, and one entry in `CENTROIDS`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 from startrack.core import Floats, Psf
 from startrack.detection.fit import gaussian, likelihood
 from startrack.detection.gravity import gravity
+from startrack.detection.psf_table import reach
 from startrack.detection.s_curve import compensate, s_curve
 from startrack.detection.sample import Sample
 from startrack.detection.weighted import weighted
 
 NARROWEST_WEIGHT = 1.0  # pixel
+WIDEST = 6  # pixel, half side; light farther out moves no centroid
+
+
+class CentroidMethod(NamedTuple):
+    """A centroid method, and which pixels it uses. A window is given by half its side, pixel.
+
+    measure     Sample, the assumed Psf, kernel_sigma in pixel, compensation -> rows as `gravity`
+    reads       half of the key `window`, kernel_sigma, Psf -> half side of what it reads
+    moved_by    the same of the pixels that are varied to compute its response to noise
+    skips_dead  whether it leaves dead pixels out; else a star with one beside its peak is dropped
+    """
+
+    measure: Callable[[Sample, Psf, float, str], Floats]
+    reads: Callable[[int, float, Psf], int]
+    moved_by: Callable[[int, float, Psf], int]
+    skips_dead: bool = False
 
 
 def compensated_gravity(stars: Sample, psf: Psf, sigma: float, compensation: str) -> Floats:
@@ -33,11 +51,28 @@ def widened_weight(stars: Sample, psf: Psf, sigma: float, compensation: str) -> 
     return weighted(stars, max(seen, NARROWEST_WEIGHT))
 
 
-# By the value of the key `centroid`. Each takes the Sample, the PSF that the tracker assumes,
-# kernel_sigma in pixel and the value of the key `compensation`; it returns rows as `gravity` does.
-CENTROIDS: Mapping[str, Callable[[Sample, Psf, float, str], Floats]] = {
-    "gravity": compensated_gravity,
-    "weighted": widened_weight,
-    "gaussian": lambda stars, psf, sigma, compensation: gaussian(stars, sigma),
-    "likelihood": lambda stars, psf, sigma, compensation: likelihood(stars, psf),
+# By the value of the key `centroid`.
+CENTROIDS: Mapping[str, CentroidMethod] = {
+    "gravity": CentroidMethod(
+        compensated_gravity,
+        reads=lambda half, sigma, psf: half,
+        moved_by=lambda half, sigma, psf: half,
+    ),
+    "weighted": CentroidMethod(
+        widened_weight,
+        reads=lambda half, sigma, psf: half,
+        moved_by=lambda half, sigma, psf: min(half + 1, WIDEST),
+    ),
+    "gaussian": CentroidMethod(
+        lambda stars, psf, sigma, compensation: gaussian(stars, sigma),
+        reads=lambda half, sigma, psf: math.ceil(3 * sigma + 0.5),
+        moved_by=lambda half, sigma, psf: min(half + 1, WIDEST),
+        skips_dead=True,
+    ),
+    "likelihood": CentroidMethod(
+        lambda stars, psf, sigma, compensation: likelihood(stars, psf),
+        reads=lambda half, sigma, psf: max(reach(psf)),
+        moved_by=lambda half, sigma, psf: min(max(reach(psf)), WIDEST),
+        skips_dead=True,
+    ),
 }

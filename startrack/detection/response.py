@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from startrack.core import Floats, Frame, Ints, Psf
 from startrack.detection.centroid import measured, sample
 from startrack.detection.find import Candidates
+from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import pixels
-from startrack.detection.psf_table import reach
 from startrack.detection.smear import star_image
-
-WIDEST = 6  # pixel, half side; light farther out moves no centroid
 
 
 class Response(NamedTuple):
@@ -100,7 +98,5 @@ def response(
 
 def half_of(settings: Detection, psf: Psf) -> int:
     """Half the side of the square of pixels that move a centroid."""
-    if settings.centroid == "gravity":
-        return settings.window // 2
-    wide = max(reach(psf)) if settings.centroid == "likelihood" else settings.window // 2 + 1
-    return min(wide, WIDEST)
+    method = CENTROIDS[settings.centroid]
+    return method.moved_by(settings.window // 2, settings.kernel_sigma, psf)

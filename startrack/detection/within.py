@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -16,9 +15,9 @@ from startrack.detection.background import Sky, between
 from startrack.detection.centroid import centroid
 from startrack.detection.find import choose, ground_of, look_level, reach_of_noise, ring_half
 from startrack.detection.matched import filtered, kernel_of
+from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, gain_of, pixels
-from startrack.detection.psf_table import reach
 from startrack.detection.smear import star_image
 
 Image = NDArray[np.float32]
@@ -84,8 +83,8 @@ def margin(settings: Detection, psf: Psf | None = None) -> int:
     star = star_image(settings, psf)
     kernel, half = kernel_of(settings, star), settings.window // 2
     ring = ring_half(settings, kernel) + RING + max(kernel.whole.shape) // 2
-    fit = {"likelihood": max(reach(star)), "gaussian": math.ceil(3 * settings.kernel_sigma + 0.5)}
-    return max(ring, 2 * half + RING, fit.get(settings.centroid, half) + RING)
+    read = CENTROIDS[settings.centroid].reads(half, settings.kernel_sigma, star)
+    return max(ring, 2 * half + RING, read + RING)
 
 
 def star_filter(settings: Detection, psf: Psf | None = None) -> Floats:
