@@ -32,7 +32,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Camera, Light, LineOfSight, Streams
 from startrack.core import Floats
-from startrack.detector import Detector, expose, read_out
+from startrack.detector import Detector, Exposure, expose, read_out
 from startrack.detector.maps import dark, response
 from startrack.optics import Optics, pixel_psf
 
@@ -198,8 +198,8 @@ def frame() -> dict[str, float]:
     assert gain is not None
 
     def whole(trial: int = 0) -> Image:
-        return expose(light, psf, rest, Rotation.identity(), camera, one, throughput,
-                      Streams(1, trial)).image  # fmt: skip
+        exposure = Exposure(light, psf, rest, Rotation.identity(), camera, one, throughput)
+        return expose(exposure, Streams(1, trial)).image
 
     def with_galsim() -> Image:
         electrons = galsim_stars(pixel, flux, SIZE, 20.0)

@@ -13,7 +13,7 @@ from startrack.benchmark.stage import Stage
 from startrack.benchmark.stamping import SIGMA, lens
 from startrack.benchmark.starfield import paint
 from startrack.core import Camera, Floats, Light, LineOfSight, Streams
-from startrack.detector import Detector, expose
+from startrack.detector import Detector, Exposure, expose
 from startrack.optics import pixel_psf
 
 SIZE, SKY, DARK, READ_NOISE = 1024, 20.0, 3.0, 8.0  # pixel; electron
@@ -49,9 +49,8 @@ def frame() -> Stage:
     rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 
     def ours() -> NDArray[Any]:
-        return expose(
-            light, psf, rest, Rotation.identity(), camera, CAMERA, np.ones(1), Streams(1, 0)
-        ).image
+        exposure = Exposure(light, psf, rest, Rotation.identity(), camera, CAMERA, np.ones(1))
+        return expose(exposure, Streams(1, 0)).image
 
     starlight = np.zeros((SIZE, SIZE))
     paint(starlight, stars.pixel[:, 0], stars.pixel[:, 1], stars.flux, SIGMA)

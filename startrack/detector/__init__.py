@@ -1,82 +1,71 @@
 """Photons into numbers: photons, charge, pixels, signal, image (EMVA 1288).
 
-parameters           Detector: pixels, exposure, noise, converter, and what else a design may
-                     name.
-thermal              Temperature: how the dark current grows, and the noise that resetting a
-                     capacitor leaves.
-hits                 Hits: cosmic rays and protons leave straight tracks of charge.
-pattern              Pattern: noise that the pixels of a row or of a column share.
-defects              Defects: what the pixels of one copy of a detector do wrong, as maps that
-                     never change.
-maps                 Maps of a device: what each pixel does on its own, the same in all trials.
-collect              Light enters; electrons per second of stars, sky and diffuse light leave
-                     (equation 4).
-stamp                Stars onto pixels: each PSF at its sub-pixel place, read from the table by
-                     six-point Lagrange.
-shutter              Where stars are while the rows of a frame are exposed, by a global or a
-                     rolling shutter.
-effects              Effects on charge and signal: residual charge, crosstalk, blooming, EM gain,
-                     settling.
-law                  Law: what the number of a pixel is, given the electrons that it caught and
-                     the read noise.
-tables               Tables of the exact law of a pixel's number, one for each level of expected
-                     electrons.
-background           Sky and detector -> what each pixel expects where no star is.
-digitise             Expected electrons -> numbers at once: one uniform number a pixel, through
-                     the exact law.
-threshold_crossings  A filter, its levels -> where noise alone passes them, and the numbers of the
+parameters           Detector: pixels, exposure, noise, converter, and optional effects.
+thermal              Thermal: growth of the dark current with temperature, reset noise.
+hits                 Hits: cosmic rays and protons, straight tracks of charge.
+nonuniformity        Defects, Pattern: what differs between pixels, and between rows and columns.
+lines                Line, Scan: detectors of lines (one line, staggered lines, TDI).
+maps                 Maps of one device: response, dark current and read noise of each pixel.
+collect              Light and detector -> electrons of stars, of the background and of diffuse
+                     light (equation 4).
+shutter              Positions of stars during the exposure, with a global or a rolling shutter.
+stamp                Stars onto pixels: six-point Lagrange interpolation of the table of the PSF.
+effects              Residual charge, crosstalk, blooming, electron multiplication, settling.
+law                  Signal chain of a pixel: its digital number from its electrons and its read
+                     noise.
+tables               Tables of the exact distribution of digital numbers, one for each level of
+                     expected electrons.
+digitise             Expected electrons -> digital numbers: one uniform number a pixel, exact
+                     distribution.
+readout              Expected electrons -> digital numbers with all effects: charge, signal, image.
+expose               Exposure: what a frame depends on -> expected electrons, and a Frame.
+windows              Stars and windows -> a Frame whose numbers are valid inside these windows
+                     alone.
+threshold_crossings  Filter and thresholds -> where noise alone exceeds them, and the numbers of the
                      pixels there.
-readout              Expected electrons -> digital numbers: charge, signal, image.
-expose               Light, Psf, Path -> Frame.
-windows              Stars and regions -> a Frame that holds the right numbers around these
-                     regions alone.
-lines                Lines of pixels: where each looks, when and with what gain; a line, staggered
-                     lines, TDI.
-scan                 Lines, staggered lines and TDI: Light and a turning camera -> an image that
-                     grows in time.
-star_grid            A detector, a PSF, stars and companions -> one Frame with a cell for each
-                     star, without noise.
+scan                 Light and the motion of a camera -> the image of a detector of lines.
+star_grid            Stars and companions -> one noise-free Frame with a cell for each star.
 """
 
 from startrack.detector.collect import electron_rate
-from startrack.detector.defects import Defects
 from startrack.detector.digitise import normals, shot
 from startrack.detector.effects import diffuse, settle
-from startrack.detector.expose import arriving, expected, expose, frame_of, seen
+from startrack.detector.expose import Exposure, arriving, expected, expose, frame_of, seen
 from startrack.detector.hits import Hits
-from startrack.detector.law import law_of
+from startrack.detector.law import law_of, nonlinear_signal, with_adc_inl
 from startrack.detector.lines import Line, Scan, staggered, tdi
 from startrack.detector.maps import dark, device_streams, read_noise, response
+from startrack.detector.nonuniformity import Defects, Pattern, offsets
 from startrack.detector.parameters import Detector, RegionOfInterest
-from startrack.detector.pattern import Pattern, offsets
 from startrack.detector.readout import read_out
 from startrack.detector.scan import scan
-from startrack.detector.shutter import Course
+from startrack.detector.shutter import MotionFunction
 from startrack.detector.stamp import stamp
 from startrack.detector.star_grid import star_grid
 from startrack.detector.tables import Tables
 from startrack.detector.thermal import Thermal
 from startrack.detector.threshold_crossings import (
-    Numbers,
-    Rates,
-    Tilt,
-    numbers_of,
-    rates_for,
+    NumberDistributions,
+    ProposalRates,
+    TiltedLaw,
+    number_distributions,
+    proposal_rates,
     threshold_crossings,
-    tilt_for,
+    tilted_law,
 )
 from startrack.detector.windows import (
     expose_within,
     independent_pixels,
     outlier_pixels,
-    put,
     require_independent_pixels,
+    write_numbers,
 )
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Defects",
     "Detector",
+    "Exposure",
     "Hits",
     "Line",
     "Pattern",

@@ -1,46 +1,63 @@
-"""Light, Psf, Path -> Frame."""
+"""Exposure: what a frame depends on; Exposure -> expected electrons, and a Frame."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Frame, Light, LineOfSight, Psf, Streams
-from startrack.detector.background import background, background_tables, caught
-from startrack.detector.collect import electron_rate, glow_of
+from startrack.detector.collect import (
+    apply_response,
+    background,
+    background_tables,
+    diffuse_electrons,
+    electron_rate,
+)
 from startrack.detector.effects import carry, diffuse
 from startrack.detector.maps import response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import read_out
-from startrack.detector.shutter import Course, Places, at_once, row_by_row
+from startrack.detector.shutter import MotionFunction, Places, at_once, row_by_row
 from startrack.detector.stamp import stamp_paths
 from startrack.detector.tables import Tables
 
 
-def expose(
-    light: Light,
-    psf: Psf,
-    path: LineOfSight,
-    icrs_to_camera: Rotation,
-    camera: Camera,
-    detector: Detector,
-    throughput: Floats,
-    streams: Streams,
-    course: Course | None = None,
-    before: Floats | None = None,
-) -> Frame:
-    """One frame; see `expected` for the arguments."""
-    electrons = expected(
-        light, psf, path, icrs_to_camera, camera, detector, throughput, course, before
-    )
-    _, sky = arriving(light, camera, detector, throughput)
-    # Of an even sky, the frame before leaves as much as this one keeps back.
-    evened = detector if before is None else replace(detector, lag=0.0)
-    tables = None if light.diffuse else background_tables(evened, sky)
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """What a frame depends on, except its noise.
+
+    light            at the entrance pupil
+    line_of_sight    its motion in the exposure
+    icrs_to_camera   attitude at the middle of the exposure (of the middle row)
+    camera           the true one
+    throughput       (k,) square metre in each spectral bin, area of the aperture times transmission
+    motion_function  motion of the camera at any time; needed by a rolling shutter
+    residual_charge  (rows, columns) electron, the expected electrons of the frame before, of which
+                     the detector adds its fraction `lag`; None: none, as in a first frame
+    """
+
+    light: Light
+    psf: Psf
+    line_of_sight: LineOfSight
+    icrs_to_camera: Rotation
+    camera: Camera
+    detector: Detector
+    throughput: Floats
+    motion_function: MotionFunction | None = None
+    residual_charge: Floats | None = None
+
+
+def expose(exposure: Exposure, streams: Streams) -> Frame:
+    """One frame with its noise. Raises and accuracy as `expected`."""
+    electrons, detector = expected(exposure), exposure.detector
+    _, sky = arriving(exposure.light, exposure.camera, detector, exposure.throughput)
+    # Of a uniform background, the frame before leaves as much as this one keeps back.
+    evened = detector if exposure.residual_charge is None else replace(detector, lag=0.0)
+    tables = None if exposure.light.diffuse else background_tables(evened, sky)
     return frame_of(electrons, detector, streams, tables)
 
 
@@ -62,29 +79,15 @@ def to_frame(image: NDArray[np.number], detector: Detector) -> Frame:
     )
 
 
-def expected(
-    light: Light,
-    psf: Psf,
-    path: LineOfSight,
-    icrs_to_camera: Rotation,
-    camera: Camera,
-    detector: Detector,
-    throughput: Floats,
-    course: Course | None = None,
-    before: Floats | None = None,
-) -> Floats:
-    """The expected electrons of each pixel: stars along their paths, sky, dark current.
+def expected(exposure: Exposure) -> Floats:
+    """The expected electrons of each pixel: stars along their paths, background, dark current.
 
-    icrs_to_camera  attitude at the middle of the exposure (of the middle row)
-    camera          the true one
-    throughput      (k,) square metre, aperture times transmission
-    course          how the camera turns at any time; a rolling shutter needs it
-    before          what this function gave for the frame before, for the lag
-    Returns         (rows, columns) electron
-    Raises          ValueError where camera and detector differ in size. TypeError where a rolling
-                    shutter has no `course`.
-    Accuracy        model: the solid angle of a pixel is that on the boresight.
+    Returns   (rows, columns) electron
+    Raises    ValueError where camera and detector differ in size, or for a line detector.
+              TypeError where a rolling shutter has no `motion_function`.
+    Accuracy  model: the solid angle of a pixel is that on the boresight.
     """
+    light, camera, detector = exposure.light, exposure.camera, exposure.detector
     if detector.scan:
         raise ValueError("detector must be a matrix where a frame is exposed at once, got lines")
     if (camera.rows, camera.columns) != (detector.rows, detector.columns):
@@ -93,15 +96,22 @@ def expected(
             f"and {detector.columns} x {detector.rows} pixel"
         )
     # Photons.
-    star, sky = arriving(light, camera, detector, throughput)
-    places = seen(light.direction, path, icrs_to_camera, camera, detector, course)
+    star, sky = arriving(light, camera, detector, exposure.throughput)
+    places = seen(
+        light.direction,
+        exposure.line_of_sight,
+        exposure.icrs_to_camera,
+        camera,
+        detector,
+        exposure.motion_function,
+    )
     # Charge.
     electrons = background(detector, sky).copy()
-    glow = glow_of(light, camera, detector, throughput)
+    glow = diffuse_electrons(light, camera, detector, exposure.throughput)
     if glow is not None:
-        electrons += caught(glow, detector)
-    draw(electrons, psf, places, star, detector)
-    return carry(electrons, before, detector.lag) if detector.lag else electrons
+        electrons += apply_response(glow, detector)
+    draw(electrons, exposure.psf, places, star, detector)
+    return carry(electrons, exposure.residual_charge, detector.lag) if detector.lag else electrons
 
 
 def arriving(
@@ -118,15 +128,15 @@ def seen(
     icrs_to_camera: Rotation,
     camera: Camera,
     detector: Detector,
-    course: Course | None,
+    motion_function: MotionFunction | None,
 ) -> Iterable[Places]:
-    """Where the stars are in the course of the exposure, by its shutter."""
+    """Where the stars are during the exposure, with its shutter."""
     view = direction, path, icrs_to_camera, camera
     if not detector.row_delay:
         return at_once(*view)
-    if course is None:
-        raise TypeError("course must be given where row_delay is not zero, got None")
-    return row_by_row(*view, detector.row_delay, course)
+    if motion_function is None:
+        raise TypeError("motion_function must be given where row_delay is not zero, got None")
+    return row_by_row(*view, detector.row_delay, motion_function)
 
 
 def draw(

@@ -11,14 +11,16 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Camera, Floats, LineOfSight
 
 Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in Path
-Course = Callable[
+MotionFunction = Callable[
     [Floats, Floats], Floats
 ]  # starts (p,), steps (j,) -> those of all sums (p, j, 3)
 Places = tuple[Floats, Floats, Floats]
 
-TOGETHER = 2**16  # places that are projected at a time
-NOW = np.zeros(1)
-PASSES = 4  # to find the time of a star's row; each leaves row_delay * rows per second of the error
+BATCH = 2**16  # places that are projected at a time
+MIDDLE = np.zeros(1)
+ITERATIONS = (
+    4  # to find the time of a star's row; each leaves row_delay * rows per second of the error
+)
 
 
 def at_once(
@@ -26,7 +28,7 @@ def at_once(
 ) -> Iterator[Places]:
     """Points of the path, some at a time: their weights (m,) and the stars' pixels x, y (m, n)."""
     attitude = _turns(path) @ icrs_to_camera.as_matrix()
-    together = max(TOGETHER // max(len(direction), 1), 1)
+    together = max(BATCH // max(len(direction), 1), 1)
     for start in range(0, len(attitude), together):
         some = slice(start, start + together)
         towards = direction @ attitude[some].transpose(0, 2, 1)
@@ -46,21 +48,21 @@ def row_by_row(
     icrs_to_camera: Rotation,
     camera: Camera,
     row_delay: float,
-    course: Course,
+    motion_function: MotionFunction,
 ) -> Iterator[Places]:
     """The same where each row is exposed `row_delay` second after the one above it.
 
     A star takes part when its own row does. The attitude is that at the middle of the exposure of
     the middle row.
 
-    course  the motion, beyond the exposure too
+    motion_function  motion of the camera, beyond the exposure too
     Accuracy  model: all rows of one star's image share the time of its middle, so that a star of a
               few pixels is not sheared.
     """
     here = icrs_to_camera.apply(direction)
 
     def place(start: Floats, step: Floats) -> Floats:
-        turned = Rotation.from_rotvec(course(start, step).reshape(-1, 3))
+        turned = Rotation.from_rotvec(motion_function(start, step).reshape(-1, 3))
         towards = turned.apply(np.repeat(here, len(step), axis=0))
         return camera.project(towards).reshape(len(start), len(step), 2)
 
@@ -69,9 +71,9 @@ def row_by_row(
         return row_delay * (inside - (camera.rows - 1) / 2)
 
     late = np.zeros(len(direction))
-    for _ in range(PASSES):
-        late = delay(place(late, NOW)[:, 0, 1])
-    together = max(TOGETHER // max(len(direction), 1), 1)
+    for _ in range(ITERATIONS):
+        late = delay(place(late, MIDDLE)[:, 0, 1])
+    together = max(BATCH // max(len(direction), 1), 1)
     for start in range(0, len(path.time), together):
         some = slice(start, start + together)
         yield path.weight[some], *np.ascontiguousarray(place(late, path.time[some]).T)

@@ -18,7 +18,7 @@ from startrack.catalog import open_sky
 from startrack.core import Camera, Estimate, Frame, Matches, Spots, Status, Streams, whole
 from startrack.design import Case
 from startrack.detection import detect
-from startrack.detector import expected, frame_of
+from startrack.detector import Exposure, expected, frame_of
 from startrack.identification import identify, track
 from startrack.metrics import Outcome, judge
 from startrack.motion import trace
@@ -26,6 +26,7 @@ from startrack.sequence.flight import Flight, flight, gyro_rates
 from startrack.sequence.follow import TrackerState, predict_state, update_state
 from startrack.sequence.parameters import Sequence
 from startrack.trial import (
+    detection_plan,
     index_of,
     light_of,
     psf_of,
@@ -128,7 +129,7 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]
     for k, turn in enumerate(true.turns):
         stars = stars_in_field(open_sky(case.catalog), true.attitude[k], camera)
         path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
-        electrons = expected(
+        exposure = Exposure(
             light_of(case, stars, true.attitude[k], Streams(seed, number)),
             psf_of(instrument),
             path,
@@ -139,6 +140,7 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]
             turn.over,
             before,
         )
+        electrons = expected(exposure)
         before = electrons if detector.lag else None
         yield frame_of(electrons, detector, Streams(seed, number * NUMBER_OF_FRAMES + k))
 
@@ -149,7 +151,7 @@ def _see(
     """What the flight software does with a frame, with a prediction or without."""
     tracker = case.tracker
     stars = open_sky(case.believed_catalog).stars
-    spots = detect(frame, tracker.detection, psf_of(case.instrument))
+    spots = detect(frame, detection_plan(case.instrument, tracker.detection))
     rooms = spots, camera, stars, index_of(stars, case.believed_camera)
     if predicted is None:
         matches = identify(*rooms, tracker.identification)

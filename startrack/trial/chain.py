@@ -17,6 +17,7 @@ from startrack.core import (
     Estimate,
     Floats,
     Frame,
+    Light,
     LineOfSight,
     Matches,
     Psf,
@@ -40,40 +41,15 @@ from startrack.trial.spots import spots_of
 from startrack.trial.sweep import straighten, sweep
 from startrack.trial.systematic import systematic_variance
 from startrack.trial.view import (
-    detected_spectrum,
+    detection_plan,
+    exposure_of,
     light_of,
     line_of_sight,
-    motion_function,
-    psf_of,
     random_attitude,
     reference_attitude,
-    residual_charge,
     stars_in_field,
-    throughput,
 )
 from startrack.trial.window import spots_in_windows
-
-__all__ = [
-    "OUTCOMES",
-    "Record",
-    "detected_spectrum",
-    "identify_and_solve",
-    "index_of",
-    "light_of",
-    "line_of_sight",
-    "lost_in_space",
-    "motion_function",
-    "observe",
-    "psf_of",
-    "random_attitude",
-    "reference_attitude",
-    "run_random_trial",
-    "run_trial",
-    "run_trials",
-    "solve_matches",
-    "stars_in_field",
-    "throughput",
-]
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,43 +132,42 @@ def run_trial(
 
 
 def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
-    """Render, detect, identify, estimate, judge.
+    """A trial of fidelity `frame` at a given attitude, with everything that it made.
 
     icrs_to_camera  true attitude at the middle of the exposure
     Raises          ValueError where the case contradicts itself.
     """
-    camera = case.instrument.camera
-    stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, camera)
+    believed, catalog = case.believed_camera, open_sky(case.believed_catalog).stars
+    stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, case.instrument.camera)
     light = light_of(case, stars, icrs_to_camera, streams)
-    psf = psf_of(case.instrument)
     path = line_of_sight(case.instrument, streams)
-    detector = case.instrument.detector
-    if detector.scan:
-        frame = sweep(case, light, icrs_to_camera, streams)
-    else:
-        frame = expose(
-            light,
-            psf,
-            path,
-            icrs_to_camera,
-            camera,
-            detector,
-            throughput(case.instrument),
-            streams,
-            motion_function(case.instrument, streams),
-            residual_charge(case.instrument, light, path, icrs_to_camera, streams),
-        )
-    believed = case.believed_camera
-    spots = detect(frame, case.tracker.detection, psf)
-    if detector.scan:
-        motion = case.believed_motion
-        spots = straighten(spots, detector.scan, detector.exposure, motion, believed)
-    catalog = open_sky(case.believed_catalog).stars
-    matches, estimate = identify_and_solve(
-        spots, believed, catalog, case.tracker, systematic_variance(case)
-    )
+    frame = _exposed(case, light, path, icrs_to_camera, streams)
+    spots = _detected(case, frame)
+    index = index_of(catalog, believed)
+    matches = identify(spots, believed, catalog, index, case.tracker.identification)
+    estimate = solve_matches(spots, matches, case.tracker, systematic_variance(case))
     outcome = judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
     return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
+
+
+def _exposed(
+    case: Case, light: Light, path: LineOfSight, icrs_to_camera: Rotation, streams: Streams
+) -> Frame:
+    """The frame of a matrix, or the image of lines that sweep over the sky."""
+    if case.instrument.detector.scan:
+        return sweep(case, light, icrs_to_camera, streams)
+    return expose(exposure_of(case.instrument, light, path, icrs_to_camera, streams), streams)
+
+
+def _detected(case: Case, frame: Frame) -> Spots:
+    """The spots of a frame; those of lines where a matrix would have them at time zero."""
+    detector = case.instrument.detector
+    spots = detect(frame, detection_plan(case.instrument, case.tracker.detection))
+    if not detector.scan:
+        return spots
+    return straighten(
+        spots, detector.scan, detector.exposure, case.believed_motion, case.believed_camera
+    )
 
 
 def lost_in_space(

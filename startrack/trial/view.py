@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from startrack.catalog import Sky, open_sky
 from startrack.core import Camera, Floats, Ints, Light, LineOfSight, Psf, Stars, Streams
 from startrack.design import Case, Instrument
-from startrack.detector import Course, arriving, expected
+from startrack.detection import Detection, DetectionPlan, plan_detection
+from startrack.detector import Exposure, MotionFunction, arriving, expected
 from startrack.motion import realise_motion, sample_jitter
 from startrack.optics import pixel_psf, stray_light
 from startrack.scene import SUN, WAVELENGTH, Sight, blackbody_photons, illuminate
@@ -96,6 +97,12 @@ def psf_of(instrument: Instrument) -> Psf:
     )
 
 
+@lru_cache(maxsize=16)
+def detection_plan(instrument: Instrument, detection: Detection) -> DetectionPlan:
+    """The plan of a tracker that knows the PSF of its design, made once per design."""
+    return plan_detection(detection, psf_of(instrument))
+
+
 def detected_spectrum(instrument: Instrument) -> NDArray[np.float64]:
     """Electrons per second of a sunlike star in each spectral bin, on a scale of no meaning."""
     sunlike = blackbody_photons(WAVELENGTH, np.array([SUN]))[0]
@@ -118,7 +125,7 @@ def line_of_sight(instrument: Instrument, streams: Streams) -> LineOfSight:
     )
 
 
-def motion_function(instrument: Instrument, streams: Streams) -> Course | None:
+def motion_function(instrument: Instrument, streams: Streams) -> MotionFunction | None:
     """The same motion at any time, which only a rolling shutter asks for."""
     detector = instrument.detector
     if not detector.row_delay:
@@ -131,11 +138,25 @@ def expected_electrons(
 ) -> NDArray[np.float64]:
     """The expected electrons (rows, columns) of a trial's frame.
 
-    path  as `path_of` gives it
+    path  as `line_of_sight` gives it
     """
-    instrument = case.instrument
     light = light_of(case, stars, icrs_to_camera, streams)
-    return expected(
+    return expected(exposure_of(case.instrument, light, path, icrs_to_camera, streams))
+
+
+def exposure_of(
+    instrument: Instrument,
+    light: Light,
+    path: LineOfSight,
+    icrs_to_camera: Rotation,
+    streams: Streams,
+) -> Exposure:
+    """What the frame of a trial depends on, except its noise.
+
+    light  as `light_of` gives it
+    path   as `line_of_sight` gives it
+    """
+    return Exposure(
         light,
         psf_of(instrument),
         path,
@@ -155,15 +176,15 @@ def residual_charge(
     icrs_to_camera: Rotation,
     streams: Streams,
 ) -> NDArray[np.float64] | None:
-    """What the frame before left in the pixels, which only a lag asks for.
+    """The expected electrons of the frame before; None for a detector without lag.
 
     The camera turned then as it turns now; the frames before that one are taken to be like it.
     """
     detector = instrument.detector
     if not detector.lag:
         return None
-    earlier, course = motion_before(instrument, path, streams)
-    return expected(
+    earlier, moved = motion_before(instrument, path, streams)
+    exposure = Exposure(
         light,
         psf_of(instrument),
         earlier,
@@ -171,13 +192,14 @@ def residual_charge(
         instrument.camera,
         replace(detector, lag=0.0),
         throughput(instrument),
-        course,
+        moved,
     )
+    return expected(exposure)
 
 
 def motion_before(
     instrument: Instrument, path: LineOfSight, streams: Streams
-) -> tuple[LineOfSight, Course]:
+) -> tuple[LineOfSight, MotionFunction]:
     """The path in the exposure of the frame before, and the same motion at any time."""
     detector = instrument.detector
     motion, late = (

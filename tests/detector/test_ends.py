@@ -11,7 +11,17 @@ from scipy.spatial.transform import Rotation
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
 from startrack.core.values import Light, LineOfSight, Psf
-from startrack.detector import Defects, Detector, Hits, Pattern, Thermal, expected, expose, read_out
+from startrack.detector import (
+    Defects,
+    Detector,
+    Exposure,
+    Hits,
+    Pattern,
+    Thermal,
+    expected,
+    expose,
+    read_out,
+)
 
 REST = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 WAVELENGTH, THROUGHPUT = np.array([600e-9]), np.ones(1)
@@ -36,11 +46,11 @@ def scene(camera, pixel=(20.0, 20.0), electrons=0.0, sky=0.0, exposure=0.1) -> L
 def view(detector, trial=0, **light):
     camera = Camera(detector.columns, detector.rows, 1000.0)
     sources = scene(camera, exposure=detector.exposure, **light)
-    return (sources, gaussian(), REST, Rotation.identity(), camera, detector, THROUGHPUT)
+    return Exposure(sources, gaussian(), REST, Rotation.identity(), camera, detector, THROUGHPUT)
 
 
 def frame(detector, trial=0, **light):
-    return expose(*view(detector, **light), Streams(1, trial)).image
+    return expose(view(detector, **light), Streams(1, trial)).image
 
 
 DETECTOR = Detector(64, 48, 5e-6, 0.1, offset=100, full_well=20_000.0)
@@ -66,7 +76,7 @@ def test_a_thousand_million_photons_in_a_pixel(bits):
 
 @pytest.mark.parametrize("electrons", [1e-3, 1.0, 1e4, 1e9])
 def test_flux_is_kept_until_something_clips(electrons):
-    image = expected(*view(DETECTOR, pixel=(31.37, 22.81), electrons=electrons))
+    image = expected(view(DETECTOR, pixel=(31.37, 22.81), electrons=electrons))
     assert image.sum() == pytest.approx(electrons, rel=1e-6)
 
 
@@ -74,7 +84,7 @@ def test_flux_is_kept_until_something_clips(electrons):
 def test_a_star_on_a_corner_leaves_a_quarter_outside(corner):
     """On the outer corner of the corner pixel, a quarter of the light is inside."""
     outer = [c + math.copysign(0.5, c - 1) for c in corner]
-    image = expected(*view(DETECTOR, pixel=outer, electrons=1e5))
+    image = expected(view(DETECTOR, pixel=outer, electrons=1e5))
     assert image.sum() == pytest.approx(25_000, rel=1e-5)
     assert np.unravel_index(image.argmax(), image.shape) == (corner[1], corner[0])
 

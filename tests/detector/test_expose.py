@@ -9,7 +9,7 @@ from startrack.core.camera import Camera
 from startrack.core.curve import Curve
 from startrack.core.streams import Streams
 from startrack.core.values import Light, LineOfSight, Psf
-from startrack.detector import Detector, electron_rate, expected, expose
+from startrack.detector import Detector, Exposure, electron_rate, expected, expose
 
 WAVELENGTH = np.array([500e-9, 700e-9])
 THROUGHPUT = np.array([2e-4, 1e-4])
@@ -42,7 +42,9 @@ CAMERA = Camera(64, 48, 1000.0)
 
 def render(pixels, electrons, sigma=0.7, path=REST, sky=0.0, **changes):
     source = light(pixels, electrons, CAMERA, sky)
-    return expected(source, gaussian(sigma), path, LEVEL, CAMERA, detector(**changes), THROUGHPUT)
+    return expected(
+        Exposure(source, gaussian(sigma), path, LEVEL, CAMERA, detector(**changes), THROUGHPUT)
+    )
 
 
 def test_electrons_are_the_integral_over_the_band():
@@ -113,10 +115,9 @@ def test_sky_and_dark_current_fill_every_pixel():
 
 def test_full_well_clips_and_the_converter_saturates():
     one = detector(full_well=1000.0, bits=10)
-    frame = expose(
-        light([32, 24], 1e9, CAMERA), gaussian(0.7), REST, LEVEL, CAMERA, one, THROUGHPUT,
-        Streams(1, 1),
-    )  # fmt: skip
+    bright = light([32, 24], 1e9, CAMERA)
+    exposure = Exposure(bright, gaussian(0.7), REST, LEVEL, CAMERA, one, THROUGHPUT)
+    frame = expose(exposure, Streams(1, 1))
     assert frame.image.max() == 1023
     assert frame.image[24, 32] == 1023
 
@@ -127,7 +128,7 @@ def test_what_a_design_has_not_draws_nothing():
     args = (source, gaussian(0.7), REST, LEVEL, CAMERA)
     kind = {"full_well": 65535.0, "bits": 16}
     without, with_ = (
-        expose(*args, detector(read_noise=noise, **kind), THROUGHPUT, Streams(1, 1)).image
+        expose(Exposure(*args, detector(read_noise=noise, **kind), THROUGHPUT), Streams(1, 1)).image
         for noise in (0.0, 1e-6)
     )
     np.testing.assert_array_equal(without, with_)
@@ -143,11 +144,9 @@ def test_the_map_belongs_to_the_device():
 
 
 def test_camera_and_detector_of_different_size_are_refused():
+    wider, dark = detector(columns=65), light([0, 0], 1.0, CAMERA)
     with pytest.raises(ValueError, match="64 x 48 and 65 x 48"):
-        expected(
-            light([0, 0], 1.0, CAMERA), gaussian(0.7), REST, LEVEL, CAMERA, detector(columns=65),
-            THROUGHPUT,
-        )  # fmt: skip
+        expected(Exposure(dark, gaussian(0.7), REST, LEVEL, CAMERA, wider, THROUGHPUT))
 
 
 @pytest.mark.parametrize(

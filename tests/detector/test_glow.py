@@ -9,8 +9,8 @@ from startrack.core.camera import Camera
 from startrack.core.curve import Curve
 from startrack.core.streams import Streams
 from startrack.core.values import DiffuseLight, Light, LineOfSight, Psf
-from startrack.detector import Detector, expected, frame_of
-from startrack.detector.collect import glow_of
+from startrack.detector import Detector, Exposure, expected, frame_of
+from startrack.detector.collect import diffuse_electrons
 from startrack.detector.maps import response
 
 WAVELENGTH = np.array([500e-9, 700e-9])
@@ -25,7 +25,8 @@ def glowing(*glows: DiffuseLight) -> Light:
 
 def image_of(light: Light, one: Detector):
     camera = Camera(one.columns, one.rows, 1000.0)
-    return expected(light, POINT, REST, Rotation.identity(), camera, one, THROUGHPUT)
+    exposure = Exposure(light, POINT, REST, Rotation.identity(), camera, one, THROUGHPUT)
+    return expected(exposure)
 
 
 def test_a_slope_is_a_slope():
@@ -43,8 +44,8 @@ def test_glows_add_up_whatever_their_maps():
     fine = DiffuseLight(np.array([1e6, 0.0]), np.random.default_rng(1).random((9, 13)))
     coarse = DiffuseLight(np.array([0.0, 1e6]), np.ones((2, 2)))
     camera = Camera(40, 30, 1000.0)
-    both = glow_of(glowing(fine, coarse), camera, one, THROUGHPUT)
-    each = [glow_of(glowing(glow), camera, one, THROUGHPUT) for glow in (fine, coarse)]
+    both = diffuse_electrons(glowing(fine, coarse), camera, one, THROUGHPUT)
+    each = [diffuse_electrons(glowing(glow), camera, one, THROUGHPUT) for glow in (fine, coarse)]
     np.testing.assert_allclose(both, each[0] + each[1])
     # A place of the map that falls on a pixel has its own value there.
     np.testing.assert_allclose(each[0][0, 0], 1e6 * 0.5 * 1e-6 * 0.1 * fine.fraction[0, 0])
@@ -57,7 +58,7 @@ def test_a_map_of_many_places_is_scipys_interpolation():
     one = Detector(
         23, 7, 5e-6, 0.2, quantum_efficiency=Curve((400e-9, 800e-9), (0.6, 0.6)), fill_factor=0.5
     )
-    got = glow_of(
+    got = diffuse_electrons(
         glowing(DiffuseLight(np.array([3e6, 1e6]), fraction)), Camera(23, 7, 500.0), one, THROUGHPUT
     )
     read = RegularGridInterpolator((np.linspace(0, 6, 11), np.linspace(0, 22, 4)), fraction)
@@ -67,7 +68,10 @@ def test_a_map_of_many_places_is_scipys_interpolation():
 
 
 def test_no_glow_is_none():
-    assert glow_of(glowing(), Camera(3, 3, 10.0), Detector(3, 3, 5e-6, 1.0), THROUGHPUT) is None
+    assert (
+        diffuse_electrons(glowing(), Camera(3, 3, 10.0), Detector(3, 3, 5e-6, 1.0), THROUGHPUT)
+        is None
+    )
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(1, 1), (1, 7), (2000, 1)])

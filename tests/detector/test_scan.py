@@ -11,7 +11,7 @@ from startrack.core.camera import Camera
 from startrack.core.streams import Streams
 from startrack.core.values import DiffuseLight, Light, LineOfSight, Psf
 from startrack.detection import Detection, detect
-from startrack.detector import Detector, expected, scan, staggered, tdi
+from startrack.detector import Detector, Exposure, expected, scan, staggered, tdi
 from startrack.detector.lines import Line
 from startrack.detector.scan import scanned
 
@@ -238,12 +238,15 @@ def test_a_rolling_shutter_shears_the_frame():
     light = Light(camera.unproject(pixel), WAVELENGTH, np.full((3, 1), 1e5), np.zeros(1))
     rate = 2000.0  # pixel / second
 
-    def course(start, step):
+    def motion_function(start, step):
         return np.multiply.outer(np.add.outer(start, step), [0.0, rate / FOCAL, 0.0])
 
     rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     one = Detector(200, 100, 5e-6, 1e-3, row_delay=50e-6)
-    image = expected(light, gaussian(), rest, Rotation.identity(), camera, one, THROUGHPUT, course)
+    level = Rotation.identity()
+    image = expected(
+        Exposure(light, gaussian(), rest, level, camera, one, THROUGHPUT, motion_function)
+    )
     for row in (10, 49.5, 90):
         band = image[int(row) - 8 : int(row) + 9].sum(axis=0)
         x = band @ np.arange(200) / band.sum()
@@ -253,8 +256,9 @@ def test_a_rolling_shutter_shears_the_frame():
 def test_a_rolling_shutter_must_know_the_motion():
     camera = Camera(20, 10, FOCAL)
     rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
-    with pytest.raises(TypeError, match="course must be given"):
-        expected(
-            star_at(camera, 5, 5, 1.0), gaussian(), rest, Rotation.identity(), camera,
-            Detector(20, 10, 5e-6, 1e-3, row_delay=1e-6), THROUGHPUT,
-        )  # fmt: skip
+    exposure = Exposure(
+        star_at(camera, 5, 5, 1.0), gaussian(), rest, Rotation.identity(), camera,
+        Detector(20, 10, 5e-6, 1e-3, row_delay=1e-6), THROUGHPUT,
+    )  # fmt: skip
+    with pytest.raises(TypeError, match="motion_function must be given"):
+        expected(exposure)

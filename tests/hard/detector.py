@@ -10,7 +10,7 @@ from startrack.core import poisson_quantile
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
 from startrack.core.values import Light, LineOfSight
-from startrack.detector import Detector, expected, read_out
+from startrack.detector import Detector, Exposure, expected, read_out
 from startrack.optics import pixel_psf
 from tests.hard.case import hard, refused
 
@@ -25,7 +25,7 @@ def image_of(pixel, electrons: float):
     rate = np.full((1, 1), electrons / ROOM.exposure)
     light = Light(camera.unproject(np.atleast_2d(pixel)), wavelength, rate, np.zeros(1))
     psf = pixel_psf(optics, pitch, wavelength, fraction)
-    return expected(light, psf, REST, Rotation.identity(), camera, ROOM, np.ones(1))
+    return expected(Exposure(light, psf, REST, Rotation.identity(), camera, ROOM, np.ones(1)))
 
 
 for _electrons in (1e-3, 1e9):

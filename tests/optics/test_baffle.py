@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.core.values import Light, LineOfSight, Psf, StrayLightSource
-from startrack.detector import Detector, expected
+from startrack.detector import Detector, Exposure, expected
 from startrack.optics import Baffle, Optics, stray_light
 
 WAVELENGTH = np.array([500e-9, 700e-9])
@@ -19,16 +19,16 @@ CAMERA = Camera(60, 40, OPTICS.focal_length / DETECTOR.pixel_pitch)
 def glaring(*angles: float, rate=(3e12, 5e12)) -> Light:
     """Light of nothing but sources at these angles from the boresight, towards +x."""
     place = np.array([[np.sin(a), 0.0, np.cos(a)] for a in angles])
-    glare = StrayLightSource(place, np.full(len(place), 1 / len(place)), np.array(rate))
+    source = StrayLightSource(place, np.full(len(place), 1 / len(place)), np.array(rate))
     none = np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 2)), np.zeros(2)
-    return Light(*none, glare=(glare,))
+    return Light(*none, stray_sources=(source,))
 
 
 def image_of(light: Light, baffle: Baffle, optics=OPTICS, camera=CAMERA, detector=DETECTOR):
     there = Rotation.identity()
     veiled = stray_light(light, baffle, optics, there, camera)
     throughput = np.full(2, optics.area)
-    return expected(veiled, POINT, REST, there, camera, detector, throughput)
+    return expected(Exposure(veiled, POINT, REST, there, camera, detector, throughput))
 
 
 def test_the_curve_is_a_straight_line_of_logarithms():
@@ -48,7 +48,7 @@ def test_a_pixel_gets_irradiance_times_transmittance_times_its_area(optics):
     np.testing.assert_allclose(image, 8e12 * 1e-6 * (10e-6) ** 2 * 0.2, rtol=1e-9)
 
 
-def test_the_veil_is_brighter_towards_its_source():
+def test_stray_light_is_brighter_towards_its_source():
     """Over the frame the angle to the source changes, and the curve with it."""
     baffle = Baffle((20 * deg, 60 * deg), (1e-4, 1e-8))
     image = image_of(glaring(40 * deg), baffle)

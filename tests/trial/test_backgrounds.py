@@ -10,7 +10,7 @@ from startrack.catalog import open_sky
 from startrack.core.streams import Streams
 from startrack.core.units import deg
 from startrack.design.files import Design, load_design, save_design
-from startrack.detector import expected
+from startrack.detector import Exposure, expected
 from startrack.io import shipped
 from startrack.motion import Motion
 from startrack.optics import Baffle
@@ -122,10 +122,11 @@ def lagging(fraction: float, rate: float):
     before = residual_charge(instrument, light, path, attitude, streams)
 
     def seen(attitude: Rotation, before=None):
-        return expected(
+        exposure = Exposure(
             light, psf_of(instrument), path, attitude, instrument.camera, detector,
             throughput(instrument), None, before,
         )  # fmt: skip
+        return expected(exposure)
 
     return seen, attitude, before, detector
 
