@@ -1,32 +1,30 @@
 """The command `startrack`: one file per command, which declares its own options.
 
-exits               How a command ends: its exit status, and the error that asks for another call.
-main                the list of commands, and how their errors end
-options             what commands share: readers of numbers, common options
-compiling           Kernels that numba compiles enter; a word to the person who waits for them
-                    leaves.
-terminal            How the commands speak: results on standard output, messages and progress on
-                    standard error.
-study               What the commands on campaigns share: the design that is asked, its bench, and
-                    its folder.
+main                The list of commands, and the exit status of their errors.
+options             What commands share: exit status, wrong use, readers of numbers, and common
+                    options.
+terminal            Inputs by name, and outputs: results on standard output, messages on standard
+                    error.
+campaign            What the commands on campaigns share: the design, the runner of its trials, and
+                    the folder.
 bench               `startrack bench`: the CPU time and the error of every stage, on this machine.
-budget              `startrack budget`: what the error of a design is made of, cause by cause.
-calibrate           `startrack calibrate`: the camera behind images of stars.
+budget              `startrack budget`: the error of a design cause by cause.
+calibrate           `startrack calibrate`: the camera model of images of stars.
 combine             `startrack combine`: one error from campaigns of different fidelity.
 detect              `startrack detect`: the stars of images.
-earth               `startrack earth`: a camera in flight over terrain.
-earth_requirements  Earth cameras for `startrack requirements`: figures of a design, first
-                    parameters for goals.
-montecarlo          `startrack montecarlo`: many trials of one design.
-optimize            `startrack optimize`: a better design.
-pareto              `startrack pareto`: what one goal costs in terms of another.
+earth               `startrack earth`: geometry and images of Earth cameras over terrain.
+earth_requirements  Earth cameras in `startrack requirements`: figures of a camera, or parameters
+                    for goals.
+montecarlo          `startrack montecarlo`: the error of one design over many trials.
+optimize            `startrack optimize`: a better design, found by search and checked by trials.
+pareto              `startrack pareto`: designs that no other beats in both of two goals.
 psf                 `startrack psf`: how the optics of a design blur a star.
-report              `startrack report`: a campaign as one page to read and to send.
-requirements        `startrack requirements`: what a design must meet, how far it does; Earth
-                    cameras, too.
-sample              `startrack sample`: how far each parameter may stray from a design.
+report              `startrack report`: a campaign as one self-contained HTML page.
+requirements        `startrack requirements`: margins of a design to its requirements; figures of
+                    Earth cameras.
+sample              `startrack sample`: the tolerance of each parameter of a design.
 sensitivity         `startrack sensitivity`: which parameters the error of a design depends on.
-sequence            `startrack sequence`: a tracker followed in time.
+sequence            `startrack sequence`: a tracker in time.
 simulate            `startrack simulate`: render one frame of a design.
 solve               `startrack solve`: the attitude of images.
 """

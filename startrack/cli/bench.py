@@ -7,18 +7,17 @@ import argparse
 import cv2
 
 from startrack.benchmark import STAGES, draw_benchmark, markdown, measure, values, versions
-from startrack.cli.exits import Exit
-from startrack.cli.options import add_out, describe
-from startrack.cli.terminal import say, tell
+from startrack.cli.options import Exit, add_out, describe
+from startrack.cli.terminal import print_message, print_result
 from startrack.io import save_json, save_text
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack bench`."""
-    describe(parser, "Leaves bench.md, bench.json and bench.png.")
+    describe(parser, "Writes bench.md, bench.json and bench.png.")
     parser.add_argument(
         "stages", nargs="*", type=stage, metavar="STAGE",
-        help=f"any of {', '.join(STAGES)} (default: all, in some minutes)",
+        help=f"stages to measure: {', '.join(STAGES)} (default: all, which takes some minutes)",
     )  # fmt: skip
     add_out(parser, "startrack-bench")
 
@@ -35,7 +34,7 @@ def command(options: argparse.Namespace) -> int:
     cv2.setNumThreads(1)
     stages, rows = [], []
     for name in options.stages or STAGES:
-        say(f"{name} ...")
+        print_message(f"{name} ...")
         stages.append(STAGES[name]())
         rows += measure(stages[-1])
     text = f"{versions()}\n\n{markdown(stages, rows)}"
@@ -43,5 +42,5 @@ def command(options: argparse.Namespace) -> int:
     save_text(table, text)
     save_json(data, values(stages, rows))
     draw_benchmark(picture, stages, rows)
-    tell(options, values(stages, rows), f"{text}\nwrote {table}, {data} and {picture}")
+    print_result(options, values(stages, rows), f"{text}\nwrote {table}, {data} and {picture}")
     return Exit.DONE

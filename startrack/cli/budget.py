@@ -1,4 +1,4 @@
-"""`startrack budget`: what the error of a design is made of, cause by cause."""
+"""`startrack budget`: the error of a design cause by cause."""
 
 from __future__ import annotations
 
@@ -20,9 +20,15 @@ from startrack.budget import (
     measured,
     survey,
 )
-from startrack.cli.exits import Exit
-from startrack.cli.options import add_design, add_seed, add_workers, describe, positive, whole
-from startrack.cli.terminal import example, finite, progress, read_design, read_sequence, tell
+from startrack.cli.options import Exit, add_design, add_seed, add_workers, describe, positive, whole
+from startrack.cli.terminal import (
+    example,
+    finite,
+    print_result,
+    progress,
+    read_design,
+    read_sequence,
+)
 from startrack.core import arcsec
 from startrack.design import Case
 from startrack.io import save_json
@@ -32,59 +38,61 @@ from startrack.plots import draw_budget, draw_curves, draw_sky
 from startrack.sequence import Sequence
 from startrack.trial import errors, lasting
 
-FAR = 0.1  # difference of the two columns from which on it is told
+FAR = 0.1  # relative difference of the two columns from which on it is printed
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack budget`."""
     describe(
         parser,
-        "Analytic in a tenth of a second; with --montecarlo also measured, and a line whose two "
-        "columns differ by over a tenth says so. With --out it leaves budget.json, budget.png, "
-        "sky.png (stars and error over the sky) and curves.png (error over rate, magnitude and "
-        "field). The status is 3 where a part of the sky has no attitude.",
+        "Prints the analytic budget; with --montecarlo also the measured one, and a note where "
+        "the two differ by more than 10 %. With --out it writes budget.json, budget.png, sky.png "
+        "(stars and error over the sky) and curves.png (error over rate, magnitude and field). "
+        "The status is 3 if a part of the sky has no attitude.",
     )
     add_design(parser)
     parser.add_argument(
         "--montecarlo", type=whole(1), metavar="N",
-        help="measure it, too, on N random attitudes, by switching causes (default: analytic only)",
+        help="measure it on N random attitudes by switching causes (default: analytic only)",
     )  # fmt: skip
     parser.add_argument(
         "--times", type=whole(1), default=1, metavar="N",
-        help="with --montecarlo: frames of each attitude, which tell what stays from what changes "
+        help="with --montecarlo: frames per attitude, to separate constant from varying errors "
         "(default: 1)",
     )  # fmt: skip
     parser.add_argument(
         "--profile", type=Path, metavar="PROFILE.toml",
-        help="fly sequences and give their absolute, mean and relative errors and their drift",
+        help="simulate sequences along a profile; print absolute, mean, relative and drift errors",
     )  # fmt: skip
     parser.add_argument(
         "--sequences", type=whole(1), default=8, metavar="N",
-        help="with --profile: how many, from random attitudes (default: 8)",
+        help="with --profile: number of sequences, from random attitudes (default: 8)",
     )  # fmt: skip
     parser.add_argument(
         "--window", type=positive, default=1.0, metavar="SECONDS",
-        help="with --profile: that mean errors are taken over (default: 1)",
+        help="with --profile: time window of the mean errors, s (default: 1)",
     )  # fmt: skip
     add_seed(parser)
     add_workers(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="for budget.json and pictures")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for budget.json and pictures"
+    )
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print the budget; with --out, leave budget.json and pictures."""
+    """Print the budget; with --out, write budget.json and pictures."""
     path = options.design or example()
     case = read_design(path).case
     sequence = read_sequence(options.profile) if options.profile else None
     expected = analytic(case)
     found = _measured(case, options) if options.montecarlo else None
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
-    floor, believed = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
-    result |= {"star_without_noise_px": floor, "centroid_floor_px": believed}
-    reckons = "this, star by star" if believed is None else f"{believed:g} for all stars"
+    floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
+    result |= {"star_without_noise_px": floor, "centroid_floor_px": stated}
+    assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
     text = [
         f"{_table(expected, found)}\n"
-        f"a star without noise errs by {floor:.4f} pixel; the tracker reckons with {reckons}"
+        f"centroid error of a star without noise {floor:.4f} pixel; the tracker assumes {assumed}"
     ]
     if found:
         result |= {"seed": options.seed, "measured": _values(found)}
@@ -99,7 +107,7 @@ def command(options: argparse.Namespace) -> int:
         draw_curves(options.out / "curves.png", case, options.seed, Path(path).stem)
         save_json(options.out / "budget.json", finite(result))
         result["out"] = str(options.out)
-    tell(options, result, "\n\n".join(text))
+    print_result(options, result, "\n\n".join(text))
     whole = (found or expected).availability
     return Exit.DONE if whole > 0.9999 else Exit.UNSOLVED
 
@@ -123,7 +131,7 @@ def _indices(case: Case, sequence: Sequence, options: argparse.Namespace) -> dic
 
 
 def _values(budget: Budget[Any]) -> dict[str, Any]:
-    """A budget for JSON: arcsecond per axis; a level is not exceeded in that fraction of cases."""
+    """A budget for JSON, arcsecond per axis; levels are not exceeded in that fraction of cases."""
     simulated = hasattr(budget.whole.spread, "error")
     many = simulated and budget.whole.spread.error.shape[1] > 1
     ways = tuple(Interpretation) if many else (Interpretation.MIXED,)
@@ -160,7 +168,7 @@ def _line(line: Line[Spread], ways: Iterable[Interpretation]) -> dict[str, Any]:
 
 
 def _table(expected: Budget[Any], found: Budget[Any] | None) -> str:
-    """For a person: one line a cause, analytic beside measured."""
+    """One line per cause, analytic beside measured."""
     beside = {line.name: line for line in found.lines} if found else {}
     head = f"{'arcsec rms per axis':<20}{'term':<18}{'across':>9}{'about':>9}"
     if found:
@@ -176,10 +184,10 @@ def _table(expected: Budget[Any], found: Budget[Any] | None) -> str:
         sizes = [_levels(one, fraction) for one in (expected, found) if one]
         rows.append(_pair(f"  {100 * fraction:g} % below", "", *sizes))
     rows.append("")
-    told = [
+    available = [
         f"{100 * one.availability:.2f} %, {one.stars:.1f} stars" for one in (expected, found) if one
     ]
-    rows.append(f"available{'':<11}{' | measured '.join(told)}")
+    rows.append(f"available{'':<11}{' | measured '.join(available)}")
     return "\n".join(rows)
 
 
@@ -196,7 +204,7 @@ def _row(line: Line[Any] | None, other: Line[Any] | None, found: Budget[Any] | N
     there = (other.across, other.about) if other else None
     row = _pair(known.name, known.term.value if known.term else "", here, there)
     if here and there and found:
-        # What hardly counts in the whole may differ as it likes.
+        # A cause that is a small part of the whole may differ.
         off = [
             abs(a - b) / b
             for a, b, all_ in zip(here, there, (found.across, found.about), strict=True)
@@ -219,7 +227,7 @@ def _pair(
 
 def _index_table(indices: dict[str, Any], options: argparse.Namespace) -> str:
     rows = [
-        f"{options.profile}, {options.sequences} times, windows of {options.window:g} s; "
+        f"{options.profile}, {options.sequences} sequences, windows of {options.window:g} s; "
         "arcsec per axis: rms, and 99.73 % as temporal, ensemble, mixed"
     ]
     for name, meaning in INDICES.items():

@@ -1,4 +1,4 @@
-"""`startrack calibrate`: the camera behind images of stars."""
+"""`startrack calibrate`: the camera model of images of stars."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ from typing import Any
 import numpy as np
 
 from startrack.calibration import UNKNOWNS, Calibrated, Calibration, Prior, calibrate, sample_camera
-from startrack.cli.exits import Exit, WrongUse
-from startrack.cli.options import add_field_and_sky, add_images, describe
-from startrack.cli.terminal import finite, read_stars, say, tell
+from startrack.cli.options import (
+    Exit,
+    WrongUse,
+    add_field_and_sky,
+    add_images,
+    as_wrong_use,
+    describe,
+)
+from startrack.cli.terminal import finite, print_message, print_result, read_stars
 from startrack.core import Camera, Frame, Matches, Spots, Stars, within
 from startrack.design import Tracker
 from startrack.detection import Detection, subtract_dark
@@ -23,41 +29,46 @@ from startrack.optimise import Ledger, chain_text, chain_values, thinned
 from startrack.plots import draw_corner
 from startrack.trial import lost_in_space
 
-ROUNDS = 3  # a better camera matches more stars, which make a better camera
-KNOWN = 0.003  # of the focal length, after the first round
+ROUNDS = 3  # a better camera model matches more stars
+KNOWN = 0.003  # relative tolerance of the focal length after the first round
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack calibrate`."""
     describe(
         parser,
-        "Solves the images, fits one camera to all of them, and prints focal length, principal "
-        "point and distortion with their sigma. Images that cannot be solved make the status 3.",
+        "Solves the images, fits one camera model to all of them, and prints focal length, "
+        "principal point and distortion with their sigma. The status is 3 if an image has no "
+        "attitude.",
     )
-    add_images(parser, ", one camera")
+    add_images(parser, " of one camera")
     parser.add_argument(
-        "--fov", type=float, required=True, metavar="DEG", help="that the columns span, roughly"
+        "--fov",
+        type=float,
+        required=True,
+        metavar="DEG",
+        help="approximate field of view across the columns, degree",
     )
     add_field_and_sky(parser)
     parser.add_argument(
         "--principal", type=float, default=20.0, metavar="PX",
-        help="sigma of the principal point beforehand, 0 for the centre (default: 20)",
+        help="prior sigma of the principal point, pixel; 0 fixes it at the centre (default: 20)",
     )  # fmt: skip
     parser.add_argument(
         "--distortion", choices=("none", "radial", "full"), default="radial",
-        help="k1 alone by default; full is k1, k2, p1, p2",
+        help="distortion to fit: none, k1 (radial; default) or k1, k2, p1, p2 (full)",
     )  # fmt: skip
-    parser.add_argument("--out", type=Path, metavar="FILE", help="the same as JSON")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="JSON file for the result")
     parser.add_argument(
         "--posterior", type=Path, metavar="DIR",
-        help="sample what the camera may be, with the width of its PSF, for posterior.json and "
-        "corner.png (focal length, principal point, k1)",
+        help="folder for posterior.json and corner.png: sample the posterior of focal length, "
+        "principal point, k1 and PSF width",
     )  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
-    """Solve the images, fit one camera to all, and again with that camera."""
-    try:
+    """Solve the images, fit one camera model to all, and repeat with that model."""
+    with as_wrong_use(ValueError, OSError):
         within(0.01, 179, fov=options.fov)
         identification = Identification(focal_tolerance=options.fov_tolerance)
         settings = Calibration(
@@ -71,8 +82,6 @@ def command(options: argparse.Namespace) -> int:
         frames = [read_image(path) for path in options.images]
         if dark is not None:
             frames = [subtract_dark(frame, dark) for frame in frames]
-    except (ValueError, OSError) as error:
-        raise WrongUse(str(error)) from None
     stars = read_stars(options.catalog, options.epoch)
     shapes = {frame.image.shape for frame in frames}
     if len(shapes) > 1:
@@ -86,8 +95,8 @@ def command(options: argparse.Namespace) -> int:
             spots, matches = [one for one, _ in answers], [one for _, one in answers]
             found = calibrate(spots, matches, camera, settings)
         if found is None:
-            say("startrack calibrate: none of the images could be solved")
-            tell(options, {"status": "unsolved", "images": len(frames)}, "unsolved")
+            print_message("startrack calibrate: none of the images could be solved")
+            print_result(options, {"status": "unsolved", "images": len(frames)}, "unsolved")
             return Exit.UNSOLVED
         camera = found.camera
         identification = replace(identification, focal_tolerance=KNOWN)
@@ -99,7 +108,7 @@ def command(options: argparse.Namespace) -> int:
         text += f"\n{more}"
     if options.out:
         save_json(options.out, finite(result))
-    tell(options, result, text)
+    print_result(options, result, text)
     if options.posterior and not result["posterior"]["converged"]:
         return Exit.UNSOLVED
     return Exit.DONE if found.frames == len(frames) else Exit.UNSOLVED
@@ -118,9 +127,9 @@ def _posterior(
     frames: list[Frame],
     camera: Camera,
 ) -> tuple[dict[str, Any], str]:
-    """Sample the camera, and leave posterior.json and corner.png; nothing of doubtful chains."""
+    """Sample the camera; write posterior.json and corner.png unless chains did not converge."""
     prior = Prior(options.fov_tolerance, options.principal, 1.0, 1e-3, 3.0)
-    say("startrack calibrate: sampling, some tens of seconds an image")
+    print_message("startrack calibrate: sampling, some tens of seconds per image")
     with Ledger(options.posterior / "ledger.sqlite") as ledger:
         spots, matches = [one for one, _ in answers], [one for _, one in answers]
         found = sample_camera(spots, matches, camera, prior, 0, ledger=ledger, images=frames)
@@ -143,8 +152,8 @@ def _posterior(
     lines = ["", "posterior: median and 95 % interval"]
     for name in found.names:
         middle, low, high = found.interval(name)
-        told = ", hardly told by these images" if name in found.open else ""
-        lines.append(f"{name:16} {middle:12.6g} [{low:.6g}, {high:.6g}]{told}")
+        note = ", hardly constrained by these images" if name in found.open else ""
+        lines.append(f"{name:16} {middle:12.6g} [{low:.6g}, {high:.6g}]{note}")
     return values, "\n".join([*lines, chain_text(found.chains)])
 
 
@@ -175,5 +184,5 @@ def _text(found: Calibrated, images: int) -> str:
     ]
     for name, error in zip(UNKNOWNS, sigma, strict=True):
         value = getattr(found.camera, name)
-        lines.append(f"{name:16} {value:12.5g} " + (f"+- {error:.2g}" if error else "as it was"))
+        lines.append(f"{name:16} {value:12.5g} " + (f"+- {error:.2g}" if error else "not fitted"))
     return "\n".join(lines)

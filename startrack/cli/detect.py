@@ -7,9 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.exits import Exit, WrongUse
-from startrack.cli.options import add_images, describe
-from startrack.cli.terminal import read_design, say, tell
+from startrack.cli.options import Exit, add_images, as_wrong_use, describe
+from startrack.cli.terminal import print_failed_image, print_result, read_design
 from startrack.core import Frame, Psf, Spots
 from startrack.detection import Detection, detect, divide_flat, false_alarms, subtract_dark
 from startrack.io import read_image
@@ -21,43 +20,49 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack detect`."""
     describe(
         parser,
-        "Prints a row a spot, brightest first: place (the centre of the first pixel is 0, 0) and "
-        "its sigma, light, signal over noise, area. An image that cannot be read makes the status "
-        "1; the others are searched all the same.",
+        "Prints a row per spot, brightest first: position (the centre of the first pixel is 0, 0) "
+        "and its sigma, flux, signal-to-noise ratio, area. The status is 1 if an image cannot be "
+        "read; the others are searched.",
     )
     add_images(parser)
     parser.add_argument(
         "--design", type=Path, metavar="DESIGN.toml",
-        help="take the tracker's settings and the PSF from a design",
+        help="design file that gives the settings of the detection and the PSF",
     )  # fmt: skip
     parser.add_argument(
-        "--threshold", type=float, metavar="SIGMA", help="that a star must exceed (default: 5.5)"
+        "--threshold", type=float, metavar="SIGMA", help="detection threshold (default: 5.5)"
     )
     parser.add_argument(
         "--false", type=float, metavar="N",
-        help="instead: the false spots that noise may make in an image on average, such as 0.05",
+        help="set the threshold by the mean number of false spots per image, such as 0.05",
     )  # fmt: skip
     parser.add_argument(
-        "--sigma", type=float, metavar="PIXEL", help="of a star's image (default: 1)"
+        "--sigma",
+        type=float,
+        metavar="PIXEL",
+        help="sigma of the image of a star, pixel (default: 1)",
     )
     parser.add_argument(
-        "--centroid", metavar="NAME", help="gravity (default), weighted, gaussian or likelihood"
+        "--centroid",
+        metavar="NAME",
+        help="centroid method: gravity (default), weighted, gaussian or likelihood",
     )
     parser.add_argument("--dark", type=Path, metavar="IMAGE", help="dark frame to subtract")
     parser.add_argument("--flat", type=Path, metavar="IMAGE", help="flat field to divide by")
     parser.add_argument(
-        "--overlay", type=Path, metavar="DIR", help="draw each image with its spots into DIR"
+        "--overlay",
+        type=Path,
+        metavar="DIR",
+        help="folder for pictures of the images with their spots",
     )
 
 
 def command(options: argparse.Namespace) -> int:
-    """Search image after image; one that cannot be read does not keep the others waiting."""
-    try:
+    """Search each image; one that cannot be read does not stop the others."""
+    with as_wrong_use(ValueError, TypeError, OSError):
         settings, psf = _settings(options)
         dark = read_image(options.dark) if options.dark else None
         flat = read_image(options.flat) if options.flat else None
-    except (ValueError, TypeError, OSError) as error:
-        raise WrongUse(str(error)) from None
     status = Exit.DONE
     for path in options.images:
         try:
@@ -68,18 +73,16 @@ def command(options: argparse.Namespace) -> int:
                 frame = divide_flat(frame, flat)
             spots = detect(frame, settings, psf)
         except (ValueError, TypeError) as error:
-            say(f"startrack detect: {error}")
-            if options.json:
-                tell(options, {"image": str(path), "status": "failed", "reason": str(error)}, "")
+            print_failed_image(options, path, error)
             status = Exit.FAILED
             continue
         rows, columns = frame.image.shape
         chance = false_alarms(settings, columns, rows, psf)
-        result = {"image": str(path), "status": "done", **_result(spots, chance)}
-        text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} a frame"
+        result = {"image": str(path), "status": "done", **_values(spots, chance)}
+        text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} per frame"
         if options.overlay:
             result["overlay"] = str(_overlay(options.overlay, path, frame, spots))
-        tell(options, result, "\n".join([text, *_table(spots)]))
+        print_result(options, result, "\n".join([text, *_table(spots)]))
     return status
 
 
@@ -88,16 +91,16 @@ def _settings(options: argparse.Namespace) -> tuple[Detection, Psf | None]:
     if options.design:
         case = read_design(options.design).case
         settings, psf = case.tracker.detection, psf_of(case.instrument)
-    asked = {
+    given = {
         "threshold": options.threshold,
         "false_per_frame": options.false,
         "kernel_sigma": options.sigma,
         "centroid": options.centroid,
     }
-    return replace(settings, **{k: v for k, v in asked.items() if v is not None}), psf
+    return replace(settings, **{k: v for k, v in given.items() if v is not None}), psf
 
 
-def _result(spots: Spots, chance: float) -> dict[str, Any]:
+def _values(spots: Spots, chance: float) -> dict[str, Any]:
     variance = spots.covariance
     return {
         "expected_false": chance,

@@ -1,4 +1,4 @@
-"""`startrack earth`: a camera in flight over terrain."""
+"""`startrack earth`: geometry and images of Earth cameras over terrain."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from startrack.cli.exits import Exit, WrongUse
-from startrack.cli.options import add_out, add_seed, describe
-from startrack.cli.terminal import progress, tell
+from startrack.cli.options import Exit, WrongUse, add_out, add_seed, as_wrong_use, describe
+from startrack.cli.terminal import print_result, progress
 from startrack.core import Floats, Streams, um
 from startrack.earth.geometry import EarthScene, Strip, find, observe_earth
 from startrack.earth.imager import (
@@ -32,30 +31,30 @@ from startrack.motion import Motion, realise_motion
 from startrack.plots import draw_geometry, draw_picture
 
 EARTH = """\
-A scene file names an orbit (or tle), a sensor, a pointing and the terrain; without one, the
-example is taken, a pushbroom camera over mountains from a seed. Terrain of your own: GeoTIFF files
-of any resolution, such as tiles of the Copernicus DEM or of SRTM, side by side in a folder:
+A scene file gives an orbit (or tle), a sensor, a pointing and the terrain. The default is the
+example, a pushbroom camera over mountains that are generated from a seed. For real terrain, put
+GeoTIFF files of any resolution, such as tiles of the Copernicus DEM or of SRTM, into a folder:
 
   startrack earth terrain 'dem/*.tif'         what they cover, and the table [terrain] to copy
   startrack earth geometry SCENE.toml         what each pixel sees
   startrack earth render SCENE.toml           the image, in digital numbers
 
-A scene to render names a camera, of the catalogue or its own, and the land and the air besides;
-catalogs/scenes/hsrs.toml is one. Heights of both kinds of tiles are above a geoid; name its grid
-as `geoid`. The finest file counts where several overlap. For the geometry, a table [motion] as a
-design has it lets the camera drift and shake from line to line.
+A scene to render also gives a camera (of the catalogue, or in the file), the land and the air;
+catalogs/scenes/hsrs.toml is an example. Heights of both kinds of tiles are above a geoid, whose
+grid is the key `geoid`. Where files overlap, the finest is used. For the geometry, a table
+[motion] as in a design gives the drift and jitter of the camera.
 """
 
 
-PANEL = 1500  # lines and columns of a quick look, at most
+PANEL = 1500  # lines and columns of a preview, at most
 
-# What is written of each pixel, with its unit and what it is.
+# Unit and meaning of each map that is written.
 MAPS = {
     "height": ("m", "height above the ellipsoid WGS84"),
     "longitude": ("degree", "geodetic longitude of the ray nearest to the pixel's middle"),
     "latitude": ("degree", "geodetic latitude"),
-    "incidence": ("degree", "between the slope's normal and the way to the camera"),
-    "sun_incidence": ("degree", "between the slope's normal and the sun"),
+    "incidence": ("degree", "angle between the slope's normal and the direction to the camera"),
+    "sun_incidence": ("degree", "angle between the slope's normal and the Sun"),
     "shadow": ("1", "fraction of the pixel without direct sunlight"),
     "sky_view": ("1", "fraction of a uniform sky's light that reaches the slope"),
     "level": ("1", "level of the terrain's pyramid"),
@@ -69,8 +68,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.description = EARTH
     parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
     geometry = _part(
-        parts, "geometry", "height, shadow, incidence and level of each pixel: picture and NetCDF",
-        "Leaves geometry.png and geometry.nc.",
+        parts, "geometry", "compute height, shadow, incidence and level of each pixel",
+        "Writes geometry.png and geometry.nc (NetCDF).",
     )  # fmt: skip
     geometry.add_argument(
         "scene", type=Path, nargs="?", metavar="SCENE.toml",
@@ -80,19 +79,26 @@ def declare(parser: argparse.ArgumentParser) -> None:
     add_out(geometry, "startrack-earth")
     render = _part(
         parts, "render",
-        "what a camera sees: digital numbers and the radiance in its five terms, FITS and PNG",
-        "Leaves a FITS and a PNG file of each channel.",
+        "render images: digital numbers, and the radiance in its five terms",
+        "Writes a FITS and a PNG file of each channel.",
     )  # fmt: skip
     render.add_argument(
         "scene", nargs="?", metavar="SCENE",
         help="scene file, or one of the catalogue: waoss, hsrs (default), mertis, ads40",
     )  # fmt: skip
     add_seed(render)
-    render.add_argument("--geotiff", action="store_true", help="write GeoTIFF, too (extra `earth`)")
+    render.add_argument(
+        "--geotiff", action="store_true", help="also write GeoTIFF files (extra `earth`)"
+    )
     add_out(render, "startrack-earth")
-    terrain = _part(parts, "terrain", "what files of heights cover, and how a scene names them")
+    terrain = _part(
+        parts, "terrain", "print the area of height files, and the table that a scene needs"
+    )
     terrain.add_argument(
-        "files", nargs="+", metavar="FILE", help="or a quoted pattern: 'dem/*.tif'"
+        "files",
+        nargs="+",
+        metavar="FILE",
+        help="height files, or a quoted pattern such as 'dem/*.tif'",
     )
 
 
@@ -105,19 +111,19 @@ def _part(parts: Any, name: str, text: str, more: str = "") -> argparse.Argument
 
 
 def command(options: argparse.Namespace) -> int:
-    """Run one of its parts."""
+    """Run one part of the command."""
     return {"geometry": geometry, "render": rendered, "terrain": terrain}[options.part](options)
 
 
 def geometry(options: argparse.Namespace) -> int:
-    """Leave geometry.png and geometry.nc; print what they hold."""
+    """Write geometry.png and geometry.nc; print a summary."""
     path = options.scene or shipped("scenes/mountains.toml")
     scene, motion = read_scene(path)
-    shaken = jitter(scene, motion, options.seed)
+    turn = jitter(scene, motion, options.seed)
     lines, columns = scene.sensor.lines, scene.sensor.columns
     maps: dict[str, Floats] = {}
     with progress("lines", lines) as advance:
-        for strip in observe_earth(scene, path.parent, shaken):
+        for strip in observe_earth(scene, path.parent, turn):
             for name, values in _values(strip).items():
                 whole = maps.setdefault(name, np.full((lines, columns), math.nan))
                 whole[strip.first : strip.first + strip.shape[0]] = values
@@ -135,17 +141,15 @@ def geometry(options: argparse.Namespace) -> int:
     }
     save_netcdf(options.out / "geometry.nc", maps, MAPS, ("line", "column"))
     draw_geometry(options.out / "geometry.png", maps, path.stem)
-    tell(options, result, _text(result))
+    print_result(options, result, _text(result))
     return Exit.DONE
 
 
 def rendered(options: argparse.Namespace) -> int:
-    """Leave a FITS and a PNG file of each channel; print what they hold."""
+    """Write a FITS and a PNG file of each channel; print a summary."""
     path = _scene_path(options.scene or "hsrs")
-    try:
+    with as_wrong_use():
         survey = load_survey(path)
-    except ValueError as error:
-        raise WrongUse(str(error)) from None
     for channel in survey.channels:
         lines, columns = channel.detector.rows, channel.columns
         start = options.out / channel.name
@@ -158,13 +162,13 @@ def rendered(options: argparse.Namespace) -> int:
                 write_geotiff(start.with_suffix(".tif"), picture)
         small = {name: thinned(each, PANEL) for name, each in picture.terms._asdict().items()}
         draw_picture(png, thinned(picture.numbers, PANEL), small, f"{path.stem}: {channel.name}")
-        result = _told(channel, picture, setting) | {"fits": str(fits), "png": str(png)}
-        tell(options, result, _picture_text(result))
+        result = _picture_values(channel, picture, setting) | {"fits": str(fits), "png": str(png)}
+        print_result(options, result, _picture_text(result))
     return Exit.DONE
 
 
 def _scene_path(scene: str) -> Path:
-    """A file, or the scene of a camera of the catalogue."""
+    """Path of a scene file, or of the scene of a camera of the catalogue."""
     if scene in cameras():
         return shipped(f"scenes/{scene}.toml")
     if not Path(scene).exists():
@@ -173,7 +177,7 @@ def _scene_path(scene: str) -> Path:
     return Path(scene)
 
 
-def _told(channel: Channel, picture: Picture, setting: Setting) -> dict[str, Any]:
+def _picture_values(channel: Channel, picture: Picture, setting: Setting) -> dict[str, Any]:
     largest = 2**channel.detector.bits - 1
     lines, columns = picture.numbers.shape
     return {
@@ -208,11 +212,9 @@ def _picture_text(result: dict[str, Any]) -> str:
 
 
 def terrain(options: argparse.Namespace) -> int:
-    """Tell what files of heights cover, and print the table of a scene file that reads them."""
-    try:
+    """Print the area of height files, and the table of a scene file that reads them."""
+    with as_wrong_use(ValueError, OSError):
         grids = {path: Raster(path).grid for path in find(Path(), tuple(options.files))}
-    except (ValueError, OSError) as error:
-        raise WrongUse(str(error)) from None
     for path, grid in grids.items():
         east = grid.west + (grid.columns - 1) * grid.step_x
         result = {
@@ -221,7 +223,7 @@ def terrain(options: argparse.Namespace) -> int:
             "south_deg": math.degrees(grid.south), "north_deg": math.degrees(grid.north),
             "cell_m": grid.step_y * EQUATORIAL, "columns": grid.columns, "rows": grid.rows,
         }  # fmt: skip
-        tell(
+        print_result(
             options, result,
             f"{path}: {result['columns']} x {result['rows']} cells of {result['cell_m']:.1f} m, "
             f"longitude {result['west_deg']:.4f} to {result['east_deg']:.4f}, "
@@ -230,25 +232,21 @@ def terrain(options: argparse.Namespace) -> int:
     if not options.json:
         names = ", ".join(f'"{path}"' for path in grids)
         print(f"\n[terrain]\nfiles = [{names}]")
-        print('# geoid = "egm2008.tif"  # name its grid where the heights are above the geoid')
+        print('# geoid = "egm2008.tif"  # the grid of the geoid, if heights are above it')
     return Exit.DONE
 
 
 def read_scene(path: Path) -> tuple[EarthScene, Motion]:
-    """The scene of a file and its table [motion], their errors as wrong use."""
-    try:
+    """The scene of a file and its table [motion]; raises WrongUse where it cannot be used."""
+    with as_wrong_use():
         table = read_table(path, "a scene file")
-    except ValueError as error:
-        raise WrongUse(str(error)) from None
-    try:
+    with as_wrong_use(path=path):
         motion = from_table(Motion, table.pop("motion", {}), "motion")
         return from_table(EarthScene, table), motion
-    except ValueError as error:
-        raise WrongUse(f"{path}: {error}") from None
 
 
 def jitter(scene: EarthScene, motion: Motion, seed: int) -> Callable[[Floats], Floats] | None:
-    """How the camera turns while it takes the image, from its zero at the epoch; None for not."""
+    """The turn of the camera over the time since the epoch; None without motion."""
     if motion == Motion():
         return None
     duration = scene.sensor.lines * scene.sensor.dating(scene.flight).period

@@ -1,4 +1,4 @@
-"""Earth cameras for `startrack requirements`: figures of a design, first parameters for goals."""
+"""Earth cameras in `startrack requirements`: figures of a camera, or parameters for goals."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from startrack.cli.exits import Exit, WrongUse
-from startrack.cli.terminal import tell
+from startrack.cli.options import Exit, as_wrong_use
+from startrack.cli.terminal import print_result
 from startrack.core import um
 from startrack.earth.geometry import fly, ground_rate
 from startrack.earth.imager import (
@@ -31,25 +31,23 @@ from startrack.io import from_table, read_table, shipped
 
 
 def earth_requirements(options: argparse.Namespace) -> int | None:
-    """Answer where the file is of an Earth camera; None where it is not."""
+    """Print the figures or parameters of an Earth camera; None if the file is another."""
     path = options.campaign
     if path is None:
         return None
     if str(path) in cameras():
         path = shipped(f"scenes/{path}.toml")
-    try:
+    with as_wrong_use():
         table = read_table(path, f"a design file, or one of {', '.join(cameras())}")
         if "goals" in table and len(table) == 1:
-            return _forwards(options, path, from_table(Goals, table["goals"], "goals"))
+            return _print_parameters(options, path, from_table(Goals, table["goals"], "goals"))
         if "camera" in table:
-            return _backwards(options, load_survey(path))
-    except ValueError as error:
-        raise WrongUse(str(error)) from None
+            return _print_figures(options, load_survey(path))
     return None
 
 
-def _backwards(options: argparse.Namespace, survey: Survey) -> int:
-    """What each channel comes to."""
+def _print_figures(options: argparse.Namespace, survey: Survey) -> int:
+    """Print the figures of each channel."""
     carrier = survey.carrier
     height = float(geodetic(fly(carrier, np.zeros(1)).position)[2][0])
     rate = ground_rate(carrier)
@@ -57,19 +55,19 @@ def _backwards(options: argparse.Namespace, survey: Survey) -> int:
         band = band_of(channel, survey.air, height, survey.sun_distance)
         found = figures(channel, band, height, rate)
         result: dict[str, Any] = {"channel": channel.name, "height_m": height, **asdict(found)}
-        tell(options, result, _figures_text(channel, found, height))
+        print_result(options, result, _figures_text(channel, found, height))
     return Exit.DONE
 
 
-def _forwards(options: argparse.Namespace, path: Path, goals: Goals) -> int:
-    """The least camera for the goals."""
+def _print_parameters(options: argparse.Namespace, path: Path, goals: Goals) -> int:
+    """Print the parameters of the smallest camera that meets the goals."""
     first = first_parameters(goals)
-    tell(options, {"goals": str(path), **asdict(first)}, _first_text(first))
+    print_result(options, {"goals": str(path), **asdict(first)}, _first_text(first))
     return Exit.DONE
 
 
 def _figures_text(channel: Channel, found: Figures, height: float) -> str:
-    """Lines for a person."""
+    """The result as text."""
     bits = math.log2(found.dynamics)
     return "\n".join(
         [
@@ -82,25 +80,25 @@ def _figures_text(channel: Channel, found: Figures, height: float) -> str:
             f"  MTF at Nyquist       {found.mtf_across:.3f} across, {found.mtf_along:.3f} along",
             f"  SNR                  {found.snr:.4g} at {found.radiance * um:.4g} "
             f"W / m^2 / sr / um: {found.electrons:.4g} electrons, noise {found.noise:.4g}",
-            f"  dynamics             {found.dynamics:.4g}, {bits:.1f} bit; the well is full at "
+            f"  dynamic range        {found.dynamics:.4g}, {bits:.1f} bit; saturates at "
             f"{found.saturation * um:.4g} W / m^2 / sr / um",
-            f"  clock                {found.clock / 1e6:.4g} Mpixel / s, a line in "
+            f"  pixel rate           {found.clock / 1e6:.4g} Mpixel / s, a line in "
             f"{1e3 * found.period:.4g} ms; {found.data_rate / 1e6:.4g} Mbit / s",
         ]
     )
 
 
 def _first_text(first: First) -> str:
-    """Lines for a person."""
+    """The result as text."""
     return "\n".join(
         [
             f"focal length  {1e3 * first.focal_length:.4g} mm",
-            f"aperture      {1e3 * first.aperture:.4g} mm, f/{first.f_number:.3g}: Rayleigh asks "
+            f"aperture      {1e3 * first.aperture:.4g} mm, f/{first.f_number:.3g}: for Rayleigh "
             f"{1e3 * first.for_rayleigh:.4g} mm, MTF {1e3 * first.for_mtf:.4g} mm, "
             f"SNR {1e3 * first.for_snr:.4g} mm",
             f"line          {first.columns} pixel every {1e3 * first.period:.4g} ms, exposed "
             f"{1e3 * first.exposure:.4g} ms: {first.electrons:.4g} electrons",
-            f"clock         {first.clock / 1e6:.4g} Mpixel / s, "
+            f"pixel rate    {first.clock / 1e6:.4g} Mpixel / s, "
             f"{first.data_rate / 1e6:.4g} Mbit / s",
         ]
     )

@@ -1,4 +1,4 @@
-"""The command `startrack`: which commands there are, and how their errors end.
+"""The command `startrack`: the list of commands, and the exit status of their errors.
 
 Exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved.
 """
@@ -14,44 +14,44 @@ from importlib import import_module
 from typing import TextIO
 
 from startrack import __version__
-from startrack.cli.exits import Exit, WrongUse
+from startrack.cli.options import Exit, WrongUse
 
-# Each command is a file of this name with `declare(parser)` and `command(options)`. It imports the
-# rooms that it needs, so only the one that is called is imported.
+# Each command is a file of this name with `declare(parser)` and `command(options)`, which imports
+# what it needs. Only the command that is called is imported.
 COMMANDS = {
     "simulate": "render one frame of a design to FITS and PNG",
-    "psf": "how the optics of a design blur a star",
+    "psf": "compute how the optics of a design blur a star: width, energy, MTF",
     "detect": "find the stars of images",
     "solve": "find the attitude of images",
-    "calibrate": "find the camera behind images of stars",
-    "budget": "what the error of a design is made of, cause by cause",
-    "montecarlo": "the error of a design over many trials",
-    "combine": "one error from campaigns of different fidelity",
-    "report": "a campaign as one HTML page that needs nothing else",
-    "sequence": "a tracker in time: tracking, loss, reacquisition",
-    "requirements": "how far a design meets what its campaign asks, without a trial",
+    "calibrate": "fit a camera model (focal length, distortion) to images of stars",
+    "budget": "compute the error of a design cause by cause",
+    "montecarlo": "measure the error of a design over many trials",
+    "combine": "estimate one error from campaigns of different fidelity",
+    "report": "write a campaign as one self-contained HTML page",
+    "sequence": "simulate a tracker in time: tracking, loss, reacquisition",
+    "requirements": "compute the margins of a design to its requirements, without a trial",
     "optimize": "find a better design",
-    "sample": "how far each parameter may stray from a design",
-    "pareto": "what one goal costs in terms of another",
-    "sensitivity": "which parameters the error of a design depends on",
-    "earth": "a camera in flight over terrain",
-    "bench": "CPU time and error of every stage, on this machine",
+    "sample": "compute the tolerance of each parameter of a design",
+    "pareto": "find designs that no other beats in both of two goals",
+    "sensitivity": "compute which parameters the error of a design depends on",
+    "earth": "simulate Earth cameras over terrain: geometry, images",
+    "bench": "measure CPU time and error of every stage on this machine",
 }
 EPILOG = """\
 exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved
 
-startrack COMMAND --help says what a command takes and what it leaves. A first hour:
+startrack COMMAND --help lists the options and the output files of a command. Examples:
   startrack simulate                        one frame of the example design
-  startrack psf                             how its optics blur a star
-  startrack budget                          what its error is made of
-  startrack optimize                        a better design, in some minutes
+  startrack psf                             the blur of its optics
+  startrack budget                          its error, cause by cause
+  startrack optimize                        a better design, in a few minutes
   startrack montecarlo startrack-optimize/best.toml --out trials
-  startrack report trials/campaign.sqlite   what came out, as a page to read and to send
-  startrack combine frames.sqlite windows.sqlite   few frames, made precise by many windows
-  startrack sample startrack-optimize/best.toml
+  startrack report trials/campaign.sqlite   the results as an HTML page
+  startrack combine frames.sqlite windows.sqlite   few frames and many windows: one error
+  startrack sample startrack-optimize/best.toml   the tolerance of each parameter
   startrack sensitivity                     what the error depends on
-  startrack pareto                          what accuracy costs in mass
-  startrack sequence                        it follows a slew, loses the sky and finds it again
+  startrack pareto                          accuracy against mass
+  startrack sequence                        a slew: acquisition, loss, reacquisition
   startrack detect photo.jpg                the stars of a real image
   startrack solve photo.jpg --fov 12        the attitude of a real image
 """
@@ -61,12 +61,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     options = _parser(arguments).parse_args(arguments)
-    # The rooms are imported by the command that needs them, so that --help is quick.
+    # The command imports what it needs, so that --help is quick.
     command = import_module(f"startrack.cli.{options.name}").command
-    told_of_compiling = import_module("startrack.cli.compiling").told_of_compiling
+    report_compiling = import_module("startrack.cli.terminal").report_compiling
     try:
-        with warnings.catch_warnings(), told_of_compiling():
-            warnings.showwarning = _notice
+        with warnings.catch_warnings(), report_compiling():
+            warnings.showwarning = _print_warning
             return int(command(options))
     except WrongUse as error:
         status, message = Exit.WRONG_USE, str(error)
@@ -76,14 +76,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, ImportError) as error:
         status, message = Exit.FAILED, str(error)
     except BrokenExecutor:
-        status, message = Exit.FAILED, "a worker died; what is on disk is whole"
+        status, message = Exit.FAILED, "a worker process died; the files on disk are complete"
     except KeyboardInterrupt:
-        status, message = Exit.FAILED, "stopped; what is on disk is whole"
+        status, message = Exit.FAILED, "stopped; the files on disk are complete"
     print(f"startrack {options.name}: {message}", file=sys.stderr)
     return int(status)
 
 
-def _notice(
+def _print_warning(
     message: Warning | str,
     category: type[Warning],
     filename: str,
@@ -91,7 +91,7 @@ def _notice(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    """A warning as one line for a person, without the place in the code that gave it."""
+    """Print a warning as one line, without the line of code that raised it."""
     print(f"startrack: {message}", file=sys.stderr)
 
 

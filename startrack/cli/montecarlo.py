@@ -1,4 +1,4 @@
-"""`startrack montecarlo`: many trials of one design."""
+"""`startrack montecarlo`: the error of one design over many trials."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.cli.exits import Exit, WrongUse
 from startrack.cli.options import (
+    Exit,
     add_design,
     add_seed,
     add_workers,
+    as_wrong_use,
     decimal,
     describe,
     positive,
@@ -24,12 +25,12 @@ from startrack.cli.terminal import (
     example,
     finite,
     in_arcsec,
+    print_message,
+    print_result,
     progress,
     read_design,
-    say,
     summary_text,
     summary_values,
-    tell,
 )
 from startrack.design import Case, Fidelity
 from startrack.io import save_json
@@ -52,67 +53,74 @@ from startrack.plots import draw_errors
 from startrack.trial import OUTCOMES
 
 STORE = "campaign.sqlite"
-UNREACHED = 1e-6  # a precision that no campaign reaches, where none is asked for
+UNREACHED = 1e-6  # without --precision: one that no campaign reaches
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack montecarlo`."""
     describe(
         parser,
-        "Each trial is a random attitude with noise of its own. With --out it leaves trials.csv, "
+        "Each trial has a random attitude and independent noise. With --out it writes trials.csv, "
         "errors.png, summary.json and campaign.sqlite, for `report` and `combine`. The status is 3 "
-        "where a trial has no right attitude.",
+        "if a trial has no correct attitude.",
     )
     add_design(parser)
     parser.add_argument(
-        "--trials", type=whole(1, 10**9), default=200, metavar="N", help="(default: 200)"
+        "--trials",
+        type=whole(1, 10**9),
+        default=200,
+        metavar="N",
+        help="number of trials (default: 200)",
     )
     add_seed(parser)
     add_workers(parser)
     parser.add_argument(
         "--fidelity", default="frame", choices=("frame", "window", "spots", "covariance"),
-        help="render whole frames (default); only windows around the stars, with the same law, at "
-        "a fifth of the time; draw the spots from their covariance, without any image, and "
-        "identify them; or draw them and take it as known which star each of them is",
+        help="frame: render whole frames (default); window: only the pixels around stars, with the "
+        "same noise, in a fifth of the time; spots: draw the spots from their covariance, without "
+        "an image, and identify them; covariance: draw the spots, identification is assumed to be "
+        "perfect",
     )  # fmt: skip
     parser.add_argument(
         "--sobol", action="store_true",
-        help="look at points that fill the sphere evenly; 16 scrambles of them give the interval",
+        help="use attitudes from a Sobol sequence; 16 scrambled copies give the interval",
     )  # fmt: skip
     parser.add_argument(
         "--control", action="store_true",
-        help="compute each frame's linearised error, too, whose exact mean is known; 2 times fewer "
-        "trials by itself, 5 times with a campaign of covariance (see `combine`)",
-    )  # fmt: skip
-    parser.add_argument("--out", type=Path, metavar="DIR", help="for store, table and picture")
-    parser.add_argument(
-        "--store", type=Path, metavar="FILE", help="keeps each trial; a run that was cut short "
-        "goes on from it (default: campaign.sqlite in the folder of --out)",
+        help="compute each frame's linearised error as a control variate; 2 times fewer trials for "
+        "the same interval, 5 times with a campaign of fidelity covariance (see `combine`)",
     )  # fmt: skip
     parser.add_argument(
-        "--precision", type=decimal(1e-6, 1), metavar="SHARE",
-        help="stop when half the interval of the statistic is below this fraction of its value; "
-        "--trials are the most, then",
+        "--out", type=Path, metavar="DIR", help="folder for store, table and picture"
+    )
+    parser.add_argument(
+        "--store", type=Path, metavar="FILE", help="store of all trials, from which an interrupted "
+        "run continues (default: campaign.sqlite in the folder of --out)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--precision", type=decimal(1e-6, 1), metavar="FRACTION",
+        help="stop when half the width of the interval of the statistic is below this fraction of "
+        "its value; --trials is then the largest number of trials",
     )  # fmt: skip
     parser.add_argument(
         "--statistic", default="across", choices=STATISTICS,
-        help="of --precision and --log: rms across (default) or about the boresight, the angle "
-        "that 99.73 %% of the errors across do not exceed, or the fraction of right attitudes",
+        help="statistic of --precision and --log: rms across (default) or about the boresight, the "
+        "angle that 99.73 %% of the errors across do not exceed, or the availability",
     )  # fmt: skip
     parser.add_argument(
-        "--confidence", type=decimal(0.5, 0.9999), default=0.95, metavar="SHARE",
-        help="of that interval (default: 0.95)",
+        "--confidence", type=decimal(0.5, 0.9999), default=0.95, metavar="FRACTION",
+        help="confidence of that interval (default: 0.95)",
     )  # fmt: skip
     parser.add_argument(
-        "--seconds", type=positive, metavar="SECONDS", help="begin no trial after this time"
+        "--seconds", type=positive, metavar="SECONDS", help="start no trial after this time, s"
     )
     parser.add_argument(
         "--scheduler", type=address, metavar="ADDRESS",
-        help="take workers from a Dask cluster (tcp://host:port), or from MPI (mpi)",
+        help="use the workers of a Dask cluster (tcp://host:port) or of MPI (mpi)",
     )  # fmt: skip
     parser.add_argument(
         "--log", type=Path, metavar="FILE",
-        help="append rate, statistic with its interval and remaining time, a JSON object a line",
+        help="append rate, statistic, interval and remaining time, one JSON object per line",
     )  # fmt: skip
 
 
@@ -124,14 +132,14 @@ def address(text: str) -> str:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print the summary; with --out, leave trials.csv, errors.png and summary.json.
+    """Print the summary; with --out, write trials.csv, errors.png and summary.json.
 
-    With --out or --store each block of trials is on disk before the next: the same command
-    goes on where another was cut short.
+    With --out or --store each block of trials is on disk before the next, so that the same
+    command continues an interrupted run.
     """
     path = options.design or example()
     case = read_design(path).case
-    precision = None if options.precision is None else _asked(options, options.precision)
+    precision = None if options.precision is None else _precision(options, options.precision)
     sampling = _sampling(options)
     where: Path | None = options.store or (options.out / STORE if options.out else None)
     workers = cluster(options.scheduler) if options.scheduler else pool(options.workers)
@@ -141,8 +149,8 @@ def command(options: argparse.Namespace) -> int:
     with _open(where, case, options.seed, sampling) as store, workers as executor:
         held = sum(len(block) for block in store.done())
         if held:
-            say(f"{where} holds {held} trials; going on")
-        watched = precision or _asked(options, UNREACHED)
+            print_message(f"{where} holds {held} trials; continuing")
+        watched = precision or _precision(options, UNREACHED)
         with (
             progress("trials", options.trials) as advance,
             Watch(store, watched, options.trials, advance, options.log) as watch,
@@ -162,9 +170,9 @@ def command(options: argparse.Namespace) -> int:
     result |= {"trials_per_s": rate}
     text = f"{summary_text(summary)}\n{rate:.1f} trials/s, seed {options.seed}"
     if sampling.control or options.sobol:
-        told, words = _helped(outcomes, options.sobol)
-        result |= {"helped": told}
-        text += f"\n{words}"
+        values, lines = _reduced_variance(outcomes, options.sobol)
+        result |= {"helped": values}
+        text += f"\n{lines}"
     if precision:
         width = half_width(precision.interval(outcomes))
         result |= {"statistic": precision.statistic, "relative_half_width": width}
@@ -176,7 +184,7 @@ def command(options: argparse.Namespace) -> int:
     if failures:
         last = failures[-1][1].strip().splitlines()[-1]
         result["failed_trials"] = sum(len(numbers) for numbers, _ in failures)
-        say(f"{result['failed_trials']} trials failed, the last with: {last}")
+        print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
     if where:
         result["store"] = str(where)
     if options.out:
@@ -184,44 +192,40 @@ def command(options: argparse.Namespace) -> int:
         draw_errors(options.out / "errors.png", outcomes, path.stem)
         save_json(options.out / "summary.json", finite(result))
         result["out"] = str(options.out)
-    tell(options, result, text)
+    print_result(options, result, text)
     return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED
 
 
-def _asked(options: argparse.Namespace, relative: float) -> Precision:
+def _precision(options: argparse.Namespace, relative: float) -> Precision:
     return Precision(relative, options.statistic, options.confidence, options.sobol)
 
 
 def _sampling(options: argparse.Namespace) -> Sampling:
     attitudes = "sobol" if options.sobol else "random"
-    try:
+    with as_wrong_use():
         return Sampling(Fidelity(options.fidelity), attitudes, options.control)
-    except ValueError as error:
-        raise WrongUse(str(error)) from None
 
 
-def _helped(outcomes: NDArray[np.void], sobol: bool) -> tuple[dict[str, Any], str]:
-    """The errors with the help of Sobol's points and controls, and how many trials that saves."""
+def _reduced_variance(outcomes: NDArray[np.void], sobol: bool) -> tuple[dict[str, Any], str]:
+    """The errors with Sobol points and controls, and the factor of trials that these save."""
     result: dict[str, Any] = {}
     lines = []
     for name, about in (("across", False), ("about", True)):
-        alone, helped = (
+        plain, reduced = (
             mean_square(outcomes[list(OUTCOMES.names or ())], about),
             mean_square(outcomes, about, sobol),
         )
-        told, fewer = in_arcsec(helped.root()), (alone.error / helped.error) ** 2
-        result[f"{name}_rms_arcsec"] = told["value"]
-        result[f"{name}_rms_arcsec_95"] = [told["low"], told["high"]]
+        bounds, fewer = in_arcsec(reduced.root()), (plain.error / reduced.error) ** 2
+        result[f"{name}_rms_arcsec"] = bounds["value"]
+        result[f"{name}_rms_arcsec_95"] = [bounds["low"], bounds["high"]]
         result[f"{name}_times_fewer"] = fewer
         lines.append(
-            f"helped, {name:6s} {told['value']:16.3f} arcsec rms [{told['low']:.3f}, "
-            f"{told['high']:.3f}], as from {fewer:.1f} times as many"
+            f"variance reduced, {name:6s} {bounds['value']:9.3f} arcsec rms [{bounds['low']:.3f}, "
+            f"{bounds['high']:.3f}], as with {fewer:.1f} times as many trials"
         )
     return result, "\n".join(lines)
 
 
 def _open(path: Path | None, case: Case, seed: int, sampling: Sampling) -> Store:
-    try:
+    with as_wrong_use():
         return Store(path, case, seed, sampling)
-    except ValueError as error:
-        raise WrongUse(str(error)) from None

@@ -1,14 +1,13 @@
-"""`startrack optimize`: a better design."""
+"""`startrack optimize`: a better design, found by search and checked by trials."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
-from startrack.cli.exits import Exit
-from startrack.cli.options import add_study
-from startrack.cli.study import open_study
-from startrack.cli.terminal import finite, progress, summary_values, tell
+from startrack.cli.campaign import open_campaign
+from startrack.cli.options import Exit, add_campaign_options
+from startrack.cli.terminal import finite, print_result, progress, summary_values
 from startrack.design import Campaign, Design, Objective, save_design
 from startrack.io import save_json, save_text
 from startrack.optimise import Optimum, comparison, optimize, write_evaluations
@@ -17,24 +16,24 @@ from startrack.plots import draw_convergence
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack optimize`."""
-    add_study(
+    add_campaign_options(
         parser,
         "optimize",
-        "Varies what [campaign] names, under its requirements, and judges the best on fresh "
-        "frames. Leaves best.toml (a design for any other command), comparison.md (before and "
-        "after), convergence.png, evaluations.csv, result.json, and ledger.sqlite, from which the "
-        "same command goes on where it was cut short. The status is 3 where a requirement is not "
-        "met.",
+        "Varies the variables of [campaign] under its requirements, and compares the best design "
+        "with the start on fresh trials. Writes best.toml (a design for any other command), "
+        "comparison.md, convergence.png, evaluations.csv, result.json, and ledger.sqlite, from "
+        "which the same command continues after an interruption. The status is 3 if a "
+        "requirement is not met.",
     )
 
 
 def command(options: argparse.Namespace) -> int:
-    """Leave best.toml, comparison.md, convergence.png, evaluations.csv and result.json."""
+    """Write best.toml, comparison.md, convergence.png, evaluations.csv and result.json."""
     with (
-        open_study(options, "optimising") as (case, campaign, bench, out),
+        open_campaign(options, "optimising") as (case, campaign, runner, out),
         progress("designs", campaign.evaluations) as advance,
     ):
-        optimum = optimize(case, campaign, bench, lambda _: advance(1))
+        optimum = optimize(case, campaign, runner, lambda _: advance(1))
     table = comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
     save_design(out / "best.toml", Design(optimum.best, campaign), note)
@@ -43,10 +42,10 @@ def command(options: argparse.Namespace) -> int:
     draw_convergence(out / "convergence.png", optimum, campaign.objective)
     result = {"out": str(out), "seed": options.seed, **optimum_values(optimum, campaign)}
     save_json(out / "result.json", finite(result))
-    tell(
+    print_result(
         options,
         result,
-        f"{table}\n\nthe search ended: {optimum.ending}; the folder {out} holds it all",
+        f"{table}\n\nthe search ended: {optimum.ending}; results are in {out}",
     )
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
 

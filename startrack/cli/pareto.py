@@ -1,4 +1,4 @@
-"""`startrack pareto`: what one goal costs in terms of another."""
+"""`startrack pareto`: designs that no other beats in both of two goals."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import argparse
 
 import numpy as np
 
-from startrack.cli.exits import Exit, WrongUse
-from startrack.cli.options import add_study, whole
-from startrack.cli.study import open_study
-from startrack.cli.terminal import finite, progress, tell
+from startrack.cli.campaign import open_campaign
+from startrack.cli.options import Exit, add_campaign_options, as_wrong_use, whole
+from startrack.cli.terminal import finite, print_result, progress
 from startrack.design import DesignSpace
 from startrack.io import save_json, save_text
 from startrack.optimise import UNITS, Goals, front
@@ -18,40 +17,43 @@ from startrack.plots import draw_front
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack pareto`."""
-    add_study(
+    add_campaign_options(
         parser,
         "pareto",
-        "Finds designs that no other beats in both goals, by the analytic budget, and tries each. "
-        "Leaves front.md, front.png and result.json.",
+        "Finds designs that no other beats in both goals, by the analytic budget, and measures "
+        "each by trials. Writes front.md, front.png and result.json.",
     )
     for which, goal in (("first", "across"), ("second", "mass")):
         parser.add_argument(
             f"--{which}", default=goal, metavar="GOAL",
-            help="across, about, both, about-99.73 and the like, mass, power, data rate, volume or "
-            f"cost (default: {goal})",
+            help=f"{which} goal: across, about, both, or a level such as about-99.73; mass, power, "
+            f"data rate, volume or cost (default: {goal})",
         )  # fmt: skip
     parser.add_argument(
-        "--points", type=whole(2, 1000), default=7, metavar="N", help="of the front (default: 7)"
+        "--points",
+        type=whole(2, 1000),
+        default=7,
+        metavar="N",
+        help="number of designs on the front (default: 7)",
     )
     parser.add_argument(
         "--method", choices=("epsilon", "weighted"), default="epsilon",
-        help="least first goal under a limit on the second (default), or a weighted sum",
+        help="minimise the first goal under a limit on the second (epsilon; default), or minimise "
+        "a weighted sum of both",
     )  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
-    """Leave front.md, front.png and result.json."""
-    try:
+    """Write front.md, front.png and result.json."""
+    with as_wrong_use():
         goals = Goals(options.first, options.second)
-    except ValueError as error:
-        raise WrongUse(str(error)) from None
     with (
-        open_study(options, "trading goals of") as (case, campaign, bench, out),
+        open_campaign(options, "trading off goals of") as (case, campaign, runner, out),
         progress("designs", options.points) as advance,
     ):
-        box = DesignSpace(case, campaign.variables, campaign.links)
+        space = DesignSpace(case, campaign.variables, campaign.links)
         points = front(
-            box, campaign, goals, bench, options.points, options.method, lambda _: advance(1)
+            space, campaign, goals, runner, options.points, options.method, lambda _: advance(1)
         )
     units = [UNITS.get(goal, "arcsec") for goal in (goals.first, goals.second)]
     names = list(points[0].values)
@@ -61,7 +63,7 @@ def command(options: argparse.Namespace) -> int:
         "|---" * (4 + len(names)) + "|",
     ]
     for one in points:
-        texts = box.text(box.design(np.array(one.place))).values()
+        texts = space.text(space.design(np.array(one.place))).values()
         pairs = zip(one.expected, one.measured, strict=True)
         goal = " | ".join(f"{expected:.4g} | {measured:.4g}" for expected, measured in pairs)
         lines.append(f"| {goal} | " + " | ".join(texts) + " |")
@@ -77,5 +79,5 @@ def command(options: argparse.Namespace) -> int:
         ],
     }
     save_json(out / "result.json", finite(result))
-    tell(options, result, f"{table}\n\nthe folder {out} holds it all")
+    print_result(options, result, f"{table}\n\nresults are in {out}")
     return Exit.DONE

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from startrack.cli.exits import Exit
-from startrack.cli.options import add_design, add_out, describe
-from startrack.cli.terminal import example, finite, read_design, tell
+from startrack.cli.options import Exit, add_design, add_out, describe
+from startrack.cli.terminal import example, finite, print_result, read_design
 from startrack.core import Psf, Streams
 from startrack.design import Instrument
 from startrack.io import save_json
@@ -39,8 +38,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack psf`."""
     describe(
         parser,
-        "Prints which model of diffraction serves and how far it may err, width, energy within "
-        "circles and pixels, and the modulation at Nyquist factor by factor; leaves psf.png and "
+        "Prints the diffraction model with its error bound, the width, the energy within circles "
+        "and pixels, and the MTF at the Nyquist frequency factor by factor. Writes psf.png and "
         "psf.json.",
     )
     add_design(parser)
@@ -48,7 +47,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print the table; leave psf.png and psf.json."""
+    """Print the table; write psf.png and psf.json."""
     path = options.design or example()
     instrument = read_design(path).case.instrument
     weight = detected_spectrum(instrument)
@@ -65,7 +64,7 @@ def command(options: argparse.Namespace) -> int:
     }
     draw_psf(options.out / "psf.png", image, FREQUENCY, curves, _title(path.stem, choice, mean))
     save_json(options.out / "psf.json", finite(result))
-    tell(options, result, _text(judged, choice, mean, curves) + f"\nwrote {result['png']}")
+    print_result(options, result, _text(judged, choice, mean, curves) + f"\nwrote {result['png']}")
     return Exit.DONE
 
 
@@ -110,9 +109,9 @@ def _values(judged: Quality, choice: Choice, mean: float, curves: list[Curves]) 
 
 def _text(judged: Quality, choice: Choice, mean: float, curves: list[Curves]) -> str:
     lines = [
-        f"model               {choice.model}, because {choice.reason}; it may err by "
+        f"model               {choice.model}, because {choice.reason}; error at most "
         f"{choice.error:.2g} of the peak",
-        f"mean wavelength     {mean * 1e9:.0f} nm, of a sunlike star",
+        f"mean wavelength     {mean * 1e9:.0f} nm, of a star like the Sun",
         f"FWHM                {judged.fwhm_x:.3f} x {judged.fwhm_y:.3f} pixel before the pixels",
         "energy within       " + ", ".join(
             f"{radius:g} px {100 * fraction:.1f} %"

@@ -1,13 +1,12 @@
-"""`startrack report`: a campaign as one page to read and to send."""
+"""`startrack report`: a campaign as one self-contained HTML page."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from startrack.cli.exits import Exit, WrongUse
-from startrack.cli.options import describe, whole
-from startrack.cli.terminal import progress, tell
+from startrack.cli.options import Exit, as_wrong_use, describe, whole
+from startrack.cli.terminal import print_result, progress
 from startrack.io import save_text
 from startrack.montecarlo import Store, one_thread
 from startrack.report import Depth, write_report
@@ -17,28 +16,33 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack report`."""
     describe(
         parser,
-        "Summary, distributions, sky, error budget, stars, slew rate, fidelities, the worst trials "
-        "with their frames, and all inputs. Some trials are done again to look closer; "
-        "their numbers say how long that takes.",
+        "The page has the summary, distributions, maps of the sky, error budget, error over "
+        "magnitude, field and slew rate, fidelities, the worst trials with their frames, and all "
+        "inputs. Some trials are repeated for it; their numbers set the time.",
     )
     parser.add_argument(
-        "campaign", type=Path, metavar="CAMPAIGN.sqlite", help="the store of `montecarlo`"
+        "campaign", type=Path, metavar="CAMPAIGN.sqlite", help="store of `montecarlo`"
     )
     parser.add_argument(
-        "--out", type=Path, metavar="FILE.html", help="(default: beside the campaign)"
+        "--out", type=Path, metavar="FILE.html", help="page to write (default: beside the campaign)"
     )
-    parser.add_argument("--title", metavar="TEXT", help="(default: the campaign's name)")
+    parser.add_argument(
+        "--title", metavar="TEXT", help="title of the page (default: the name of the campaign)"
+    )
     for name, least, default, text in (
-        ("stars", 1, 60, "trials whose stars are looked at one by one"),
+        ("stars", 1, 60, "trials whose single stars are measured"),
         ("slews", 1, 60, "trials at each of seven slew rates"),
-        ("budget", 2, 60, "skies that the error budget is measured on"),
-        ("rungs", 2, 60, "trials done at each fidelity"),
-        ("worst", 0, 3, "trials shown with their frames"),
+        ("budget", 2, 60, "trials that the error budget is measured on"),
+        ("fidelity-trials", 2, 60, "trials at each fidelity, to compare them"),
+        ("worst", 0, 3, "worst trials to show with their frames"),
     ):
         parser.add_argument(
             f"--{name}", type=whole(least), default=default, metavar="N",
             help=f"{text} (default: {default})",
         )  # fmt: skip
+    parser.add_argument(
+        "--rungs", dest="fidelity_trials", type=whole(2), help=argparse.SUPPRESS,
+    )  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -46,18 +50,16 @@ def command(options: argparse.Namespace) -> int:
     one_thread()
     path = options.out or options.campaign.with_suffix(".html")
     title = options.title or f"Campaign {options.campaign}"
-    try:
+    with as_wrong_use():
         depth = Depth(
-            options.stars, options.slews, options.budget, options.fidelity_comparison, options.worst
+            options.stars, options.slews, options.budget, options.fidelity_trials, options.worst
         )
         store = Store(options.campaign)
-    except ValueError as error:
-        raise WrongUse(str(error)) from None
-    with store, progress("trials looked at again", depth.trials) as advance:
+    with store, progress("trials repeated", depth.trials) as advance:
         html = write_report(store, title, depth, advance)
         trials = len(store.outcomes())
     save_text(path, html)
     size = len(html.encode())
     result = {"report": str(path), "trials": trials, "bytes": size}
-    tell(options, result, f"{path}: {trials} trials, {size / 1e6:.1f} MB")
+    print_result(options, result, f"{path}: {trials} trials, {size / 1e6:.1f} MB")
     return Exit.DONE

@@ -1,21 +1,20 @@
-"""`startrack requirements`: what a design must meet, how far it does; Earth cameras, too."""
+"""`startrack requirements`: margins of a design to its requirements; figures of Earth cameras."""
 
 from __future__ import annotations
 
 import argparse
 
 from startrack.cli.earth_requirements import earth_requirements
-from startrack.cli.exits import Exit, WrongUse
-from startrack.cli.options import add_campaign, describe
-from startrack.cli.terminal import example, read_design, tell
+from startrack.cli.options import Exit, WrongUse, add_campaign, describe
+from startrack.cli.terminal import example, print_result, read_design
 from startrack.core import arcsec
 from startrack.design import Objective
 from startrack.optimise import expect, expected_error
 
 EARTH_TOO = (
-    "; or an Earth camera, waoss, hsrs, mertis, ads40 or a scene file, for its ground resolution, "
-    "MTF, SNR, dynamics and data rate; or a file with a table [goals] (catalogs/scenes/goals.toml) "
-    "for focal length, aperture and clock"
+    "; or an Earth camera (waoss, hsrs, mertis, ads40 or a scene file), to print its ground "
+    "resolution, MTF, SNR, dynamic range and data rate; or a file with a table [goals] "
+    "(catalogs/scenes/goals.toml), to compute focal length, aperture and pixel rate"
 )
 
 
@@ -23,14 +22,14 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack requirements`."""
     describe(
         parser,
-        "Prints the margin of each requirement, and the error that the analytic budget expects. "
-        "The status is 3 where one is not met.",
+        "Prints the margin of each requirement and the error by the analytic budget. The status "
+        "is 3 if a requirement is not met.",
     )
     add_campaign(parser, EARTH_TOO)
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print the margins of a design and what its analytic budget expects; no trial is done."""
+    """Print the margins of a design and its error by the analytic budget."""
     earth = earth_requirements(options)
     if earth is not None:
         return earth
@@ -65,5 +64,5 @@ def command(options: argparse.Namespace) -> int:
         f"expected {objective}: {error:.3f} arcsec with {budget.stars:.1f} stars; availability by "
         "the analytic budget. Margins are fractions of the limits; that of stars is in mag.",
     ]
-    tell(options, result, "\n".join(lines))
+    print_result(options, result, "\n".join(lines))
     return Exit.DONE if met else Exit.UNSOLVED

@@ -1,13 +1,12 @@
-"""`startrack sample`: how far each parameter may stray from a design."""
+"""`startrack sample`: the tolerance of each parameter of a design."""
 
 from __future__ import annotations
 
 import argparse
 
-from startrack.cli.exits import Exit
-from startrack.cli.options import add_study
-from startrack.cli.study import open_study
-from startrack.cli.terminal import finite, progress, tell
+from startrack.cli.campaign import open_campaign
+from startrack.cli.options import Exit, add_campaign_options
+from startrack.cli.terminal import finite, print_result, progress
 from startrack.io import save_json, save_text
 from startrack.optimise import (
     designs_needed,
@@ -21,29 +20,30 @@ from startrack.plots import draw_tolerance
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack sample`."""
-    add_study(
+    add_campaign_options(
         parser,
         "sample",
-        "Samples the designs around this one that keep its error, but for `margin`, and its "
-        "requirements. Leaves tolerance.md, corner.png, samples.csv and result.json, or nothing "
-        "and status 3 where the samples cannot be believed.",
+        "Samples the designs around this one whose error is larger by at most the fraction "
+        "`margin` of [campaign] and that meet its requirements. Writes tolerance.md, corner.png, "
+        "samples.csv and result.json. If the chains did not converge it writes nothing, and the "
+        "status is 3.",
     )
 
 
 def command(options: argparse.Namespace) -> int:
-    """Leave tolerance.md, corner.png, samples.csv and result.json.
+    """Write tolerance.md, corner.png, samples.csv and result.json.
 
-    Chains that have not converged leave their doubt alone, and no numbers to be quoted.
+    Of chains that have not converged, only the reason is printed.
     """
     with (
-        open_study(options, "sampling around") as (case, campaign, bench, out),
+        open_campaign(options, "sampling around") as (case, campaign, runner, out),
         progress("designs", designs_needed(len(campaign.variables))) as advance,
     ):
-        tolerance = sample(case, campaign, bench, lambda _: advance(1))
+        tolerance = sample(case, campaign, runner, lambda _: advance(1))
     values = tolerance_values(tolerance)
     if not tolerance.chains.converged:
         doubt = tolerance.chains.doubt
-        tell(options, {"converged": False, "doubt": doubt}, f"not converged: {doubt}")
+        print_result(options, {"converged": False, "doubt": doubt}, f"not converged: {doubt}")
         return Exit.UNSOLVED
     table = tolerance_table(tolerance)
     save_text(out / "tolerance.md", table + "\n")
@@ -51,5 +51,5 @@ def command(options: argparse.Namespace) -> int:
     draw_tolerance(out / "corner.png", tolerance)
     result = {"out": str(out), "seed": options.seed, **values}
     save_json(out / "result.json", finite(result))
-    tell(options, result, f"{table}\n\nthe folder {out} holds it all")
+    print_result(options, result, f"{table}\n\nresults are in {out}")
     return Exit.DONE

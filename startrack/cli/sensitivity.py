@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 
-from startrack.cli.exits import Exit
-from startrack.cli.options import add_study, power_of_two
-from startrack.cli.study import open_study
-from startrack.cli.terminal import finite, tell
+from startrack.cli.campaign import open_campaign
+from startrack.cli.options import Exit, add_campaign_options, power_of_two
+from startrack.cli.terminal import finite, print_result
 from startrack.design import DesignSpace, Objective
 from startrack.io import save_json, save_text
 from startrack.optimise import Sensitivity, sensitivities
@@ -17,23 +16,24 @@ from startrack.plots import draw_tornado
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack sensitivity`."""
-    add_study(
+    add_campaign_options(
         parser,
         "sensitivity",
-        "By the analytic budget: the error with each variable at its bounds, its slope, and its "
-        "Sobol indices over the box. Leaves sensitivity.md, tornado.png and result.json.",
+        "Computes by the analytic budget the error with each variable at its bounds, its slope, "
+        "and its Sobol indices over the ranges of all variables. Writes sensitivity.md, "
+        "tornado.png and result.json.",
     )
     parser.add_argument(
         "--designs", type=power_of_two, default=64, metavar="N",
-        help="base designs of the Sobol indices, a power of two (default: 64)",
+        help="number of base designs of the Sobol indices, a power of two (default: 64)",
     )  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
-    """Leave sensitivity.md, tornado.png and result.json; all is by the analytic budget."""
-    with open_study(options, "asking for the sensitivities of") as (case, campaign, _, out):
-        box = DesignSpace(case, campaign.variables, campaign.links)
-        found = sensitivities(box, campaign, options.seed, options.designs)
+    """Write sensitivity.md, tornado.png and result.json, all by the analytic budget."""
+    with open_campaign(options, "computing the sensitivities of") as (case, campaign, _, out):
+        space = DesignSpace(case, campaign.variables, campaign.links)
+        found = sensitivities(space, campaign, options.seed, options.designs)
     objective = str(Objective.read(campaign.objective))
     table = _table(found, objective)
     save_text(out / "sensitivity.md", table + "\n")
@@ -55,7 +55,7 @@ def command(options: argparse.Namespace) -> int:
         },
     }
     save_json(out / "result.json", finite(result))
-    tell(options, result, f"{table}\n\nthe folder {out} holds it all")
+    print_result(options, result, f"{table}\n\nresults are in {out}")
     return Exit.DONE
 
 
@@ -66,15 +66,15 @@ def _table(found: list[Sensitivity], objective: str) -> str:
         "|---|---|---|---|---|",
     ]
     lines += [
-        f"| {one.name.split('.', 1)[1]} | {_told(one.low)} to {_told(one.high)} | {one.slope:+.2f} "
+        f"| {one.name.split('.', 1)[1]} | {_text(one.low)} to {_text(one.high)} | {one.slope:+.2f} "
         f"| {one.first.value:.2f} [{one.first.low:.2f}, {one.first.high:.2f}] "
         f"| {one.total.value:.2f} [{one.total.low:.2f}, {one.total.high:.2f}] |"
         for one in found
     ]
-    lines += ["", "Sobol indices of ln(error) over the box, by the analytic budget, with their "
-              "95 % bootstrap intervals."]  # fmt: skip
+    lines += ["", "Sobol indices of ln(error) over the ranges of the variables, by the analytic "
+              "budget, with 95 % bootstrap intervals."]  # fmt: skip
     return "\n".join(lines)
 
 
-def _told(error: float) -> str:
+def _text(error: float) -> str:
     return f"{error:.3f}" if math.isfinite(error) else "no attitude"

@@ -1,4 +1,4 @@
-"""`startrack sequence`: a tracker followed in time."""
+"""`startrack sequence`: a tracker in time."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.exits import Exit
-from startrack.cli.options import add_design, add_out, add_seed, add_workers, describe, whole
+from startrack.cli.options import Exit, add_design, add_out, add_seed, add_workers, describe, whole
 from startrack.cli.terminal import (
     example,
     finite,
     in_arcsec,
+    print_result,
     progress,
     read_design,
     read_sequence,
-    tell,
 )
 from startrack.core import arcsec
 from startrack.io import save_json, shipped
@@ -30,19 +29,19 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack sequence`."""
     describe(
         parser,
-        "Flies a profile from random attitudes, frame by frame, and prints what the filter makes "
-        "of it beside the frames alone; leaves frames.csv, sequence.png and summary.json. The "
-        "status is 3 where the attitude was not known after each frame.",
+        "Simulates a profile frame by frame, from random attitudes, and prints the errors of the "
+        "filter beside those of single frames. Writes frames.csv, sequence.png and summary.json. "
+        "The status is 3 if the attitude was not known after each frame.",
     )
     add_design(parser)
     parser.add_argument(
         "--profile", type=Path, metavar="PROFILE.toml",
-        help="legs of the attitude profile, rate of frames, gyroscope (default: the example, "
-        "catalogs/sequences/slew.toml: calm, a slew too fast to see through, and calm again)",
+        help="file with the legs of the attitude profile, frame rate and gyroscope (default: the "
+        "example, catalogs/sequences/slew.toml, with a slew too fast for an attitude)",
     )  # fmt: skip
     parser.add_argument(
         "--sequences", type=whole(1), default=8, metavar="N",
-        help="from random attitudes (default: 8)",
+        help="number of sequences, from random attitudes (default: 8)",
     )  # fmt: skip
     add_seed(parser)
     add_workers(parser)
@@ -50,7 +49,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print accuracy, losses and reacquisitions; leave frames.csv, sequence.png, summary.json."""
+    """Print accuracy, losses and reacquisitions; write frames.csv, sequence.png, summary.json."""
     design = options.design or example()
     profile = options.profile or shipped("sequences/slew.toml")
     case, sequence = read_design(design).case, read_sequence(profile)
@@ -67,7 +66,7 @@ def command(options: argparse.Namespace) -> int:
     title = f"{Path(design).stem}, {Path(profile).stem}: sequence 1 of {options.sequences}"
     draw_sequence(options.out / "sequence.png", first, title)
     save_json(options.out / "summary.json", finite(result))
-    tell(options, result, _text(tracking, len(table)))
+    print_result(options, result, _text(tracking, len(table)))
     return Exit.DONE if tracking.known.value == 1 else Exit.UNSOLVED
 
 
@@ -79,9 +78,9 @@ def _values(tracking: Tracking) -> dict[str, Any]:
             values[field.name] = one
             continue
         angle = field.name in ("across", "about", "single")
-        told = in_arcsec(one) if angle else dataclasses.asdict(one)
+        bounds = in_arcsec(one) if angle else dataclasses.asdict(one)
         name = f"{field.name}_rms_arcsec" if angle else field.name
-        values |= {name: told["value"], f"{name}_95": [told["low"], told["high"]]}
+        values |= {name: bounds["value"], f"{name}_95": [bounds["low"], bounds["high"]]}
     return values
 
 
@@ -100,7 +99,7 @@ def _text(tracking: Tracking, frames: int) -> str:
     return "\n".join(
         [
             *lines,
-            f"{frames} frames in {tracking.sequences} sequences; intervals hold with 95 % "
-            "confidence, infinite where one sequence tells no scatter",
+            f"{frames} frames in {tracking.sequences} sequences; intervals: 95 % confidence, "
+            "infinite if there is one sequence only",
         ]
     )

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 
-from startrack.cli.exits import Exit
 from startrack.cli.options import (
     LARGEST_SEED,
+    Exit,
     add_design,
     add_out,
     add_seed,
@@ -15,7 +15,7 @@ from startrack.cli.options import (
     describe,
     whole,
 )
-from startrack.cli.terminal import example, quaternion, read_design, tell
+from startrack.cli.terminal import example, print_result, quaternion, read_design
 from startrack.core import Streams
 from startrack.io import celestial, pointing, write_fits
 from startrack.plots import draw_frame
@@ -26,25 +26,28 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack simulate`."""
     describe(
         parser,
-        "Leaves frame.fits, with its WCS and a table of its true stars, and frame.png. Without "
-        "--ra, --dec and --roll it looks where the numbers of seed and trial say; where one is "
-        "given the others are 0.",
+        "Writes frame.fits, with its WCS and a table of its true stars, and frame.png. Without "
+        "--ra, --dec and --roll it uses the random attitude of this seed and trial; if one is "
+        "given, the others are 0.",
     )
     add_design(parser)
     parser.add_argument(
-        "--ra", type=decimal(), metavar="DEG", help="right ascension of the boresight, ICRS"
+        "--ra", type=decimal(), metavar="DEG", help="right ascension of the boresight, ICRS, degree"
     )
     parser.add_argument(
-        "--dec", type=decimal(-90, 90), metavar="DEG", help="declination of the boresight, ICRS"
+        "--dec",
+        type=decimal(-90, 90),
+        metavar="DEG",
+        help="declination of the boresight, ICRS, degree",
     )
     parser.add_argument(
         "--roll", type=decimal(), metavar="DEG",
-        help="celestial north, counter-clockwise from image up",
+        help="celestial north, counter-clockwise from image up, degree",
     )  # fmt: skip
     add_seed(parser)
     parser.add_argument(
         "--trial", type=whole(0, LARGEST_SEED), default=0, metavar="N",
-        help="its number within the seed (default: 0)",
+        help="number of the trial within the seed (default: 0)",
     )  # fmt: skip
     add_out(parser, "startrack-simulate")
 
@@ -82,7 +85,7 @@ def command(options: argparse.Namespace) -> int:
         "matches": record.outcome.stars,
         "status": str(record.estimate.status),
     }
-    tell(
+    print_result(
         options,
         result,
         f"{title}\nthe tracker finds {record.outcome.spots} spots, matches "

@@ -8,9 +8,20 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-from startrack.cli.exits import Exit, WrongUse
-from startrack.cli.options import add_field_and_sky, add_images, describe
-from startrack.cli.terminal import quaternion, read_stars, say, tell
+from startrack.cli.options import (
+    Exit,
+    add_field_and_sky,
+    add_images,
+    as_wrong_use,
+    describe,
+)
+from startrack.cli.terminal import (
+    print_failed_image,
+    print_message,
+    print_result,
+    quaternion,
+    read_stars,
+)
 from startrack.core import Camera, Estimate, Frame, Matches, Spots, Stars, positive, within
 from startrack.design import Tracker
 from startrack.detection import Detection, detect, subtract_dark
@@ -19,8 +30,8 @@ from startrack.io import celestial, read_image
 from startrack.plots import draw_solution
 from startrack.trial import index_of, lost_in_space, solve_matches
 
-# Sigma of the detection: an image of few faint stars gets a second look. Chance has two tries
-# then, each with its own bound.
+# Sigma of the detection: an image of few faint stars is searched twice. The bound of the false
+# match probability holds for each search.
 THRESHOLDS = (5.0, 4.0)
 
 
@@ -28,34 +39,35 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack solve`."""
     describe(
         parser,
-        "Prints where each image looks, its roll and field, and the chance that the match is "
-        "false. An image without an attitude makes the status 3, with the reason; one that cannot "
-        "be read makes it 1.",
+        "Prints the boresight of each image, its roll, its field of view and the probability of a "
+        "false match. The status is 3 if an image has no attitude, with the reason, and 1 if one "
+        "cannot be read.",
     )
     add_images(parser)
     parser.add_argument(
         "--fov", type=float, metavar="DEG",
-        help="that the columns span; without it all from 3 to 40 deg are tried",
+        help="field of view across the columns, degree (default: search from 3 to 40)",
     )  # fmt: skip
     add_field_and_sky(parser)
     parser.add_argument(
-        "--overlay", type=Path, metavar="DIR", help="draw each image with its stars into DIR"
+        "--overlay",
+        type=Path,
+        metavar="DIR",
+        help="folder for pictures of the images with their stars",
     )
 
 
 def command(options: argparse.Namespace) -> int:
-    """Solve image after image; one that cannot be read does not keep the others waiting."""
-    try:
+    """Solve each image; one that cannot be read does not stop the others."""
+    with as_wrong_use(ValueError, OSError):
         if options.fov is not None:
             positive(fov=options.fov)
             within(0, 179, fov=options.fov)
         identification = Identification(focal_tolerance=options.fov_tolerance)
         dark = read_image(options.dark) if options.dark else None
-    except (ValueError, OSError) as error:
-        raise WrongUse(str(error)) from None
     stars = read_stars(options.catalog, options.epoch)
     if options.fov is None:
-        say("startrack solve: no --fov, so all from 3 to 40 deg are tried; slow the first time")
+        print_message("startrack solve: no --fov, searching from 3 to 40 deg; slow the first time")
     statuses = set()
     for path in options.images:
         try:
@@ -63,19 +75,17 @@ def command(options: argparse.Namespace) -> int:
             if dark is not None:
                 frame = subtract_dark(frame, dark)
         except ValueError as error:
-            say(f"startrack solve: {error}")
-            if options.json:
-                tell(options, {"image": str(path), "status": "failed", "reason": str(error)}, "")
+            print_failed_image(options, path, error)
             statuses.add(Exit.FAILED)
             continue
         spots, matches, estimate = _solve(frame, options.fov, stars, identification)
-        result = {"image": str(path), **_result(spots, matches, estimate)}
+        result = {"image": str(path), **_values(spots, matches, estimate)}
         text = f"{path}: {_text(spots, matches, estimate)}"
         if options.overlay:
             result["overlay"] = str(
                 _overlay(options.overlay, path, frame, spots, matches, estimate, stars)
             )
-        tell(options, result, text)
+        print_result(options, result, text)
         statuses.add(Exit.DONE if estimate.icrs_to_camera is not None else Exit.UNSOLVED)
     return Exit.FAILED if Exit.FAILED in statuses else max(statuses)
 
@@ -83,7 +93,7 @@ def command(options: argparse.Namespace) -> int:
 def _solve(
     frame: Frame, fov_deg: float | None, stars: Stars, identification: Identification
 ) -> tuple[Spots, Matches, Estimate]:
-    """The first look that solves it, or the last; with no field of view known if it is None."""
+    """The first search that finds an attitude, or the last; fov_deg None: unknown."""
     rows, columns = frame.image.shape
     for threshold in THRESHOLDS:
         tracker = Tracker(Detection(threshold=threshold), identification)
@@ -99,7 +109,7 @@ def _solve(
     return spots, matches, estimate
 
 
-def _result(spots: Spots, matches: Matches, estimate: Estimate) -> dict[str, Any]:
+def _values(spots: Spots, matches: Matches, estimate: Estimate) -> dict[str, Any]:
     result: dict[str, Any] = {
         "status": "solved" if estimate.icrs_to_camera is not None else str(estimate.status),
         "reason": estimate.reason,
@@ -136,7 +146,7 @@ def _text(spots: Spots, matches: Matches, estimate: Estimate) -> str:
         f"RA {ra:.4f}, Dec {dec:+.4f}, roll {roll:.3f} deg; "
         f"field {math.degrees(matches.camera.fov_x):.3f} deg; {estimate.stars} of {len(spots)} "
         f"spots matched, residual {estimate.residual_rms:.2f} px; "
-        f"chance of a false match {estimate.false_probability:.0e}"
+        f"probability of a false match {estimate.false_probability:.0e}"
     )
 
 

@@ -1,4 +1,4 @@
-"""How the commands speak: results on standard output, messages and progress on standard error."""
+"""Inputs by name, and outputs: results on standard output, messages on standard error."""
 
 from __future__ import annotations
 
@@ -6,35 +6,37 @@ import argparse
 import json
 import math
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from numba.core import event
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, open_sky
-from startrack.cli.exits import WrongUse
+from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.core import Stars, arcsec
 from startrack.design import Campaign, Design, load_design
 from startrack.io import shipped
 from startrack.metrics import Interval, Summary
 from startrack.sequence import Sequence, load_sequence
 
-NAMED = ("bright", "deep")  # catalogues
+CATALOGS = ("bright", "deep")
+LONG_COMPILING = 2.0  # second
+COMPILING = "startrack: compiling for this machine; once after an installation, 1 to 2 minutes"
 
 
 def example() -> Path:
-    """The design that is shipped: a tracker for a nanosatellite."""
+    """The design that is shipped as an example: a tracker for a nanosatellite."""
     return shipped("designs/nanosatellite.toml")
 
 
 def read_design(path: Path) -> Design:
-    """The design of a file, its errors as wrong use."""
-    try:
+    """The design of a file; raises WrongUse where it cannot be used."""
+    with as_wrong_use():
         return load_design(path)
-    except ValueError as error:
-        raise WrongUse(str(error)) from None
 
 
 def read_campaign(path: Path) -> tuple[Design, Campaign]:
@@ -46,34 +48,37 @@ def read_campaign(path: Path) -> tuple[Design, Campaign]:
 
 
 def read_sequence(path: Path) -> Sequence:
-    """The sequence of a file, its errors as wrong use."""
-    try:
+    """The sequence of a file; raises WrongUse where it cannot be used."""
+    with as_wrong_use():
         return load_sequence(path)
-    except ValueError as error:
-        raise WrongUse(str(error)) from None
 
 
 def read_stars(catalog: str, epoch: float) -> Stars:
-    """The stars of `--catalog` at a year, its errors as wrong use."""
-    if catalog not in NAMED and not Path(catalog).is_file():
-        raise WrongUse(f"--catalog must be {' or '.join(NAMED)}, or a file, got {catalog!r}")
-    try:
+    """The stars of `--catalog` at an epoch; raises WrongUse where it cannot be used."""
+    if catalog not in CATALOGS and not Path(catalog).is_file():
+        raise WrongUse(f"--catalog must be {' or '.join(CATALOGS)}, or a file, got {catalog!r}")
+    with as_wrong_use(ValueError, OSError, ImportError):
         return open_sky(Selection.whole(catalog, epoch)).stars
-    except (ValueError, OSError, ImportError) as error:
-        raise WrongUse(str(error)) from None
 
 
-def say(message: str) -> None:
-    """Tell the person at the terminal."""
+def print_message(message: str) -> None:
+    """Print a message on standard error."""
     print(message, file=sys.stderr)
 
 
-def tell(options: argparse.Namespace, result: dict[str, Any], text: str) -> None:
-    """Print a result: one JSON object on a line where that was asked for, the text otherwise."""
+def print_result(options: argparse.Namespace, result: dict[str, Any], text: str) -> None:
+    """Print a result: one JSON object on a line with --json, the text without."""
     if options.json:
         print(json.dumps(finite(result), allow_nan=False), flush=True)
     else:
         print(text, flush=True)
+
+
+def print_failed_image(options: argparse.Namespace, path: Path, error: Exception) -> None:
+    """Print why an image was skipped, as a result, too, where results are JSON."""
+    print_message(f"startrack {options.name}: {error}")
+    if options.json:
+        print_result(options, {"image": str(path), "status": "failed", "reason": str(error)}, "")
 
 
 def finite(value: Any) -> Any:
@@ -89,9 +94,9 @@ def finite(value: Any) -> Any:
 
 @contextmanager
 def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
-    """A bar on standard error, where a person looks at it.
+    """A bar on standard error where that is a terminal.
 
-    Its function takes by how many it advances, and what to say beside it from now on.
+    Yields a function of the number of steps done, and of a note to show beside the bar.
     """
     if not sys.stderr.isatty():
         yield lambda count, note="": None
@@ -123,8 +128,37 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
         yield advance
 
 
+@contextmanager
+def report_compiling() -> Iterator[None]:
+    """Print one message where numba compiles kernels for longer than LONG_COMPILING."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    with event.install_listener("numba:compile", _CompilingListener()):
+        yield
+
+
+class _CompilingListener(event.Listener):
+    """Adds up times; the kernels that a kernel calls are compiled within its own time."""
+
+    def __init__(self) -> None:
+        self.spent, self.begun, self.depth, self.printed = 0.0, 0.0, 0, False
+
+    def on_start(self, event: event.Event) -> None:
+        self.begun = self.begun if self.depth else time.perf_counter()
+        self.depth += 1
+
+    def on_end(self, event: event.Event) -> None:
+        self.depth -= 1
+        lasted = time.perf_counter() - self.begun
+        if not self.printed and self.spent + lasted > LONG_COMPILING:
+            self.printed = True
+            print(COMPILING, file=sys.stderr, flush=True)
+        self.spent += 0.0 if self.depth else lasted
+
+
 def quaternion(rotation: Rotation) -> list[float]:
-    """Scalar last, the scalar not negative."""
+    """(x, y, z, w) of a rotation, with w >= 0."""
     return [float(x) for x in rotation.as_quat(canonical=True)]
 
 
@@ -134,7 +168,7 @@ def in_arcsec(interval: Interval) -> dict[str, float]:
 
 
 def summary_values(summary: Summary) -> dict[str, Any]:
-    """A summary for JSON; the intervals hold the true value with 95 % confidence."""
+    """A summary for JSON, with 95 % confidence intervals."""
     across, about = in_arcsec(summary.across), in_arcsec(summary.about)
     return {
         "across_rms_arcsec": across["value"],
@@ -152,7 +186,7 @@ def summary_values(summary: Summary) -> dict[str, Any]:
 
 
 def summary_text(summary: Summary) -> str:
-    """A summary for a person."""
+    """A summary as text."""
     across, about = in_arcsec(summary.across), in_arcsec(summary.about)
     fraction = summary.availability
     return "\n".join(
@@ -167,6 +201,6 @@ def summary_text(summary: Summary) -> str:
             f"[{100 * summary.false.low:.2f}, {100 * summary.false.high:.2f}]",
             f"matched stars         {summary.stars:9.1f}",
             f"error^2 / variance    {summary.nees:9.2f} (3 if the tracker's covariance is right)",
-            f"trials                {summary.trials:9d}; intervals hold with 95 % confidence",
+            f"trials                {summary.trials:9d}; intervals: 95 % confidence",
         ]
     )

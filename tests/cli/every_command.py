@@ -48,7 +48,7 @@ montecarlo dated.toml --trials 4 --out dated --workers 1
 montecarlo design.toml --trials 16 --out frames --control --workers 1
 montecarlo design.toml --trials 32 --out covariance --fidelity covariance --workers 1
 combine frames/campaign.sqlite covariance/campaign.sqlite
-report frames/campaign.sqlite --stars 1 --slews 1 --budget 2 --rungs 2 --worst 1
+report frames/campaign.sqlite --stars 1 --slews 1 --budget 2 --fidelity-trials 2 --worst 1
 sequence design.toml --sequences 1 --out sequence --workers 1
 optimize design.toml --out optimize --workers 1
 sample design.toml --out sample --workers 1
@@ -62,7 +62,7 @@ bench psf --out bench
 
 
 class NetworkUse(BaseException):
-    """Not an Exception, so that no library takes it for a server that does not answer."""
+    """Not an Exception, so that no library catches it as a server that does not answer."""
 
 
 def cut_the_network(attempts: list[str]) -> None:
@@ -149,7 +149,7 @@ def write_scenes(folder: Path) -> None:
 
 
 def succeeds(line: str) -> bool:
-    """Whether a command ends as it should; so few trials may leave something unsolved."""
+    """Whether the exit status is 0 or 3; so few trials may have something unsolved."""
     try:
         return main(line.split()) in (0, 3)
     except (Exception, SystemExit, NetworkUse):

@@ -51,14 +51,14 @@ def test_pictures_and_indices(capsys, tmp_path):
 
 
 @pytest.mark.parametrize("arguments", [["none.toml"], ["--profile", "none.toml"]])
-def test_wrong_use_is_a_sentence(capsys, arguments):
+def test_wrong_use_has_a_message(capsys, arguments):
     status, _, err = run(capsys, *arguments)
     assert status == 2
     assert "none.toml must be a" in err
     assert "Traceback" not in err
 
 
-def test_as_many_sequences_are_flown_as_are_asked_for(capsys, tmp_path, monkeypatch):
+def test_the_number_of_sequences_is_that_of_the_option(capsys, tmp_path, monkeypatch):
     profile = tmp_path / "calm.toml"
     profile.write_text('period = "0.5 s"\n[[legs]]\nduration = "3 s"\n')
     flown = []

@@ -99,7 +99,7 @@ def noise(kind: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", ["random", "blank", "sky", "hot pixels", "false stars"])
-def test_noise_is_refused_with_a_status_and_a_sentence(call, tmp_path, kind):
+def test_noise_gives_a_status_and_a_reason(call, tmp_path, kind):
     path = tmp_path / "noise.png"
     cv2.imwrite(str(path), noise(kind))
     status, (found,), _ = call("solve", path, "--fov", 12, "--json")
@@ -109,7 +109,7 @@ def test_noise_is_refused_with_a_status_and_a_sentence(call, tmp_path, kind):
     assert len(found["reason"]) > 10
 
 
-def test_a_bad_image_does_not_keep_the_others_waiting(call, tmp_path):
+def test_a_bad_image_does_not_stop_the_others(call, tmp_path):
     empty, blank = tmp_path / "empty.fits", tmp_path / "blank.png"
     empty.write_bytes(b"")
     cv2.imwrite(str(blank), np.zeros((50, 50), np.uint8))
@@ -145,8 +145,8 @@ def test_a_bad_image_does_not_keep_the_others_waiting(call, tmp_path):
         (["montecarlo", "--seconds", "-1"], "--seconds: must be positive, got '-1'"),
         (["montecarlo", "--scheduler", "here"], "--scheduler: must be tcp://host:port or mpi"),
         (["montecarlo", "--control", "--fidelity", "window"], "control needs fidelity frame"),
-        (["combine", "one.sqlite"], "campaigns must be two or more, each of another fidelity"),
-        (["combine", "a.sqlite", "./a.sqlite"], "must be files of their own, got a.sqlite more"),
+        (["combine", "one.sqlite"], "campaigns must be two or more, each of a different fidelity"),
+        (["combine", "a.sqlite", "./a.sqlite"], "must be different files, got a.sqlite more"),
         (["sensitivity", "--designs", "65"], "--designs: must be a power of two, got '65'"),
         (["pareto", "--first", "speed"], "objective must be across, about or both"),
         (["report", "x.sqlite", "--budget", "1"], "--budget: must be a whole number from 2 on"),
@@ -176,8 +176,8 @@ def test_a_file_that_cannot_be_made_is_named(call, tmp_path):
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, "earth geometry", "earth render", "earth terrain"])
-def test_every_command_says_what_it_does_and_takes(capsys, command):
-    """One sentence in the list of commands, more in its own help, and a word for each option."""
+def test_every_command_documents_itself_and_its_options(capsys, command):
+    """A sentence in the list of commands, more in its own help, and a text for each option."""
     with pytest.raises(SystemExit):
         main([*command.split(), "--help"])
     text = capsys.readouterr().out
@@ -225,7 +225,7 @@ def test_montecarlo(call, short, tmp_path):
     assert json.loads((tmp_path / "a" / "summary.json").read_text())["seed"] == 3
 
 
-def test_combine_helps_frames_by_cheaper_trials(call, tmp_path):
+def test_combine_narrows_the_interval_of_frames(call, tmp_path):
     made = {}
     for kind, trials in (("frame", 32), ("window", 64), ("covariance", 2000)):
         path = made[kind] = tmp_path / f"{kind}.sqlite"
@@ -236,12 +236,12 @@ def test_combine_helps_frames_by_cheaper_trials(call, tmp_path):
         )
         assert status == 0
         assert ("helped" in one) == bool(control)
-    status, (told,), err = call("combine", made["covariance"], made["frame"], "--json")
+    status, (together,), err = call("combine", made["covariance"], made["frame"], "--json")
     assert (status, err) == (0, "")
-    assert told["trials"] == {"frame": 32, "covariance": 2000}
-    low, high = told["across_rms_arcsec_95"]
-    alone = told["across_alone_rms_arcsec_95"]
-    assert low < told["across_rms_arcsec"] < high
+    assert together["trials"] == {"frame": 32, "covariance": 2000}
+    low, high = together["across_rms_arcsec_95"]
+    alone = together["across_alone_rms_arcsec_95"]
+    assert low < together["across_rms_arcsec"] < high
     assert high - low < alone[1] - alone[0]
     assert call("combine", *made.values(), "--json")[0] == 0
     other, even = tmp_path / "other.sqlite", tmp_path / "even.sqlite"
@@ -257,7 +257,7 @@ def test_combine_helps_frames_by_cheaper_trials(call, tmp_path):
         assert sentence in err
 
 
-def test_optimize_leaves_a_folder_that_the_other_commands_accept(call, short, tmp_path):
+def test_optimize_writes_a_design_that_other_commands_accept(call, short, tmp_path):
     out = tmp_path / "opt"
     status, (result,), err = call(
         *("optimize", short, "--out", out, "--seed", 2, "--workers", 1, "--json")
@@ -280,7 +280,7 @@ def test_optimize_leaves_a_folder_that_the_other_commands_accept(call, short, tm
     assert status == 0
 
 
-def test_sample_writes_its_region(call, short, tmp_path):
+def test_sample_writes_tolerances(call, short, tmp_path):
     text = short.read_text()
     variables = text.split("[[campaign.variables]]")
     short.write_text("[[campaign.variables]]".join(variables[:3]))  # two variables suffice
@@ -299,8 +299,8 @@ def test_sample_writes_its_region(call, short, tmp_path):
     assert (out / "samples.csv").read_text().startswith("instrument.optics.focal_length,")
 
 
-def test_help_teaches_and_is_quick_to_import():
-    """--help must not import the rooms: numpy alone would take longer than all of it."""
+def test_help_imports_no_room():
+    """--help must not import numpy, which takes longer than the rest of it."""
     code = (
         "import sys\nfrom startrack.cli.main import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"

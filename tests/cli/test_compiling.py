@@ -1,11 +1,11 @@
-"""Who waits for kernels to be compiled is told so once; who does not is told nothing."""
+"""One message where kernels are compiled for long; none otherwise."""
 
 import sys
 
 import pytest
 from numba import njit
 
-from startrack.cli import compiling
+from startrack.cli import terminal
 
 
 @pytest.fixture
@@ -17,33 +17,33 @@ def kernel():
     return njit(lambda x: 2 * inner(x))
 
 
-def test_a_person_is_told_once(monkeypatch, capsys, kernel):
+def test_long_compiling_is_reported_once(monkeypatch, capsys, kernel):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    monkeypatch.setattr(compiling, "PATIENCE", 0.0)
-    with compiling.told_of_compiling():
+    monkeypatch.setattr(terminal, "LONG_COMPILING", 0.0)
+    with terminal.report_compiling():
         assert kernel(1) == 4
         assert kernel(1.0) == 4.0
-    assert capsys.readouterr().err.splitlines() == [compiling.WORD]
+    assert capsys.readouterr().err.splitlines() == [terminal.COMPILING]
 
 
-def test_nothing_is_said_of_what_is_compiled_already(monkeypatch, capsys, kernel):
+def test_compiled_kernels_are_not_reported(monkeypatch, capsys, kernel):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    monkeypatch.setattr(compiling, "PATIENCE", 0.0)
+    monkeypatch.setattr(terminal, "LONG_COMPILING", 0.0)
     kernel(1)
-    with compiling.told_of_compiling():
+    with terminal.report_compiling():
         kernel(1)
     assert not capsys.readouterr().err
 
 
-def test_nothing_is_said_of_what_is_quick(monkeypatch, capsys, kernel):
+def test_short_compiling_is_not_reported(monkeypatch, capsys, kernel):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with compiling.told_of_compiling():
+    with terminal.report_compiling():
         kernel(1)
     assert not capsys.readouterr().err
 
 
-def test_a_log_is_not_spoken_to(monkeypatch, capsys, kernel):
-    monkeypatch.setattr(compiling, "PATIENCE", 0.0)
-    with compiling.told_of_compiling():
+def test_nothing_is_reported_in_a_log(monkeypatch, capsys, kernel):
+    monkeypatch.setattr(terminal, "LONG_COMPILING", 0.0)
+    with terminal.report_compiling():
         kernel(1)
     assert not capsys.readouterr().err

@@ -38,7 +38,7 @@ def test_settings_of_a_design(image, capsys):
     assert len(json.loads(capsys.readouterr().out)["spots"]) == 2
 
 
-def test_what_cannot_be_done_is_told(image, tmp_path, capsys):
+def test_wrong_images_and_settings_have_a_message(image, tmp_path, capsys):
     assert main(["detect", str(image), "--centroid", "best"]) == 2
     assert "centroid must be one of" in capsys.readouterr().err
     assert main(["detect", str(tmp_path / "none.png"), str(image), "--json"]) == 1

@@ -1,4 +1,4 @@
-"""`startrack earth`: maps of what each pixel sees, and sentences where that cannot be."""
+"""`startrack earth`: maps, images, and the messages of wrong use."""
 
 import json
 from pathlib import Path
@@ -32,16 +32,16 @@ def scene(folder: Path, *changes: tuple[str, str]) -> Path:
 def test_the_maps_of_a_scene(tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["earth", "geometry", str(scene(tmp_path)), "--out", str(out), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["seen"] == 1
-    assert 0.01 < told["shadow"] < 0.5
-    assert max(told["levels"]) >= 2
+    result = json.loads(capsys.readouterr().out)
+    assert result["seen"] == 1
+    assert 0.01 < result["shadow"] < 0.5
+    assert max(result["levels"]) >= 2
     with netcdf_file(out / "geometry.nc", mmap=False) as file:
         height, longitude = file.variables["height"][:], file.variables["longitude"][:]
         assert file.variables["height"].units == b"m"
         assert file.variables["latitude"].units == b"degree"
     assert height.shape == (40, 40)
-    assert told["height_m"] == pytest.approx([height.min(), height.max()])
+    assert result["height_m"] == pytest.approx([height.min(), height.max()])
     assert abs(longitude.mean() - 10) < 0.05
     assert (out / "geometry.png").stat().st_size > 10_000
 
@@ -50,9 +50,9 @@ def test_the_maps_of_a_scene(tmp_path, capsys):
 def test_other_detectors_see_the_same_mountains(tmp_path, capsys, detector):
     path = scene(tmp_path, ('"line"', f'"{detector}"'))
     assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["seen"] == 1
-    assert 1000 < told["height_m"][1] <= 3000
+    result = json.loads(capsys.readouterr().out)
+    assert result["seen"] == 1
+    assert 1000 < result["height_m"][1] <= 3000
 
 
 def test_a_camera_that_drifts_sees_other_ground(tmp_path, capsys):
@@ -113,7 +113,7 @@ def test_files_that_are_not_there(tmp_path, capsys):
 
 
 def test_terrain_files_are_listed_and_can_be_flown_over(tmp_path, capsys):
-    """What `terrain` prints goes into a scene file as it stands."""
+    """A scene file accepts what `terrain` prints."""
     pytest.importorskip("rasterio")
     from startrack.core.streams import Streams
     from startrack.earth.terrain import Grid, fractal
@@ -130,7 +130,7 @@ def test_terrain_files_are_listed_and_can_be_flown_over(tmp_path, capsys):
     head = path.read_text()
     path.write_text(head[: head.index("[terrain]")] + table)
     assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["height_m"][1] <= 1000
+    result = json.loads(capsys.readouterr().out)
+    assert result["height_m"][1] <= 1000
     assert main(["earth", "terrain", str(tmp_path / "scene.toml")]) == 2
     assert "must be a raster file that GDAL reads" in capsys.readouterr().err

@@ -7,22 +7,22 @@ from startrack.cli.main import main
 from startrack.io import shipped
 
 
-def test_the_command_tells_and_draws(tmp_path: Path, capsys):
+def test_json_and_picture(tmp_path: Path, capsys):
     assert main(["psf", "--json", "--out", str(tmp_path)]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == json.loads((tmp_path / "psf.json").read_text())
-    assert told["model"] == "airy"
-    assert 0 < told["model_error"] < 0.05
-    fractions = list(told["encircled_energy"].values())
+    result = json.loads(capsys.readouterr().out)
+    assert result == json.loads((tmp_path / "psf.json").read_text())
+    assert result["model"] == "airy"
+    assert 0 < result["model_error"] < 0.05
+    fractions = list(result["encircled_energy"].values())
     assert fractions == sorted(fractions)
     assert 0.9 < fractions[-1] <= 1
-    factors = told["mtf_nyquist_x"]
+    factors = result["mtf_nyquist_x"]
     product = factors["optics"] * factors["pixel"] * factors["motion"]
     assert abs(factors["total"] - product) < 2e-3
     assert (tmp_path / "psf.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_command_speaks_to_people(tmp_path: Path, capsys):
+def test_text(tmp_path: Path, capsys):
     assert main(["psf", "--out", str(tmp_path)]) == 0
     text = capsys.readouterr().out
     for word in ("model", "FWHM", "energy within", "MTF at Nyquist", "because", "of the peak"):
@@ -34,12 +34,12 @@ def test_a_missing_design_is_wrong_use(tmp_path: Path, capsys):
     assert "there is none" in capsys.readouterr().err
 
 
-def test_diffusion_has_a_line_of_its_own(tmp_path: Path, capsys):
+def test_diffusion_has_its_own_line(tmp_path: Path, capsys):
     design = tmp_path / "diffuse.toml"
     text = shipped("designs/nanosatellite.toml").read_text(encoding="utf-8")
     design.write_text(text.replace("prnu = 0.01", 'prnu = 0.01\ndiffusion = "3 um"'))
     assert main(["psf", str(design), "--json", "--out", str(tmp_path)]) == 0
-    told = json.loads(capsys.readouterr().out)["mtf_nyquist_x"]
+    result = json.loads(capsys.readouterr().out)["mtf_nyquist_x"]
     # exp(-2 (pi sigma f)^2) of sigma = 3 / 11 pixel at f = 1 / 2 a pixel.
-    assert told["diffusion"] == pytest.approx(0.693, abs=1e-3)
+    assert result["diffusion"] == pytest.approx(0.693, abs=1e-3)
     assert (tmp_path / "psf.png").read_bytes().startswith(b"\x89PNG")

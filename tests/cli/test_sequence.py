@@ -1,4 +1,4 @@
-"""`startrack sequence` as a person calls it."""
+"""`startrack sequence` from its arguments to its table, picture and JSON."""
 
 import json
 
@@ -20,7 +20,7 @@ rate_x = "0.05 deg / s"
 """
 
 
-def test_it_leaves_a_table_a_picture_and_a_summary(capsys, tmp_path):
+def test_it_writes_a_table_a_picture_and_a_summary(capsys, tmp_path):
     profile = tmp_path / "short.toml"
     profile.write_text(SHORT)
     out = tmp_path / "out"
@@ -28,15 +28,15 @@ def test_it_leaves_a_table_a_picture_and_a_summary(capsys, tmp_path):
         ["sequence", "--profile", str(profile), "--sequences", "2", "--workers", "1",
          "--out", str(out), "--json"]
     )  # fmt: skip
-    told = json.loads(capsys.readouterr().out)
+    result = json.loads(capsys.readouterr().out)
     assert status == 0
-    assert told["frames"] == 10
-    assert told["known"] == 1
-    assert 0 < told["across_rms_arcsec"] < 5
+    assert result["frames"] == 10
+    assert result["known"] == 1
+    assert 0 < result["across_rms_arcsec"] < 5
     table = np.genfromtxt(out / "frames.csv", delimiter=",", names=True)
     np.testing.assert_allclose(table["time"][:5], 0.04 + 0.2 * np.arange(5))
     assert cv2.imread(str(out / "sequence.png")) is not None
-    assert json.loads((out / "summary.json").read_text()) == told
+    assert json.loads((out / "summary.json").read_text()) == result
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,52 @@
+"""What the commands on campaigns share: the design, the runner of its trials, and the folder."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from startrack.cli.options import as_wrong_use
+from startrack.cli.terminal import example, print_message, read_campaign
+from startrack.design import Campaign, Case, DesignSpace, Fidelity, branches
+from startrack.montecarlo import Sampling, pool, warm
+from startrack.optimise import Ledger, TrialRunner
+
+LEDGER = "ledger.sqlite"
+
+
+class OpenCampaign(NamedTuple):
+    """A campaign on a design, the runner of its trials, and the folder for results."""
+
+    case: Case
+    campaign: Campaign
+    runner: TrialRunner
+    out: Path
+
+
+@contextmanager
+def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampaign]:
+    """Read the campaign, check its variables, open workers and the ledger of the folder.
+
+    Kernels are compiled before the workers start, so that each reads them from the cache. The
+    ledger holds the results of an interrupted run, from which the same command continues.
+    """
+    path = options.campaign or example()
+    design, campaign = read_campaign(path)
+    with as_wrong_use(path=path):
+        for branch in branches(design.case, campaign.choices):
+            DesignSpace(branch.case, campaign.variables, campaign.links)
+    print_message(
+        f"{doing} {path.stem} with {options.workers} workers; results go to {options.out}"
+    )
+    if options.workers > 1:
+        for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
+            warm(design.case, Sampling(fidelity))
+    with (
+        Ledger(options.out / LEDGER) as ledger,
+        pool(options.workers) as executor,
+    ):
+        runner = TrialRunner(options.seed, executor, options.workers, ledger)
+        yield OpenCampaign(design.case, campaign, runner, options.out)
