@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
-from startrack.earth.terrain.march import above, lay, onset
-from startrack.earth.terrain.path import Path, path_at
+from startrack.earth.terrain.march import Segment, above, lay, onset
+from startrack.earth.terrain.path import Path, Ray, path_at
 
 POLISHED = 1e-9  # metre, what Newton's next step would still change
 NEAR = 1.0  # metre, over which a path is its ray to 1e-12 m, and the vertical to 2e-7 radian
@@ -17,15 +17,16 @@ STEPS = 60  # of bisection at worst, which take a path of 100 km to 1e-13 m
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def refine(lines, ox, oy, oz, dx, dy, dz, guess, i, j, a, b, c, d):  # type: ignore[no-untyped-def]
+def refine(lines, ray, guess, j, i, corner):  # type: ignore[no-untyped-def]
     """Three steps of Newton's method in one cell, from a guess that is nearly right.
 
-    i, j     column and row of the cell
-    a, b, c, d  as of `corners`
+    j, i     row and column of the cell
+    corner   four numbers, as of `corners`
     Returns  whether they found the point; its distance; columns, rows and height there, sine and
              cosine of the latitude
     """
-    path = path_at(lines, ox + guess * dx, oy + guess * dy, oz + guess * dz, dx, dy, dz)
+    a, b, c, d = corner
+    path = path_at(lines, ray, guess)
     u0, v0 = path.u0 - i, path.v0 - j
     u0 = u0 - lines.turn * math.floor(u0 / lines.turn + 0.5)
     t = step = change = 0.0
@@ -44,13 +45,15 @@ def refine(lines, ox, oy, oz, dx, dy, dz, guess, i, j, a, b, c, d):  # type: ign
 
 
 @njit(cache=True, error_model="numpy")
-def settle(lines, heights, slot, j, i, ox, oy, oz, dx, dy, dz, low, high, s):  # type: ignore[no-untyped-def]
+def settle(lines, heights, ray, slot, j, i, low, high, s):  # type: ignore[no-untyped-def]
     """The root between two distances, where the ray goes from above the surface to below.
 
     Newton's method, kept between its bounds, on paths that are laid anew where it strays.
+
+    Returns  its distance; columns, rows and height there, sine and cosine of the latitude
     """
     base = s
-    path = path_at(lines, ox + s * dx, oy + s * dy, oz + s * dz, dx, dy, dz)
+    path = path_at(lines, ray, s)
     for _ in range(STEPS):
         value, change, twist = above(lines, heights, slot, j, i, path, s - base)
         if value > 0:
@@ -68,10 +71,10 @@ def settle(lines, heights, slot, j, i, ox, oy, oz, dx, dy, dz, low, high, s):  #
                 break
         if abs(s - base) > NEAR:
             base = s
-            path = path_at(lines, ox + s * dx, oy + s * dy, oz + s * dz, dx, dy, dz)
+            path = path_at(lines, ray, s)
     t = s - base
     u, v = path.u0 + t * (path.u1 + t * path.u2), path.v0 + t * (path.v1 + t * path.v2)
-    return s, u, v, path.h0 + t * (path.h1 + t * path.h2), path.sine, path.cosine
+    return s, (u, v, path.h0 + t * (path.h1 + t * path.h2), path.sine, path.cosine)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -120,13 +123,11 @@ def empty_bundle():  # type: ignore[no-untyped-def]
 def lay_all(bundle, lines, exact):  # type: ignore[no-untyped-def]
     """The first path of each ray, as `onset` and `lay` find it."""
     for k in range(WIDTH):
-        ox, oy, oz = bundle[OX + k], bundle[OY + k], bundle[OZ + k]
-        dx, dy, dz = bundle[DX + k], bundle[DY + k], bundle[DZ + k]
-        start = bundle[START + k]
-        begin, end = onset(lines, ox, oy, oz, dx, dy, dz, start)
+        ray, start = ray_of(bundle, k), bundle[START + k]
+        begin, end = onset(lines, ray, start)
         # A shadow begins on the surface, where its path must be best.
         ahead = (not exact) & (begin <= start)
-        middle, half, margin, path = lay(lines, ox, oy, oz, dx, dy, dz, begin, end, ahead)
+        middle, half, margin, path = lay(lines, ray, begin, end, ahead)
         bundle[BEGIN + k], bundle[END + k] = begin, end
         bundle[MIDDLE + k], bundle[HALF + k], bundle[MARGIN + k] = middle, half, margin
         bundle[U0 + k], bundle[U1 + k], bundle[U2 + k] = path.u0, path.u1, path.u2
@@ -136,29 +137,38 @@ def lay_all(bundle, lines, exact):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def path_of(bundle, k):  # type: ignore[no-untyped-def]
-    """The path that was laid for ray k."""
-    return Path(
+def ray_of(bundle, k):  # type: ignore[no-untyped-def]
+    """Ray k."""
+    return Ray(
+        bundle[OX + k], bundle[OY + k], bundle[OZ + k],
+        bundle[DX + k], bundle[DY + k], bundle[DZ + k],
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def segment_of(bundle, k):  # type: ignore[no-untyped-def]
+    """The segment that was laid for ray k."""
+    path = Path(
         bundle[U0 + k], bundle[U1 + k], bundle[U2 + k],
         bundle[V0 + k], bundle[V1 + k], bundle[V2 + k],
         bundle[H0 + k], bundle[H1 + k], bundle[H2 + k],
         bundle[SINE + k], bundle[COSINE + k],
     )  # fmt: skip
+    return Segment(bundle[MIDDLE + k], bundle[HALF + k], bundle[MARGIN + k], path)
 
 
 @njit(cache=True, error_model="numpy")
 def refine_all(bundle, lines):  # type: ignore[no-untyped-def]
     """The point and the normal in each ray's cell, as `refine` and `normal_at` find them."""
     for k in range(WIDTH):
-        ox, oy, oz = bundle[OX + k], bundle[OY + k], bundle[OZ + k]
-        dx, dy, dz = bundle[DX + k], bundle[DY + k], bundle[DZ + k]
+        ray = ray_of(bundle, k)
         i, j = bundle[COLUMN + k], bundle[ROW + k]
         b, c, d = bundle[B + k], bundle[C + k], bundle[D + k]
         found, s, u, v, height, sine, cosine = refine(
-            lines, ox, oy, oz, dx, dy, dz, bundle[GUESS + k], i, j, bundle[A + k], b, c, d
+            lines, ray, bundle[GUESS + k], j, i, (bundle[A + k], b, c, d)
         )
         nx, ny, nz = normal_at(
-            lines, ox + s * dx, oy + s * dy, height, sine, cosine,
+            lines, ray.x + s * ray.dx, ray.y + s * ray.dy, height, sine, cosine,
             b + d * (v - j), c + d * (u - i),
         )  # fmt: skip
         bundle[FOUND + k] = s if found else np.nan

@@ -7,11 +7,12 @@ what remains within a cell is decided on the exact geodetic height of the ray, w
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from numba import njit
 
 from startrack.earth.terrain.ellipsoid import shell
-from startrack.earth.terrain.path import crossing, path_at, reach
+from startrack.earth.terrain.path import Path, crossing, path_at, reach
 from startrack.earth.terrain.surface import corners
 from startrack.earth.terrain.tile import CELLS, PATCH, SIZE, block, patch
 
@@ -24,61 +25,79 @@ STRAIGHT = 5e-4  # 1, bend of a path up to which `crossing` is its series
 SEAMLESS = 0.9  # of a turn, up to which no path leaves a grid and comes back on its other side
 
 
+class Segment(NamedTuple):
+    """A part of a ray, and the path that stands for it.
+
+    middle  metre along the ray, from where the path counts its distances
+    half    metre, half the length
+    margin  metre by which a height of the path may be wrong at the ends
+    """
+
+    middle: float
+    half: float
+    margin: float
+    path: Path
+
+
+class Piece(NamedTuple):
+    """A part of a path on which columns and rows are monotonic.
+
+    u0           columns of the path at its middle, less whole turns around the Earth
+    begin, end   metre from the middle of the path; `begin` may lie before the grid
+    east, south  1 where columns or rows grow, else -1
+    """
+
+    u0: float
+    begin: float
+    end: float
+    east: int
+    south: int
+
+
 @njit(cache=True, error_model="numpy", forceinline=True)
-def onset(lines, ox, oy, oz, dx, dy, dz, start):  # type: ignore[no-untyped-def]
+def onset(lines, ray, start):  # type: ignore[no-untyped-def]
     """Between which distances a ray can meet a surface; the second is the lesser if it cannot."""
-    enter, end = shell(ox, oy, oz, dx, dy, dz, lines.highest + SHELL_MARGIN)
-    below, _ = shell(ox, oy, oz, dx, dy, dz, lines.lowest - SHELL_MARGIN)
+    enter, end = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.highest + SHELL_MARGIN)
+    below, _ = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.lowest - SHELL_MARGIN)
     begin = start if start > enter else enter
     return begin, below if begin < below < end else end
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def lay(lines, ox, oy, oz, dx, dy, dz, begin, end, ahead):  # type: ignore[no-untyped-def]
-    """The path with which a ray goes on from `begin`.
+def lay(lines, ray, begin, end, ahead):  # type: ignore[no-untyped-def]
+    """The Segment of a ray that begins at `begin`.
 
-    ahead    whether its middle lies at `begin`, where it is then best, and not half its length on
-    Returns  its middle, half its length, its margin at the ends, all in metres, and the path
+    ahead  whether its middle lies at `begin`, where it is then best, and not half its length on
     """
-    x, y, z = ox + begin * dx, oy + begin * dy, oz + begin * dz
     wish = end - begin if ahead else 0.5 * (end - begin)
-    half, margin = reach(lines, x, y, z, dx, dy, dz, wish)
+    half, margin = reach(lines, ray, begin, wish)
     middle = begin if ahead else begin + half
-    x, y, z = ox + middle * dx, oy + middle * dy, oz + middle * dz
-    return middle, half, margin, path_at(lines, x, y, z, dx, dy, dz)
+    return Segment(middle, half, margin, path_at(lines, ray, middle))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def march(  # type: ignore[no-untyped-def]
-    lines, heights, maxima, steepness, top, slots, used,
-    ox, oy, oz, dx, dy, dz, begin, end, middle, half, margin, path, exact,
-):  # fmt: skip
+def march(lines, surface, ray, segment, begin, end):  # type: ignore[no-untyped-def]
     """Follow one ray, a unit direction from a point, on its first path and those after it.
 
-    exact    whether the place is wanted; a shadow only asks if there is one
     Returns  MISS, HIT or ABSENT; two distances that the meeting point is between, and a guess of
              it, or thrice the distance from which to go on; row and column of the cell that was
              hit, or of the tile that is absent
     """
     while True:
-        status, low, high, guess, j, i = _along(
-            lines, heights, maxima, steepness, top, slots, used, path, margin, begin - middle, half,
-            ox, oy, oz, dx, dy, dz, middle, exact,
-        )  # fmt: skip
+        middle, half = segment.middle, segment.half
+        status, low, high, guess, j, i = _along(lines, surface, ray, segment, begin - middle)
         if status != MISS:
             return status, middle + low, middle + high, middle + guess, j, i
         if not begin < middle + half < end:
             return MISS, math.inf, math.inf, math.inf, 0, 0
         begin = middle + half
-        middle, half, margin, path = lay(lines, ox, oy, oz, dx, dy, dz, begin, end, False)
+        segment = lay(lines, ray, begin, end, False)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _along(  # type: ignore[no-untyped-def]
-    lines, heights, maxima, steepness, top, slots, used, path, margin, begin, half,
-    ox, oy, oz, dx, dy, dz, middle, exact,
-):  # fmt: skip
+def _along(lines, surface, ray, segment, begin):  # type: ignore[no-untyped-def]
     """Follow a path from `begin` to half, in pieces on which columns and rows are monotonic."""
+    path, half = segment.path, segment.half
     first = _turning(path.u1, path.u2, half)
     second = _turning(path.v1, path.v2, half)
     # A path that leaves a closed grid on one side comes back on the other.
@@ -95,11 +114,8 @@ def _along(  # type: ignore[no-untyped-def]
             if from_ < to:
                 from_, to = _within(path.v0, path.v1, path.v2, south, lines.rows, from_, to)
             if from_ < to:
-                found = _through(
-                    lines, heights, maxima, steepness, top, slots, used,
-                    path, margin, u0, half, begin, from_, to, east, south,
-                    ox, oy, oz, dx, dy, dz, middle, exact,
-                )  # fmt: skip
+                piece = Piece(u0, begin, to, east, south)
+                found = _through(lines, surface, ray, segment, piece, from_)
                 if found[0] != MISS:
                     return found
         begin = end
@@ -145,12 +161,12 @@ def _cell(position, low, high):  # type: ignore[no-untyped-def]
 
 # Long, because each step needs nearly all of the state: place, block, tile.
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _through(  # type: ignore[no-untyped-def]
-    lines, heights, maxima, steepness, top, slots, used, path, margin, u0, half,
-    begin, s, end, east, south,
-    ox, oy, oz, dx, dy, dz, middle, exact,
-):  # fmt: skip
-    """Follow a monotonic piece through the blocks of the grid."""
+def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped-def]
+    """Follow a monotonic piece from `s` on through the blocks of the grid."""
+    heights, maxima, steepness = surface.heights, surface.maxima, surface.steepness
+    top, slots, used = surface.top, surface.slot, surface.used
+    path, margin, half = segment.path, segment.margin, segment.half
+    u0, end, east, south = piece.u0, piece.end, piece.east, piece.south
     u1, u2 = path.u1, path.u2
     v0, v1, v2 = path.v0, path.v1, path.v2
     h0, h1, h2 = path.h0, path.h1, path.h2
@@ -173,10 +189,10 @@ def _through(  # type: ignore[no-untyped-def]
     if slot >= 0 and slope > 0:
         used[slot] = 1
         sure = _over(heights, path, u0, slot, j, i, s)
-        level = _start(
-            maxima, steepness, slot, j, i, sure, h0 + s * (h1 + s * h2) - margin,
-            slope - slack, fast_u, fast_v,
-        )  # fmt: skip
+        level = 0
+        if sure:
+            height = h0 + s * (h1 + s * h2) - margin
+            level = _start(maxima, steepness, slot, j, i, height, slope - slack, fast_u, fast_v)
     elif slot >= 0:  # begin with blocks about as large as the piece is long
         level = 0
         extent = max(abs(last_u - i), abs(last_v - j))
@@ -233,12 +249,11 @@ def _through(  # type: ignore[no-untyped-def]
                 level = max(0, level - drop)
                 continue
             used[slot] = 1
-            found, low, high, guess = _leaf(heights, path, margin, u0, half, s, leave, slot, j, i)
+            found, low, high, guess = _leaf(heights, segment, u0, s, leave, slot, j, i)
             if found == ABSENT:
                 found, low, high, guess = _doubt(
-                    lines, heights, slot, j, i, begin, s, leave, east, south,
-                    ox, oy, oz, dx, dy, dz, middle,
-                )  # fmt: skip
+                    lines, heights, ray, segment.middle, piece, s, leave, slot, j, i
+                )
             if found == HIT:
                 return HIT, low, high, guess, j, i
             sure = not math.isnan(low)
@@ -269,20 +284,20 @@ def _through(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _leaf(heights, path, margin, u0, reached, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
+def _leaf(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
     """Whether the path meets the surface of one cell between two distances, and about where.
 
     A parabola through three heights above the surface tells: clear of it, clearly through it, or,
     as ABSENT, that exact heights must decide. Of a hole the first distance is NaN.
     """
     a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
-    half = 0.5 * (leave - s)
+    path, half = segment.path, 0.5 * (leave - s)
     first = _clear(path, u0 - i, path.v0 - j, a, b, c, d, s)
     second = _clear(path, u0 - i, path.v0 - j, a, b, c, d, s + half)
     third = _clear(path, u0 - i, path.v0 - j, a, b, c, d, leave)
     # What the path may be wrong by grows with the cube of the distance from its middle.
-    fraction = max(abs(s), abs(leave)) / reached
-    margin *= fraction * fraction * fraction
+    fraction = max(abs(s), abs(leave)) / segment.half
+    margin = segment.margin * (fraction * fraction * fraction)
     if not _dip(first, second, third)[0] <= margin:  # true of a hole too
         return MISS, first, math.inf, math.inf
     if first > margin and third < -margin:
@@ -300,12 +315,11 @@ def _outruns(steepness, slot, level, j, i, slope, fast_u, fast_v):  # type: igno
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _start(  # type: ignore[no-untyped-def]
-    maxima, steepness, slot, j, i, sure, height, slope, fast_u, fast_v
-):
-    """Level of the largest block, or nearly so, that a rising path leaves without meeting it."""
-    if not sure:
-        return 0
+def _start(maxima, steepness, slot, j, i, height, slope, fast_u, fast_v):  # type: ignore[no-untyped-def]
+    """Level of the largest block, or nearly so, that a rising path leaves without meeting it.
+
+    The path is above the surface of the cell [j, i].
+    """
     if _outruns(steepness, slot, SIZE, j, i, slope, fast_u, fast_v):
         return SIZE
     level = PATCH - 1
@@ -336,22 +350,18 @@ def _clear(path, u0, v0, a, b, c, d, s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _doubt(  # type: ignore[no-untyped-def]
-    lines, heights, slot, j, i, begin, s, leave, east, south, ox, oy, oz, dx, dy, dz, middle
-):
+def _doubt(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
     """As `_leaf`, on exact heights."""
     half = 0.5 * (leave - s)
     low, high, guess = s, leave, s + half
     first = second = third = 0.0
     for turn in range(4):
         here = guess if turn == 3 else s + turn * half
-        at = middle + here
-        x, y, z = ox + at * dx, oy + at * dy, oz + at * dz
-        path = path_at(lines, x, y, z, dx, dy, dz)
+        path = path_at(lines, ray, middle + here)
         value = above(lines, heights, slot, j, i, path, 0.0)[0]
-        if turn == 0 and s > begin and not value >= -CLOSED:
+        if turn == 0 and s > piece.begin and not value >= -CLOSED:
             # Out of a hole or over an edge, whose place the path tells less well than the ray.
-            late = _entry(lines, path, j, i, east, south)
+            late = _entry(lines, path, j, i, piece.east, piece.south)
             s += late
             value = above(lines, heights, slot, j, i, path, late)[0]
         if turn == 0 and value <= 0:  # from the side, or from below

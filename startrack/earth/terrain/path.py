@@ -14,6 +14,23 @@ TOLERANCE = 1e-2  # metre, or of a cell where that is less: how far a path may l
 LONGEST = 0.125  # of the distance from the Earth's axis, over which a path may reach
 
 
+class Ray(NamedTuple):
+    """One ray: its origin in metres and its unit direction, in the Earth's fixed axes."""
+
+    x: float
+    y: float
+    z: float
+    dx: float
+    dy: float
+    dz: float
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def point_at(ray, s):  # type: ignore[no-untyped-def]
+    """The point of a ray at the distance `s`, metre."""
+    return ray.x + s * ray.dx, ray.y + s * ray.dy, ray.z + s * ray.dz
+
+
 class Path(NamedTuple):
     """The path at a distance s from its middle: each of u, v, h is q0 + q1 s + q2 s^2.
 
@@ -37,7 +54,7 @@ class Path(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def reach(lines, x, y, z, dx, dy, dz, longest):  # type: ignore[no-untyped-def]
+def reach(lines, ray, s, longest):  # type: ignore[no-untyped-def]
     """Half the length of a path that keeps to its tolerance, at most `longest`; its margin.
 
     The third derivatives of the path, in metres, stay below 8 c / p^2, with c the horizontal
@@ -46,10 +63,11 @@ def reach(lines, x, y, z, dx, dy, dz, longest):  # type: ignore[no-untyped-def]
 
     Returns  metre; metre by which height less terrain may be wrong at the ends
     """
+    x, y, z = point_at(ray, s)
     across_2 = x * x + y * y
     across_2 = across_2 if across_2 > 1e-6 else 1e-6
     across = math.sqrt(across_2)
-    along = x * dx + y * dy + z * dz
+    along = x * ray.dx + y * ray.dy + z * ray.dz
     level_2 = 1 - along * along / (across_2 + z * z)
     level = math.sqrt(level_2 if level_2 > 0 else 0.0) + 0.005  # grows on its way
     width, depth = across / lines.per_column, EQUATORIAL / lines.per_row
@@ -72,7 +90,7 @@ def _cube_root(volume):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def path_at(lines, x, y, z, dx, dy, dz):  # type: ignore[no-untyped-def]
+def path_at(lines, ray, s):  # type: ignore[no-untyped-def]
     """The path around a point, its derivatives from those of the local axes.
 
     With e, n, w the parts of the direction to the east, to the north and upwards:
@@ -80,6 +98,8 @@ def path_at(lines, x, y, z, dx, dy, dz):  # type: ignore[no-untyped-def]
         e' = lon' (sin(lat) n - cos(lat) w),  n' = -lat' w - lon' sin(lat) e,
         w' = lat' n + lon' cos(lat) e
     """
+    x, y, z = point_at(ray, s)
+    dx, dy, dz = ray.dx, ray.dy, ray.dz
     u, v, height, sine, cosine, across = locate(lines, x, y, z)
     across = across if across > 1e-3 else 1e-3
     per_across = 1 / across

@@ -68,7 +68,7 @@ class Pyramid:
             some, surface = rays[mine], self._surface(int(each))
             hits = waiting(len(mine), 0.0)
             while self._fetch(int(each), hits):
-                go_on(surface, some.origin, some.direction, *hits)
+                go_on(surface, some.origin, some.direction, hits)
             out.put(mine, beside(surface, self.sea, some, hits))
         return out, level
 
@@ -80,7 +80,7 @@ class Pyramid:
             some, surface = rays[mine], self._surface(int(each))
             hits = waiting(len(mine), start)
             while self._fetch(int(each), hits):
-                ask_on(surface, some.origin, some.direction, hits.status, hits.distance, hits.tile)
+                ask_on(surface, some.origin, some.direction, hits)
             out[mine] = hits.hit | under(surface, self.sea, some, start)
         return out
 

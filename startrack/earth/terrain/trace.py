@@ -16,12 +16,14 @@ from startrack.earth.terrain.bundle import (
     empty_bundle,
     lay_all,
     normal_at,
-    path_of,
+    ray_of,
     refine_all,
+    segment_of,
     settle,
 )
 from startrack.earth.terrain.ground import Rays
 from startrack.earth.terrain.march import ABSENT, HIT, MISS, march
+from startrack.earth.terrain.path import point_at
 from startrack.earth.terrain.surface import FULL_TURN, Surface, corners, lattice, locate
 from startrack.earth.terrain.tile import CELLS, SIZE
 
@@ -75,7 +77,7 @@ def trace(surface: Surface, rays: Rays) -> Hits:
               are in memory.
     """
     hits = waiting(len(rays), 0.0)
-    go_on(surface, rays.origin, rays.direction, *hits)
+    go_on(surface, rays.origin, rays.direction, hits)
     return hits
 
 
@@ -103,33 +105,33 @@ def no_hits(count: int) -> Hits:
 
 
 @njit(cache=True, error_model="numpy")
-def go_on(surface, origin, direction, status, distance, place, normal, tile):  # type: ignore[no-untyped-def]
+def go_on(surface, origin, direction, hits):  # type: ignore[no-untyped-def]
     """Follow the rays whose status is ABSENT, from where they are, until they end or wait again."""
     lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
     n = 0
     while n < len(origin):
-        n, count = _gather(bundle, who, n, origin, direction, status, distance)
+        n, count = _gather(bundle, who, n, origin, direction, hits)
         lay_all(bundle, lines, True)
-        _march_all(surface, lines, bundle, who, count, True, status, distance, tile)
+        _march_all(surface, lines, bundle, who[:count], hits, True)
         refine_all(bundle, lines)
-        _tell_all(surface, lines, bundle, who, count, status, distance, place, normal)
+        _describe_all(surface, lines, bundle, who[:count], hits)
 
 
 @njit(cache=True, error_model="numpy")
-def ask_on(surface, origin, direction, status, distance, tile):  # type: ignore[no-untyped-def]
+def ask_on(surface, origin, direction, hits):  # type: ignore[no-untyped-def]
     """As `go_on`, but without finding the points."""
     lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
     n = 0
     while n < len(origin):
-        n, count = _gather(bundle, who, n, origin, direction, status, distance)
+        n, count = _gather(bundle, who, n, origin, direction, hits)
         lay_all(bundle, lines, False)
-        _march_all(surface, lines, bundle, who, count, False, status, distance, tile)
+        _march_all(surface, lines, bundle, who[:count], hits, False)
 
 
 @njit(cache=True, error_model="numpy")
-def _gather(bundle, who, n, origin, direction, status, distance):  # type: ignore[no-untyped-def]
+def _gather(bundle, who, n, origin, direction, hits):  # type: ignore[no-untyped-def]
     """Fill a bundle with waiting rays from number n on; returns where to go on, and how many."""
-    count = 0
+    status, distance, count = hits.status, hits.distance, 0
     while n < len(origin) and count < WIDTH:
         if status[n] == ABSENT:
             who[count] = n
@@ -146,23 +148,18 @@ def _gather(bundle, who, n, origin, direction, status, distance):  # type: ignor
 
 
 @njit(cache=True, error_model="numpy")
-def _march_all(surface, lines, bundle, who, count, exact, status, distance, tile):  # type: ignore[no-untyped-def]
+def _march_all(surface, lines, bundle, who, hits, exact):  # type: ignore[no-untyped-def]
     """Follow the rays of a bundle to a cell each, whose corners are put in the path's place."""
-    heights, maxima, steepness = surface.heights, surface.maxima, surface.steepness
-    top, slots, used = surface.top, surface.slot, surface.used
-    for k in range(count):
+    status, distance, tile = hits.status, hits.distance, hits.tile
+    for k in range(len(who)):
         n = who[k]
         begin, end = bundle[of.BEGIN + k], bundle[of.END + k]
         if not begin < end:
             status[n], distance[n] = MISS, math.inf
             continue
         found, low, high, guess, j, i = march(
-            lines, heights, maxima, steepness, top, slots, used,
-            bundle[of.OX + k], bundle[of.OY + k], bundle[of.OZ + k],
-            bundle[of.DX + k], bundle[of.DY + k], bundle[of.DZ + k],
-            begin, end, bundle[of.MIDDLE + k], bundle[of.HALF + k], bundle[of.MARGIN + k],
-            path_of(bundle, k), exact,
-        )  # fmt: skip
+            lines, surface, ray_of(bundle, k), segment_of(bundle, k), begin, end
+        )
         status[n], distance[n] = found, guess
         if found == ABSENT:
             tile[n, 0], tile[n, 1] = j, i
@@ -170,16 +167,20 @@ def _march_all(surface, lines, bundle, who, count, exact, status, distance, tile
             bundle[of.GUESS + k], bundle[of.LOW + k], bundle[of.HIGH + k] = guess, low, high
             bundle[of.COLUMN + k], bundle[of.ROW + k] = i, j
             a, b, c, d = corners(
-                heights, slots[j >> SIZE, i >> SIZE], j & (CELLS - 1), i & (CELLS - 1)
+                surface.heights,
+                surface.slot[j >> SIZE, i >> SIZE],
+                j & (CELLS - 1),
+                i & (CELLS - 1),
             )
             bundle[of.A + k] = a if low < high else math.nan  # met from the side, not from above
             bundle[of.B + k], bundle[of.C + k], bundle[of.D + k] = b, c, d
 
 
 @njit(cache=True, error_model="numpy")
-def _tell_all(surface, lines, bundle, who, count, status, distance, place, normal):  # type: ignore[no-untyped-def]
+def _describe_all(surface, lines, bundle, who, hits):  # type: ignore[no-untyped-def]
     """Give each ray that hit its point and normal; where they were not found, seek on."""
-    for k in range(count):
+    status, distance, place, normal = hits.status, hits.distance, hits.place, hits.normal
+    for k in range(len(who)):
         n = who[k]
         if status[n] == MISS:
             place[n, :] = math.nan
@@ -188,48 +189,42 @@ def _tell_all(surface, lines, bundle, who, count, status, distance, place, norma
             continue
         if not np.isnan(bundle[of.FOUND + k]):
             distance[n] = bundle[of.FOUND + k]
-            _put_place(surface, bundle[of.U + k], bundle[of.V + k], place, n)
+            _put_place(surface, bundle[of.U + k], bundle[of.V + k], place[n])
             place[n, 2] = bundle[of.HEIGHT + k]
             normal[n, 0] = bundle[of.NX + k]
             normal[n, 1] = bundle[of.NY + k]
             normal[n, 2] = bundle[of.NZ + k]
             continue
         j, i = int(bundle[of.ROW + k]), int(bundle[of.COLUMN + k])
-        ox, oy, oz = bundle[of.OX + k], bundle[of.OY + k], bundle[of.OZ + k]
-        dx, dy, dz = bundle[of.DX + k], bundle[of.DY + k], bundle[of.DZ + k]
-        s, u, v, height, sine, cosine = settle(
-            lines, surface.heights, surface.slot[j >> SIZE, i >> SIZE], j, i,
-            ox, oy, oz, dx, dy, dz,
+        ray, slot = ray_of(bundle, k), surface.slot[j >> SIZE, i >> SIZE]
+        distance[n], over = settle(
+            lines, surface.heights, ray, slot, j, i,
             bundle[of.LOW + k], bundle[of.HIGH + k], bundle[of.GUESS + k],
         )  # fmt: skip
-        distance[n] = s
-        _describe(
-            surface, lines, j >> SIZE, i >> SIZE, ox + s * dx, oy + s * dy, u, v, height, sine,
-            cosine, place, normal, n,
-        )  # fmt: skip
+        x, y, _ = point_at(ray, distance[n])
+        _describe(surface, lines, j >> SIZE, i >> SIZE, x, y, over, place[n], normal[n])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _put_place(surface, u, v, place, n):  # type: ignore[no-untyped-def]
+def _put_place(surface, u, v, place):  # type: ignore[no-untyped-def]
     longitude = surface.west + u * surface.step_x
-    place[n, 0] = longitude - FULL_TURN * math.floor(longitude / FULL_TURN + 0.5)
-    place[n, 1] = surface.north - v * surface.step_y
+    place[0] = longitude - FULL_TURN * math.floor(longitude / FULL_TURN + 0.5)
+    place[1] = surface.north - v * surface.step_y
 
 
 @njit(cache=True, error_model="numpy")
-def _describe(  # type: ignore[no-untyped-def]
-    surface, lines, tile_j, tile_i, x, y, u, v, height, sine, cosine, place, normal, n
-):
-    """Geodetic place of a point of the surface in a tile, and the surface's normal there."""
-    _put_place(surface, u, v, place, n)
-    place[n, 2] = height
+def _describe(surface, lines, tile_j, tile_i, x, y, over, place, normal):  # type: ignore[no-untyped-def]
+    """Fill in the geodetic place of a point of the surface in a tile, and the normal there."""
+    u, v, height, sine, cosine = over
+    _put_place(surface, u, v, place)
+    place[2] = height
     west, north = tile_i << SIZE, tile_j << SIZE
     u -= lines.turn * math.floor((u - west - 0.5 * CELLS) / lines.turn + 0.5)
     u, v = u - west, v - north
     i = min(max(math.floor(u), 0), min(CELLS, surface.columns - west) - 1)
     j = min(max(math.floor(v), 0), min(CELLS, surface.rows - north) - 1)
     _, b, c, d = corners(surface.heights, surface.slot[tile_j, tile_i], j, i)
-    normal[n, 0], normal[n, 1], normal[n, 2] = normal_at(
+    normal[0], normal[1], normal[2] = normal_at(
         lines, x, y, height, sine, cosine, b + d * (v - j), c + d * (u - i)
     )
 
@@ -237,7 +232,7 @@ def _describe(  # type: ignore[no-untyped-def]
 def blocked(surface: Surface, rays: Rays, start: float) -> NDArray[np.bool_]:
     """Whether each ray meets a surface in memory at all, beyond the distance `start` in metres."""
     hits = waiting(len(rays), start)
-    ask_on(surface, rays.origin, rays.direction, hits.status, hits.distance, hits.tile)
+    ask_on(surface, rays.origin, rays.direction, hits)
     return hits.hit
 
 
@@ -252,7 +247,5 @@ def describe_all(surface, point, choice, place, normal):  # type: ignore[no-unty
         u, v, height, sine, cosine, _ = locate(lines, x, y, z)
         i = min(max(math.floor(u), 0), surface.columns - 1)
         j = min(max(math.floor(v), 0), surface.rows - 1)
-        _describe(
-            surface, lines, j >> SIZE, i >> SIZE, x, y, u, v, height, sine, cosine,
-            place, normal, n,
-        )  # fmt: skip
+        over = u, v, height, sine, cosine
+        _describe(surface, lines, j >> SIZE, i >> SIZE, x, y, over, place[n], normal[n])
