@@ -11,6 +11,7 @@ from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G
 from startrack.core import Unit, finite, one_of, within
 
 FAINTEST_G = 21.0  # Gaia's own limit
+EPOCH = 2026.0  # Julian year, where nothing says when the sky is seen
 LIMITS = {"bright": LIMIT_G, "deep": DEEP_LIMIT_G}
 
 
@@ -22,12 +23,14 @@ class Selection:
                       G = 10; or the path of a catalogue file
     format            format of that file, one of FORMATS; "auto" looks at its first bytes
     limit_g           magnitude of the faintest star
-    epoch             Julian year at which the sky is seen
+    epoch             Julian year at which the sky is seen; None in a design: that of its scene's
+                      date; without one: 2026.0
     proper_motion     whether the stars move from the catalogue's epoch to this one
     aberration        whether the observer's velocity displaces the stars: the Earth's at the epoch
                       (20.5 arcsec), and that of its orbit
     orbital_velocity  metre / second of the observer against the Earth's centre, ICRS axes (x, y,
-                      z); a low orbit's 7.6 km/s are 5.2 arcsec; () for none
+                      z); a low orbit's 7.6 km/s are 5.2 arcsec; () for none; None in a design:
+                      that of its scene's orbit, where it has a phase and aberration is true
     parallax          whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)
 
     What is true and what the tracker believes are two selections: leaving a correction out of the
@@ -37,10 +40,10 @@ class Selection:
     source: str = "bright"
     format: str = "auto"
     limit_g: float = LIMIT_G
-    epoch: float = 2026.0
+    epoch: float | None = None
     proper_motion: bool = True
     aberration: bool = False
-    orbital_velocity: Annotated[tuple[float, ...], Unit("m / s", "km / s")] = ()
+    orbital_velocity: Annotated[tuple[float, ...] | None, Unit("m / s", "km / s")] = None
     parallax: bool = False
 
     def __post_init__(self) -> None:
@@ -53,22 +56,26 @@ class Selection:
             one_of(("auto",), **{f"format of the source {self.source!r}": self.format})
         faintest = LIMITS.get(self.source, FAINTEST_G)
         within(-2, faintest, **{f"limit_g of the source {self.source!r}": self.limit_g})
-        within(FIRST_YEAR, 2200, epoch=self.epoch)
+        within(FIRST_YEAR, 2200, epoch=self.year)
         for name in ("proper_motion", "aberration", "parallax"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be true or false, got {getattr(self, name)!r}")
         self._check_velocity()
         if self.aberration or self.parallax:
-            within(FIRST_YEAR, LAST_YEAR, **{"epoch with aberration or parallax": self.epoch})
+            within(FIRST_YEAR, LAST_YEAR, **{"epoch with aberration or parallax": self.year})
+
+    @property
+    def year(self) -> float:
+        """Julian year at which the sky is seen."""
+        return EPOCH if self.epoch is None else self.epoch
 
     def _check_velocity(self) -> None:
-        for each in self.orbital_velocity:
+        velocity = self.orbital_velocity or ()
+        for each in velocity:
             finite(orbital_velocity=each)
-        if len(self.orbital_velocity) not in (0, 3):
-            raise ValueError(
-                f"orbital_velocity must have three components, got {len(self.orbital_velocity)}"
-            )
-        if self.orbital_velocity and not self.aberration:
+        if len(velocity) not in (0, 3):
+            raise ValueError(f"orbital_velocity must have three components, got {len(velocity)}")
+        if velocity and not self.aberration:
             raise ValueError(
                 "orbital_velocity must be empty where aberration is false, got "
                 f"{self.orbital_velocity}"

@@ -121,11 +121,11 @@ def open_sky(selection: Selection) -> Sky:
     catalog = _catalog(selection)
     catalog = catalog[catalog.magnitude_g <= selection.limit_g]
     catalog = catalog[np.argsort(catalog.magnitude_g, kind="stable")]
-    epoch = selection.epoch if selection.proper_motion else catalog.epoch
+    epoch = selection.year if selection.proper_motion else catalog.epoch
     if not (selection.aberration or selection.parallax):
         return Sky(apparent(catalog, epoch))
     observer = earth_observer(
-        selection.epoch, np.array(selection.orbital_velocity or (0.0, 0.0, 0.0))
+        selection.year, np.array(selection.orbital_velocity or (0.0, 0.0, 0.0))
     )
     return Sky(
         apparent(

@@ -1,5 +1,7 @@
 """Instrument, Tracker, Scene and campaign: what a design file holds.
 
+epoch         Scene, Selection -> the catalogue's epoch and orbital velocity, which must not
+              contradict it.
 case          Case: what is true and what the tracker believes, kept apart; how faithful a trial
               is to it.
 products      A table of a design enters; it leaves with the values of the detector that it names.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import Annotated
@@ -10,6 +10,7 @@ from typing import Annotated
 from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
 from startrack.core import Camera, Unit, finite
+from startrack.design.epoch import believed_from, seen_from
 from startrack.detection import Detection
 from startrack.detector import Detector
 from startrack.identification import Identification
@@ -103,12 +104,25 @@ class Tracker:
 
 @dataclass(frozen=True)
 class Case:
-    """One design in one scene: everything that a trial needs but its attitude and its noise."""
+    """One design in one scene: everything that a trial needs except its attitude and its noise.
+
+    An epoch and an orbital velocity that the catalogue leaves out (None) are set by `seen_from`,
+    from the date and the orbit of the scene; those of the tracker's catalogue are then the same.
+
+    Raises  ValueError where the catalogue contradicts the scene.
+    """
 
     instrument: Instrument
     tracker: Tracker = field(default_factory=Tracker)
     scene: Scene = field(default_factory=Scene)
     catalog: Selection = field(default_factory=Selection)
+
+    def __post_init__(self) -> None:
+        catalog = seen_from(self.scene, self.catalog)
+        object.__setattr__(self, "catalog", catalog)
+        if self.tracker.catalog:
+            believed = believed_from(self.scene, catalog, self.tracker.catalog)
+            object.__setattr__(self, "tracker", replace(self.tracker, catalog=believed))
 
     @property
     def believed_camera(self) -> Camera:

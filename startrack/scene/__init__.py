@@ -4,7 +4,7 @@ parameters  Scene: what there is to see besides the stars, when and from where.
 photometry  Magnitude and colour into a photon spectrum: blackbodies through Gaia's passbands.
 ephemeris   Scene, Streams -> where the bodies of the solar system are, seen by the observer.
 planets     Body -> V magnitude of a planet.
-bodies      Observer -> the Sun, the Moon and the Earth: discs in the field, glare beside it,
+bodies      Observer -> the Sun, the Moon and the Earth: discs in the field, stray light,
             eclipses.
 limb        The Earth's bright limb: a table of radiance over tangent height and Sun, and its
             light.
@@ -16,7 +16,7 @@ illuminate  Stars -> Light: photons at the entrance pupil.
 """
 
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
-from startrack.scene.ephemeris import AU, EARTH_RADIUS
+from startrack.scene.ephemeris import AU, EARTH_RADIUS, orbital_velocity
 from startrack.scene.illuminate import Sight, illuminate
 from startrack.scene.limb import Limb, load_limb, save_limb
 from startrack.scene.parameters import Orbit, Scene

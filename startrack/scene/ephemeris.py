@@ -13,6 +13,7 @@ from startrack.scene.parameters import Orbit, Scene
 
 AU = 149_597_870_700.0  # metre, IAU 2012
 EARTH_RADIUS = 6_378_137.0  # metre, WGS 84 at the equator
+EARTH_GM = 3.986004418e14  # m^3 / s^2, WGS 84
 DAY = 86400.0  # second
 J2000 = 2451545.0  # Julian day
 
@@ -83,7 +84,7 @@ def observer_of(scene: Scene, streams: Streams | None) -> Observer:
 
     streams  of the trial; needed only where the scene draws a date or a place in the orbit
     """
-    day = _start(scene)
+    day = _start_day(scene)
     if scene.days:
         day += scene.days * _draw(streams, "date")
     earth = _barycentric("earth", day)
@@ -100,20 +101,33 @@ def observer_of(scene: Scene, streams: Streams | None) -> Observer:
 
 def on_orbit(orbit: Orbit, phase: float) -> Floats:
     """(3,) metre from the Earth's centre, ICRS axes."""
+    return (EARTH_RADIUS + orbit.altitude) * _on_unit_orbit(orbit, phase)
+
+
+def orbital_velocity(orbit: Orbit, phase: float) -> Floats:
+    """(3,) m/s against the Earth's centre, ICRS axes.
+
+    Accuracy  model: a circular orbit of two bodies, 0.1 % of the speed of a low one.
+    """
+    speed = math.sqrt(EARTH_GM / (EARTH_RADIUS + orbit.altitude))
+    return speed * _on_unit_orbit(orbit, phase + math.pi / 2)
+
+
+def _on_unit_orbit(orbit: Orbit, phase: float) -> Floats:
+    """(3,) unit vector from the Earth's centre."""
     along, across = math.cos(phase), math.sin(phase)
     node, tilt = orbit.node, orbit.inclination
-    unit = np.array(
+    return np.array(
         [
             along * math.cos(node) - across * math.cos(tilt) * math.sin(node),
             along * math.sin(node) + across * math.cos(tilt) * math.cos(node),
             across * math.sin(tilt),
         ]
     )
-    return (EARTH_RADIUS + orbit.altitude) * unit
 
 
 @lru_cache(maxsize=64)
-def _start(scene: Scene) -> float:
+def _start_day(scene: Scene) -> float:
     """Julian day, TDB."""
     from astropy.time import Time  # costs 0.5 s, and only dated scenes need it
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Annotated
 
 from startrack.core import Unit, finite, non_negative, one_of, positive, within
 
 LIGHTS = ("zodiacal", "starlight", "planets", "sun", "moon", "earth", "airglow", "cities")
 FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
+J2000 = datetime(2000, 1, 1, 12, tzinfo=UTC)
+JULIAN_YEAR = timedelta(days=365.25)
 
 
 @dataclass(frozen=True)
@@ -110,3 +112,13 @@ class Scene:
             raise ValueError(
                 f"date must be written as 2026-03-20T12:00:00, got {self.date!r}"
             ) from None
+
+    @property
+    def years(self) -> tuple[float, float]:
+        """First and last Julian year of the trials, of a scene that has a date.
+
+        Raises    ValueError where the date is not one.
+        Accuracy  numerical: 70 s, as UTC counts for TDB.
+        """
+        first = 2000 + (self.start - J2000) / JULIAN_YEAR
+        return first, first + timedelta(days=self.days) / JULIAN_YEAR

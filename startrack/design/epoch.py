@@ -1,0 +1,117 @@
+"""Scene, Selection -> the catalogue's epoch and orbital velocity, which must not contradict it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from startrack.catalog import Selection, earth_observer
+from startrack.core import LIGHT_SPEED, Floats, arcsec
+from startrack.scene import AU, Orbit, Scene, orbital_velocity
+
+# What of the sky may lie beside the date. A star to G = 8 moves by 0.03 arcsec (median), 0.4 arcsec
+# (99 %) or 7 arcsec (Groombridge 1830) in a year, which is all that "2026" says of a date.
+MOTION_YEARS = 1.0
+# The Earth's velocity turns by 60 degrees in it: aberration then errs by as much as it is, 20.5
+# arcsec, and so much the bodies of a scene err, which are seen without it.
+ABERRATION_YEARS = 1 / 6
+# Chosen by hand: a tenth of what a low orbit makes. More tolerates a wrong orbit, less a direction
+# that is rounded to 6 degrees.
+ABERRATION = 0.5 * arcsec
+# Metre. The Earth's parallax, 0.8 arcsec of the nearest star, then errs by less than 0.08 arcsec.
+NEAR_EARTH = 0.1 * AU
+PHASES = 720  # of an orbit that draws its own, so that the nearest is 0.02 arcsec off
+
+
+def seen_from(scene: Scene, catalog: Selection) -> Selection:
+    """The catalogue with its epoch and its orbital velocity given.
+
+        epoch = the middle of the scene's dates,   velocity = that of its orbit at its phase
+
+    Where the catalogue leaves them out (None, or no velocity of an observer in an orbit). An epoch
+    without a date is 2026.0. There is no orbital velocity without an orbit, and none of an orbit
+    whose phase each trial draws: the stars of all trials are at the same apparent places.
+
+    Raises    ValueError where what is given contradicts the scene, with both keys and values.
+    Accuracy  model: where trials draw their dates, the stars stay at one epoch; where they draw the
+              phase of the orbit, its aberration is left out (5.2 arcsec of a low orbit).
+    """
+    epoch, velocity = catalog.year, catalog.orbital_velocity or ()
+    if scene.date is not None:
+        first, last = scene.years
+        epoch = (first + last) / 2 if catalog.epoch is None else epoch
+        _check_epoch(scene, catalog, epoch)
+        _check_place(scene, catalog)
+    if scene.orbit and catalog.aberration:
+        if velocity:
+            _check_velocity(scene.orbit, velocity)
+        else:
+            velocity = _velocity(scene.orbit)
+    return replace(catalog, epoch=epoch, orbital_velocity=velocity)
+
+
+def believed_from(scene: Scene, true: Selection, believed: Selection) -> Selection:
+    """The tracker's catalogue with its epoch and orbital velocity given.
+
+    What it leaves out is that of the true one where the scene has a date, or an orbit. What it
+    gives may differ from the truth.
+    """
+    epoch, velocity = believed.year, believed.orbital_velocity
+    if believed.epoch is None and scene.date is not None:
+        epoch = true.year
+    if velocity is None:
+        velocity = true.orbital_velocity if scene.orbit and believed.aberration else ()
+    return replace(believed, epoch=epoch, orbital_velocity=velocity)
+
+
+def _check_epoch(scene: Scene, catalog: Selection, epoch: float) -> None:
+    apparent = catalog.aberration or catalog.parallax
+    tolerance = ABERRATION_YEARS if apparent else MOTION_YEARS
+    first, last = scene.years
+    if not first - tolerance <= epoch <= last + tolerance:
+        why = " with aberration or parallax" if apparent else ""
+        span = f" and scene.days {scene.days:g}" if scene.days else ""
+        raise ValueError(
+            f"catalog.epoch must lie within {tolerance:.2g} years{why} of scene.date "
+            f"{scene.date!r}{span}, or be left out, got {epoch:.8g}"
+        )
+
+
+def _check_place(scene: Scene, catalog: Selection) -> None:
+    """The Earth's velocity and place are those of an observer near it alone."""
+    assumed = catalog.parallax or (catalog.aberration and not catalog.orbital_velocity)
+    if scene.place is None or not assumed:
+        return
+    earth = earth_observer(sum(scene.years) / 2).position * AU
+    distance = float(np.linalg.norm(np.array(scene.place) - earth))
+    if distance > NEAR_EARTH:
+        raise ValueError(
+            "scene.place must lie within 0.1 AU of the Earth where catalog.parallax is true, or "
+            "catalog.aberration is true without catalog.orbital_velocity, "
+            f"got {distance / AU:.3g} AU"
+        )
+
+
+def _check_velocity(orbit: Orbit, velocity: tuple[float, ...]) -> None:
+    given = np.array(velocity)
+    if orbit.phase is None:  # any velocity of the orbit may be meant
+        phases = np.linspace(0, 2 * np.pi, PHASES)
+        true = np.array([orbital_velocity(orbit, float(phase)) for phase in phases])
+        kept = "one"
+    else:
+        true = orbital_velocity(orbit, orbit.phase)
+        kept = f"that, {_shown(true)},"
+    if np.linalg.norm(true - given, axis=-1).min() > ABERRATION * LIGHT_SPEED:
+        raise ValueError(
+            f"catalog.orbital_velocity must be {kept} of scene.orbit, or be left out, got "
+            f"{_shown(given)}"
+        )
+
+
+def _velocity(orbit: Orbit) -> tuple[float, ...]:
+    return () if orbit.phase is None else tuple(orbital_velocity(orbit, orbit.phase).tolist())
+
+
+def _shown(velocity: Floats) -> str:
+    return f"({', '.join(f'{each / 1000:.4g}' for each in velocity)}) km/s"
