@@ -23,7 +23,7 @@ from startrack.benchmark.starfield import (
     stars_at,
 )
 from startrack.core import Floats, Frame, Streams
-from startrack.detection import Detection, detect, gaussian_psf
+from startrack.detection import Detection, DetectionPlan, detect, gaussian_psf, plan_detection
 from startrack.metrics import Star, centroid_bound
 
 FALSE = 0.05  # spots a frame that are allowed
@@ -78,13 +78,13 @@ def finders(sigma: float) -> dict[str, Finder]:
     """Frame -> places (n, 2), by two of our centroids."""
     psf = gaussian_psf(sigma)
 
-    def find(settings: Detection, frame: Frame) -> Floats:
-        return places(detect(frame, settings, psf))
+    def find(plan: DetectionPlan, frame: Frame) -> Floats:
+        return places(detect(frame, plan))
 
     settings = partial(Detection, kernel_sigma=sigma, max_spots=1000, false_per_frame=FALSE)
     return {
-        "detect": partial(find, settings(centroid="gravity")),
-        "detect_ml": partial(find, settings(centroid="likelihood")),
+        "detect": partial(find, plan_detection(settings(centroid="gravity"), psf)),
+        "detect_ml": partial(find, plan_detection(settings(centroid="likelihood"), psf)),
     }
 
 

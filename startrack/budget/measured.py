@@ -18,7 +18,7 @@ from startrack.budget.causes import ALWAYS, HITS, NEIGHBOURS, Term, bare, causes
 from startrack.catalog import open_sky
 from startrack.core import Floats, Frame, Ints, Spots, Streams, whole
 from startrack.design import Case, Instrument
-from startrack.detection import Candidates, centroid, pixels, star_image
+from startrack.detection import Candidates, centroid, pixels
 from startrack.detector import electron_rate, frame_of, shot
 from startrack.identification import refit
 from startrack.scene import illuminate
@@ -28,6 +28,7 @@ from startrack.trial import (
     SHOT,
     Record,
     cell,
+    detection_plan,
     expected_electrons,
     images,
     line_of_sight,
@@ -35,7 +36,6 @@ from startrack.trial import (
     noise_free_frame,
     observe,
     pixel_noise,
-    psf_of,
     random_attitude,
     reference_attitude,
     scale,
@@ -183,9 +183,7 @@ class _Trial:
         known, believed = (open_sky(each.believed_catalog).stars for each in (self._case, case))
         star = matches.star
         if len(believed) != len(known) or (believed.identifier != known.identifier).any():
-            order = np.argsort(believed.identifier)
-            seen = known.identifier[star]
-            star = order[np.searchsorted(believed.identifier, seen, sorter=order)]
+            star, _ = believed.find(known.identifier[star])
         # Two stars that are taken for one have a direction of their own.
         direction = matches.direction + believed.direction[star] - known.direction[matches.star]
         return star, direction / np.linalg.norm(direction, axis=1, keepdims=True)
@@ -226,9 +224,8 @@ class _Trial:
     def _alone(self, case: Case) -> Spots:
         """Each matched star measured in a cell of its own; a case that believes what is true."""
         matches, stars, camera = self._record.matches, self._record.stars, case.instrument.camera
-        seen = open_sky(case.believed_catalog).stars.identifier[matches.star]
-        order = np.argsort(stars.identifier)
-        stars = stars[order[np.searchsorted(stars.identifier, seen, sorter=order)]]
+        matched = open_sky(case.believed_catalog).stars.identifier[matches.star]
+        stars = stars[stars.find(matched)[0]]
         light = illuminate(case.scene, stars)
         detector = case.instrument.detector
         rate, _ = electron_rate(light, detector, throughput(case.instrument))
@@ -247,12 +244,12 @@ class _Trial:
 
     def _measured(self, frame: Frame) -> Spots:
         """All spots of the record at their places in another frame; what is lost stays."""
-        old, settings = self._record.spots, self._case.tracker.detection
+        old, instrument = self._record.spots, self._case.instrument
         candidates = Candidates(
             np.rint(old.x).astype(np.int64), np.rint(old.y).astype(np.int64), old.area
         )
-        psf = star_image(settings, psf_of(self._case.instrument))
-        new = centroid(frame, pixels(frame), candidates, settings, psf)
+        plan = detection_plan(instrument, self._case.tracker.detection)
+        new = centroid(frame, pixels(frame), candidates, plan)
         if not len(new):
             return old
         distance = np.hypot(old.x[:, None] - new.x, old.y[:, None] - new.y)

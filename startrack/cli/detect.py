@@ -10,7 +10,14 @@ from typing import Any
 from startrack.cli.options import Exit, add_images, as_wrong_use, describe
 from startrack.cli.terminal import print_failed_image, print_result, read_design
 from startrack.core import Frame, Psf, Spots
-from startrack.detection import Detection, detect, divide_flat, false_alarms, subtract_dark
+from startrack.detection import (
+    Detection,
+    detect,
+    divide_flat,
+    false_alarms,
+    plan_detection,
+    subtract_dark,
+)
 from startrack.io import read_image
 from startrack.plots import draw_spots
 from startrack.trial import psf_of
@@ -60,7 +67,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Search each image; one that cannot be read does not stop the others."""
     with as_wrong_use(ValueError, TypeError, OSError):
-        settings, psf = _settings(options)
+        plan = plan_detection(*_settings(options))
         dark = read_image(options.dark) if options.dark else None
         flat = read_image(options.flat) if options.flat else None
     status = Exit.DONE
@@ -71,13 +78,13 @@ def command(options: argparse.Namespace) -> int:
                 frame = subtract_dark(frame, dark)
             if flat is not None:
                 frame = divide_flat(frame, flat)
-            spots = detect(frame, settings, psf)
+            spots = detect(frame, plan)
         except (ValueError, TypeError) as error:
             print_failed_image(options, path, error)
             status = Exit.FAILED
             continue
         rows, columns = frame.image.shape
-        chance = false_alarms(settings, columns, rows, psf)
+        chance = false_alarms(plan, columns, rows)
         result = {"image": str(path), "status": "done", **_values(spots, chance)}
         text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} per frame"
         if options.overlay:

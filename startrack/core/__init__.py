@@ -6,7 +6,8 @@ arrays     Types of arrays, for annotations.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value.
 streams    A seed, a trial and a cause enter; a generator leaves, the same for any number of
            workers.
-scratch    Arrays that last: a large one made anew costs more than the few windows written to it.
+scratch    Large arrays that a plan keeps between calls: a new one costs more than a few windows
+           in it.
 curve      A dimensionless curve over wavelength, such as a transmission or a quantum efficiency.
 rotations  Rotation matrices -> quaternions and scipy's Rotations, in compiled code.
 camera     Direction to pixel and pixel to direction, both ways together, with OpenCV's
@@ -22,7 +23,7 @@ from startrack.core.checks import finite, non_negative, one_of, positive, whole,
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
 from startrack.core.rotations import quaternion, rotation_of
-from startrack.core.scratch import canvas, scratch
+from startrack.core.scratch import Workspace
 from startrack.core.streams import Streams
 from startrack.core.units import (
     BOLTZMANN,
@@ -51,7 +52,14 @@ from startrack.core.values import (
     Status,
     StrayLightSource,
 )
-from startrack.core.variates import bits, drawn, inverse_normal, key, poisson_quantile, uniform
+from startrack.core.variates import (
+    bits,
+    inverse_normal,
+    key,
+    poisson_of_uniform,
+    poisson_quantile,
+    uniform,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = ["poisson_quantile"]

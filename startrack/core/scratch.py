@@ -1,4 +1,4 @@
-"""Arrays that last: a large one made anew costs more than the few windows written to it."""
+"""Large arrays that a plan keeps between calls: a new one costs more than a few windows in it."""
 
 from __future__ import annotations
 
@@ -14,42 +14,39 @@ from startrack.core.arrays import Ints
 Image = NDArray[np.float32]
 
 
-class _Lasting(threading.local):
+class Workspace(threading.local):
+    """Arrays by name, separate for each thread; whoever makes it decides who may share them.
+
+    A new array costs a page fault for each row that is written: milliseconds where windows lie
+    all over a frame.
+    """
+
     def __init__(self) -> None:
-        self.arrays = dict[str, NDArray[Any]]()
-        self.canvases = dict[str, tuple[Image, float, Ints]]()
+        self._arrays = dict[str, NDArray[Any]]()
+        self._canvases = dict[str, tuple[Image, float, Ints]]()
 
+    def array(self, name: str, shape: tuple[int, ...], kind: DTypeLike) -> NDArray[Any]:
+        """The array of that name as the last call left it; zeros at first."""
+        array = self._arrays.get(name)
+        if array is None or array.shape != shape or array.dtype != kind:
+            array = self._arrays[name] = np.zeros(shape, kind)
+        return array
 
-_lasting = _Lasting()
+    def canvas(self, name: str, shape: tuple[int, int], level: float, windows: Ints) -> Image:
+        """The float32 image of that name, one level everywhere except in the windows of this call.
 
+        Only the windows of the last call are filled with the level again.
 
-def scratch(name: str, shape: tuple[int, ...], kind: DTypeLike) -> NDArray[Any]:
-    """The array of that name, with whatever was left in it; zeros at first.
-
-    A thread has its own. A new one costs a page fault for each row that is touched, which is
-    milliseconds where windows are strewn over a frame.
-    """
-    array = _lasting.arrays.get(name)
-    if array is None or array.shape != shape or array.dtype != kind:
-        array = _lasting.arrays[name] = np.zeros(shape, kind)
-    return array
-
-
-def canvas(name: str, shape: tuple[int, int], level: float, windows: Ints) -> Image:
-    """The float32 image of that name, one level everywhere but in the windows of this call.
-
-    What the last call's windows hold is painted over: that is less than the whole image.
-
-    windows  (w, 4) left, top, right, bottom, the last two not in it; anything stands in them
-    """
-    image = scratch(name, shape, np.float32)
-    last = _lasting.canvases.get(name)
-    if last and last[0] is image and last[1] == level:
-        _paint(image, last[2], level)
-    else:
-        image.fill(level)
-    _lasting.canvases[name] = image, level, windows
-    return image
+        windows  (w, 4) left, top, right, bottom (exclusive); their pixels hold any values
+        """
+        image = self.array(name, shape, np.float32)
+        last = self._canvases.get(name)
+        if last and last[0] is image and last[1] == level:
+            _paint(image, last[2], level)
+        else:
+            image.fill(level)
+        self._canvases[name] = image, level, windows
+        return image
 
 
 @njit(cache=True, error_model="numpy")

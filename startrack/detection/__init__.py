@@ -7,11 +7,13 @@ psf_table    Psf -> the fraction of a star's light in each pixel of a window, an
              the star.
 robust       Pixels -> their background, its slopes and its noise, whatever stars are among them.
 background   Filtered image -> Sky: its background and noise, tile by tile.
-smear        Psf and a motion -> the PSF of a star that moves evenly while the shutter is open.
+star_model   StarModel: image of a star that the tracker assumes, and what centroids compute from
+             it once.
 matched      Image -> filtered image: the matched filter of a star, Gaussian or from the design's
              own PSF.
-threshold    A detection threshold enters; the number of false spots to expect leaves, and the
-             inverse.
+threshold    Background and gain -> law of the filtered noise; threshold -> expected noise peaks,
+             and back.
+plan         Settings and PSF -> DetectionPlan: what the detection computes once for many frames.
 connect      A filtered image and its threshold enter; local maxima leave, several where stars
              touch.
 examine      Peaks -> which of them stand alone as stars do, and which are hot pixels.
@@ -41,33 +43,33 @@ from startrack.detection.centroid import centroid
 from startrack.detection.detect import detect, detect_near
 from startrack.detection.expectation import Expectation, expect
 from startrack.detection.find import Candidates
-from startrack.detection.matched import filtered, kernel_of
+from startrack.detection.matched import filtered
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import divide_flat, pixels, subtract_dark, without_pixels
+from startrack.detection.plan import DetectionPlan, false_alarms, plan_detection, threshold_of
 from startrack.detection.psf_table import gaussian_psf
 from startrack.detection.response import Response, half_of, joined, response
-from startrack.detection.smear import smeared, star_image
-from startrack.detection.threshold import false_alarms, threshold_of, threshold_over
+from startrack.detection.star_model import smeared
 from startrack.detection.within import (
     Ground,
     detect_within,
     grown_mask,
-    kernel_half,
     margin,
     measure_ground,
     peak_border,
-    star_filter,
     star_profile,
 )
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Detection",
+    "DetectionPlan",
     "detect",
     "detect_near",
     "divide_flat",
     "false_alarms",
     "gaussian_psf",
+    "plan_detection",
     "smeared",
     "subtract_dark",
     "threshold_of",

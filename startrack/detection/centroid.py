@@ -7,11 +7,12 @@ import math
 import numpy as np
 from numba import njit
 
-from startrack.core import Floats, Frame, Ints, Psf, Spots
+from startrack.core import Floats, Frame, Ints, Spots
 from startrack.detection.find import Candidates
 from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
+from startrack.detection.plan import DetectionPlan
 from startrack.detection.sample import Sample
 
 SAME = 1.0  # pixel; two peaks that lead as near as this to one place are one star
@@ -22,18 +23,16 @@ def centroid(
     frame: Frame,
     pixels: Pixels,
     candidates: Candidates,
-    settings: Detection,
-    psf: Psf,
+    plan: DetectionPlan,
 ) -> Spots:
     """Measure every candidate, and drop those that run away or lead to the same star.
 
-    psf      what a star looks like
     Returns  Spots, brightest first
     Raises   those of the files of the four centroids.
     """
-    table = measured(sample(frame, pixels, candidates, settings), settings, psf)
+    table = measured(sample(frame, pixels, candidates, plan.settings), plan)
     order = np.argsort(-table[:, 2], kind="stable")  # NaN goes last
-    return Spots(*_kept(table, order, candidates.area, settings.max_spots))
+    return Spots(*_kept(table, order, candidates.area, plan.settings.max_spots))
 
 
 def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detection) -> Sample:
@@ -53,10 +52,11 @@ def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detec
     )
 
 
-def measured(stars: Sample, settings: Detection, psf: Psf) -> Floats:
+def measured(stars: Sample, plan: DetectionPlan) -> Floats:
     """One row per candidate, as `gravity` describes it."""
+    settings = plan.settings
     method = CENTROIDS[settings.centroid]
-    return method.measure(stars, psf, settings.kernel_sigma, settings.compensation)
+    return method.measure(stars, plan.star, settings.kernel_sigma, settings.compensation)
 
 
 @njit(cache=True, error_model="numpy")

@@ -10,28 +10,28 @@ from numpy.typing import NDArray
 from startrack.core import Floats, Frame, Ints, Psf, Spots, positive
 from startrack.detection.centroid import centroid
 from startrack.detection.find import Candidates, find
-from startrack.detection.matched import kernel_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, pixels
-from startrack.detection.smear import star_image
+from startrack.detection.plan import DetectionPlan, planned
 
 
-def detect(frame: Frame, settings: Detection, psf: Psf | None = None) -> Spots:
+def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = None) -> Spots:
     """Find the stars of an image.
 
     The image is filtered for stars, compared with its local background and noise, and cut
     into connected components; peaks that look like stars are measured in small windows.
 
     frame     image of any real type; what is not finite is a dead pixel
-    settings  thresholds and windows
-    psf       of the design at rest, for what the settings want it; None: a Gaussian of their
+    settings  thresholds and windows; or the plan of them and of the PSF (`plan_detection`), which
+              saves time where many frames share it
+    psf       of the design at rest, where the settings use it; None: a Gaussian of their
               kernel_sigma
     Returns   Spots, brightest first; none where there is none
     Raises    TypeError or ValueError where the image is not a two-dimensional array of real numbers
               with at least one finite value. Those of `centroid` for the accuracy.
     """
-    image, star = pixels(frame), star_image(settings, psf)
-    return centroid(frame, image, find(image, settings, star), settings, star)
+    image, plan = pixels(frame), planned(settings, psf)
+    return centroid(frame, image, find(image, plan), plan)
 
 
 MEDIAN_STRIDE = 7  # no divisor of a usual side, so that all columns count
@@ -42,7 +42,7 @@ def detect_near(
     frame: Frame,
     place: Floats,
     reach: float,
-    settings: Detection,
+    settings: Detection | DetectionPlan,
     psf: Psf | None = None,
 ) -> Spots:
     """Find the stars near places where a tracker expects some.
@@ -61,17 +61,17 @@ def detect_near(
     place = np.asarray(place, float)
     if place.ndim != 2 or place.shape[1] != 2:
         raise ValueError(f"place must have the shape (m, 2), got {place.shape}")
-    image, star = pixels(frame), star_image(settings, psf)
-    return centroid(frame, image, _near(image, place, reach, settings, star), settings, star)
+    image, plan = pixels(frame), planned(settings, psf)
+    return centroid(frame, image, _near(image, place, reach, plan), plan)
 
 
-def _near(image: Pixels, place: Floats, reach: float, settings: Detection, psf: Psf) -> Candidates:
+def _near(image: Pixels, place: Floats, reach: float, plan: DetectionPlan) -> Candidates:
+    settings = plan.settings
     rows, columns = image.value.shape
     inside = (place > -0.5).all(axis=1) & (place < [columns - 0.5, rows - 0.5]).all(axis=1)
     centre = np.rint(place[inside]).astype(np.int64)
     # Room for the kernel, for the ring about a star at the edge of the reach, and for the noise.
-    kernel = max(kernel_of(settings, psf).whole.shape) // 2
-    half = math.ceil(reach) + max(kernel, settings.window // 2 + 4)
+    half = math.ceil(reach) + max(plan.kernel.half, settings.window // 2 + 4)
     half = min(max(half, LEAST_SIDE // 2), (min(rows, columns) - 1) // 2)
     side = 2 * half + 1
     # A window at the border is moved inwards to be whole.
@@ -84,7 +84,7 @@ def _near(image: Pixels, place: Floats, reach: float, settings: Detection, psf: 
     # So that windows far apart in the frame fit together; some of the pixels tell it.
     values = values - np.median(values[:, ::MEDIAN_STRIDE], axis=1)[:, None]
     stack = Pixels(values.reshape(-1, side), image.pivot, image.step, dead)
-    found = find(stack, settings, psf, mesh=side)
+    found = find(stack, plan, mesh=side)
     window = found.y // side
     x, y = found.x + corner[window, 0], found.y - window * side + corner[window, 1]
     off = np.maximum(abs(x - place[inside][window, 0]), abs(y - place[inside][window, 1]))

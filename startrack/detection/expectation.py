@@ -7,15 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from startrack.core import Floats, Frame, Psf
+from startrack.core import Floats, Frame
 from startrack.detection.centroid import measured, sample
 from startrack.detection.examine import chance_to_pass, largest_share
 from startrack.detection.find import Candidates
-from startrack.detection.matched import filtered, kernel_of
-from startrack.detection.parameters import Detection
+from startrack.detection.matched import filtered
 from startrack.detection.pixels import Pixels, gain_of
-from startrack.detection.smear import star_image
-from startrack.detection.threshold import bank, highest_between, modelled, sigmas, threshold_over
+from startrack.detection.plan import DetectionPlan
+from startrack.detection.threshold import highest_between, modelled, sigmas
 
 
 class Expectation(NamedTuple):
@@ -45,8 +44,7 @@ def expect(
     place: Floats,
     level: float,
     area: int,
-    settings: Detection,
-    psf: Psf | None = None,
+    plan: DetectionPlan,
 ) -> Expectation:
     """Search and measure a frame without noise.
 
@@ -59,14 +57,13 @@ def expect(
     Accuracy  model: the highest of the noise about a star is that of a place fitted to it, whose
               squared height has two degrees of freedom more (Wilks); found within 2 % of the stars.
     """
-    star = star_image(settings, psf)
-    kernel, gain = kernel_of(settings, star), gain_of(frame, 0.0)
+    settings, kernel, gain = plan.settings, plan.kernel, gain_of(frame, 0.0)
     image = np.ascontiguousarray(frame.image, np.float32)
     known = Pixels(image, 0.0, 1.0, None, gain)
     column, row = _peaks(filtered(image, kernel), np.rint(place).astype(np.int64))
     rms, skewness, kurtosis = modelled(np.array([level], np.float32), gain, 1.0, kernel)
-    far = sigmas(threshold_over(settings, area, star), skewness, kurtosis)
-    height = _heights(image, column, row, level, bank(star, kernel)) / rms
+    far = sigmas(plan.threshold(area), skewness, kurtosis)
+    height = _heights(image, column, row, level, plan.filters) / rms
     # The star's own photons add to the noise of what the filter makes of it.
     light = _light(image, column, row, level, kernel.whole)
     spread = np.sqrt(1 + light / gain.electrons_per_dn / rms**2)
@@ -79,7 +76,7 @@ def expect(
     seen = sample(frame, known, Candidates(column, row, np.ones_like(row)), settings)
     # The ring about a star shows no noise here. So all that a dark pixel has is given as the
     # least noise there is, which the ring then has too.
-    table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), settings, star)
+    table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), plan)
     covariance = table[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
     x, y, flux, sigma = table[:, :4].T
     return Expectation(x, y, flux, sigma, covariance, height - far, spread, kept)

@@ -9,15 +9,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Ints, Psf, scratch
+from startrack.core import Ints
 from startrack.detection.background import Sky, believed, sky
 from startrack.detection.connect import lit, peaks, split
 from startrack.detection.examine import alone, largest_share, sharp, spoilt
-from startrack.detection.matched import Kernel, filtered, kernel_of
+from startrack.detection.matched import Kernel, filtered
 from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
-from startrack.detection.threshold import bank, modelled, sigmas, threshold_over
+from startrack.detection.plan import DetectionPlan
+from startrack.detection.threshold import modelled, sigmas
 
 Image = NDArray[np.float32]
 # A star between the pixels shows less of its peak, so pixels are looked at from here on.
@@ -33,20 +34,19 @@ class Candidates(NamedTuple):
     area: Ints
 
 
-def find(pixels: Pixels, settings: Detection, psf: Psf, mesh: int | None = None) -> Candidates:
+def find(pixels: Pixels, plan: DetectionPlan, mesh: int | None = None) -> Candidates:
     """Filter, compare, connect, and keep the peaks that stand alone and are no hot pixels.
 
-    The whole frame sees three cheap passes; the careful tests see only the peaks.
+    Three fast passes go over the whole frame; the slow tests are for the peaks alone.
 
-    psf   what a star looks like
     mesh  pixel, side of the tiles where it is not that of the settings
     """
-    kernel = kernel_of(settings, psf)
+    settings, kernel = plan.settings, plan.kernel
     image = filtered(pixels.value, kernel)
     ground = ground_of(pixels, image, kernel, mesh or settings.mesh)
-    far = reach_of_noise(ground, settings, image.size, psf)
+    far = reach_of_noise(ground, plan.threshold(image.size))
     bright = lit(image, look_level(ground, far), ground.mesh)
-    return choose(pixels, image, bright, ground, far, settings, psf)
+    return choose(pixels, image, bright, ground, far, plan)
 
 
 def ground_of(pixels: Pixels, image: Image, kernel: Kernel, mesh: int) -> Sky:
@@ -57,9 +57,12 @@ def ground_of(pixels: Pixels, image: Image, kernel: Kernel, mesh: int) -> Sky:
     return believed(ground, modelled(ground.mean, pixels.gain, pixels.step, kernel))
 
 
-def reach_of_noise(ground: Sky, settings: Detection, area: int, psf: Psf) -> Image:
-    """How far a star must stand out of a frame of so many pixels, sigma, on the Sky's grid."""
-    return sigmas(threshold_over(settings, area, psf), ground.skewness, ground.kurtosis)
+def reach_of_noise(ground: Sky, threshold: float) -> Image:
+    """How many sigma a star must exceed the background by, on the Sky's grid.
+
+    threshold  sigma of normal noise
+    """
+    return sigmas(threshold, ground.skewness, ground.kurtosis)
 
 
 def look_level(ground: Sky, far: Image) -> Image:
@@ -73,8 +76,7 @@ def choose(
     bright: Ints,
     ground: Sky,
     far: Image,
-    settings: Detection,
-    psf: Psf,
+    plan: DetectionPlan,
     regions: Ints | None = None,
 ) -> Candidates:
     """The peaks among the bright pixels of a filtered image that look like stars.
@@ -83,9 +85,10 @@ def choose(
     far      as from `reach_of_noise`
     regions  (w, 4) left, top, right, bottom that peaks must lie in, None for all of the frame
     """
-    kernel = kernel_of(settings, psf)
+    settings, kernel = plan.settings, plan.kernel
     reach, ring = settings.window // 2, ring_half(settings, kernel)
-    border, waiting = reach + settings.edge, scratch("waiting pixels", image.shape, np.uint8)
+    border = reach + settings.edge
+    waiting = plan.workspace.array("waiting pixels", image.shape, np.uint8)
     found = peaks(image, bright, waiting, settings.min_area, settings.max_area, reach, border)
     x, y, area = split(
         pixels.value, found, ground.mean, ground.rms, ground.mesh, kernel.noise,
@@ -95,7 +98,7 @@ def choose(
         inside = _inside(x, y, regions)
         x, y, area = x[inside], y[inside], area[inside]
     good = alone(
-        pixels.value, image, bank(psf, kernel), x, y, ring, far, ground.mean, ground.rms,
+        pixels.value, image, plan.filters, x, y, ring, far, ground.mean, ground.rms,
         ground.mesh, rounding(pixels, kernel),
     )  # fmt: skip
     if settings.sharpest_sigma > 0:
@@ -119,7 +122,7 @@ def ring_half(settings: Detection, kernel: Kernel) -> int:
 
     A star's filtered image is twice as long as the kernel, and must not fill its own ring.
     """
-    return max(settings.window // 2, 2 * (max(kernel.whole.shape) // 2) - KERNEL_TAIL)
+    return max(settings.window // 2, 2 * kernel.half - KERNEL_TAIL)
 
 
 @njit(cache=True, error_model="numpy")

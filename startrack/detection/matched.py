@@ -32,6 +32,11 @@ class Kernel:
     column: Image | None
 
     @property
+    def half(self) -> int:
+        """Half of its longer side: how far it spreads a pixel, pixel."""
+        return max(self.whole.shape) // 2
+
+    @property
     def noise(self) -> float:
         """Share of white noise that the filter leaves."""
         return float(np.linalg.norm(self.whole))
@@ -70,7 +75,6 @@ def gaussian_kernel(sigma: float) -> Kernel:
     return _kernel(np.outer(*2 * (np.diff([math.erf(e) for e in edge]),)))
 
 
-@lru_cache(maxsize=64)
 def psf_kernel(psf: Psf) -> Kernel:
     """Of a star as the design makes it; a smeared PSF makes a filter for streaks."""
     middle = psf.table.shape[0] // 2

@@ -1,4 +1,4 @@
-"""Centroid methods: each from a Sample and a Psf to a row per star.
+"""Centroid methods: each from a Sample and a StarModel to a row per star.
 
 A new method is a file with a function of a Sample, and one entry in `CENTROIDS`.
 """
@@ -9,12 +9,12 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from startrack.core import Floats, Psf
+from startrack.core import Floats
 from startrack.detection.fit import gaussian, likelihood
 from startrack.detection.gravity import gravity
-from startrack.detection.psf_table import reach
-from startrack.detection.s_curve import compensate, s_curve
+from startrack.detection.s_curve import compensate
 from startrack.detection.sample import Sample
+from startrack.detection.star_model import StarModel
 from startrack.detection.weighted import weighted
 
 NARROWEST_WEIGHT = 1.0  # pixel
@@ -24,27 +24,27 @@ WIDEST = 6  # pixel, half side; light farther out moves no centroid
 class CentroidMethod(NamedTuple):
     """A centroid method, and which pixels it uses. A window is given by half its side, pixel.
 
-    measure     Sample, the assumed Psf, kernel_sigma in pixel, compensation -> rows as `gravity`
-    reads       half of the key `window`, kernel_sigma, Psf -> half side of what it reads
+    measure     Sample, StarModel, kernel_sigma in pixel, compensation -> rows as `gravity`
+    reads       half of the key `window`, kernel_sigma, StarModel -> half side of what it reads
     moved_by    the same of the pixels that are varied to compute its response to noise
     skips_dead  whether it leaves dead pixels out; else a star with one beside its peak is dropped
     """
 
-    measure: Callable[[Sample, Psf, float, str], Floats]
-    reads: Callable[[int, float, Psf], int]
-    moved_by: Callable[[int, float, Psf], int]
+    measure: Callable[[Sample, StarModel, float, str], Floats]
+    reads: Callable[[int, float, StarModel], int]
+    moved_by: Callable[[int, float, StarModel], int]
     skips_dead: bool = False
 
 
-def compensated_gravity(stars: Sample, psf: Psf, sigma: float, compensation: str) -> Floats:
+def compensated_gravity(stars: Sample, star: StarModel, sigma: float, compensation: str) -> Floats:
     """Centre of gravity, corrected for what its window cuts off and what pixels average."""
     table = gravity(stars, uncut=compensation == "gaussian")
     if compensation == "psf":
-        compensate(table, s_curve(psf, stars.half))
+        compensate(table, star.s_curve)
     return table
 
 
-def widened_weight(stars: Sample, psf: Psf, sigma: float, compensation: str) -> Floats:
+def widened_weight(stars: Sample, star: StarModel, sigma: float, compensation: str) -> Floats:
     """Centre of gravity under a Gaussian weight of the width that the pixels give the star."""
     # Pixels widen a star by their own variance, and show in a narrower weight.
     seen = math.hypot(sigma, 1 / math.sqrt(12))
@@ -55,24 +55,24 @@ def widened_weight(stars: Sample, psf: Psf, sigma: float, compensation: str) -> 
 CENTROIDS: Mapping[str, CentroidMethod] = {
     "gravity": CentroidMethod(
         compensated_gravity,
-        reads=lambda half, sigma, psf: half,
-        moved_by=lambda half, sigma, psf: half,
+        reads=lambda half, sigma, star: half,
+        moved_by=lambda half, sigma, star: half,
     ),
     "weighted": CentroidMethod(
         widened_weight,
-        reads=lambda half, sigma, psf: half,
-        moved_by=lambda half, sigma, psf: min(half + 1, WIDEST),
+        reads=lambda half, sigma, star: half,
+        moved_by=lambda half, sigma, star: min(half + 1, WIDEST),
     ),
     "gaussian": CentroidMethod(
-        lambda stars, psf, sigma, compensation: gaussian(stars, sigma),
-        reads=lambda half, sigma, psf: math.ceil(3 * sigma + 0.5),
-        moved_by=lambda half, sigma, psf: min(half + 1, WIDEST),
+        lambda stars, star, sigma, compensation: gaussian(stars, sigma),
+        reads=lambda half, sigma, star: math.ceil(3 * sigma + 0.5),
+        moved_by=lambda half, sigma, star: min(half + 1, WIDEST),
         skips_dead=True,
     ),
     "likelihood": CentroidMethod(
-        lambda stars, psf, sigma, compensation: likelihood(stars, psf),
-        reads=lambda half, sigma, psf: max(reach(psf)),
-        moved_by=lambda half, sigma, psf: min(max(reach(psf)), WIDEST),
+        lambda stars, star, sigma, compensation: likelihood(stars, star),
+        reads=lambda half, sigma, star: max(star.fit_window),
+        moved_by=lambda half, sigma, star: min(max(star.fit_window), WIDEST),
         skips_dead=True,
     ),
 }

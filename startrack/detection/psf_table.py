@@ -32,8 +32,7 @@ def gaussian_psf(sigma: float) -> Psf:
     return Psf(np.outer(line, line), samples, 1.0)
 
 
-@lru_cache(maxsize=64)
-def reach(psf: Psf) -> tuple[int, int]:
+def window_of(psf: Psf) -> tuple[int, int]:
     """Half sides (columns, rows) of the window that a fit needs, pixel."""
     middle = psf.table.shape[0] // 2
     halves = []

@@ -9,13 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Frame, Ints, Psf
+from startrack.core import Floats, Frame, Ints
 from startrack.detection.centroid import measured, sample
 from startrack.detection.find import Candidates
 from startrack.detection.methods import CENTROIDS
-from startrack.detection.parameters import Detection
 from startrack.detection.pixels import pixels
-from startrack.detection.smear import star_image
+from startrack.detection.plan import DetectionPlan
 
 
 class Response(NamedTuple):
@@ -57,9 +56,7 @@ def joined(parts: Sequence[Response]) -> Response:
     )
 
 
-def response(
-    frame: Frame, x: Ints, y: Ints, sigma: Floats, settings: Detection, psf: Psf | None = None
-) -> Response:
+def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan) -> Response:
     """How centroids answer to their pixels, whatever the method of the settings.
 
     Each pixel is moved up and down by its own noise, that of all stars at once; stars must be
@@ -71,13 +68,12 @@ def response(
     Accuracy  numerical: a secant over two sigma, exact where the centroid is quadratic there. What
               a pixel of the ring does to the background is left out.
     """
-    star = star_image(settings, psf)
     nothing: NDArray[np.int64] = np.ones(len(x), np.int64)
     # Frames are whole numbers, though their expectation is not.
-    stars = sample(frame, pixels(frame), Candidates(x, y, nothing), settings)
+    stars = sample(frame, pixels(frame), Candidates(x, y, nothing), plan.settings)
     stars = stars._replace(floor=1 / math.sqrt(12))
-    middle = measured(stars, settings, star)
-    half = half_of(settings, star)
+    middle = measured(stars, plan)
+    half = half_of(plan)
     slope = np.zeros((len(x), 2, 2 * half + 1, 2 * half + 1))
     image = stars.image
     for j in range(-half, half + 1):
@@ -85,9 +81,9 @@ def response(
             pixel = y + j, x + i
             held, step = image[pixel], sigma[pixel].astype(np.float32)
             image[pixel] = held + step
-            above = measured(stars, settings, star)[:, :2]
+            above = measured(stars, plan)[:, :2]
             image[pixel] = held - step
-            below = measured(stars, settings, star)[:, :2]
+            below = measured(stars, plan)[:, :2]
             image[pixel] = held
             slope[:, :, half + j, half + i] = (above - below) / (2 * step)[:, None]
     xx, xy, yy = middle[:, 4], middle[:, 5], middle[:, 6]
@@ -96,7 +92,8 @@ def response(
     return Response(middle[:, :2], covariance, middle[:, 2] / middle[:, 3], corner, slope)
 
 
-def half_of(settings: Detection, psf: Psf) -> int:
+def half_of(plan: DetectionPlan) -> int:
     """Half the side of the square of pixels that move a centroid."""
+    settings = plan.settings
     method = CENTROIDS[settings.centroid]
-    return method.moved_by(settings.window // 2, settings.kernel_sigma, psf)
+    return method.moved_by(settings.window // 2, settings.kernel_sigma, plan.star)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numba import njit
 
@@ -16,7 +14,6 @@ ROUNDS = 20
 FLATTEST = 0.1  # where the centre of gravity moves less than that with the star, it tells nothing
 
 
-@lru_cache(maxsize=16)
 def s_curve(psf: Psf, half: int) -> Floats:
     """Centre of gravity, without noise, of a window of 2 half + 1 pixels.
 

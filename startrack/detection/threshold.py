@@ -1,9 +1,8 @@
-"""A detection threshold enters; the number of false spots to expect leaves, and the inverse."""
+"""Background and gain -> law of the filtered noise; threshold -> expected noise peaks, and back."""
 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -11,11 +10,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Psf
-from startrack.detection.matched import Kernel, kernel_of
-from startrack.detection.parameters import Detection
+from startrack.detection.matched import Kernel
 from startrack.detection.pixels import Gain
 from startrack.detection.psf_table import expected
-from startrack.detection.smear import star_image
 
 Grid = NDArray[np.float32]
 MILD = 0.5  # skewness up to which the expansion's second-order terms are small beside the first
@@ -64,23 +61,22 @@ def sigmas(threshold: float, skewness: Grid, kurtosis: Grid) -> Grid:
 
 
 Image = NDArray[np.float32]
-# Places that are tried, pixel from a peak's. A star lies up to half a pixel off, and noise may
-# carry its peak over to the next one; a quarter of a pixel costs 0.03 sigma of a sharp star.
-PLACES = (-0.625, -0.375, -0.125, 0.125, 0.375, 0.625)
-MORE = 2  # pixel; these filters see few pixels, and may see all that a star lights
+# Positions that are tried, pixel from the peak. A star lies up to half a pixel off, and noise may
+# move its peak to the next pixel; an error of a quarter pixel costs 0.03 sigma of a sharp star.
+OFFSETS = (-0.625, -0.375, -0.125, 0.125, 0.375, 0.625)
+MARGIN = 2  # pixel beyond the kernel, so that these filters hold all the light of a star
 
 
-@lru_cache(maxsize=64)
-def bank(psf: Psf, kernel: Kernel) -> Floats:
+def offset_filters(psf: Psf, kernel: Kernel) -> Floats:
     """Matched filters of stars between the pixels, each passing the kernel's fraction of noise.
 
-    Returns  (36, rows, columns) about a peak, two more pixels than the kernel on each side
+    Returns  (36, rows, columns) about a peak, with two more pixels than the kernel on each side
     """
-    half_y, half_x = kernel.whole.shape[0] // 2 + MORE, kernel.whole.shape[1] // 2 + MORE
-    filters = np.empty((len(PLACES) ** 2, 2 * half_y + 1, 2 * half_x + 1))
+    half_y, half_x = kernel.whole.shape[0] // 2 + MARGIN, kernel.whole.shape[1] // 2 + MARGIN
+    filters = np.empty((len(OFFSETS) ** 2, 2 * half_y + 1, 2 * half_x + 1))
     star = np.empty((3, *filters.shape[1:]))
     for k in range(len(filters)):
-        x, y = PLACES[k % len(PLACES)], PLACES[k // len(PLACES)]
+        x, y = OFFSETS[k % len(OFFSETS)], OFFSETS[k // len(OFFSETS)]
         expected(psf.table, psf.oversampling, x, y, -half_x, -half_y, star)
         filters[k] = star[0] * (kernel.noise / np.linalg.norm(star[0]))
     return filters
@@ -102,60 +98,32 @@ def highest_between(image: Image, x: int, y: int, level: float, filters: Floats)
     return best
 
 
-LOWEST, HIGHEST = 1.5, 12.0  # sigma; the density falls from 1 on, and nothing passes 12
+LOWEST, HIGHEST = 1.5, 12.0  # sigma; the density falls from 1 on, and no noise passes 12
 
 
-def false_alarms(settings: Detection, columns: int, rows: int, psf: Psf | None = None) -> float:
-    """Expected number of noise peaks that pass the threshold.
+def threshold_for(peaks: float) -> float:
+    """Inverse of `peak_density`: the threshold in sigma, in [1.5, 12], for a mean number of peaks.
 
-        n = area Lambda^(1/2) (2 pi)^(-3/2) z exp(-z^2 / 2)
-
-    z is the threshold, Lambda the determinant of the covariance of the filtered noise's slopes
-    over its variance, here from what the filters of neighbouring places have in common.
-
-    Source: Adler (1981), The geometry of random fields, theorem 6.9.3.
-
-    Returns  1, per frame
-    Accuracy  model: 5 % for thresholds from 4 on where the gain is known, a factor of 2 where the
-              tiles alone tell the noise.
+    peaks  1, over area Lambda^(1/2)
     """
-    star, area = star_image(settings, psf), columns * rows
-    bumps = _bumps(star, kernel_of(settings, star))
-    return area * bumps * _density(threshold_over(settings, area, star))
-
-
-def threshold_of(settings: Detection, columns: int, rows: int, psf: Psf | None = None) -> float:
-    """Sigma of normal noise that a spot must exceed in a frame, as `false_alarms` takes it."""
-    return threshold_over(settings, columns * rows, star_image(settings, psf))
-
-
-def threshold_over(settings: Detection, area: int, star: Psf) -> float:
-    """The same for an area of pixels and a star's image: the setting, or what keeps the wish."""
-    if settings.false_per_frame is None:
-        return settings.threshold
-    return _threshold(settings.false_per_frame, area, star, kernel_of(settings, star))
-
-
-@lru_cache(maxsize=64)
-def _threshold(wanted: float, area: int, star: Psf, kernel: Kernel) -> float:
-    fraction = wanted / (area * _bumps(star, kernel))
-    if fraction >= _density(LOWEST):
+    if peaks >= peak_density(LOWEST):
         return LOWEST
-    return float(scipy.optimize.brentq(lambda z: math.log(_density(z) / fraction), LOWEST, HIGHEST))
+    return float(
+        scipy.optimize.brentq(lambda z: math.log(peak_density(z) / peaks), LOWEST, HIGHEST)
+    )
 
 
-def _density(z: float) -> float:
+def peak_density(z: float) -> float:
+    """Expected peaks above z sigma in a unit area, in which Lambda is 1; see `false_alarms`."""
     return (2 * math.pi) ** -1.5 * z * math.exp(-z * z / 2)
 
 
-@lru_cache(maxsize=64)
-def _bumps(star: Psf, kernel: Kernel) -> float:
-    """Lambda^(1/2): bumps of the filtered noise per pixel."""
-    filters = bank(star, kernel)
-    middle, step = len(PLACES) // 2, PLACES[1] - PLACES[0]
-    here = middle * len(PLACES) + middle
+def roughness(filters: Floats, kernel: Kernel) -> float:
+    """Lambda^(1/2) of `false_alarms` per pixel, from the overlap of neighbouring filters."""
+    middle, step = len(OFFSETS) // 2, OFFSETS[1] - OFFSETS[0]
+    here = middle * len(OFFSETS) + middle
     slope = 1.0
-    for other in (here - 1, here - len(PLACES)):
+    for other in (here - 1, here - len(OFFSETS)):
         common = float((filters[here] * filters[other]).sum()) / kernel.noise**2
         slope *= -2 * math.log(common) / step**2
     return math.sqrt(slope)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -10,15 +9,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Frame, Ints, Psf, Spots, canvas
+from startrack.core import Floats, Frame, Ints, Psf, Spots
 from startrack.detection.background import Sky, between
 from startrack.detection.centroid import centroid
 from startrack.detection.find import choose, ground_of, look_level, reach_of_noise, ring_half
-from startrack.detection.matched import filtered, kernel_of
+from startrack.detection.matched import Kernel, filtered
 from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, gain_of, pixels
-from startrack.detection.smear import star_image
+from startrack.detection.plan import DetectionPlan
 
 Image = NDArray[np.float32]
 RING = 3  # pixel, from a window to the far side of the ring about it
@@ -41,55 +40,42 @@ class Ground(NamedTuple):
     noise: float
 
 
-def measure_ground(frame: Frame, settings: Detection, psf: Psf | None = None) -> Ground:
-    """Background and noise of a whole frame, as `detect` sees them."""
-    image, star = pixels(frame), star_image(settings, psf)
-    kernel = kernel_of(settings, star)
-    sky = ground_of(image, filtered(image.value, kernel), kernel, settings.mesh)
-    far = reach_of_noise(sky, settings, frame.image.size, star)
+def measure_ground(frame: Frame, plan: DetectionPlan) -> Ground:
+    """Background and noise of a whole frame, as `detect` measures them."""
+    image, kernel = pixels(frame), plan.kernel
+    sky = ground_of(image, filtered(image.value, kernel), kernel, plan.settings.mesh)
+    far = reach_of_noise(sky, plan.threshold(frame.image.size))
     look = look_level(sky, far)
     lowest = cv2.erode(look, np.ones((3, 3), np.uint8))[1:-1, 1:-1].astype(float)
     return Ground(sky, far, look, lowest, float(np.median(sky.rms)))
 
 
-def detect_within(
-    frame: Frame, regions: Ints, ground: Ground, settings: Detection, psf: Psf | None = None
-) -> Spots:
+def detect_within(frame: Frame, regions: Ints, ground: Ground, plan: DetectionPlan) -> Spots:
     """Find the stars whose peaks lie in some regions, as `detect` finds them in a whole frame.
 
     frame     whose image, best float32, is right in the regions and `margin` pixel around each
     regions   (w, 4) left, top, right, bottom, the last two not in it; they may overlap
     ground    background and noise, as from `measure_ground`
-    settings, psf  as `detect` takes them
     Returns   Spots, brightest first
     Accuracy  model: of a connected component, what lies in the margin beyond the kernel's reach has
               no part in its area.
     """
-    star = star_image(settings, psf)
-    kernel = kernel_of(settings, star)
-    rows, columns = frame.image.shape
-    far, step = margin(settings, psf), max(kernel.whole.shape) // 2
-    seen = grown_mask(regions, far - step, columns, rows)
-    image = canvas("detection filtered", (rows, columns), frame.offset, seen)
+    kernel, (rows, columns) = plan.kernel, frame.image.shape
+    seen = grown_mask(regions, margin(plan) - kernel.half, columns, rows)
+    image = plan.workspace.canvas("filtered", (rows, columns), frame.offset, seen)
     value = np.asarray(frame.image, np.float32)
     bright = _filter(value, seen, kernel.whole, image, ground.look, ground.sky.mesh)
     known = Pixels(value, 0.0, 1.0, None, gain_of(frame, 0.0))
-    found = choose(known, image, bright, ground.sky, ground.far, settings, star, regions)
-    return centroid(frame, known, found, settings, star)
+    found = choose(known, image, bright, ground.sky, ground.far, plan, regions)
+    return centroid(frame, known, found, plan)
 
 
-def margin(settings: Detection, psf: Psf | None = None) -> int:
-    """How far from a peak the detection looks, pixel."""
-    star = star_image(settings, psf)
-    kernel, half = kernel_of(settings, star), settings.window // 2
-    ring = ring_half(settings, kernel) + RING + max(kernel.whole.shape) // 2
-    read = CENTROIDS[settings.centroid].reads(half, settings.kernel_sigma, star)
+def margin(plan: DetectionPlan) -> int:
+    """Largest distance from a peak of a pixel that the detection uses, pixel."""
+    settings, half = plan.settings, plan.settings.window // 2
+    ring = ring_half(settings, plan.kernel) + RING + plan.kernel.half
+    read = CENTROIDS[settings.centroid].reads(half, settings.kernel_sigma, plan.star)
     return max(ring, 2 * half + RING, read + RING)
-
-
-def star_filter(settings: Detection, psf: Psf | None = None) -> Floats:
-    """The weights of the detection's filter, (2 m + 1, 2 n + 1) 1."""
-    return kernel_of(settings, star_image(settings, psf)).whole.astype(float)
 
 
 def peak_border(settings: Detection) -> int:
@@ -97,23 +83,16 @@ def peak_border(settings: Detection) -> int:
     return settings.window // 2 + settings.edge
 
 
-def kernel_half(settings: Detection, psf: Psf | None = None) -> int:
-    """How far the detection's filter spreads a pixel, pixel."""
-    return max(kernel_of(settings, star_image(settings, psf)).whole.shape) // 2
+def star_profile(psf: Psf, kernel: Kernel) -> Floats:
+    """Largest fraction of a star's flux in a pixel of the filtered image, by the distance.
 
-
-@lru_cache(maxsize=64)
-def star_profile(psf: Psf, settings: Detection) -> Floats:
-    """Share of a star's flux in the filtered image, the most at so many pixel from it or farther.
-
-    psf      of the star as it is, not as the tracker believes it
-    Returns  (k,) at 0, 1, 2, ... pixel along either axis
+    psf      the true one, not that which the tracker assumes
+    Returns  (k,) at 0, 1, 2, ... pixel along either axis and beyond
     """
-    kernel = kernel_of(settings, star_image(settings, psf)).whole
     start = (psf.table.shape[0] // 2) % psf.oversampling
     star = psf.table[start :: psf.oversampling, start :: psf.oversampling].astype(np.float32)
-    room = max(kernel.shape) // 2
-    image = cv2.filter2D(np.pad(star, room), -1, kernel, borderType=cv2.BORDER_CONSTANT)
+    padded = np.pad(star, kernel.half)
+    image = cv2.filter2D(padded, -1, kernel.whole, borderType=cv2.BORDER_CONSTANT)
     away = np.abs(np.arange(len(image)) - len(image) // 2)
     away = np.maximum.outer(away, away)
     fraction = np.array([image[away == k].max() for k in range(away.max() + 1)])

@@ -14,9 +14,9 @@ from startrack.attitude import refine, tangent
 from startrack.catalog import open_sky
 from startrack.core import Camera, Floats, Frame, Ints, Stars
 from startrack.design import Case
-from startrack.detection import Response, half_of, joined, peak_border, response, star_image
+from startrack.detection import Response, half_of, joined, peak_border, response
 from startrack.detector import Detector, law_of, require_independent_pixels
-from startrack.trial import index_of, psf_of, systematic_variance
+from startrack.trial import detection_plan, index_of, systematic_variance
 
 FEWEST = 3  # stars
 SAME = 2.0  # pixel, between two stars that make one spot
@@ -59,8 +59,9 @@ def control(
     detector, camera = case.instrument.detector, case.instrument.camera
     mean, variance = _law(detector, electrons)
     sigma = np.sqrt(variance)
-    settings, psf = case.tracker.detection, psf_of(case.instrument)
-    side = half_of(settings, star_image(settings, psf))
+    settings = case.tracker.detection
+    plan = detection_plan(case.instrument, settings)
+    side = half_of(plan)
     pixel = _inside(stars.direction, icrs_to_camera, camera, max(side, peak_border(settings)))[0]
     x, y = np.rint(pixel).astype(np.int64).T
     frame = Frame(
@@ -73,7 +74,7 @@ def control(
     if not len(pixel):
         return None
     answer = _apart(
-        pixel, 2 * side + 2, lambda part: response(frame, x[part], y[part], sigma, settings, psf)
+        pixel, 2 * side + 2, lambda part: response(frame, x[part], y[part], sigma, plan)
     )
     good = (answer.snr > settings.threshold) & ~_merged(answer.place)
     good &= np.isfinite(answer.slope).all(axis=(1, 2, 3))

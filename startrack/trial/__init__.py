@@ -58,6 +58,7 @@ from startrack.trial.star_response import (
 from startrack.trial.systematic import systematic_variance, systematic_variance_of
 from startrack.trial.view import (
     detected_spectrum,
+    detection_plan,
     expected_electrons,
     light_of,
     line_of_sight,

@@ -13,12 +13,12 @@ from scipy.spatial import cKDTree
 from startrack.catalog import Selection, open_sky
 from startrack.core import Floats, Ints, Light
 from startrack.design import Case
-from startrack.detection import false_alarms, peak_border, star_filter, star_profile, threshold_of
+from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
 from startrack.scene import Scene, illuminate
 from startrack.trial.spot_response import RATIOS, REACH, Grid, Response, pull_of, response_of
 from startrack.trial.systematic import systematic_variance
-from startrack.trial.view import psf_of, throughput
+from startrack.trial.view import detection_plan, psf_of, throughput
 
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
 LEAST = 0.5  # sigma, where the threshold is so low that all stars would count
@@ -127,12 +127,16 @@ def plan_of(case: Case) -> Plan:
     background = sky + detector.dark_rate * detector.exposure
     rounding = detector.electrons_per_dn / math.sqrt(12)
     noise = math.hypot(math.sqrt(background), detector.noise, rounding)
-    noise *= float(np.linalg.norm(star_filter(settings, psf)))
-    threshold = threshold_of(settings, detector.columns, detector.rows, psf)
-    faintest = max(threshold - FAINTEST, LEAST) * noise / float(star_profile(psf, settings)[0])
+    detection = detection_plan(instrument, settings)
+    noise *= float(np.linalg.norm(detection.kernel.whole.astype(float)))
+    threshold = detection.threshold(detector.columns * detector.rows)
+    faintest = (
+        max(threshold - FAINTEST, LEAST) * noise / float(star_profile(psf, detection.kernel)[0])
+    )
     found = np.flatnonzero(flux >= min(faintest, flux.max()))  # one at least, to have arrays
     found = found[np.argsort(stars.direction[found, 2])]
-    there, known = _believed(case, found)
+    believed = open_sky(case.believed_catalog).stars
+    there, known = believed.find(stars.identifier[found])
     x, y = camera.centre
     view = View(
         *(camera.columns, camera.rows, camera.focal_length_px, x, y),
@@ -147,13 +151,13 @@ def plan_of(case: Case) -> Plan:
         pull_of(grid, TYPICAL * faintest),
         Field(
             np.ascontiguousarray(stars.direction[found]),
-            np.ascontiguousarray(open_sky(case.believed_catalog).stars.direction[there]), known,
+            np.ascontiguousarray(believed.direction[there]), known,
             np.log(flux[found]), found.astype(np.uint64), systematic_variance(case)[there],
         ),
         _companions(stars.direction, flux, found, radius),
         view,
         case.tracker.attitude.gate,
-        false_alarms(settings, detector.columns, detector.rows, psf),
+        false_alarms(detection, detector.columns, detector.rows),
     )  # fmt: skip
 
 
@@ -161,16 +165,6 @@ def plan_of(case: Case) -> Plan:
 def _light(catalog: Selection, scene: Scene) -> Light:
     """The light of all stars of a sky."""
     return illuminate(scene, open_sky(catalog).stars)
-
-
-def _believed(case: Case, found: Ints) -> tuple[Ints, NDArray[np.bool_]]:
-    """Which of the tracker's catalogue some stars of the sky are, and whether it has them."""
-    true, own = open_sky(case.catalog).stars, open_sky(case.believed_catalog).stars
-    order = np.argsort(own.identifier)
-    wanted = true.identifier[found]
-    at = np.minimum(np.searchsorted(own.identifier[order], wanted), len(own) - 1)
-    there = order[at]
-    return there, own.identifier[there] == wanted
 
 
 def _companions(directions: Floats, flux: Floats, found: Ints, radius: float) -> Companions:

@@ -14,7 +14,7 @@ from startrack.core import Floats, Streams
 from startrack.design import Case
 from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
-from startrack.trial.view import line_of_sight, psf_of
+from startrack.trial.view import detection_plan, line_of_sight, psf_of
 
 PHASES = 6  # places in the pixel, along either axis
 STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
@@ -52,15 +52,16 @@ class Grid:
 
     def expect(self, stars: Floats, companions: Floats, across: int) -> tuple[Expectation, Floats]:
         """What is to be expected of stars (n, 3), and their places; arguments as `star_grid`."""
-        detector, settings = self.case.instrument.detector, self.case.tracker.detection
+        detector = self.case.instrument.detector
+        plan = detection_plan(self.case.instrument, self.case.tracker.detection)
         psf, smear = psf_of(self.case.instrument), _smear(self.case)
         longest = math.ceil(np.abs(smear[:, 1:]).max())
-        side = 2 * (margin(settings, psf) + longest + 2) + 1
+        side = 2 * (margin(plan) + longest + 2) + 1
         frame, place = star_grid(stars, companions, across, side, smear, psf, detector, self.sky)
         dark = self.sky + detector.dark_rate * detector.exposure
         level = detector.offset + dark / detector.electrons_per_dn
         area = detector.columns * detector.rows
-        return expect(frame, place, level, area, settings, psf), place
+        return expect(frame, place, level, area, plan), place
 
 
 def response_of(grid: Grid, faintest: float, brightest: float) -> Response:

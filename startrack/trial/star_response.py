@@ -17,26 +17,25 @@ from startrack.detection import (
     Detection,
     centroid,
     filtered,
-    kernel_of,
     pixels,
-    star_image,
-    threshold_over,
 )
 from startrack.detector import (
     Detector,
     device_streams,
     diffuse,
     electron_rate,
+    nonlinear_signal,
     normals,
     offsets,
     read_noise,
     settle,
     stamp,
+    with_adc_inl,
 )
 from startrack.motion import blur, slew
 from startrack.scene import illuminate
 from startrack.trial.conditions import dark
-from startrack.trial.view import psf_of, throughput
+from startrack.trial.view import detection_plan, psf_of, throughput
 
 
 def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise: float) -> Frame:
@@ -53,8 +52,7 @@ def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise
     """
     largest = 2.0**detector.bits - 1
     level = np.minimum(electrons, detector.full_well)
-    if detector.nonlinearity:
-        level -= detector.nonlinearity * level**2 / detector.full_well
+    level = nonlinear_signal(level, detector.full_well, detector.nonlinearity)
     if detector.settling:
         level = settle(level, detector.settling)
     level += ripple
@@ -62,8 +60,7 @@ def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise
     level[1::2, ::2] -= 2 * ripple
     level /= detector.electrons_per_dn
     level += detector.offset
-    if detector.adc_inl:
-        level += 4 * detector.adc_inl * level / largest * (1 - level / largest)
+    level = with_adc_inl(level, level / largest, detector.adc_inl)
     return Frame(
         np.minimum(level, largest).astype(np.float32),
         detector.exposure,
@@ -194,9 +191,9 @@ def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, 
     )
     row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
     every = replace(detection, max_spots=2**20)
-    psf = star_image(detection, psf_of(case.instrument))
+    plan = detection_plan(case.instrument, every)
     candidates = Candidates(column, row, np.ones(len(row), np.int64))
-    spots = centroid(frame, pixels(frame), candidates, every, psf)
+    spots = centroid(frame, pixels(frame), candidates, plan)
     found = np.column_stack([spots.x, spots.y])
     cell = np.floor((found + 0.5) / side).astype(np.int64)
     star = cell[:, 1] * across + cell[:, 0]
@@ -220,14 +217,14 @@ def detection_probability(case: Case, magnitude: Floats) -> Floats:
     if size.background >= size.largest:
         return np.zeros(len(magnitude))
     point = lone(case)
-    star = star_image(detection, psf_of(case.instrument))
-    kernel = kernel_of(detection, star)
+    plan = detection_plan(case.instrument, detection)
+    kernel = plan.kernel
     middle = point.shape[-1] // 2
     near = slice(middle - 1, middle + 2)
     peak = np.array([filtered(one, kernel)[near, near].max() for one in point.astype(np.float32)])
     snr = size.star * 10 ** (-0.4 * magnitude[:, None]) * peak / (size.pixel * kernel.noise)
     detector = case.instrument.detector
-    threshold = threshold_over(detection, detector.columns * detector.rows, star)
+    threshold = plan.threshold(detector.columns * detector.rows)
     return np.asarray(ndtr(snr - threshold).mean(axis=1))
 
 

@@ -9,7 +9,7 @@ from startrack.core.values import Frame
 from startrack.detection import Detection, detect
 from startrack.detection.find import find
 from startrack.detection.pixels import pixels
-from startrack.detection.smear import star_image
+from startrack.detection.plan import plan_detection
 
 SIDE, BACKGROUND, READ_NOISE = 1024, 20.0, 4.0
 
@@ -112,7 +112,7 @@ def test_no_window_of_a_pair_at_the_border_leaves_the_frame(sky):
     light = sky((256, 256), x, y, np.array([20e3, 15e3, 20e3, 15e3]), 0.6) + BACKGROUND
     frame = Frame(light.astype(np.float32), np.nan, 1.0, 0.0, READ_NOISE)
     settings = Detection(kernel_sigma=0.8)
-    found = find(pixels(frame), settings, star_image(settings, None))
+    found = find(pixels(frame), plan_detection(settings))
     assert len(found.x) >= 2
     border = settings.window // 2
     assert min(found.y) >= border

@@ -7,7 +7,6 @@ import pytest
 from scipy import stats
 
 from startrack.core.curve import Curve
-from startrack.core.scratch import scratch
 from startrack.core.streams import Streams
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design
@@ -17,7 +16,7 @@ from startrack.io import shipped
 from startrack.motion import Motion
 from startrack.trial.chain import observe, run_random_trial, run_trials
 from startrack.trial.view import random_attitude
-from startrack.trial.window import spots_in_windows
+from startrack.trial.window import plan_of, spots_in_windows
 
 MARGINAL = 60.0  # digital number, twice the flux at which the threshold lies
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
@@ -73,8 +72,9 @@ def test_streaks_are_those_of_the_frame():
 def test_nothing_outside_the_windows_is_read():
     before = run_random_trial(CASE, 5, 1, Fidelity.WINDOW)
     shape = CASE.instrument.detector.rows, CASE.instrument.detector.columns
-    scratch("detection filtered", shape, np.float32)[...] = 1e9
-    scratch("digital numbers", shape, np.float32)[...] = 4095
+    plan = plan_of(CASE)
+    plan.detection.workspace.array("filtered", shape, np.float32)[...] = 1e9
+    plan.workspace.array("digital numbers", shape, np.float32)[...] = 4095
     assert run_random_trial(CASE, 5, 1, Fidelity.WINDOW) == before
 
 
