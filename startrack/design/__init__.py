@@ -5,11 +5,10 @@ epoch         Scene, Selection -> the catalogue's epoch and orbital velocity, wh
 case          Case: what is true and what the tracker believes, kept apart; how faithful a trial
               is to it.
 products      A table of a design enters; it leaves with the values of the detector that it names.
-parameter     A dotted name enters with a case; what stands there, its unit, or a case with
-              another value.
-variables     Variable, Link, Box: named parameters of a case as points of a unit cube.
-choice        Choice: a part of a design that is one of several; cases enter, a branch for each
-              leaves.
+parameter     Dotted name, case -> the value there, its unit, or a case with other values.
+variables     Variable, Link, DesignSpace: named parameters of a case as points of a unit cube.
+choice        Case, choices -> branches: the cases with each combination of the values of the
+              choices.
 objective     Outcomes of trials enter; the error that is to be made small leaves, and ratios of
               it.
 requirements  Requirements: what a design must meet before its accuracy counts.
@@ -23,7 +22,7 @@ from startrack.design.case import Case, Fidelity, Instrument, Tracker
 from startrack.design.choice import Choice, branches
 from startrack.design.files import Design, load_design, save_design
 from startrack.design.objective import AXES, Objective
-from startrack.design.parameter import replaced
+from startrack.design.parameter import replaced, replaced_all
 from startrack.design.requirements import Requirements
 from startrack.design.variables import DesignSpace, Link, Variable
 
@@ -37,4 +36,5 @@ __all__ = [
     "Requirements",
     "Variable",
     "replaced",
+    "replaced_all",
 ]

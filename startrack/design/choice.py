@@ -1,20 +1,21 @@
-"""Choice: a part of a design that is one of several; cases enter, a branch for each leaves."""
+"""Case, choices -> branches: the cases with each combination of the values of the choices."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
 from startrack.design.case import Case
-from startrack.design.parameter import find, quantity, replaced
+from startrack.design.parameter import find, quantity, replaced_all
 from startrack.design.products import with_product
 from startrack.io import from_table, to_table
 
 MOST_BRANCHES = 256
 DETECTOR = "instrument.detector"
+EXPOSURE = "instrument.detector.exposure"
 
 
 @dataclass(frozen=True)
@@ -54,23 +55,29 @@ def branches(case: Case, choices: Sequence[Choice]) -> list[Branch]:
 
 def _branches(case: Case, choices: Sequence[Choice]) -> Iterator[Branch]:
     for values in product(*(choice.values for choice in choices)):
-        chosen = case
-        for choice, value in zip(choices, values, strict=True):
-            chosen = _chosen(chosen, choice.name, value)
+        chosen = _chosen(case, {one.name: v for one, v in zip(choices, values, strict=True)})
         names = (choice.name.rpartition(".")[2] for choice in choices)
-        label = ", ".join(f"{name} {_told(v)}" for name, v in zip(names, values, strict=True))
+        label = ", ".join(f"{name} {_written(v)}" for name, v in zip(names, values, strict=True))
         yield Branch(label, chosen)
 
 
-def _chosen(case: Case, name: str, value: float | str) -> Case:
-    if name == DETECTOR:
+def _chosen(case: Case, values: Mapping[str, float | str]) -> Case:
+    """All values at once; a product first, whose values the others then change."""
+    rest = dict(values)
+    if DETECTOR in rest:
         table = to_table(case)
-        exposure = table["instrument"]["detector"]["exposure"]
-        table["instrument"]["detector"] = {"product": value, "exposure": exposure}
-        return from_table(Case, with_product(table))
-    text = isinstance(find(case, name), str)
-    return replaced(case, name, value if text else quantity(case, name, value))
+        # A product may refuse the exposure of the case, but not the one that is chosen with it.
+        exposure = rest.pop(EXPOSURE, table["instrument"]["detector"]["exposure"])
+        table["instrument"]["detector"] = {"product": rest.pop(DETECTOR), "exposure": exposure}
+        case = from_table(Case, with_product(table))
+    return replaced_all(
+        case,
+        {
+            name: value if isinstance(find(case, name), str) else quantity(case, name, value)
+            for name, value in rest.items()
+        },
+    )
 
 
-def _told(value: float | str) -> str:
+def _written(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:g}"

@@ -1,10 +1,11 @@
-"""A dotted name enters with a case; what stands there, its unit, or a case with another value."""
+"""Dotted name, case -> the value there, its unit, or a case with other values."""
 
 from __future__ import annotations
 
 import dataclasses
 import warnings
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from startrack.core import Unit, parse, write
 from startrack.io import current_key, unit_of
@@ -57,17 +58,29 @@ def number(case: Any, name: str) -> float:
 
 
 def replaced(case: Any, name: str, value: Any) -> Any:
-    """The case with another value at a name; a number is rounded where a whole one stands.
+    """The case with another value at a name; a number is rounded where a whole one was.
 
     Raises  ValueError with the name, where the parameter refuses the value.
     """
-    held = find(case, name)
-    if isinstance(held, int) and not isinstance(held, bool) and isinstance(value, float):
-        value = round(value)
-    try:
-        return _with(case, current_name(case, name).split("."), value)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{name}: {error}") from None
+    return replaced_all(case, {name: value})
+
+
+def replaced_all(case: Any, values: Mapping[str, Any]) -> Any:
+    """The case with other values at some names, all changed at once.
+
+    Each part of the case is checked with all of its new values, so that values that are valid only
+    together can be given together.
+
+    values  by dotted name; a number is rounded where a whole one was
+    Raises  ValueError with the names of those values that the part which refused them has; and
+            where one name is part of another.
+    """
+    return _with(case, _changes(case, values), checked=True)
+
+
+def unchecked(case: Any, values: Mapping[str, Any]) -> Any:
+    """As `replaced_all`, but no part of the case is checked: only to compute other values from."""
+    return _with(case, _changes(case, values), checked=False)
 
 
 def unit_at(case: Any, name: str) -> Unit | None:
@@ -107,12 +120,49 @@ def text(case: Any, name: str, value: float) -> str:
     return f"{float(count):.4g} {shown}"
 
 
-def _with(owner: Any, parts: list[str], value: Any) -> Any:
-    head, *rest = parts
+class _Change(NamedTuple):
+    """A value, the name by which it was given, and the path of its parameter."""
+
+    name: str
+    path: list[str]
+    value: Any
+
+
+def _changes(case: Any, values: Mapping[str, Any]) -> list[_Change]:
+    changes = []
+    for name, value in values.items():
+        held = find(case, name)
+        if isinstance(held, int) and not isinstance(held, bool) and isinstance(value, float):
+            value = round(value)
+        changes.append(_Change(name, current_name(case, name).split("."), value))
+    for one in changes:
+        for other in changes:
+            if one is not other and other.path[: len(one.path)] == one.path:
+                raise ValueError(f"{one.name} and {other.name} must not be changed together")
+    return changes
+
+
+def _with(owner: Any, changes: list[_Change], checked: bool) -> Any:
+    values = {}
+    for head in dict.fromkeys(change.path[0] for change in changes):
+        held = owner[int(head)] if isinstance(owner, tuple) else getattr(owner, head)
+        inner = [
+            change._replace(path=change.path[1:]) for change in changes if change.path[0] == head
+        ]
+        values[head] = _with(held, inner, checked) if inner[0].path else inner[0].value
     if isinstance(owner, tuple):
-        at = int(head)
-        value = _with(owner[at], rest, value) if rest else value
-        return (*owner[:at], value, *owner[at + 1 :])
-    if rest:
-        value = _with(getattr(owner, head), rest, value)
-    return dataclasses.replace(owner, **{head: value})
+        return tuple(values.get(str(at), held) for at, held in enumerate(owner))
+    if not checked:
+        return _unchecked(owner, values)
+    try:
+        return dataclasses.replace(owner, **values)
+    except (ValueError, TypeError) as error:
+        names = ", ".join(change.name for change in changes)
+        raise ValueError(f"{names}: {error}") from None
+
+
+def _unchecked(owner: Any, values: Mapping[str, Any]) -> Any:
+    new = object.__new__(type(owner))  # whose cached properties are not yet computed
+    for each in dataclasses.fields(owner):
+        object.__setattr__(new, each.name, values.get(each.name, getattr(owner, each.name)))
+    return new

@@ -1,4 +1,4 @@
-"""Variable, Link, Box: named parameters of a case as points of a unit cube."""
+"""Variable, Link, DesignSpace: named parameters of a case as points of a unit cube."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from startrack.core import finite, one_of
 from startrack.design.case import Case
-from startrack.design.parameter import number, quantity, replaced, text
+from startrack.design.parameter import number, quantity, replaced_all, text, unchecked
 
 
 @dataclass(frozen=True)
@@ -136,13 +136,16 @@ class DesignSpace:
         return self.adapt(case) if self.adapt else case
 
     def _replaced(self, place: NDArray[np.float64]) -> Case:
-        case = self.case
-        for name, value in self.values(place).items():
-            case = replaced(case, name, value)
+        values = self.values(place)
         for link in self.links:
-            ratio = number(case, link.to) / number(self.case, link.to)
-            case = replaced(case, link.name, number(self.case, link.name) * ratio**link.power)
-        return case
+            # What a link follows may be computed from variables, and is then not yet checked.
+            try:
+                followed = number(unchecked(self.case, values), link.to)
+            except ArithmeticError as error:
+                raise ValueError(f"{link.to} cannot be computed: {error}") from None
+            ratio = followed / number(self.case, link.to)
+            values[link.name] = number(self.case, link.name) * ratio**link.power
+        return replaced_all(self.case, values)
 
     def text(self, case: Case) -> dict[str, str]:
         """The variables of a design as a person writes them, four digits and a unit."""

@@ -2,7 +2,8 @@
 
 shipped       A name enters; where startrack keeps that piece of shipped data leaves.
 saving        Files that are written whole or not at all.
-sqlite        SQLite file that one process holds at a time, and SQLite's errors in our words.
+sqlite        SQLite file of one kind -> its tables, open for one process at a time; errors as
+              sentences.
 tables        Frozen dataclasses to tables of TOML and back, units in strings, each error with its
               place.
 checked_fits  FITS file -> its parts, with their checksums looked at, or a sentence that says what
@@ -16,7 +17,7 @@ from startrack.io.checked_fits import open_checked
 from startrack.io.images import read_image, write_fits
 from startrack.io.saving import save_csv, save_figure, save_json, save_netcdf, save_text, whole
 from startrack.io.shipped import shipped
-from startrack.io.sqlite import connect, has_tables, log_ahead, translate_errors
+from startrack.io.sqlite import Database, Execute, FileKind
 from startrack.io.tables import current_key, from_table, read_table, to_table, unit_of
 from startrack.io.wcs import camera_to_wcs, celestial, pointing
 

@@ -1,51 +1,140 @@
-"""SQLite file that one process holds at a time, and SQLite's errors in our words."""
+"""SQLite file of one kind -> its tables, open for one process at a time; errors as sentences."""
 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, NamedTuple
+
+# Runs one statement with its values, in a transaction.
+Execute = Callable[..., sqlite3.Cursor]
 
 
-def connect(path: Path | None) -> sqlite3.Connection:
-    """Open a file for this process alone; None keeps all in memory."""
-    base = sqlite3.connect(path or ":memory:", timeout=0, isolation_level=None)
-    # The lock is the system's, so that it ends with the process however that ends.
-    base.execute("PRAGMA locking_mode = EXCLUSIVE")
-    return base
+class FileKind(NamedTuple):
+    """What files of one kind have in common.
 
-
-def has_tables(base: sqlite3.Connection, path: Path | None, what: str, application: int) -> bool:
-    """Whether a file was begun before, by whoever writes this application number.
-
-    what    the file must be, as in "campaign store"
-    Raises  ValueError where it holds another's tables.
+    what         the file must be, for the errors: "campaign store"
+    application  number in the file's header that marks the kind
+    tables       CREATE TABLE IF NOT EXISTS statements, each ended by ";"
+    version      of the tables, in the file's header
     """
-    if base.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchone() is None:
-        return False
-    if base.execute("PRAGMA application_id").fetchone() != (application,):
-        raise ValueError(f"{path} must be a {what}, but is another database")
-    return True
+
+    what: str
+    application: int
+    tables: str
+    version: int = 0
 
 
-def log_ahead(base: sqlite3.Connection) -> None:
-    """Write to a log first, so that a process killed at any instant leaves a whole file."""
-    base.execute("PRAGMA journal_mode = WAL")
-    base.execute("PRAGMA synchronous = NORMAL")
+class Database:
+    """Open SQLite file.
 
+    What `transaction` has written is committed to a write-ahead log: a process that is killed at
+    any instant leaves a file that holds all transactions that had ended. A loss of power may cost
+    the last seconds, never the file.
+    """
 
-@contextmanager
-def translate_errors(path: Path | None, what: str) -> Iterator[None]:
-    """Raise ValueError where the file is none or damaged, OSError where it cannot be used."""
-    try:
-        yield
-    except sqlite3.DatabaseError as error:
-        code = getattr(error, "sqlite_errorname", "")
-        if code.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
-            raise OSError(f"{path} is in use by another process") from None
-        if code.startswith("SQLITE_NOTADB"):
-            raise ValueError(f"{path} must be a {what}, but is not one") from None
-        if code.startswith("SQLITE_CORRUPT"):
-            raise ValueError(f"{path} is damaged: {error}") from None
-        raise OSError(f"{path} cannot be written: {error}; what it held is whole") from None
+    def __init__(
+        self,
+        path: Path | None,
+        kind: FileKind,
+        create: bool = True,
+        begin: Callable[[Execute], None] | None = None,
+    ):
+        """Open a file, or begin one.
+
+        path    None keeps it in memory
+        create  whether to begin one where there is none
+        begin   writes the first rows, in the transaction that makes the tables
+
+        Raises  ValueError where the file is damaged, of another kind or version, or missing and
+                not to be created; OSError where it cannot be opened or another process has it.
+        """
+        self.path = path
+        self.kind = kind
+        with self._translated_errors():
+            if path and create:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            if path and not create and not path.is_file():
+                raise ValueError(f"{path} must be a {kind.what}, but there is none")
+            self._base = sqlite3.connect(path or ":memory:", timeout=0, isolation_level=None)
+            try:
+                self._open(create, begin)
+            except BaseException:
+                self._base.close()
+                raise
+
+    def _open(self, create: bool, begin: Callable[[Execute], None] | None) -> None:
+        ask = self._base.execute
+        # The lock is the system's, so that it ends with the process however that ends.
+        ask("PRAGMA locking_mode = EXCLUSIVE")
+        begun = ask("SELECT 1 FROM sqlite_master LIMIT 1").fetchone() is not None
+        if begun:
+            self._must_be_of_this_kind()
+        elif not create:
+            raise ValueError(f"{self.path} must be a {self.kind.what}, but is empty")
+        ask("PRAGMA journal_mode = WAL")
+        ask("PRAGMA synchronous = NORMAL")
+        with self.transaction("BEGIN EXCLUSIVE") as execute:
+            if not create:
+                return
+            for statement in self.kind.tables.split(";"):
+                execute(statement)
+            if not begun:
+                if begin:
+                    begin(execute)
+                execute(f"PRAGMA application_id = {self.kind.application}")
+                execute(f"PRAGMA user_version = {self.kind.version}")
+
+    def _must_be_of_this_kind(self) -> None:
+        (application,) = self._base.execute("PRAGMA application_id").fetchone()
+        if application != self.kind.application:
+            raise ValueError(f"{self.path} must be a {self.kind.what}, but is another database")
+        (version,) = self._base.execute("PRAGMA user_version").fetchone()
+        if version != self.kind.version:
+            raise ValueError(
+                f"{self.path} must be a {self.kind.what} of format {self.kind.version}, got format "
+                f"{version}"
+            )
+
+    @contextmanager
+    def transaction(self, begin: str = "BEGIN") -> Iterator[Execute]:
+        """Context whose statements are committed together, or, where it raises, not at all."""
+        with self._translated_errors():
+            self._base.execute(begin)
+            try:
+                yield self._base.execute
+                self._base.execute("COMMIT")
+            except BaseException:
+                if self._base.in_transaction:
+                    self._base.execute("ROLLBACK")
+                raise
+
+    def read(self, query: str, *values: Any) -> list[Any]:
+        """All rows of a query."""
+        with self._translated_errors():
+            return self._base.execute(query, values).fetchall()
+
+    def close(self) -> None:
+        """Merge the log into the file."""
+        self._base.close()
+
+    @contextmanager
+    def _translated_errors(self) -> Iterator[None]:
+        """Raise ValueError where the file is none or damaged, OSError where it cannot be used."""
+        try:
+            yield
+        except sqlite3.DatabaseError as error:
+            code = getattr(error, "sqlite_errorname", "")
+            if code.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
+                raise OSError(f"{self.path} is in use by another process") from None
+            if code.startswith("SQLITE_NOTADB"):
+                raise ValueError(
+                    f"{self.path} must be a {self.kind.what}, but is not one"
+                ) from None
+            if code.startswith("SQLITE_CORRUPT"):
+                raise ValueError(f"{self.path} is damaged: {error}") from None
+            raise OSError(
+                f"{self.path} cannot be written: {error}; what it held is whole"
+            ) from None

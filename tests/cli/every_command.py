@@ -109,7 +109,7 @@ def write_designs(folder: Path) -> None:
         ('pixel_pitch = "11 um"', 'pixel_pitch = "22 um"'),
         ('blur = "5 um"', 'blur = "10 um"'),
         ("\ntrials = 50\nmost_trials = 200", "\ntrials = 4\nmost_trials = 4\nsample_trials = 4"),
-        ("evaluations = 120", "evaluations = 3\nprospects = 2"),
+        ("evaluations = 120", "evaluations = 3\nanalytic_evaluations = 2"),
         ("fresh_trials = 1000", "fresh_trials = 20"),
     )
     dated = changed(

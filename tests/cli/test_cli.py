@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import warnings
 
 import cv2
 import numpy as np
@@ -48,7 +49,7 @@ def short(tmp_path):
         ('pixel_pitch = "11 um"', 'pixel_pitch = "22 um"'),
         ('blur = "5 um"', 'blur = "10 um"'),
         ("\ntrials = 50\nmost_trials = 200", "\ntrials = 6\nmost_trials = 6\nsample_trials = 6"),
-        ("evaluations = 120", "evaluations = 5\nprospects = 4"),
+        ("evaluations = 120", "evaluations = 5\nanalytic_evaluations = 4"),
         ("fresh_trials = 1000", "fresh_trials = 20"),
     ):
         assert old in text, old
@@ -197,6 +198,18 @@ def test_a_design_with_an_error_is_wrong_use(call, tmp_path):
         assert status == 2
         assert "instrument.optics.focal_length must have a unit that converts to m" in err
     assert not (tmp_path / "out").exists()
+
+
+def test_an_old_key_is_one_line_on_standard_error(capsys, tmp_path):
+    path = tmp_path / "old.toml"
+    path.write_text(EXAMPLE.read_text().replace("sky_fraction", "sky_share"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        assert main(["requirements", str(path)]) == 0
+    found = capsys.readouterr()
+    assert found.err == "startrack: campaign.requirements.sky_share is now called sky_fraction\n"
+    assert main(["requirements", str(EXAMPLE)]) == 0
+    assert found.out == capsys.readouterr().out
 
 
 def test_a_design_without_a_campaign_cannot_be_optimised(call, tmp_path):
