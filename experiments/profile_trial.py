@@ -1,9 +1,9 @@
 """Where does the time of a trial go, in each fidelity, and that of a fresh process?
 
-The shipped design, on random attitudes: CPU time of a trial without a profiler, and with one, which
-share each file of startrack has. What a file calls outside startrack (numpy, OpenCV, compiled
-kernels) counts as its own. The profiler makes many small calls look dearer than few large ones.
-Fresh processes are timed from their start to their end, with kernels compiled before.
+The shipped design, on random attitudes: CPU time of a trial without a profiler, and with one the
+fraction of each file of startrack. What a file calls outside startrack (numpy, OpenCV, compiled
+kernels) counts for that file. The profiler overrates many small calls. Fresh processes are timed
+from start to end, with kernels compiled before.
 
     python experiments/profile_trial.py [--trials N] [--out DIR]
 
@@ -81,7 +81,7 @@ class Profile(NamedTuple):
     """One fidelity.
 
     seconds  of CPU of a trial, without the profiler
-    shares   1, of each file, the largest first
+    fractions  1, of each file, the largest first
     """
 
     seconds: float
@@ -113,7 +113,7 @@ Function = tuple[str, int, str]
 
 
 def fractions(stats: Mapping[Function, tuple[Any, ...]]) -> dict[str, float]:
-    """Of each file, what its functions spend themselves and in what they call outside."""
+    """The fraction of each file: its functions and what they call outside startrack."""
     found = summed(spendings(stats))
     total = sum(found.values())
     return {name: own / total for name, own in found.items()}
@@ -181,13 +181,13 @@ def children() -> float:
 def markdown(profiles: Mapping[Fidelity, Profile], starts: Mapping[str, Start], count: int) -> str:
     lines = [
         f"`python experiments/profile_trial.py --trials {count}`, {versions()}; one thread, the "
-        f"least of {ROUNDS} rounds.",
+        f"smallest of {ROUNDS} rounds.",
         "",
         "## A trial",
-        "The shipped design on 512 x 512 pixels, random attitudes; what is computed once for a "
-        "design left out. Shares by a profiler, which overrates many small calls.",
+        "The shipped design on 512 x 512 pixels, random attitudes, without what is computed once "
+        "for a design. Fractions by a profiler, which overrates many small calls.",
         "",
-        row("room", profiles),
+        row("part", profiles),
         "|---" * (len(profiles) + 1) + "|",
         row("**a trial**", (f"**{spent(found.seconds)}**" for found in profiles.values())),
     ]
@@ -201,7 +201,7 @@ def markdown(profiles: Mapping[Fidelity, Profile], starts: Mapping[str, Start], 
         most = list(found.fractions.items())[:FILES]
         named = ", ".join(f"{name} {100 * fraction:.0f} %" for name, fraction in most)
         lines.append(f"- {fidelity}: {named}")
-    lines += ["", "## A fresh process", "| until | CPU time | by the clock |", "|---|---|---|"]
+    lines += ["", "## A fresh process", "| until | CPU time | wall-clock time |", "|---|---|---|"]
     for name, each in starts.items():
         lines.append(f"| {name} | {each.cpu:.2f} s | {each.wall:.2f} s |")
     return "\n".join([*lines, ""])

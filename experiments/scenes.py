@@ -76,18 +76,19 @@ def markdown(found: Sequence[Found], trials: int) -> str:
     lines = [
         "# What a scene needs",
         "",
-        "![The error that leaving out each effect makes, and the time of the chains](scenes.png)",
+        "![The error that leaving out each effect makes, and the time of a trial](scenes.png)",
         "",
         f"`{command}`, {versions()}; CPU time of one thread, median.",
         "",
-        "Each scene has everything that the chain can model. Every effect is left out alone, on "
-        "the same skies and noise: its error is the rms of the difference, with its standard "
-        "error. From the least on, effects are spared as long as the errors of all spared, in "
-        f"quadrature, stay below {FRACTION:.2g} of the scene's own error in each kind; what makes "
-        "a solved trial unsolved is kept. The chains are judged on as many other trials.",
+        "Each scene has all effects that startrack models. Each effect is left out alone, on the "
+        "same attitudes and noise: its error is the rms of the difference, with its standard "
+        "error. Starting with the smallest, effects are left out as long as the root sum square "
+        f"of their errors stays below {FRACTION:.2g} of the error of the scene, across and about; "
+        "an effect whose absence makes a solved trial unsolved is kept. The selection is checked "
+        "on as many other trials.",
         "",
-        "| scene | chain | CPU time | answers | own error | gap to everything | spared, in "
-        "quadrature |",
+        "| scene | effects | CPU time | solved | error | gap to everything | left out, root sum "
+        "square |",
         "|---|---|---|---|---|---|---|",
     ]
     for one in found:
@@ -109,10 +110,11 @@ def effects_of(found: Found) -> list[str]:
     lines = [
         f"## {view.name}",
         f"{view.text[0].upper()}{view.text[1:]}; {found.trials} trials. Errors are "
-        f"{' and '.join(view.kinds)}; the scene's own: {joined(found.own)}. It needs {kept} of "
+        f"{' and '.join(view.kinds)}; of the scene: {joined(found.own)}. It needs {kept} of "
         f"{len(found.effects)} effects.",
         "",
-        "| effect | error when left out | of the scene's own | answers changed | CPU time | kept |",
+        "| effect | error when left out | fraction of the scene's error | solved or not changed | "
+        "CPU time | kept |",
         "|---|---|---|---|---|---|",
     ]
     for effect in sorted(found.effects, key=lambda effect: -effect.fraction):

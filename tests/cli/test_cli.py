@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from startrack.cli.main import main
+from startrack.cli.main import COMMANDS, main
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design
 from startrack.io import shipped
@@ -18,10 +18,7 @@ from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store
 
 EXAMPLE = shipped("designs/nanosatellite.toml")
-COMMANDS = (
-    *("simulate", "psf", "detect", "solve", "calibrate", "requirements", "budget", "montecarlo"),
-    *("combine", "report", "sequence", "optimize", "pareto", "sensitivity", "sample", "bench"),
-)
+PARTS = ("earth geometry", "earth render", "earth terrain")
 
 
 @pytest.fixture
@@ -176,7 +173,7 @@ def test_a_file_that_cannot_be_made_is_named(call, tmp_path):
     assert f"{tmp_path / 'taken'}: File exists" in err
 
 
-@pytest.mark.parametrize("command", [*COMMANDS, "earth geometry", "earth render", "earth terrain"])
+@pytest.mark.parametrize("command", [*(name for name in COMMANDS if name != "earth"), *PARTS])
 def test_every_command_documents_itself_and_its_options(capsys, command):
     """A sentence in the list of commands, more in its own help, and a text for each option."""
     with pytest.raises(SystemExit):
