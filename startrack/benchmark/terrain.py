@@ -9,7 +9,17 @@ from numpy.typing import NDArray
 
 from startrack.benchmark.stage import Stage
 from startrack.core import Floats, Streams
-from startrack.earth.terrain import Grid, Level, Rays, Scan, cartesian, fractal, index, trace, up
+from startrack.earth.terrain import (
+    ConstantHeight,
+    Grid,
+    Rays,
+    Scan,
+    cartesian,
+    fractal,
+    index,
+    trace,
+    up,
+)
 
 STEP = np.radians(1 / 3600)
 HEIGHT, RELIEF = 600e3, 1500.0
@@ -80,7 +90,7 @@ def terrain() -> Stage:
     grid, heights = mountains(CELLS)
     surface, rays = index(grid, heights), rays_down()
     reference, _ = Scan(grid, heights, HEIGHT - 3e4, HEIGHT + 3e4).meet(rays[JUDGED])
-    level = Level(float(heights.mean()))
+    level = ConstantHeight(float(heights.mean()))
 
     def judge(distance: NDArray[np.floating]) -> float:
         return float(np.nanmedian(np.abs(distance[JUDGED] - reference.distance)))

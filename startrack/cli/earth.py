@@ -249,7 +249,7 @@ def jitter(scene: EarthScene, motion: Motion, seed: int) -> Callable[[Floats], F
     """The turn of the camera over the time since the epoch; None without motion."""
     if motion == Motion():
         return None
-    duration = scene.sensor.lines * scene.sensor.dating(scene.flight).period
+    duration = scene.sensor.lines * scene.sensor.dating(scene.carrier).period
     return realise_motion(motion, duration, Streams(seed, 0)).at
 
 

@@ -1,6 +1,6 @@
-"""Earth cameras: what a pixel on the ground looks like in digital numbers.
+"""Earth cameras: digital numbers from terrain, flight, atmosphere and detector.
 
-terrain     rays meet terrain on the WGS84 ellipsoid
+terrain     intersections of rays and terrain on the WGS84 ellipsoid
 geometry    a camera in flight: orbit or aircraft, sensor and pointing; what each pixel sees
 atmosphere  radiance at a sensor from tables of radiative transfer
 imager      images of Earth cameras: radiance, PSF, detector, digital numbers

@@ -68,7 +68,7 @@ def test_a_camera_that_drifts_sees_other_ground(tmp_path, capsys):
     (lon, lat), (moved_lon, moved_lat) = places
     shift = 6.371e6 * np.hypot(moved_lat - lat, (moved_lon - lon) * np.cos(lat))
     sensor = read_scene(path)[0].sensor
-    time = sensor.dating(read_scene(path)[0].flight).at(np.arange(40.0))
+    time = sensor.dating(read_scene(path)[0].carrier).at(np.arange(40.0))
     np.testing.assert_allclose(shift, 1e-3 * np.abs(time) * 600e3, rtol=0.03, atol=0.1)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from startrack.benchmark.terrain import HEIGHT, STEP, image_rays, mountains, random_rays, towards
-from startrack.earth.terrain import Grid, Level, Rays, Scan, cartesian, index
+from startrack.earth.terrain import ConstantHeight, Grid, Rays, Scan, cartesian, index
 from startrack.earth.terrain.trace import trace
 from tests.hard.case import hard, refused
 
@@ -24,7 +24,7 @@ def over(grid: Grid, height: float):
 def off_the_level(height: float, **place: float) -> float:
     grid, heights = plain(height, **place)
     rays = image_rays(grid, 20, 89)
-    found, level = trace(index(grid, heights), rays), Level(height).meet(rays)[0]
+    found, level = trace(index(grid, heights), rays), ConstantHeight(height).meet(rays)[0]
     both = found.hit & level.hit
     return float(np.abs(found.distance - level.distance)[both].max()) if both.sum() > 300 else 1e9
 

@@ -1,4 +1,4 @@
-"""Type of aerosol and visibility -> extinction over height, and how one particle scatters."""
+"""Extinction over height, and scattering by particles, from type of aerosol and visibility."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from startrack.core import Floats, nm, um
 from startrack.earth.atmosphere.sasktran import mie
 
-REFERENCE = 550 * nm  # where visibility and extinction are stated
+REFERENCE = 550 * nm  # of visibility and extinction
 KOSCHMIEDER = 3.912  # ln 50: a contrast of 2 %
 AIR_AT_GROUND = 1.16e-5  # 1 / m, Rayleigh extinction at 550 nm and sea level
 MOMENTS = 200  # of the phase function, which also sets the quadrature over its angle
 
-# Dry particles, dust-like and water-soluble in the fractions 0.3 and 0.7; soot besides in towns.
+# Dry particles, dust-like and water-soluble in the fractions 0.3 and 0.7; and soot in towns.
 # Source: Shettle and Fenn (1979), AFGL-TR-79-0214, tables 1 and 2; indices of the components as
 # in WMO (1983), WCP-55.
 SIZES = {"rural": (0.027 * um, 0.43 * um), "urban": (0.025 * um, 0.40 * um)}  # median radii

@@ -1,4 +1,4 @@
-"""AirTable and bands -> BandTable: every term as energy in each band, seen from one altitude."""
+"""BandTable from AirTable and bands: every term as radiance in each band, from one altitude."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from scipy.interpolate import CubicSpline
 from startrack.core import Floats, positive
 from startrack.earth.atmosphere.table import AirTable
 
-# Scale heights, metre: what fraction of a gas lies below. Water: Bird and Riordan take 2 km; mixed
-# gases thin out as the air does; ozone lies between the two heights.
+# Scale heights, metre, for the fraction of a gas below a height. Water: 2 km, as Bird and Riordan;
+# mixed gases: as the air; ozone: evenly between two heights, chosen by hand.
 WATER_SCALE, AIR_SCALE = 2e3, 8e3
 OZONE_FROM, OZONE_TO = 12e3, 35e3
-WATER_ABOVE_SCATTERING = 0.5  # of the water, that light scattered by the air crosses (as 6S)
+WATER_ABOVE_SCATTERING = 0.5  # of the water, crossed by light that the air scatters (as 6S)
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,15 +24,15 @@ class BandTable:
 
     height, sensor, sun, azimuth  as in AirTable
     path         (h, v, s, p, b) watt / m^2 / sr, of the air alone
-    direct       (h, v, s, b) watt / m^2 / sr, that a white horizontal ground in the beam alone adds
-    sky          (h, v, s, b) watt / m^2 / sr, that it adds under the sky alone
-    around       (h, v, s, b) watt / m^2 / sr, that white ground around adds, under both
+    direct       (h, v, s, b) watt / m^2 / sr, from white horizontal ground in the direct beam alone
+    sky          (h, v, s, b) watt / m^2 / sr, from it in the diffuse light alone
+    around       (h, v, s, b) watt / m^2 / sr, from white ground around, in both
     backscatter  (h, b) 1, spherical albedo
-    through      (h, v, b) 1, fraction of the ground's own light that goes straight to the sensor,
-                 lines of gases included
-    rise         (h, v, b) watt / m^2 / sr, heat of the air on its way to the sensor
-    fall         (h, v, b) watt / m^2 / sr, heat of the sky that white ground reflects to the
-                 sensor; both None where `radiance` is to take the air for isothermal
+    through      (h, v, b) 1, direct transmittance from ground to sensor, lines of gases
+                 included
+    rise         (h, v, b) watt / m^2 / sr, thermal radiance of the air towards the sensor
+    fall         (h, v, b) watt / m^2 / sr, thermal radiance of the sky that white ground reflects
+                 to the sensor; both None where `radiance` assumes isothermal air
     """
 
     height: Floats
@@ -52,10 +52,10 @@ class BandTable:
 def in_bands(
     table: AirTable, response: Floats, altitude: float, distance: float = 1.0
 ) -> BandTable:
-    """Weigh the spectrum with the response of each band.
+    """Weight the spectrum with the response of each band.
 
     Products of transmittances are taken before they are averaged over a band, so that lines and
-    slopes inside it count.
+    slopes inside it are kept.
 
     response  (b, f) 1 / metre or 1 over table.spectrum: the band's radiance is the integral of
               response times spectral radiance
@@ -64,7 +64,7 @@ def in_bands(
     Returns   BandTable; its unit is watt / m^2 / sr times that of `response` times metre
     Raises    ValueError where no response lies inside the table's spectrum, or the sensor on the
               ground.
-    Accuracy  model: under the table's lowest altitude the air below the sensor is less in
+    Accuracy  model: below the table's lowest altitude the air below the sensor is reduced in
               proportion; at 500 m of 2 km its light is 10 to 20 % low, as haze is densest there.
               numerical: a cubic spline over the logarithm of wavelength and altitude.
     """
@@ -78,7 +78,7 @@ def in_bands(
     thin = min(altitude / float(table.altitude[0]), 1.0)
 
     def fine(values: Floats, has_altitude: bool) -> Floats:
-        """(k, h, [a,] ...) -> (h, ..., f), at the altitude asked for."""
+        """(k, h, [a,] ...) -> (h, ..., f), at the altitude of the sensor."""
         if has_altitude:
             values = _along(np.log(table.altitude), values, 2, np.array([position]))[:, :, 0]
         return np.moveaxis(_along(np.log(table.wavelength), values, 0, at), 0, -1)
@@ -100,10 +100,10 @@ def in_bands(
         spread[h, v, s] = lit @ ((cosine[s] * beam[h, s] + skylight[h, s]) * around[h, v])
         air = _along(np.log(table.wavelength), spectral_path[:, h, v, s], 0, at)
         path[h, v, s] = ((weights * halfway) @ air).T
-    own = np.empty((*shape[:2], len(weights)))
+    transmittance = np.empty((*shape[:2], len(weights)))
     for h, v in np.ndindex(shape[:2]):
         masses = _masses(table, h, v, altitude)
-        own[h, v] = flat @ (seen[h, v] * _transmitted(table, gas, masses)) / flat.sum(-1)
+        transmittance[h, v] = flat @ (seen[h, v] * _transmitted(table, gas, masses)) / flat.sum(-1)
     total = weights.sum(-1)
     backscatter = fine(table.backscatter, False) @ weights.T / total
     return BandTable(
@@ -116,12 +116,12 @@ def in_bands(
         sky,
         spread,
         backscatter,
-        own,
+        transmittance,
     )
 
 
 def require_response(weights: Floats, spectrum: Floats) -> None:
-    """Refuse bands (b, f) that see nothing of a spectrum (f,) in metre."""
+    """Refuse bands (b, f) without response in a spectrum (f,) in metre."""
     if not (weights.any(-1).all() and np.isfinite(weights).all()):
         low, high = spectrum[[0, -1]]
         raise ValueError(
@@ -130,7 +130,7 @@ def require_response(weights: Floats, spectrum: Floats) -> None:
 
 
 def _along(nodes: Floats, values: Floats, axis: int, at: Floats) -> Floats:
-    """A cubic spline along one axis, or what there is where there is one node."""
+    """A cubic spline along one axis, or the constant of a single node."""
     if len(nodes) == 1:
         return np.repeat(values, len(at), axis)
     return CubicSpline(nodes, values, axis)(at)
@@ -157,7 +157,7 @@ def _masses(table: AirTable, h: int, v: int, altitude: float) -> Floats:
 
 
 def _below(low: float, high: float, gas: int) -> float:
-    """Share of a gas, in the order of GASES, between two heights above the sea."""
+    """Fraction of a gas, in the order of GASES, between two heights above the sea."""
     if gas < 2:
         scale = (WATER_SCALE, AIR_SCALE)[gas]
         return math.exp(-low / scale) - math.exp(-high / scale)

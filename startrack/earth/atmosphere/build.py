@@ -1,4 +1,4 @@
-"""Air -> AirTable, through sasktran2 and pvlib: the first of the two steps."""
+"""New tables by sasktran2 and pvlib: AirTable, the first of two steps, and the Earth's limb."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import numpy as np
 
 from startrack.core import Floats, deg, nm
 from startrack.earth.atmosphere.gases import GASES, sunlight, transmittance
-from startrack.earth.atmosphere.solver import TOP, solve_radiance
+from startrack.earth.atmosphere.solver import TOP, limb_radiance, solve_radiance
 from startrack.earth.atmosphere.table import Air, AirTable
+from startrack.scene import Limb
 
-ALBEDOS = (0.25, 0.75)  # besides black: two that tell the ground's two numbers
+ALBEDOS = (0.25, 0.75)  # besides black: two suffice for spherical albedo and transmittance
 REFERENCE_SUN = 0.5371  # cosine, away from the ordinates of any solver
 
 
@@ -54,7 +55,7 @@ def build(
 
         L(rho) = L(0) + rho g / (1 - rho S),   g = sun T(sun) T'(sensor) / pi,
 
-    so that three albedos at one place of the Sun give the spherical albedo S and, by reciprocity
+    so that three albedos at one position of the Sun give the spherical albedo S and, by reciprocity
     (T' to space is T), all transmittances T. They are direct plus diffuse, and the direct part
     is the exponential of the optical depth.
 
@@ -112,7 +113,7 @@ def build(
 def _ground(
     air: Air, grid: Grid, ground: float, streams: int, polarised: bool
 ) -> tuple[tuple[Floats, Floats], Floats, Floats, list[Floats]]:
-    """What does not hang on the black ground's radiance.
+    """What does not depend on the radiance over black ground.
 
     Returns  total transmittance up, (k, a, v), and down, (k, s); spherical albedo (k,); optical
              depth of the column (k,) and above each altitude
@@ -133,7 +134,7 @@ def _ground(
     )
     spherical = ((second - first) / (ALBEDOS[1] * second - ALBEDOS[0] * first)).mean(-1)
     added = math.pi * first * (1 - ALBEDOS[0] * spherical[:, None]) / REFERENCE_SUN
-    total = added / np.sqrt(added[:, -1:])  # the last ray goes back the way the light came
+    total = added / np.sqrt(added[:, -1:])  # the last ray is opposite to the sunlight
     depths = np.concatenate(
         [
             np.zeros((len(extinction), 1)),
@@ -154,3 +155,26 @@ def _ground(
 def _off(zenith: float) -> float:
     """The cosine of a zenith angle, off the ordinates of a solver, where it is singular."""
     return math.cos(max(zenith, 1e-4)) * (1 - 1e-9)
+
+
+LIMB_WAVELENGTH: Floats = np.array([400.0, 450, 500, 550, 600, 700, 800, 900, 1000]) * nm
+LIMB_TANGENT: Floats = np.concatenate([np.arange(0, 40, 2.0), np.arange(40, 100, 4.0)]) * 1e3
+LIMB_SUN: Floats = np.array([0.0, 20, 40, 55, 65, 72, 78, 82, 85, 87, 89, 90]) * deg
+LIMB_AZIMUTH: Floats = np.array([0.0, 45, 90, 135, 180]) * deg
+
+
+def build_limb(albedo: float = 0.3, progress: Callable[[float], None] | None = None) -> Limb:
+    """Solve the radiative transfer in spherical layers of molecules.
+
+    Raises  ModuleNotFoundError where sasktran2 is missing.
+    """
+    radiance = np.empty((len(LIMB_WAVELENGTH), len(LIMB_TANGENT), len(LIMB_SUN), len(LIMB_AZIMUTH)))
+    rays = [(tangent, azimuth) for tangent in LIMB_TANGENT for azimuth in LIMB_AZIMUTH]
+    for s, sun in enumerate(LIMB_SUN):
+        found = limb_radiance(LIMB_WAVELENGTH, math.cos(sun), rays, albedo)
+        radiance[:, :, s] = found.reshape(
+            len(LIMB_WAVELENGTH), len(LIMB_TANGENT), len(LIMB_AZIMUTH)
+        )
+        if progress:
+            progress((s + 1) / len(LIMB_SUN))
+    return Limb(albedo, LIMB_WAVELENGTH, LIMB_TANGENT, LIMB_SUN, LIMB_AZIMUTH, radiance)

@@ -1,4 +1,4 @@
-"""Wavelength and air mass -> what water, ozone and mixed gases let through, and the Sun itself."""
+"""Transmittance of water vapour, ozone and mixed gases over air mass, and the Sun's spectrum."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def transmittance(gas: str, wavelength: Floats, mass: Floats, water: float, ozon
 
     gas         "water", "mixed" (oxygen, carbon dioxide) or "ozone"
     wavelength  (f,) metre
-    mass        (m,) 1, columns that the light crosses, 1 for the zenith
+    mass        (m,) 1, air masses, 1 for the zenith
     water       kilogram / square metre
     ozone       metre at standard conditions
     Returns     (f, m) 1
@@ -25,7 +25,7 @@ def transmittance(gas: str, wavelength: Floats, mass: Floats, water: float, ozon
     Accuracy    model: Bird and Riordan (1986), J. Climate Appl. Meteorol. 25, 87, at 122
                 wavelengths from 300 to 4000 nm, some 10 nm wide below 1 micrometre.
     """
-    if gas == "ozone":  # Beer's law; pvlib would take the mass from the Sun's place
+    if gas == "ozone":  # Beer's law; pvlib would take the air mass from the Sun's position
         nodes, once = _column(gas, 1.0, water, ozone)
         return np.interp(wavelength, nodes, once)[:, None] ** mass
     columns = [_column(gas, float(one), water, ozone) for one in mass]
@@ -54,7 +54,7 @@ def _column(gas: str, mass: float, water: float, ozone: float) -> tuple[Floats, 
     }[gas]
     wavelength, beam = _beam(*with_gas)
     if gas == "mixed":
-        # What is left besides is Rayleigh scattering as Bird and Riordan write it, their eq. 2-4.
+        # The rest is Rayleigh scattering as Bird and Riordan write it, their eq. 2-4.
         micron = wavelength / 1e-6
         clear = np.exp(-mass / (micron**4 * (115.6406 - 1.335 / micron**2)))
     else:
@@ -63,7 +63,7 @@ def _column(gas: str, mass: float, water: float, ozone: float) -> tuple[Floats, 
 
 
 def _beam(water: float, ozone: float, mass: float) -> tuple[Floats, Floats]:
-    """Share of the beam that arrives through clean air."""
+    """Direct transmittance of air without aerosol."""
     spectrum = _pvlib().spectrl2(
         apparent_zenith=0.0,
         aoi=0.0,

@@ -1,7 +1,7 @@
-"""InfraredTable and bands -> BandTable: heat of the air and what it lets through.
+"""BandTable from InfraredTable and bands: thermal radiance and transmittance of the air.
 
-Beyond 3 micrometre the air glows and absorbs more than it scatters. The table holds lines of sight
-down to the sea; what lies above higher ground is their ratio.
+Beyond 3 micrometre the air emits and absorbs more than it scatters. The table holds lines of sight
+down to the sea; the part above higher ground follows from their ratio.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ ANGLES: Floats = np.arange(0.0, 81.0, 10.0) * deg
 
 @dataclass(frozen=True, eq=False)
 class InfraredTable:
-    """Heat of the air between the sea and a sensor.
+    """Transmittance and thermal radiance of the air between the sea and a sensor.
 
     spectrum  (f,) metre
     altitude  (a,) metre of the sensor above the sea; the last one is above the air
-    sensor    (v,) radian, zenith angle in which the sensor stands
+    sensor    (v,) radian, zenith angle of the sensor
     through   (a, v, f) 1, transmittance
-    rise      (a, v, f) watt / m^2 / sr / m, that the air sends to the sensor
-    fall      (f,) watt / m^2 / sr / m, mean radiance of the sky's heat at sea level: its
+    rise      (a, v, f) watt / m^2 / sr / m, thermal radiance of the air towards the sensor
+    fall      (f,) watt / m^2 / sr / m, mean thermal radiance of the sky at sea level: its
               irradiance over pi
     """
 
@@ -57,17 +57,17 @@ def vacuum() -> InfraredTable:
 def infrared_bands(
     table: InfraredTable, response: Floats, altitude: float, distance: float = 1.0
 ) -> BandTable:
-    """Weigh the spectrum with the response of each band.
+    """Weight the spectrum with the response of each band.
 
         direct = E_sun cos(sun) / pi t(sun) t(sensor)
 
-    A line of sight from higher ground sees what is left of the one from the sea:
+    A line of sight from higher ground is the rest of the one from the sea:
     t = t(0 to sensor) / t(0 to ground), rise = rise(0 to sensor) - t rise(0 to ground).
 
     response  (b, f), as for `in_bands`, over table.spectrum
     altitude  metre, of the sensor above the ground
     distance  astronomical unit, of the Sun
-    Returns   BandTable with the heat of the air, without scattered light
+    Returns   BandTable with thermal radiance of the air, without scattered light
     Raises    ValueError as `in_bands`.
     Accuracy  model: a transmittance is the mean over the light of 300 K, so that of a fire of 1000
               K in 3.4 to 4.2 micrometre comes out 4 % low. The Sun is a blackbody of 5772 K, 13 %
@@ -87,11 +87,11 @@ def infrared_bands(
     top = float(table.altitude[-1])
     for h, ground in enumerate(HEIGHT):
         down = _above(table, ground, top, angles)[0]
-        up, own = _above(table, ground, ground + altitude, angles)
-        sky = table.fall * _share_above(table, ground)
+        up, emitted = _above(table, ground, ground + altitude, angles)
+        sky = table.fall * _fraction_above(table, ground)
         for v in range(len(angles)):
             through[h, v] = weights @ (warm * up[v]) / (weights @ warm)
-            rise[h, v], fall[h, v] = weights @ own[v], weights @ (sky * up[v])
+            rise[h, v], fall[h, v] = weights @ emitted[v], weights @ (sky * up[v])
             direct[h, v] = (np.cos(angles) / math.pi * (weights @ (sunlight * up[v] * down).T)).T
     dark = np.zeros(shape)
     return BandTable(
@@ -128,7 +128,7 @@ def save_infrared(path: Path, table: InfraredTable) -> None:
 
 
 def _above(table: InfraredTable, ground: float, sensor: float, angle: Floats) -> tuple[Floats, ...]:
-    """Transmittance and own radiance (v, f) of the air between two heights above the sea."""
+    """Transmittance and thermal radiance (v, f) of the air between two heights above the sea."""
     whole = _from_sea(table, sensor, angle)
     if ground <= 0:
         return whole
@@ -143,9 +143,9 @@ def _from_sea(table: InfraredTable, height: float, angle: Floats) -> tuple[Float
     low = min(int(at), len(table.altitude) - 2)
     fraction = at - low
     secant = 1 / np.cos(table.sensor)
-    place = np.interp(1 / np.cos(angle), secant, np.arange(len(secant)))
-    left = np.minimum(place.astype(int), len(secant) - 2)
-    right = (place - left)[:, None]
+    position = np.interp(1 / np.cos(angle), secant, np.arange(len(secant)))
+    left = np.minimum(position.astype(int), len(secant) - 2)
+    right = (position - left)[:, None]
     found = []
     for values in (np.log(np.maximum(table.through, 1e-12)), table.rise):
         layer = (1 - fraction) * values[low] + fraction * values[low + 1]
@@ -154,8 +154,8 @@ def _from_sea(table: InfraredTable, height: float, angle: Floats) -> tuple[Float
     return np.exp(thin * found[0]), thin * found[1]
 
 
-def _share_above(table: InfraredTable, ground: float) -> Floats:
-    """(f,) fraction of the sky's heat at sea level that is left at a height, by its emissivity."""
+def _fraction_above(table: InfraredTable, ground: float) -> Floats:
+    """(f,) thermal radiance of the sky at a height over that at sea level, by its emissivity."""
     angle, top = np.array([DIFFUSE]), float(table.altitude[-1])
     whole = 1 - _above(table, 0.0, top, angle)[0][0]
     return (1 - _above(table, ground, top, angle)[0][0]) / np.maximum(whole, 1e-12)

@@ -1,4 +1,4 @@
-"""BandTable and where each pixel looks -> radiance of each pixel: the second of the two steps."""
+"""Radiance of each pixel from BandTable and viewing geometry: the second of the two steps."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ Reals = NDArray[np.floating[Any]]
 
 STEP = 1 * deg  # of the fine table in the zenith angles
 AZIMUTH_STEP = 2 * deg
-OUTSIDE = 1e-6  # of a cell, which rounding may cost
+OUTSIDE = 1e-6  # of a cell, tolerance for rounding
 HEIGHT_STEP = 250.0  # metre
 
 
 class Reach(NamedTuple):
-    """From where to where a scene goes, (low, high) each: metre, radian, radian, radian."""
+    """Ranges of the geometry of a scene, (low, high) each: metre, radian, radian, radian."""
 
     height: tuple[float, float]
     sensor: tuple[float, float]
@@ -32,13 +32,13 @@ class Reach(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """What n pixels see of the ground.
+    """Viewing geometry and illumination of n pixels of ground.
 
     height     (n,) metre above the sea
-    sensor     (n,) radian, zenith angle in which the sensor stands
+    sensor     (n,) radian, zenith angle of the sensor
     sun        (n,) radian, zenith angle of the Sun
     azimuth    (n,) radian, between them, in [0, pi]
-    incidence  (n,) 1, cosine between the ground's normal and the Sun; what is below 0 is 0
+    incidence  (n,) 1, cosine between the ground's normal and the Sun; negative values count as 0
     lit        (n,) 1, fraction of the pixel in the direct beam: 0 in shadow
     sky_view   (n,) 1, fraction of the sky's light that reaches the ground
     """
@@ -54,7 +54,7 @@ class Sight(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FineTable:
-    """The part of a BandTable that a scene needs, so fine that straight lines do.
+    """The part of a BandTable that a scene needs, so fine that linear interpolation suffices.
 
     start, step  (4,) of height, sensor, sun and azimuth, metre and radian
     path         (h, v, s, p, b)
@@ -74,7 +74,7 @@ class FineTable:
     fall: Singles | None = None
 
     def heat(self, values: Singles, sight: Sight) -> Floats:
-        """(n, b) of `through`, `rise` or `fall`, straight lines between its nodes."""
+        """(n, b) of `through`, `rise` or `fall`, linear between its nodes."""
         height, sensor = (
             np.clip((place - start) / step, 0, size - 1)
             for place, start, step, size in zip(
@@ -96,10 +96,10 @@ class FineTable:
 
 
 def refine(table: BandTable, reach: Reach) -> FineTable:
-    """Cut out what a scene needs and fill in between with cubic splines.
+    """The part of a table that a scene needs, on finer nodes by cubic splines.
 
     Raises    ValueError where the scene reaches beyond the table.
-    Accuracy  numerical: straight lines over 1 degree are good to 1e-3 up to 70 degrees.
+    Accuracy  numerical: linear interpolation over 1 degree is good to 1e-3 up to 70 degrees.
     """
     axes = table.height, table.sensor, table.sun, table.azimuth
     nodes = [
@@ -140,14 +140,14 @@ def _single(values: Floats) -> Singles:
 def look_up(
     table: FineTable, sight: Sight, reflectance: Reals, surroundings: Reals
 ) -> tuple[Singles, Singles, Singles]:
-    """The Sun's light from the ground, in the paper's terms.
+    """Reflected and scattered sunlight, in the terms of the paper.
 
         L_dir = rho s cos(alpha) / cos(sun) D
         L_ind = rho (V K + (D + K) B) + rho (1 - V) rho' (D + K) (1 + B)
         L_sc  = P + A (rho' + rho' B),            B = rho' S / (1 - rho' S)
 
     with D, K, A and P the table's direct, sky, around and path terms, rho the ground's reflectance
-    and rho' that of its surroundings, which light the air from below and, by 1 - V, slopes.
+    and rho' that of its surroundings, which illuminate the air from below and, by 1 - V, slopes.
 
     Source: Krutz et al. (2011), eqs. (1) and (2), with transmittances and 1 / pi written out.
 
@@ -157,8 +157,8 @@ def look_up(
     Returns       three of (n, b) watt / m^2 / sr
     Raises        ValueError where a pixel lies outside the table, is not a number, or reflects less
                   than nothing or more than all.
-    Accuracy      model: flat surroundings of one reflectance; slopes do not change what the air
-                  sends.
+    Accuracy      model: flat surroundings of one reflectance; slopes do not change the radiance
+                  of the air.
     """
     count, bands = len(sight.height), table.backscatter.shape[1]
     rho = np.ascontiguousarray(np.broadcast_to(reflectance, (count, bands)), np.float32)

@@ -1,4 +1,4 @@
-"""Output of MODTRAN (.7sc, .tp7, .chn, JSON) -> Run."""
+"""Run from output of MODTRAN (.7sc, .tp7, .chn, JSON)."""
 
 from __future__ import annotations
 

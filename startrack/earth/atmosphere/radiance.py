@@ -1,16 +1,26 @@
-"""Where each pixel looks and what is there enter; at-sensor radiance in five terms leaves."""
+"""At-sensor radiance in five terms, from the viewing geometry of pixels or from Ground."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, Floats
-from startrack.earth.atmosphere.look_up import FineTable, Sight, look_up
+from startrack.earth.atmosphere.bands import BandTable
+from startrack.earth.atmosphere.look_up import (
+    FineTable,
+    Reach,
+    Reals,
+    Sight,
+    Singles,
+    look_up,
+    refine,
+)
+from startrack.earth.terrain import Ground, up
 
 COLDEST, HOTTEST = 50.0, 3000.0  # kelvin, of the spline
 NODES = 600
@@ -51,7 +61,7 @@ class Heat:
 
 
 def heat_of(spectrum: Floats, response: Floats) -> Heat:
-    """The bands' Heat.
+    """Heat of bands: the radiance of a blackbody in each.
 
     spectrum  (f,) metre
     response  (b, f), as for `in_bands`
@@ -62,10 +72,7 @@ def heat_of(spectrum: Floats, response: Floats) -> Heat:
     return Heat(CubicSpline(inverse, np.log(np.maximum(bands, 1e-300))))
 
 
-Singles = NDArray[np.float32]
-Reals = NDArray[np.floating[Any]]
-
-PIXELS = 2**15  # at a time, so that what is computed stays in the cache
+PIXELS = 2**15  # at a time, so that intermediate arrays stay in the cache
 
 
 class Terms(NamedTuple):
@@ -76,8 +83,8 @@ class Terms(NamedTuple):
     direct     sunlight that the ground reflects
     indirect   light of sky, air and slopes around that the ground reflects
     scattered  light that the air scatters, from the Sun and from the ground around
-    emitted    heat of the ground
-    thermal    heat of the air, straight or reflected
+    emitted    thermal radiance of the ground
+    thermal    thermal radiance of the air, direct or reflected
     """
 
     direct: Singles
@@ -106,16 +113,17 @@ def radiance(
         L_em = (1 - rho) B(T) t
         L_th = rise + rho fall
 
-    with t the transmittance between ground and sensor. Where the table knows nothing of the air's
-    heat, the air is taken for isothermal: rise = (1 - t) B(T_air), fall = rise t.
+    with t the transmittance between ground and sensor. Where the table has no thermal
+    radiance of the air, the air is assumed to be isothermal:
+    rise = (1 - t) B(T_air), fall = rise t.
 
     Source: Krutz et al. (2011), eqs. (1) to (3).
 
     reflectance      (n, b) or (b,) 1
     surroundings     (b,) 1, mean reflectance of the ground around
-    heat             of the bands; None where nothing is warm enough to be seen
+    heat             of the bands; None where thermal radiance is negligible
     temperature      (n,) kelvin, of the ground; needed with `heat`
-    air_temperature  kelvin, one for all the air, where the table has no heat of its own
+    air_temperature  kelvin, of isothermal air, where the table has no thermal radiance
     Raises           ValueError as `look_up` and `Heat`; TypeError where heat has no temperature.
     Accuracy         model: isothermal air over a black ground of its own temperature gives Planck's
                      law exactly; it errs by some per cent of L_th in the windows and more in the
@@ -142,3 +150,72 @@ def radiance(
         out.emitted[:] = (1 - reflectance) * heat(temperature) * through
         out.thermal[:] = rise + reflectance * fall
     return out
+
+
+TINY = 1e-12  # product of sines, below which the azimuth is undefined
+
+
+def sight_of(ground: Ground) -> Sight:
+    """Viewing geometry and illumination of each of the m visible points of ground."""
+    seen = ground.hit
+    zenith = up(ground.longitude[seen], ground.latitude[seen])
+    camera, sun = -ground.direction[seen], ground.sun
+    high, low = np.einsum("ij,ij->i", camera, zenith), zenith @ sun
+    # Both without their components along the zenith.
+    level, shone = camera - high[:, None] * zenith, sun - low[:, None] * zenith
+    apart, about = (np.sqrt(np.einsum("ij,ij->i", one, one)) for one in (level, shone))
+    turned = np.einsum("ij,ij->i", level, shone) / np.maximum(apart * about, TINY)
+    return Sight(
+        ground.height[seen],
+        np.arctan2(apart, high),
+        np.arctan2(about, low),
+        np.arccos(np.clip(turned, -1, 1)),
+        np.cos(ground.sun_incidence[seen]),
+        (~ground.shadow[seen]).astype(np.float64),
+        ground.sky_view[seen],
+    )
+
+
+def at_sensor(
+    ground: Ground,
+    table: BandTable,
+    reflectance: Reals,
+    surroundings: Reals,
+    heat: Heat | None = None,
+    temperature: Floats | None = None,
+) -> Terms:
+    """Radiance of n rays; those that miss the ground see a black sky.
+
+    reflectance  (n, b) or (b,) 1, of the ground; without effect where a ray misses
+    temperature  (n,) kelvin, likewise
+    Returns      Terms of (n, b); finite and never negative
+    Raises       those of `radiance`; ValueError where ground lies outside the table's heights, or a
+                 ray grazes it beyond the table's zenith angles.
+    Accuracy     model: where the Sun is lower than in the table, the light of the air is that of
+                 the lowest Sun, reduced in proportion to the cosine, and 0 below the horizon.
+    """
+    bands = table.backscatter.shape[1]
+    out = Terms(*np.zeros((5, len(ground), bands), np.float32))
+    if not ground.hit.any():
+        return out
+    sight = sight_of(ground)
+    lowest = float(table.sun[-1])
+    weak = np.where(
+        sight.sun > lowest, np.maximum(np.cos(sight.sun), 0) / math.cos(lowest), 1.0
+    ).astype(np.float32)
+    sight = sight._replace(sun=np.minimum(sight.sun, lowest), lit=sight.lit * (weak > 0))
+    here = np.broadcast_to(reflectance, (len(ground), bands))[ground.hit]
+    warm = None if temperature is None else temperature[ground.hit]
+    found = radiance(_near(table, sight), sight, here, surroundings, heat, warm)
+    for name, whole, part in zip(Terms._fields, out, found, strict=True):
+        lit_by_air = name in ("indirect", "scattered")
+        whole[ground.hit] = part * weak[:, None] if lit_by_air else part
+    return out
+
+
+def _near(table: BandTable, sight: Sight) -> FineTable:
+    """The part of the table that a scene needs."""
+    return refine(
+        table,
+        Reach._make((float(values.min()), float(values.max())) for values in sight[:4]),
+    )

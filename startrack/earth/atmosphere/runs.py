@@ -1,4 +1,4 @@
-"""Runs of MODTRAN or libRadtran over three albedos enter; a BandTable leaves."""
+"""BandTable from runs of MODTRAN or libRadtran over three albedos."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ TOLERANCE = 1e-9  # metre, by which wavelengths of runs may differ
 
 
 class Run(NamedTuple):
-    """One run: a ground of one albedo, one place of Sun and sensor.
+    """One run: a ground of one albedo, one position of Sun and sensor.
 
     albedo      1
     wavelength  (k,) metre, rising
     through     (k,) 1, transmittance from the ground to the sensor
     direct      (k,) watt / m^2 / sr / m, sunlight that the ground reflects straight to the sensor
     reflected   (k,) likewise, with the light of the sky
-    scattered   (k,) likewise, that the air scatters to the sensor, the ground's own included
+    scattered   (k,) likewise, that the air scatters to the sensor, including light from the ground
     rise        (k,) likewise, heat of the air
     """
 
@@ -47,18 +47,18 @@ class Place(NamedTuple):
 
 
 def from_runs(runs: Mapping[Place, Sequence[Run]]) -> tuple[Floats, BandTable]:
-    """Take the ground apart from the air, at each place on a full grid.
+    """Separate the ground from the air, at each node of a full grid.
 
         direct(rho) = rho D,  reflected(rho) = rho (D + K) / (1 - rho S),
         scattered(rho) = P + rho A / (1 - rho S)
 
     S comes from the light that the ground sends at the two albedos; where there is none, it is 0.
 
-    runs     of each place three, of which one is black
+    runs     three of each node, of which one is black
     Returns  (k,) metre, and a BandTable whose bands are these wavelengths: watt / m^2 / sr / m
-    Raises    ValueError where places leave gaps in their grid, wavelengths differ, or albedos do
+    Raises    ValueError where nodes are missing in their grid, wavelengths differ, or albedos do
               not do.
-    Accuracy  model: heat of the sky that the ground reflects counts as light of the sky, as the
+    Accuracy  model: reflected thermal radiance of the sky counts as diffuse light, as the
               programs print it. numerical: exact for runs that follow the closed form.
     """
     axes = [sorted({place[i] for place in runs}) for i in range(4)]
@@ -135,7 +135,7 @@ def _spherical(per_albedo: list[Floats], lit: list[Run]) -> Floats:
 
 
 COLUMNS = ("lambda", "zout", "edir", "edn", "uu")
-MILLIWATT_PER_NM = 1e6  # watt / m^2 / m, the unit of libRadtran's own solar spectra
+MILLIWATT_PER_NM = 1e6  # watt / m^2 / m, the unit of libRadtran's solar spectra
 
 
 def read_uvspec(
@@ -148,7 +148,7 @@ def read_uvspec(
         reflected = albedo (edir + edn) t / pi,  direct = albedo edir t / pi
 
     albedo       of its ground
-    black        the run over black ground, which knows the same air without it
+    black        the run over black ground, in the same air
     sun, sensor  radian, zenith angles
     unit         watt / m^2 / m, of the file's irradiance
     Returns      Run, without heat

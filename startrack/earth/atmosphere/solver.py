@@ -1,4 +1,4 @@
-"""sasktran2, wrapped: particles and layers -> radiance at sensors."""
+"""Radiance at sensors from particles and layers: sasktran2, wrapped."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from startrack.earth.atmosphere.table import Air
 
 TOP = 100e3  # metre, of the air
 EARTH = 6371e3  # metre, mean radius
-ORBIT = 600e3  # metre, from where the limb is seen; any height above the air does
+ORBIT = 600e3  # metre, of the observer of the limb; any height above the air is equivalent
 SINGLE_MOMENTS = 180  # of the phase function in single scattering, enough for its forward peak
 
 
 def layers(ground: float) -> Floats:
-    """Heights between which the air is linear, from the ground up, metre.
+    """Heights of the layers' borders, from the ground up, metre.
 
-    Half a kilometre is where the column of molecules is right to 1e-4.
+    Steps of half a kilometre give the column of molecules to 1e-4.
     """
     up = np.concatenate(
         [np.arange(0, 12e3, 500.0), np.arange(12e3, 30e3, 2e3), np.arange(30e3, TOP + 1, 5e3)]
@@ -39,21 +39,22 @@ def solve_radiance(
     streams: int = 16,
     polarised: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
-    """Radiance of scattered light over a Lambert surface, without the gases' lines.
+    """Radiance of scattered light over a Lambert surface, without absorption lines of gases.
 
     wavelength  (k,) metre
     ground      metre above the sea
     sun         1, cosine of the Sun's zenith angle
-    rays        r of (cosine of the zenith angle in which the sensor stands, azimuth from the
+    rays        r of (cosine of the zenith angle of the sensor, azimuth from the
                 Sun's, radian; height of the sensor above the sea, metre)
     albedos     a of the surface
     streams     discrete ordinates
-    polarised   whether the Stokes vector is carried along
+    polarised   whether the Stokes vector is computed
     Returns     (a, k, r) 1 / sr, radiance over the Sun's irradiance; (layers,) metre and
                 (k, layers) 1 / metre, extinction of air and aerosol
     Raises      ModuleNotFoundError where sasktran2 is missing.
-    Accuracy    model: plane layers, good to 1 % while Sun and sensor stand 15 degrees above the
-                horizon. Without polarisation molecules alone are wrong by up to 10 % at 400 nm.
+    Accuracy    model: plane layers, good to 1 % while Sun and sensor are 15 degrees above the
+                horizon. Without polarisation the light of molecules is wrong by up to 10 % at
+                400 nm.
     """
     sk = sasktran2()
     heights = layers(ground)
@@ -135,7 +136,7 @@ def _aerosol(sk: Any, air: Air, heights: Floats, wavelength: Floats, stokes: int
     extinction = profile(air.visibility, heights)[:, None] * mixture.extinction
     shape = (SINGLE_MOMENTS, *extinction.shape)
     phase = np.broadcast_to(mixture.moments[:, :SINGLE_MOMENTS].T[:, None, :], shape)
-    if stokes > 1:  # scattered by particles, light is taken as unpolarised
+    if stokes > 1:  # light that particles scatter is assumed to be unpolarised
         four = np.zeros((4 * SINGLE_MOMENTS, *extinction.shape))
         four[::4] = phase
         phase = four

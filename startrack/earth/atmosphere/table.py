@@ -42,21 +42,21 @@ AXES = ("wavelength", "height", "altitude", "sensor", "sun", "azimuth")
 
 @dataclass(frozen=True, eq=False)
 class AirTable:
-    """Radiation in plane layers over a Lambert surface; lines of gases are kept apart.
+    """Radiation in plane layers over a Lambert surface; absorption by gases is kept apart.
 
-    air          what was in it
-    wavelength   (k,) metre, where scattering was computed; it is smooth between
+    air          its state
+    wavelength   (k,) metre, nodes of scattering, which is smooth between them
     height       (h,) metre of the ground above the sea
     altitude     (a,) metre of the sensor above the ground; the last one is above the air
-    sensor       (v,) radian, zenith angle in which the sensor stands
+    sensor       (v,) radian, zenith angle of the sensor
     sun          (s,) radian, zenith angle of the Sun
     azimuth      (p,) radian, between Sun and sensor as the ground sees them; 0 for the same side
     path         (k, h, a, v, s, p) 1 / sr, radiance of the air over a black ground, over the
                  Sun's irradiance
-    beam         (k, h, s) 1, fraction of the direct sunlight that arrives
+    beam         (k, h, s) 1, direct transmittance of sunlight to the ground
     skylight     (k, h, s) 1, irradiance of the sky over a black ground, over the Sun's
-    seen         (k, h, a, v) 1, fraction of the ground's light that goes straight to the sensor
-    around       (k, h, a, v) 1, fraction that gets there scattered, so from the ground around
+    seen         (k, h, a, v) 1, direct transmittance from ground to sensor
+    around       (k, h, a, v) 1, diffuse transmittance, of light from the ground around
     backscatter  (k, h) 1, spherical albedo of the air from below
     spectrum     (f,) metre
     irradiance   (f,) watt / m^2 / m, the Sun's at one astronomical unit
@@ -117,5 +117,5 @@ def load_table(path: Path) -> AirTable:
 
 
 def _kept(name: str, values: Floats) -> NDArray[np.generic]:
-    """Axes as they are, large arrays in single precision."""
+    """Axes in double precision, large arrays in single."""
     return values if values.ndim == 1 else values.astype(np.float32)

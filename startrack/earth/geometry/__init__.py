@@ -1,24 +1,23 @@
 """A camera in flight: orbit or aircraft, sensor and pointing; what each pixel sees.
 
-aircraft    An aircraft in level flight and times -> where it is over the turning Earth.
-orbit       An orbit or a flight, and times -> where it is over the turning Earth, and where the
-            Sun.
-sensor      A detector's elements and the times of its lines -> which pixel looks when.
-sight       A camera in flight -> Rays: the line of sight of each pixel at its own time.
-parameters  EarthScene: a camera in flight over terrain, as a scene file has it.
-image       EarthScene -> Ground line by line: what each ray of an image sees of the Earth.
+orbit       Position and velocity of a satellite or an aircraft over the rotating Earth, and
+            direction of the Sun.
+sensor      Elements of a detector, and the times of its lines.
+sight       The line of sight of each pixel of a camera in flight, at its own time.
+parameters  EarthScene: a camera in flight over terrain, as a scene file gives it.
+image       Ground line by line from an EarthScene: what each ray of an image meets.
 """
 
-from startrack.earth.geometry.aircraft import Aircraft
 from startrack.earth.geometry.image import Strip, observe_earth
 from startrack.earth.geometry.orbit import (
+    Aircraft,
     Carrier,
     Flight,
     Orbit,
     TwoLines,
+    choose_carrier,
     fly,
     sun_direction,
-    the_carrier,
 )
 from startrack.earth.geometry.parameters import EarthScene, Fractal, MapFile, Sensor, Terrain, find
 from startrack.earth.geometry.sensor import (

@@ -1,4 +1,4 @@
-"""EarthScene -> Ground line by line: what each ray of an image sees of the Earth."""
+"""Ground line by line from an EarthScene: what each ray of an image meets."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from startrack.core import Floats
 from startrack.earth.geometry.orbit import sun_direction
 from startrack.earth.geometry.parameters import EarthScene
 from startrack.earth.geometry.sensor import together
-from startrack.earth.geometry.sight import Turn, scan_lines
+from startrack.earth.geometry.sight import Jitter, scan_lines
 from startrack.earth.terrain import Ground, read_charts, survey
 
-BATCH = 2**17  # rays that are followed at a time
+BATCH = 2**17  # rays at a time, which limit the memory; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +39,15 @@ class Strip:
             return np.where(known, rays, 0).sum(axis=2) / known.sum(axis=2)
 
 
-def observe_earth(scene: EarthScene, folder: Path, turn: Turn | None = None) -> Iterator[Strip]:
-    """Look at the Earth with all pixels of a scene, some lines at a time.
+def observe_earth(scene: EarthScene, folder: Path, turn: Jitter | None = None) -> Iterator[Strip]:
+    """Ground that all pixels of a scene see, some lines at a time.
 
-    folder   from which files are sought
+    folder   folder of the files
     turn     attitude jitter, as in `sight`
     """
     terrain, charts = scene.terrain.open(folder), scene.terrain.charts(folder)
     cell = terrain.terrain.grid.step_y
-    sensor, orbit = scene.sensor, scene.flight
+    sensor, orbit = scene.sensor, scene.carrier
     elements, dating = sensor.elements(orbit), sensor.dating(orbit)
     sun = sun_direction(orbit.epoch, sensor.delay)
     rays_of_line = elements[0].x.size * sensor.rays**2
@@ -55,7 +55,7 @@ def observe_earth(scene: EarthScene, folder: Path, turn: Turn | None = None) -> 
     for first in range(0, sensor.lines, step):
         count = min(step, sensor.lines - first)
         row, lines = elements[0], np.arange(first, first + count, dtype=np.float64)
-        if len(elements) > 1:  # a matrix, whose rows all look at once
+        if len(elements) > 1:  # a matrix, whose rows are exposed together
             row, lines = together(elements[first : first + count]), np.zeros(1)
         rays = scan_lines(
             sensor.camera, row, lines, dating, orbit, scene.pointing, turn, sensor.rays

@@ -1,4 +1,4 @@
-"""An orbit or a flight, and times -> where it is over the turning Earth, and where the Sun."""
+"""Position and velocity of a satellite or an aircraft over the Earth; direction of the Sun."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Floats, Unit, finite, installed_tables, positive, utc, within
-from startrack.earth.geometry.aircraft import Aircraft
-from startrack.earth.terrain import EQUATORIAL
+from startrack.earth.terrain import EQUATORIAL, cartesian, up
 
 GRAVITY = 398600.8e9  # m^3 / s^2, WGS72, as SGP4 wants it (Vallado et al. 2006, AIAA 2006-6753)
 DAY = 86400.0
@@ -24,7 +23,7 @@ class Orbit:
     """A satellite by its mean elements at an epoch, moved by SGP4 without drag.
 
     epoch         UTC, as ISO 8601
-    altitude      metre of the semi-major axis above the equatorial radius
+    altitude      metre, semi-major axis minus the equatorial radius
     inclination   radian
     node          radian, right ascension of the ascending node
     anomaly       radian, mean, from the perigee
@@ -99,15 +98,57 @@ class TwoLines:
         return Satrec.twoline2rv(self.first, self.second, WGS72)
 
 
+@dataclass(frozen=True)
+class Aircraft:
+    """A great circle at one height, flown at one speed over ground.
+
+    epoch                UTC, as ISO 8601
+    longitude, latitude  radian, position at the epoch
+    altitude             metre above the ellipsoid
+    heading              radian, from north to east
+    speed                metre / second, over ground
+    """
+
+    epoch: str
+    longitude: Annotated[float, Unit("rad", "deg")]
+    latitude: Annotated[float, Unit("rad", "deg")]
+    altitude: Annotated[float, Unit("m", "km")] = 3e3
+    heading: Annotated[float, Unit("rad", "deg")] = 0.0
+    speed: Annotated[float, Unit("m / s")] = 80.0
+
+    def __post_init__(self) -> None:
+        finite(longitude=self.longitude, heading=self.heading)
+        within(-1.5, 1.5, latitude=self.latitude)  # no heading at the poles
+        within(1.0, 100e3, altitude=self.altitude)
+        positive(speed=self.speed)
+
+    def state(self, second: Floats) -> tuple[Floats, Floats]:
+        """Positions in metre and velocities over ground in metre / second, (n, 3) each, ITRS.
+
+        Accuracy  model: a circle; its height above the ellipsoid varies by 5 m at most in 100 km.
+        """
+        here = np.array([self.longitude]), np.array([self.latitude])
+        start = cartesian(*here, np.array([self.altitude]))[0]
+        vertical = up(*here)[0]
+        east = np.array([-math.sin(self.longitude), math.cos(self.longitude), 0.0])
+        along = math.sin(self.heading) * east + math.cos(self.heading) * np.cross(vertical, east)
+        # The centre of the circle is below the start, so that height and heading are kept.
+        radius = float(start @ vertical)
+        axis = np.cross(vertical, along)
+        turn = Rotation.from_rotvec(np.outer(second * self.speed / radius, axis))
+        centre = start - radius * vertical
+        return centre + turn.apply(radius * vertical), turn.apply(self.speed * along)
+
+
 @dataclass(frozen=True, eq=False)
 class Flight:
     """A satellite or an aircraft at some times, in the Earth's fixed axes (ITRS).
 
     second        (n,) since the epoch of its orbit
     position      (n, 3) metre
-    velocity      (n, 3) metre / second, over the turning Earth
+    velocity      (n, 3) metre / second, over the rotating Earth
     inertial      (n, 3) metre / second, against the stars, in the same axes
-    course        (n, 3) metre / second, that a camera keeps its rows along: against the stars for a
+    course        (n, 3) metre / second, direction of flight of `Pointing`: against the stars for a
                   satellite, over ground for an aircraft
     icrs_to_itrs  (n,) rotations
     """
@@ -123,10 +164,12 @@ class Flight:
 Carrier = Orbit | TwoLines | Aircraft  # what a camera flies on
 
 
-def the_carrier(orbit: Orbit | None, tle: tuple[str, ...], aircraft: Aircraft | None) -> Carrier:
-    """The one of the three that a scene gives; ValueError where it gives none or several."""
+def choose_carrier(orbit: Orbit | None, tle: tuple[str, ...], aircraft: Aircraft | None) -> Carrier:
+    """The one of the three that a scene gives.
+
+    Raises  ValueError where it gives none or several."""
     if (orbit is not None) + bool(tle) + (aircraft is not None) != 1:
-        raise ValueError("one of orbit, tle and aircraft must be given, and no other")
+        raise ValueError("exactly one of orbit, tle and aircraft must be given")
     if tle and len(tle) != 2:
         raise ValueError(f"tle must be two lines, got {len(tle)}")
     return orbit or aircraft or TwoLines(*tle)
@@ -137,14 +180,14 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
 
     Source: SGP4 (Vallado et al. 2006) by the package sgp4; axes by astropy (ERFA).
 
-    Raises    ValueError where SGP4 gives up, with its reason; ImportError without sgp4
+    Raises    ValueError where SGP4 fails, with its reason; ImportError without sgp4
     Accuracy  model: SGP4 is good to a kilometre near the epoch. Beyond the installed Earth
               orientation less than 0.84 km of ground more (`startrack.dates`).
     """
     second = np.asarray(second, float)
     teme_to_itrs, icrs_to_itrs = _axes(orbit.epoch, second)
     if isinstance(orbit, Aircraft):
-        where, velocity = orbit.places(second)
+        where, velocity = orbit.state(second)
         inertial = velocity + np.cross(SPIN, where)
         return Flight(second, where, velocity, inertial, velocity, icrs_to_itrs)
     _need_sgp4()
@@ -163,7 +206,7 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
 def sun_direction(epoch: str, second: float = 0.0) -> Floats:
     """Unit vector (3,) towards the Sun in ITRS, seen from the Earth's centre.
 
-    Accuracy  model: astropy's built-in ephemeris, 3 arcsec; 9 arcsec of parallax are left out.
+    Accuracy  model: astropy's built-in ephemeris, 3 arcsec; 9 arcsec of parallax are neglected.
     """
     from astropy import units
     from astropy.coordinates import ITRS, get_body
@@ -186,7 +229,7 @@ def _axes(epoch: str, second: Floats) -> tuple[Rotation, Rotation]:
             frame(unit, obstime=date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
             for frame in (TEME, GCRS)
         ]
-    # The columns of each matrix are where the three axes go.
+    # The columns of each matrix are the images of the three axes.
     from_teme, from_icrs = (one.reshape(3, -1, 3).transpose(1, 0, 2) for one in turned)
     return Rotation.from_matrix(from_teme), Rotation.from_matrix(from_icrs)
 

@@ -1,4 +1,4 @@
-"""EarthScene: a camera in flight over terrain, as a scene file has it."""
+"""EarthScene: a camera in flight over terrain, as a scene file gives it."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from startrack.core import (
     whole,
     within,
 )
-from startrack.earth.geometry.aircraft import Aircraft
-from startrack.earth.geometry.orbit import Carrier, Orbit, the_carrier
+from startrack.earth.geometry.orbit import Aircraft, Carrier, Orbit, choose_carrier
 from startrack.earth.geometry.sensor import (
     Dating,
     Elements,
@@ -47,7 +46,7 @@ DETECTORS = ("matrix", "line", "staggered", "tdi")
 
 @dataclass(frozen=True)
 class Sensor:
-    """What looks down.
+    """The detector and lens, as the geometry needs them.
 
     detector      matrix, line, staggered or tdi
     columns       pixel, of the image
@@ -55,7 +54,7 @@ class Sensor:
     focal_length  metre
     pixel_pitch   metre
     period        second from line to line; None for square pixels below the satellite
-    stages        rows of a TDI detector, or by which the two rows of a staggered one are apart
+    stages        rows of a TDI detector, or rows between the two of a staggered one
     rays          along each side of a pixel
     delay         second after the orbit's epoch at which the middle line is taken
     """
@@ -89,7 +88,7 @@ class Sensor:
         return Camera(width, rows, self.focal_length / self.pixel_pitch)
 
     def elements(self, orbit: Carrier) -> list[Elements]:
-        """Of each line of the image; one for all lines but for a matrix."""
+        """Elements of each line of a matrix; of other detectors one for all lines."""
         middle = self.camera.centre[1]
         if self.detector == "matrix":
             return matrix_elements(self.columns, self.lines)
@@ -111,7 +110,7 @@ class Sensor:
         return Dating(self.delay - 0.5 * (self.lines - 1) * period, period)
 
     def _square(self, orbit: Carrier) -> float:
-        """Second in which the ground below moves on by a pixel."""
+        """Second in which the ground below moves by a pixel."""
         return self.pixel_pitch / self.focal_length / ground_rate(orbit)
 
 
@@ -136,7 +135,9 @@ class Fractal:
 
     def __post_init__(self) -> None:
         within(-2 * math.pi, 2 * math.pi, longitude=self.longitude)
-        within(-1.48, 1.48, latitude=self.latitude)  # beyond, cells of one size have no place
+        within(
+            -1.48, 1.48, latitude=self.latitude
+        )  # nearer to the poles, cells of one size are impossible
         positive(cell=self.cell, relief=self.relief)
         whole(2, 2**14, cells=self.cells)
         finite(roughness=self.roughness)
@@ -161,9 +162,9 @@ class Fractal:
 
 @dataclass(frozen=True)
 class MapFile:
-    """A map that lies on the ground.
+    """A map of the ground.
 
-    name    under which it is found
+    name    of the map
     file    any raster
     exact   whether its values are classes
     absent  value where the file has none
@@ -177,16 +178,16 @@ class MapFile:
 
 @dataclass(frozen=True)
 class Terrain:
-    """What there is to see, and how finely.
+    """Heights and maps of a scene, and how finely they are used.
 
-    files            rasters of heights, or patterns such as "dem/*.tif"; the finest counts
+    files            rasters of heights, or patterns such as "dem/*.tif"; the finest is used
     fractal          terrain from a seed, instead of or besides them
     geoid            raster of undulations, where the heights are above the geoid
-    sea              metre, height of what is not covered
+    sea              metre, height where there are no data
     lowest, highest  metre above the ellipsoid, between which all heights lie
     tiles            of 512 x 512 cells that fit into memory, 1.4 MB each
     sharpness        1, as in Pyramid
-    maps             that lie on it
+    maps             on the terrain
     """
 
     files: tuple[str, ...] = ()
@@ -201,12 +202,12 @@ class Terrain:
 
     def __post_init__(self) -> None:
         if not self.files and self.fractal is None:
-            raise ValueError("files or fractal must say what terrain there is, got neither")
+            raise ValueError("files or fractal must be given, got neither")
         whole(2, 2**16, tiles=self.tiles)
         non_negative(sharpness=self.sharpness)
 
     def open(self, folder: Path) -> Pyramid:
-        """The terrain; files are sought from the folder of the scene file."""
+        """The terrain; files are relative to the folder of the scene file."""
         sources: list[Source] = [Raster(path) for path in find(folder, self.files)]
         if self.fractal:
             sources.append(self.fractal.source())
@@ -232,7 +233,7 @@ class EarthScene:
 
     tle       two lines of a satellite, instead of an orbit
     aircraft  instead of both
-    sky_rays  by which each point looks for the sky; 0 for none
+    sky_rays  rays from each point that sample the sky; 0 for none
     """
 
     terrain: Terrain
@@ -245,16 +246,16 @@ class EarthScene:
 
     def __post_init__(self) -> None:
         whole(0, 2**12, sky_rays=self.sky_rays)
-        _ = self.flight
+        _ = self.carrier
 
     @property
-    def flight(self) -> Carrier:
-        """What flies the camera."""
-        return the_carrier(self.orbit, self.tle, self.aircraft)
+    def carrier(self) -> Carrier:
+        """Orbit, two-line elements or aircraft."""
+        return choose_carrier(self.orbit, self.tle, self.aircraft)
 
 
 def find(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
-    """The files that patterns name, each once, in the order of their names."""
+    """The files that match patterns, each once, in the order of their names."""
     found: dict[Path, None] = {}
     for pattern in patterns:
         paths = sorted(glob(str(folder / pattern), recursive=True))

@@ -1,7 +1,6 @@
-"""A detector's elements and the times of its lines -> which pixel looks when.
+"""Elements of a detector, and the times of its lines.
 
-As in orekit's Rugged, the dating of lines knows nothing of where elements look, and the elements
-know nothing of time.
+As in orekit's Rugged, the times of lines and the elements do not depend on each other.
 """
 
 from __future__ import annotations
@@ -30,17 +29,17 @@ class Dating:
         finite(start=self.start, period=self.period)
 
     def at(self, line: Floats) -> Floats:
-        """Seconds after the epoch, of whole or broken lines."""
+        """Seconds after the epoch, (n,), of lines (n,), also between whole ones."""
         return self.start + line * self.period
 
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """Where the elements that make one line of the image sit on the camera's pixel grid.
+    """Positions on the camera's pixel grid of the elements that make one line of the image.
 
-    x, y   (columns, stages) pixel, of each column of the image; a stage is a row whose charge or
-           number is added to the others'
-    delay  (columns, stages) lines by which a stage looks later than the line says
+    x, y   (columns, stages) pixel, of each column of the image; the charges or
+           numbers of all stages are added
+    delay  (columns, stages) lines by which a stage is exposed later than the line
     """
 
     x: Floats
@@ -61,26 +60,26 @@ def staggered_elements(
 ) -> Elements:
     """Two rows, the second shifted by half a pixel, whose pixels alternate in the image.
 
-    The rows see a place on the ground at different times; the image is put together so that both
-    see it in the same line.
+    The rows see a point on the ground at different times; the image combines them so that it is in
+    the same line of both.
 
     columns        of the image, twice those of a row
     rows_apart     pixel from the first row to the second
     forwards       1 where the ground moves to larger rows, -1 where it moves to smaller ones, as it
                    does below a Pointing
-    lines_a_pixel  in which the ground moves on by a pixel: 2 where the image samples both ways
-                   alike
+    lines_a_pixel  in which the ground moves by a pixel: 2 for equal sampling along and
+                   across
     """
     whole(2, 2**20, columns=columns)
     finite(y=y, rows_apart=rows_apart)
     positive(lines_a_pixel=lines_a_pixel)
-    odd = np.arange(float(columns))[:, None] % 2
+    second = np.arange(float(columns))[:, None] % 2
     x = np.arange(float(columns))[:, None] / 2
-    return Elements(x, y + rows_apart * odd, forwards * rows_apart * lines_a_pixel * odd)
+    return Elements(x, y + rows_apart * second, forwards * rows_apart * lines_a_pixel * second)
 
 
 def tdi_elements(columns: int, y: float, stages: int, forwards: int = -1) -> Elements:
-    """Rows whose charge moves on with the ground: stage s sits s rows on and looks s lines later.
+    """Rows whose charge moves with the image: stage s is s rows farther, exposed s lines later.
 
     forwards  as for staggered elements
     """
@@ -107,7 +106,7 @@ def together(lines: list[Elements]) -> Elements:
 
 
 def inside_pixel(side: int) -> Floats:
-    """Offsets (side^2, 2) pixel of rays that share a pixel evenly."""
+    """Offsets (side^2, 2) pixel of rays that divide a pixel evenly."""
     positive(side=side)
     at = (np.arange(side) + 0.5) / side - 0.5
     return np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""A camera in flight -> Rays: the line of sight of each pixel at its own time."""
+"""The line of sight of each pixel of a camera in flight, at its own time."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from startrack.earth.geometry.orbit import Carrier, Flight, fly
 from startrack.earth.geometry.sensor import Dating, Elements, inside_pixel
 from startrack.earth.terrain import Rays, geodetic
 
-Turn = Callable[[Floats], Floats]
+Jitter = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True)
 class Pointing:
-    """Where a camera looks from its orbit.
+    """Attitude of a camera with respect to its orbit.
 
-    At zero its boresight points to the Earth's centre, its rows to larger y run along the flight,
-    so that the ground moves to smaller rows. The angles then turn the camera about its own axes,
+    At zero its boresight points to the Earth's centre and +y along the flight,
+    so that the ground moves to smaller rows. The angles then rotate the camera about its axes,
     z first, then y, then x.
 
-    roll   radian about y, the axis along the flight: looks to the side
-    pitch  radian about x: looks forwards where positive
+    roll   radian about y, the axis along the flight: to the side
+    pitch  radian about x: forwards where positive
     yaw    radian about z
     """
 
@@ -64,19 +64,19 @@ def sight(
     time: Floats,
     orbit: Carrier,
     pointing: Pointing | Fixed,
-    turn: Turn | None = None,
+    turn: Jitter | None = None,
     spread: float | None = None,
 ) -> Rays:
     """The lines of sight of pixels at their times.
 
-    The camera moves against the ground that shines: light comes from where it was seen, less the
-    velocity over the speed of light. With the velocity over the turning Earth this is aberration
-    and light time in one, to first order.
+    Light comes from the apparent direction minus the velocity over the speed of light. With the
+    velocity over the rotating Earth this corrects aberration and light time together, to first
+    order.
 
     pixel    (n, 2) pixel (x, y)
     time     (n,) second after the epoch of the orbit
     turn     attitude jitter: at (m,) seconds the (m, 3) rotation vectors in radian, in camera axes,
-             by which the scene turns before the camera
+             by which the scene rotates in the camera
     spread   radian between neighbouring rays; None for those of pixels
     Returns  (n,) rays
     Accuracy  model: second order of v / c, 0.4 mm of ground at 600 km.
@@ -101,7 +101,7 @@ def scan_lines(
     dating: Dating,
     orbit: Carrier,
     pointing: Pointing | Fixed,
-    turn: Turn | None = None,
+    turn: Jitter | None = None,
     rays_per_side: int = 1,
 ) -> Rays:
     """The rays of lines of an image: line by line, column by column, stage by stage.
@@ -128,7 +128,7 @@ def scan_lines(
 
 
 def ground_rate(orbit: Carrier) -> float:
-    """Radian per second at which the ground under the satellite passes by at its epoch.
+    """Radian per second at which the ground below the satellite moves at its epoch.
 
     Times the focal length in pixels it is the line rate that makes square pixels at the nadir.
     """

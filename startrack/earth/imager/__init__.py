@@ -1,23 +1,19 @@
 """Images of Earth cameras: radiance, PSF, detector, digital numbers.
 
-land        Ground -> what it reflects and how warm it is: covers by height, texture, slopes, hot
-            spots.
+land        Reflectance and temperature of ground: covers by height, texture, slopes, hot spots.
 parameters  Imager, its channels, and Survey (camera, land and air of an Earth image), and their
             files.
-through     Channel and Air -> BandTable and Heat of its one band, weighted as the detector counts
-            light.
-blur        Optics, motion and the rays of each pixel -> weights by which rays around it make the
-            pixel.
-figures     Channel, height and speed -> ground resolution, swath, sharpness, SNR, dynamics, data
-            rate.
-first       Goals -> the first parameters of a camera: focal length, aperture, clock; what asks
-            for each.
-render      Survey and Channel -> a picture: radiance at the sensor in five terms, and digital
+band        BandTable and thermal radiance of one channel, weighted with its response.
+blur        Weights of the rays around a pixel, from optics, motion and pixel.
+figures     Ground resolution, swath, MTF, SNR, dynamic range and data rate of a channel at a
+            height and speed.
+first       First parameters of a camera from goals: focal length, aperture, pixel rate.
+render      An image from Survey and Channel: radiance at the sensor in five terms, and digital
             numbers.
-files       Picture -> FITS that grows on disk while it is rendered; and GeoTIFF with its ground
-            points.
+files       FITS that is filled while an image is rendered; GeoTIFF with ground control points.
 """
 
+from startrack.earth.imager.band import Band, band_of
 from startrack.earth.imager.figures import Figures, figures, reference
 from startrack.earth.imager.files import ABOUT, open_fits, thinned, write_geotiff
 from startrack.earth.imager.first import First, Goals, first_parameters
@@ -30,8 +26,7 @@ from startrack.earth.imager.parameters import (
     load_imager,
     load_survey,
 )
-from startrack.earth.imager.render import Picture, Setting, gathered, prepare, render
-from startrack.earth.imager.through import Band, band_of
+from startrack.earth.imager.render import Picture, Setting, pixel_electrons, prepare, render
 
 # Public; the other imports serve other rooms.
 __all__ = [
@@ -52,10 +47,10 @@ __all__ = [
     "cameras",
     "figures",
     "first_parameters",
-    "gathered",
     "load_imager",
     "load_survey",
     "open_fits",
+    "pixel_electrons",
     "prepare",
     "reference",
     "render",

@@ -1,4 +1,4 @@
-"""Channel, height and speed -> ground resolution, swath, sharpness, SNR, dynamics, data rate."""
+"""Ground resolution, swath, MTF, SNR, dynamic range and data rate of a channel in flight."""
 
 from __future__ import annotations
 
@@ -10,29 +10,30 @@ import numpy as np
 from startrack.core import deg
 from startrack.detector import Detector
 from startrack.earth.atmosphere import Reach, Sight, radiance, refine
+from startrack.earth.imager.band import Band
 from startrack.earth.imager.parameters import Channel, exposure_of, smear
-from startrack.earth.imager.through import Band
 from startrack.optics import blur_transfer, pixel_transfer, pupil_transfer
 
-GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # of the ground that a radiance is stated for
+GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # the scene of the reference radiance; chosen by hand
 
 
 @dataclass(frozen=True)
 class Figures:
-    """What the first parameters of a camera come to, over flat ground below.
+    """Performance of one channel over flat ground below.
 
-    gsd               metre, side of a pixel on the ground
-    sampling_across, sampling_along  metre between columns and between lines
+    gsd               metre, footprint: side of a pixel projected on the ground
+    sampling_across, sampling_along  metre between columns and between lines: ground sample
+                      distances
     swath, field      metre; radian
     rayleigh          metre, on the ground: 1.22 lambda H / D
-    mtf_across, mtf_along  1, at half a cycle per pixel: lens, blur, pixel, smear. Staggered lines
-                      sample twice as finely, up to where a pixel passes nothing
-    radiance          watt / m^2 / sr / m that SNR is stated for
-    electrons, noise  electron, of it
+    mtf_across, mtf_along  1, at half a cycle per pixel: lens, blur, pixel, smear. The Nyquist
+                      frequency of staggered lines is twice that, where the MTF of a pixel is 0
+    radiance          watt / m^2 / sr / m, of the SNR
+    electrons, noise  electron, of this radiance
     snr               1
-    noise_radiance    watt / m^2 / sr / m that is as large as its noise
-    saturation        watt / m^2 / sr / m that fills the well
-    dynamics          1, full well over the noise in the dark
+    noise_radiance    watt / m^2 / sr / m, of the noise of this radiance
+    saturation        watt / m^2 / sr / m that reaches the full-well capacity
+    dynamics          1, dynamic range: full-well capacity over the noise in the dark
     period, clock     second between lines; pixel / second
     data_rate         bit / second
     """
@@ -60,27 +61,27 @@ class Figures:
 def figures(
     channel: Channel, band: Band, height: float, rate: float, light: float | None = None
 ) -> Figures:
-    """Of one channel.
+    """Figures of one channel.
 
-        GSD = H p / f,  swath = 2 H tan(field / 2),  MTF = lens x blur x pixel x smear at Nyquist
+        footprint = H p / f,  swath = 2 H tan(field / 2),  MTF = lens x blur x pixel x smear
 
     Source: Krutz et al. (2011), section 2.1, and eq. (4).
 
     height  metre above the ground
     rate    radian / second of the ground below
-    light   watt / m^2 / sr / m; None for what `reference` gives
+    light   watt / m^2 / sr / m; None for that of `reference`
     Accuracy  model: flat ground; a lens without aberrations beyond its blur, at the mean
               wavelength.
     """
     optics, detector = channel.optics, channel.detector
     focal, pitch = optics.image_distance, detector.pitch
-    gsd = height * pitch / focal
+    footprint = height * pitch / focal
     half = math.atan(detector.columns / 2 * pitch / focal)
     wavelength = float(band.weight @ band.wavelength)
     square = pitch / focal / rate / (2 if channel.kind == "staggered" else 1)
     period = (channel.period or square) if detector.scan else 1 / detector.update_rate
-    columns = gsd * detector.columns / channel.columns
-    lines = period * rate * height if detector.scan else gsd
+    columns = footprint * detector.columns / channel.columns
+    lines = period * rate * height if detector.scan else footprint
     exposure = exposure_of(channel, period)
     drift = smear(channel, period if detector.scan else 0.0, rate) * pitch
     per_radiance = channel.etendue() * exposure * band.electrons
@@ -89,7 +90,7 @@ def figures(
     dark = detector.dark_rate * exposure
     noise = _noise(detector, electrons, dark)
     return Figures(
-        gsd, columns, lines, 2 * height * math.tan(half), 2 * half,
+        footprint, columns, lines, 2 * height * math.tan(half), 2 * half,
         1.22 * wavelength * height / optics.aperture,
         sharpness(channel, wavelength, 0.0),
         sharpness(channel, wavelength, drift),
@@ -101,7 +102,7 @@ def figures(
 
 
 def sharpness(channel: Channel, wavelength: float, drift: float) -> float:
-    """Modulation at Nyquist along one axis, half a cycle per pixel.
+    """MTF along one axis at half a cycle per pixel.
 
     drift  metre on the detector, of the image in an exposure
     """
@@ -115,20 +116,20 @@ def sharpness(channel: Channel, wavelength: float, drift: float) -> float:
 
 
 def reference(band: Band) -> float:
-    """Mean spectral radiance of grey land below: a fifth reflected, 300 K, Sun at 50 degrees.
+    """Mean spectral radiance of grey land below: reflectance 0.2, 300 K, Sun at 50 deg from zenith.
 
     Returns  watt / m^2 / sr / m
     """
     ones = np.ones(1)
-    places = 0.0, 0.0, SUN, math.pi / 2
-    fine = refine(band.table, Reach(*((one, one) for one in places)))
-    sight = Sight(*(one * ones for one in (*places, math.cos(SUN), 1.0, 1.0)))
+    geometry = 0.0, 0.0, SUN, math.pi / 2
+    fine = refine(band.table, Reach(*((one, one) for one in geometry)))
+    sight = Sight(*(one * ones for one in (*geometry, math.cos(SUN), 1.0, 1.0)))
     grey = np.full(1, GREY)
     return float(radiance(fine, sight, grey, grey, band.heat, WARM * ones).total[0, 0])
 
 
 def _noise(detector: Detector, electrons: float, dark: float) -> float:
-    """Electron rms: shot noise, read noise, the converter's steps, the pixels' own response."""
+    """Electron rms: shot noise, read noise, quantisation, PRNU."""
     step = detector.electrons_per_dn
     return math.sqrt(
         electrons + dark + detector.noise**2 + step**2 / 12 + (detector.prnu * electrons) ** 2

@@ -1,4 +1,4 @@
-"""Picture -> FITS that grows on disk while it is rendered; and GeoTIFF with its ground points."""
+"""FITS that is filled while an image is rendered; GeoTIFF with ground control points."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from startrack.earth.imager.render import Picture
 from startrack.io import whole
 
 BLOCK = 2880  # bytes, to which a part of a FITS file is filled up
-POINTS = 9  # along each side of the image, that tie a GeoTIFF to the ground
-# The terms of the radiance in a picture's file, each with what its header says of it.
+POINTS = 9  # ground control points along each side of the image; chosen by hand
+# The terms of the radiance in the file of a picture, each with the comment in its header.
 ABOUT: dict[str, str] = {
     "direct": "sunlight that the ground reflects",
     "indirect": "light of sky and slopes that the ground reflects",
@@ -26,9 +26,9 @@ RADIANCE = "W m-2 sr-1 um-1"
 
 
 def open_fits(path: Path, lines: int, columns: int, cards: dict[str, Any]) -> Picture:
-    """A picture whose arrays are parts of a new FITS file; `path` is written by name.
+    """A picture whose arrays are parts of a new FITS file at `path`.
 
-    The file has its size at once; what is not filled in is zero.
+    The file has its final size at once; pixels not yet filled in are zero.
 
     cards  of the first header, each a value or (value, comment)
     """
@@ -45,22 +45,22 @@ def open_fits(path: Path, lines: int, columns: int, cards: dict[str, Any]) -> Pi
     for name in ("longitude", "latitude"):
         parts.append(fits.ImageHDU(np.zeros((1, 1)), name=name))
         parts[-1].header["BUNIT"] = "deg"
-    places = []
+    positions = []
     with path.open("wb") as file:
         for part in parts:
             part.header["NAXIS1"], part.header["NAXIS2"] = columns, lines
             file.write(part.header.tostring().encode("ascii"))
             kind = np.dtype({32: ">i4", -32: ">f4", -64: ">f8"}[part.header["BITPIX"]])
-            places.append((file.tell(), kind))
+            positions.append((file.tell(), kind))
             size = lines * columns * kind.itemsize
             file.seek(-(-size // BLOCK) * BLOCK, 1)
         file.truncate(file.tell())
-    arrays = [np.memmap(path, kind, "r+", offset, (lines, columns)) for offset, kind in places]
+    arrays = [np.memmap(path, kind, "r+", offset, (lines, columns)) for offset, kind in positions]
     return Picture(arrays[0], Terms(*arrays[1:6]), arrays[6], arrays[7])
 
 
 def write_geotiff(path: Path, picture: Picture) -> None:
-    """Numbers and terms as bands, tied to the ground by points on a lattice.
+    """Numbers and terms as bands, with ground control points on a lattice.
 
     Raises  ImportError without rasterio; ValueError where too little ground is seen.
     """

@@ -1,4 +1,4 @@
-"""Goals -> the first parameters of a camera: focal length, aperture, clock; what asks for each."""
+"""First parameters of a camera from goals: focal length, aperture, pixel rate."""
 
 from __future__ import annotations
 
@@ -14,21 +14,24 @@ from startrack.optics import pixel_transfer, pupil_transfer
 
 EARTH_GRAVITY = 3.986004418e14  # m^3 / s^2, IERS conventions 2010
 EARTH_RADIUS = 6371e3  # metre, mean
-SLOWEST, FASTEST = 200.0, 0.5  # f-numbers between which a lens is sought
+SLOWEST, FASTEST = (
+    200.0,
+    0.5,
+)  # range of f-numbers of the search; f/0.5 is the limit of a lens in air
 
 
 @dataclass(frozen=True)
 class Goals:
-    """What the user of a line camera asks, and what detector there is.
+    """Requirements on a line camera, and its detector.
 
-    gsd, swath     metre on the ground
+    gsd, swath     metre on the ground; gsd between pixels, along and across
     height         metre of the orbit
     wavelength, bandwidth  metre, of the band
-    radiance, snr  watt / m^2 / sr / m, and the ratio of signal to noise that it shall have
+    radiance, snr  watt / m^2 / sr / m, and its required signal-to-noise ratio
     mtf            1, at Nyquist along the track, pixel and smear included
     pixel_pitch, read_noise, bits, stages  of the detector
     efficiency     electron / photon, lens and filter included
-    smear          pixel that the ground moves in an exposure, that fraction of a line's time
+    smear          pixel that the ground moves in an exposure, as a fraction of the line period
     ground_speed   metre / second; None for a circular orbit around the Earth
     """
 
@@ -74,18 +77,18 @@ class Goals:
 
 @dataclass(frozen=True)
 class First:
-    """The first parameters.
+    """First parameters of a camera.
 
     focal_length  metre
-    aperture      metre, the largest of the three
-    for_rayleigh, for_mtf, for_snr  metre of aperture that each asks
+    aperture      metre, the largest of the three below
+    for_rayleigh, for_mtf, for_snr  metre, aperture that each requires
     f_number      1
     columns       pixel of a line
     period        second between lines
     exposure      second of a line
     clock         pixel / second
     data_rate     bit / second
-    electrons     electron of the radiance, with that aperture
+    electrons     electron of the radiance at this aperture
     """
 
     focal_length: float
@@ -103,7 +106,7 @@ class First:
 
 
 def first_parameters(goals: Goals) -> First:
-    """The least camera that meets its goals.
+    """The smallest camera that meets its goals.
 
         f = p H / GSD,   D >= 1.22 lambda H / GSD  (Rayleigh)
         MTF(lens) 2 / pi sinc(smear / 2) >= goal
@@ -111,8 +114,8 @@ def first_parameters(goals: Goals) -> First:
 
     Source: Krutz et al. (2011), section 2.1, and eq. (4).
 
-    Raises    ValueError where no lens is sharp enough, or none as fast as f/0.5 gathers enough.
-    Accuracy  model: one wavelength, a lens without aberrations, a pixel that is all sensitive.
+    Raises    ValueError where no lens meets the MTF, or the SNR needs one faster than f/0.5.
+    Accuracy  model: one wavelength, a lens without aberrations, a fill factor of 1.
     """
     focal = goals.pixel_pitch * goals.height / goals.gsd
     period = goals.gsd / goals.speed
@@ -139,7 +142,7 @@ def first_parameters(goals: Goals) -> First:
 
 
 def _electrons(goals: Goals, focal: float, aperture: float, exposure: float) -> float:
-    """Equation (4) at one wavelength, of all stages."""
+    """Equation (4) at one wavelength, summed over all stages."""
     etendue = math.pi / 4 * (aperture / focal) ** 2 * goals.pixel_pitch**2
     photons = goals.radiance * goals.bandwidth * goals.wavelength / (PLANCK * LIGHT_SPEED)
     return etendue * photons * goals.efficiency * exposure * goals.stages

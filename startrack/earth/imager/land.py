@@ -1,4 +1,4 @@
-"""Ground -> what it reflects and how warm it is: covers by height, texture, slopes, hot spots."""
+"""Reflectance and temperature of ground: covers by height, texture, slopes, hot spots."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from startrack.core import (
 )
 from startrack.earth.terrain import EQUATORIAL, Ground, cartesian, fractal, up
 
-TEXELS = 1024  # along each side of the texture, which repeats itself beyond
+TEXELS = 1024  # along each side of the texture, which is periodic
 GREY = Curve((), (0.2,))
-DEPTHS = -1000.0  # metre, under all land
+DEPTHS = -1000.0  # metre, below all land
 
 
 @dataclass(frozen=True)
 class Cover:
-    """What the ground is covered with, from a height on.
+    """Reflectance and temperature of ground above a height.
 
     above        metre above the ellipsoid
-    reflectance  1 over wavelength, Lambert's; emissivity is one less it
+    reflectance  1 over wavelength, Lambertian; the emissivity is 1 minus it
     temperature  kelvin, at the height zero
     """
 
@@ -48,7 +48,7 @@ class Cover:
 
 @dataclass(frozen=True)
 class HotSpot:
-    """A fire, which may be smaller than any pixel; black.
+    """A fire, a blackbody that may be smaller than a pixel.
 
     area  square metre
     """
@@ -69,11 +69,11 @@ class HotSpot:
 class Land:
     """The surface of a scene.
 
-    covers        each from its own height on; the highest that begins below counts
-    texture       1, rms by which reflectance varies over the ground, as a fractal from a seed
-    texture_cell  metre, its finest detail
-    lapse         kelvin / metre, by which higher ground is colder
-    warming       kelvin, by which ground that faces the Sun is warmer than in its shadow
+    covers        in the order of their heights; each holds up to the next
+    texture       1, rms of the relative variation of reflectance, a fractal from a seed
+    texture_cell  metre, its smallest detail
+    lapse         kelvin / metre, decrease of temperature with height
+    warming       kelvin, ground that faces the Sun minus ground in shadow
     hot_spots     fires
     """
 
@@ -101,7 +101,7 @@ class Land:
 def reflectance(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> Floats:
     """Mean reflectance of n rays in one band.
 
-    wavelength, weight  (f,) metre; (f,) 1, of the light that is detected, summing to one
+    wavelength, weight  (f,) metre; (f,) 1, of the detected light; they sum to one
     Returns             (n,) 1, in [0, 1]; that of the lowest cover where a ray misses
     """
     of_cover = np.array([cover.reflectance(wavelength) @ weight for cover in land.covers])
@@ -112,24 +112,24 @@ def reflectance(land: Land, ground: Ground, wavelength: Floats, weight: Floats) 
 
 
 def temperature(land: Land, ground: Ground) -> Floats:
-    """Of n rays, (n,) kelvin; hot spots left out."""
+    """Temperature of n rays, (n,) kelvin, without hot spots."""
     of_cover = np.array([cover.temperature for cover in land.covers])
     facing = np.where(ground.shadow, 0.0, np.cos(ground.sun_incidence))
     warm = of_cover[_cover(land, ground)] - land.lapse * ground.height + land.warming * facing
     return np.where(ground.hit, np.clip(warm, 50, 3000), of_cover[0])
 
 
-def burning(spot: HotSpot, ground: Ground, spread: float) -> Floats:
-    """Share of what n rays see that burns.
+def burning_fraction(spot: HotSpot, ground: Ground, spread: float) -> Floats:
+    """Fraction of the field of each of n rays that burns.
 
-    A Gaussian of the rays' own width, or of the spot's where that is wider, holds its area.
+    A Gaussian of the width of the rays, or of the spot where that is wider, with the spot's area.
 
     spread   radian between rays
     Returns  (n,) 1, in [0, 1]
     """
     here = np.array(spot.longitude), np.array(spot.latitude)
     normal = up(*here)
-    # Along the ellipsoid, so that the spot lies on the ground whatever its height.
+    # Along the ellipsoid, so that the spot is on the ground at any height.
     aside = ground.point - cartesian(*here, np.array(0.0))
     aside = aside - (aside @ normal)[:, None] * normal
     variance = np.maximum((ground.distance * spread) ** 2, spot.area / (2 * math.pi))
@@ -149,7 +149,7 @@ def _cover(land: Land, ground: Ground) -> NDArray[np.int64]:
 def _texture(land: Land, ground: Ground) -> Floats:
     """(n,) deviation of mean zero and rms one."""
     step = land.texture_cell / EQUATORIAL
-    # The sinusoidal projection: of equal areas and without seams, sheared far from Greenwich.
+    # Sinusoidal projection: equal areas, no seams, sheared far from Greenwich.
     v = np.nan_to_num(ground.latitude)
     u = np.nan_to_num(ground.longitude) * np.cos(v)
     texels = _texels(land.texture_seed)
@@ -159,6 +159,6 @@ def _texture(land: Land, ground: Ground) -> Floats:
 
 @lru_cache(maxsize=4)
 def _texels(seed: int) -> Floats:
-    """Rougher than mountains: fields, forests, rocks."""
+    """A fractal rougher than mountains: fields, forests, rocks; roughness chosen by hand."""
     values = fractal(TEXELS, TEXELS, Streams(seed, 1), 1.0, 1.2).astype(np.float64)
     return (values - values.mean()) / values.std()

@@ -29,8 +29,8 @@ from startrack.earth.geometry import (
     Pointing,
     Sensor,
     Terrain,
+    choose_carrier,
     ground_rate,
-    the_carrier,
 )
 from startrack.earth.imager.land import Land
 from startrack.io import from_table, read_table, shipped
@@ -46,12 +46,12 @@ UNKNOWN = {
 class Channel:
     """One image that a camera makes: a lens, a filter, a detector of one kind.
 
-    What its pictures would leave out is refused: distortion and a lens off the middle, and what
-    passes from row to row, from frame to frame or between pixels of an array.
+    Effects that its images do not simulate are refused: distortion, an offset principal point, row
+    delay, residual charge and crosstalk.
 
-    band      what the filter lets through, 1 over wavelength
-    forwards  radian by which it looks ahead of the camera's axis; stereo lines differ in it
-    period    second from line to line; None for square pixels below, and the exposure is all of it
+    band      transmittance of the filter, 1 over wavelength
+    forwards  radian ahead of the camera's axis; different for stereo lines
+    period    second from line to line; None for square pixels below, exposed all the time
     """
 
     name: str
@@ -73,12 +73,12 @@ class Channel:
             for name in names:
                 if value := getattr(getattr(self, part), name):
                     raise ValueError(
-                        f"{part}.{name} must be left out: the pictures of a channel know none, "
+                        f"{part}.{name} must be left out: images of a channel know none, "
                         f"got {value}"
                     )
 
     def photoelectrons(self, wavelength: Floats) -> Floats:
-        """(f,) electron / joule that arrives at the lens: equation (4)'s brackets, tau and QE."""
+        """Electron per joule at the lens, (f,): the brackets of equation (4), tau and QE."""
         passed = self.band(wavelength) * self.optics.transmission(wavelength)
         efficiency = self.detector.quantum_efficiency(wavelength) * self.detector.fill_factor
         return wavelength / (PLANCK * LIGHT_SPEED) * passed * efficiency
@@ -98,10 +98,10 @@ class Channel:
         return self.detector.columns * (2 if self.kind == "staggered" else 1)
 
     def sensor(self, rays: int, rate: float, pitch: float = 0.0) -> Sensor:
-        """The channel as the geometry takes it: what looks ahead is early, to see the same ground.
+        """The channel for the geometry; one that looks ahead is early, to see the same ground.
 
         rate   radian / second of the ground below
-        pitch  radian by which the camera's axis looks ahead
+        pitch  radian of the camera's axis, forwards positive
         """
         detector = self.detector
         late = (math.tan(pitch) - math.tan(pitch + self.forwards)) / rate
@@ -114,7 +114,7 @@ class Channel:
         )  # fmt: skip
 
     def cropped(self, columns: int | None, lines: int | None) -> Channel:
-        """The same with the middle columns of its image, and as many lines."""
+        """The same with only the middle columns and lines of its image."""
         detector = self.detector
         wide = detector.columns
         if columns is not None:
@@ -125,7 +125,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Imager:
-    """A camera for surfaces, of one or more channels."""
+    """A camera with one or more channels that images extended scenes."""
 
     channels: tuple[Channel, ...]
 
@@ -137,16 +137,16 @@ class Imager:
 
 @dataclass(frozen=True)
 class Survey:
-    """An image to be rendered: what flies which camera over what.
+    """An image to be rendered: camera, carrier, terrain, air and land.
 
     camera         its channels
-    lines, columns  of the image, where it is not to be the whole detector's
+    lines, columns  of the image; None for those of the whole detector
     rays           along each side of a pixel
-    sky_rays       by which each point looks for the sky; 0 for none
-    air            its state, as one of the shipped tables has it; None: no air
-    land           what the ground is
-    surroundings   1, reflectance of the ground around, which lights air and slopes; None for the
-                   mean of what is seen
+    sky_rays       from each point that sample the sky; 0 for none
+    air            its state, one of the shipped tables; None: no air
+    land           reflectance and temperature of the ground
+    surroundings   1, reflectance of the ground around, which illuminates air and slopes; None for
+                   the mean of the image
     sun_distance   astronomical unit
     """
 
@@ -178,12 +178,12 @@ class Survey:
 
     @property
     def carrier(self) -> Carrier:
-        """What flies the camera."""
-        return the_carrier(self.orbit, self.tle, self.aircraft)
+        """Orbit, two-line elements or aircraft."""
+        return choose_carrier(self.orbit, self.tle, self.aircraft)
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Those of the camera, cut to the size of the image."""
+        """Those of the camera, cropped to the size of the image."""
         return tuple(each.cropped(self.columns, self.lines) for each in self.camera.channels)
 
     def scene(self, channel: Channel) -> EarthScene:
@@ -208,7 +208,7 @@ def smear(channel: Channel, period: float, rate: float) -> float:
 
 
 def exposure_of(channel: Channel, period: float) -> float:
-    """Second that a pixel of the image gathers light: of all its stages together."""
+    """Exposure of a pixel of the image, second: the sum of all its stages."""
     if not channel.detector.scan:
         return channel.detector.exposure
     once = min(channel.detector.exposure, period)
@@ -216,9 +216,9 @@ def exposure_of(channel: Channel, period: float) -> float:
 
 
 def load_survey(path: Path) -> Survey:
-    """Read a scene file; `camera = "hsrs"` stands for the one of the catalogue.
+    """Read a scene file; `camera = "hsrs"` is the camera of the catalogue.
 
-    Raises  ValueError, one sentence with the file, the place in it, the rule and the value.
+    Raises  ValueError, one sentence with the file, the key, the rule and the value.
     """
     path = Path(path)
     table = read_table(path, "a scene file")
@@ -240,7 +240,7 @@ def load_imager(name: str, folder: Path = Path()) -> Imager:
 
 
 def cameras() -> list[str]:
-    """The cameras of the catalogue that look at surfaces."""
+    """The Earth cameras of the catalogue."""
     return sorted(path.stem for path in shipped("cameras").glob("*.toml") if _is_imager(path))
 
 

@@ -1,4 +1,4 @@
-"""Survey and Channel -> a picture: radiance at the sensor in five terms, and digital numbers."""
+"""An image from Survey and Channel: radiance at the sensor in five terms, and digital numbers."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ from startrack.earth.geometry import (
     ground_rate,
     observe_earth,
 )
-from startrack.earth.imager.blur import blurred, weights_of
-from startrack.earth.imager.land import Land, burning, reflectance, temperature
+from startrack.earth.imager.band import Band, band_of
+from startrack.earth.imager.blur import blur_strips, blur_weights
+from startrack.earth.imager.land import Land, burning_fraction, reflectance, temperature
 from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
-from startrack.earth.imager.through import Band, band_of
 from startrack.earth.terrain import Ground, geodetic
 from startrack.optics import pixel_psf
 
-COARSE = 24  # lines or columns, at most, by which the surroundings are looked at beforehand
-FAINT = 1e-12  # fraction of a pixel below which a fire does not count
+COARSE = 24  # lines or columns, at most, of the preview for `surroundings`; chosen by hand
+FAINT = 1e-12  # fraction of a pixel below which a fire is neglected
 BLACK = np.zeros(1)  # reflectance
 MOST_LINES = 2**20  # of an image, so that no two channels share their noise
 
 
 class Picture(NamedTuple):
-    """What a channel makes, to be filled in; arrays in memory or on disk.
+    """The image of a channel, to be filled in; arrays in memory or on disk.
 
     numbers    (lines, columns) digital number
-    terms      (lines, columns) each, watt / m^2 / sr / um: mean spectral radiance in the band, as
-               the detector weighs it, before the lens
-    longitude, latitude  (lines, columns) degree, of the ground that each pixel sees, in the mean of
-               its rays; NaN for the sky
+    terms      (lines, columns) each, watt / m^2 / sr / um: mean spectral radiance in the band,
+               weighted with the response of the channel, before the lens
+    longitude, latitude  (lines, columns) degree, of the mean point of ground of each pixel; NaN for
+               the sky
     """
 
     numbers: NDArray[np.integer]
@@ -62,14 +62,14 @@ class Picture(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """What holds for a whole image.
+    """Values that are constant over an image.
 
     period       second between lines, 0 for a matrix
-    exposure     second that a pixel of the image gathers light
+    exposure     second, of a pixel of the image
     smear        pixel along the track
     psf          of its pixels
-    band         how it sees through the air
-    surroundings  1, mean reflectance of what is seen
+    band         the channel and the air in its band
+    surroundings  1, mean reflectance of the ground
     electrons    electron of a mean spectral radiance of 1 watt / m^2 / sr / m
     """
 
@@ -83,7 +83,7 @@ class Setting(NamedTuple):
 
 
 def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
-    """Look up what an image needs, once.
+    """Compute what is constant over an image, once.
 
         electrons = (pi / 4) (1 / f#^2) A_d ff t_int Int [lambda / (h c)] L tau QE dlambda
 
@@ -92,8 +92,8 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     Raises  ValueError as `band_of`, `focus` and the geometry; OSError for files that are missing.
     """
     scene = survey.scene(channel)
-    flight = scene.flight
-    glimpse = _glimpse(scene, folder)
+    flight = scene.carrier
+    glimpse = _coarse_ground(scene, folder)
     start = fly(flight, np.zeros(1)).position
     ground = np.concatenate([seen.height for seen in glimpse])
     above = float(geodetic(start)[2][0]) - (float(ground.mean()) if len(ground) else 0.0)
@@ -125,29 +125,29 @@ def render(
 
     folder   from which files are sought
     seed     of the noise
-    advance  called with the lines that are done
+    advance  called with the number of lines that were just rendered
     Raises    as `prepare`.
     Accuracy  model: the solid angle of a pixel is that on the axis; the PSF is that of the axis.
-              The memory is that of some lines besides the picture's own.
+              It needs memory for some lines besides the picture.
     """
     setting = prepare(survey, channel, folder)
-    weights = weights_of(
+    weights = blur_weights(
         setting.psf, survey.rays, channel.detector.columns / channel.columns,
         _lines_apart(channel, setting), setting.smear,
     )  # fmt: skip
     strips = _strips(survey, channel, folder, setting, picture, advance)
     names = [each.name for each in survey.camera.channels]
-    first, own = 0, names.index(channel.name) * MOST_LINES
-    for light in blurred(strips, weights):
-        electrons = gathered(channel, setting, light)
-        streams = Streams(seed, own + first)
+    first, offset = 0, names.index(channel.name) * MOST_LINES
+    for light in blur_strips(strips, weights):
+        electrons = pixel_electrons(channel, setting, light)
+        streams = Streams(seed, offset + first)
         numbers = read_out(electrons, _as_matrix(channel, len(light)), streams)
         picture.numbers[first : first + len(light)] = numbers
         first += len(light)
     return setting
 
 
-def gathered(channel: Channel, setting: Setting, light: NDArray[np.floating]) -> Floats:
+def pixel_electrons(channel: Channel, setting: Setting, light: NDArray[np.floating]) -> Floats:
     """Expected electrons of lines of an image.
 
     light    (lines, columns) watt / m^2 / sr / m
@@ -156,7 +156,7 @@ def gathered(channel: Channel, setting: Setting, light: NDArray[np.floating]) ->
     scan = channel.detector.scan
     device = _as_matrix(channel, _stages(channel) if scan else channel.detector.rows)
     gain, current = response(device), np.asarray(dark(device), float)
-    if scan:  # a column of the image is the mean of its stages
+    if scan:  # a column of the image averages its stages
         gain = None if gain is None else gain.mean(0)
         current = current.mean(0) if current.ndim else current
     electrons = setting.electrons * light.astype(np.float64)
@@ -169,13 +169,13 @@ def _strips(
     survey: Survey, channel: Channel, folder: Path, setting: Setting, picture: Picture,
     advance: Callable[[int], None],
 ) -> Iterator[NDArray[np.float32]]:  # fmt: skip
-    """Radiance (lines, columns, rays), before the lens; the picture's terms on the way."""
+    """Radiance (lines, columns, rays), before the lens; also fills in the picture's terms."""
     scene = survey.scene(channel)
     spread = channel.detector.pitch / channel.optics.image_distance / survey.rays
     for strip in observe_earth(scene, folder):
         lines, columns, rays = strip.shape
         here = slice(strip.first, strip.first + lines)
-        terms = lights(survey.land, strip.ground, setting, spread)
+        terms = radiance_terms(survey.land, strip.ground, setting, spread)
         for whole, part in zip(picture.terms, terms, strict=True):
             whole[here] = part.reshape(strip.shape).mean(2) * um
         longitude, latitude = _place(strip)
@@ -186,7 +186,7 @@ def _strips(
         advance(lines)
 
 
-def lights(land: Land, ground: Ground, setting: Setting, spread: float) -> Terms:
+def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) -> Terms:
     """The terms of n rays, (n,) each, watt / m^2 / sr / m.
 
     spread  radian between rays
@@ -199,14 +199,14 @@ def lights(land: Land, ground: Ground, setting: Setting, spread: float) -> Terms
     terms = Terms(*(each[:, 0] for each in found))
     if band.heat is None or not land.hot_spots:
         return terms
-    fractions = [burning(spot, ground, spread) for spot in land.hot_spots]
+    fractions = [burning_fraction(spot, ground, spread) for spot in land.hot_spots]
     emitted = terms.emitted.copy()
     for spot, fraction in zip(land.hot_spots, fractions, strict=True):
         burns = np.flatnonzero(fraction > FAINT)
         flame = np.full(len(burns), spot.temperature)
         black = at_sensor(ground[burns], band.table, BLACK, around, band.heat, flame)
         emitted[burns] += fraction[burns] * (black.emitted[:, 0] - terms.emitted[burns])
-    left = np.maximum(1 - sum(fractions), 0).astype(np.float32)  # what burns is black
+    left = np.maximum(1 - sum(fractions), 0).astype(np.float32)  # what burns reflects nothing
     return terms._replace(
         direct=terms.direct * left, indirect=terms.indirect * left, emitted=emitted
     )
@@ -218,9 +218,9 @@ def _place(strip: Strip) -> tuple[Floats, Floats]:
     return geodetic(point)[:2]
 
 
-def _glimpse(scene: EarthScene, folder: Path) -> list[Ground]:
-    """The ground of the image, seen by a few rays."""
-    coarse = replace(scene, sensor=_coarse(scene.sensor, scene.flight), sky_rays=0)
+def _coarse_ground(scene: EarthScene, folder: Path) -> list[Ground]:
+    """The ground of the image by a few rays."""
+    coarse = replace(scene, sensor=_coarse(scene.sensor, scene.carrier), sky_rays=0)
     return [strip.ground[strip.ground.hit] for strip in observe_earth(coarse, folder)]
 
 
@@ -231,7 +231,7 @@ def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
 
 
 def _coarse(sensor: Sensor, flight: Carrier) -> Sensor:
-    """One of a few pixels that sees the same ground."""
+    """A sensor of few pixels that sees the same ground."""
     across, lines = sensor.camera.columns, min(COARSE, sensor.lines)
     columns = min(COARSE, sensor.columns)
     period = sensor.dating(flight).period * sensor.lines / lines or None
@@ -259,5 +259,5 @@ def _stages(channel: Channel) -> int:
 
 
 def _as_matrix(channel: Channel, rows: int) -> Detector:
-    """The detector of an image whose lines are made."""
+    """A matrix detector with the lines of an image as its rows."""
     return replace(channel.detector, scan=None, rows=rows, columns=channel.columns)

@@ -1,4 +1,4 @@
-"""Rays enter in bundles; the exact points and normals where they meet a surface leave."""
+"""Exact points and normals where rays meet a surface, for bundles of rays at a time."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
 from startrack.earth.terrain.march import Segment, above, lay, onset
 from startrack.earth.terrain.path import Path, Ray, path_at
 
-POLISHED = 1e-9  # metre, what Newton's next step would still change
-NEAR = 1.0  # metre, over which a path is its ray to 1e-12 m, and the vertical to 2e-7 radian
-STEPS = 60  # of bisection at worst, which take a path of 100 km to 1e-13 m
+POLISHED = 1e-9  # metre, change at the next step of Newton's method
+NEAR = (
+    1.0  # metre, within which a path is its ray to 1e-12 m, and its vertical is good to 2e-7 radian
+)
+STEPS = 60  # of bisection in the worst case, which reduce 100 km to 1e-13 m
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def refine(lines, ray, guess, j, i, corner):  # type: ignore[no-untyped-def]
-    """Three steps of Newton's method in one cell, from a guess that is nearly right.
+    """Three steps of Newton's method in one cell, from a good estimate.
 
     j, i     row and column of the cell
     corner   four numbers, as of `corners`
@@ -48,7 +50,7 @@ def refine(lines, ray, guess, j, i, corner):  # type: ignore[no-untyped-def]
 def settle(lines, heights, ray, slot, j, i, low, high, s):  # type: ignore[no-untyped-def]
     """The root between two distances, where the ray goes from above the surface to below.
 
-    Newton's method, kept between its bounds, on paths that are laid anew where it strays.
+    Newton's method, kept between its bounds, on new paths where it moves away.
 
     Returns  its distance; columns, rows and height there, sine and cosine of the latitude
     """
@@ -99,20 +101,20 @@ def normal_at(lines, x, y, height, sine, cosine, to_column, to_row):  # type: ig
     )
 
 
-WIDTH = 128  # rays, of which all rows fit into the innermost cache
+WIDTH = 128  # rays, so that all rows fit into the first-level cache
 
 (
-    OX, OY, OZ, DX, DY, DZ, START,  # what is given: origin, direction, from where to follow
+    OX, OY, OZ, DX, DY, DZ, START,  # input: origin, direction, distance of the start
     BEGIN, END, MIDDLE, HALF, MARGIN, U0, U1, U2, V0, V1, V2, H0, H1, H2, SINE, COSINE,  # the path
 ) = range(0, 23 * WIDTH, WIDTH)  # fmt: skip
-# What takes the place of the path once a ray has met a cell: which, its corners; then the point.
+# These replace the path once a ray has met a cell: the cell, its corners; then the point.
 GUESS, LOW, HIGH, ROW, COLUMN, A, B, C, D = range(BEGIN, BEGIN + 9 * WIDTH, WIDTH)
 FOUND, U, V, HEIGHT, NX, NY, NZ = range(D + WIDTH, D + 8 * WIDTH, WIDTH)
 
 
 @njit(cache=True, error_model="numpy")
 def empty_bundle():  # type: ignore[no-untyped-def]
-    """Rays that are all alike and meet nothing, to be filled in."""
+    """A bundle of equal rays that meet nothing, to be filled in."""
     bundle = np.zeros(23 * WIDTH)
     bundle[OX : OX + WIDTH] = 1e8
     bundle[DX : DX + WIDTH] = 1.0
@@ -121,7 +123,7 @@ def empty_bundle():  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def lay_all(bundle, lines, exact):  # type: ignore[no-untyped-def]
-    """The first path of each ray, as `onset` and `lay` find it."""
+    """The first path of each ray, by `onset` and `lay`."""
     for k in range(WIDTH):
         ray, start = ray_of(bundle, k), bundle[START + k]
         begin, end = onset(lines, ray, start)
@@ -147,7 +149,7 @@ def ray_of(bundle, k):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def segment_of(bundle, k):  # type: ignore[no-untyped-def]
-    """The segment that was laid for ray k."""
+    """The first segment of ray k."""
     path = Path(
         bundle[U0 + k], bundle[U1 + k], bundle[U2 + k],
         bundle[V0 + k], bundle[V1 + k], bundle[V2 + k],
@@ -159,7 +161,7 @@ def segment_of(bundle, k):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def refine_all(bundle, lines):  # type: ignore[no-untyped-def]
-    """The point and the normal in each ray's cell, as `refine` and `normal_at` find them."""
+    """The point and the normal in each ray's cell, by `refine` and `normal_at`."""
     for k in range(WIDTH):
         ray = ray_of(bundle, k)
         i, j = bundle[COLUMN + k], bundle[ROW + k]

@@ -1,4 +1,4 @@
-"""Maps that accompany the terrain (albedo, temperature, land cover) -> values on the ground."""
+"""Values on the ground of the maps that accompany the terrain: albedo, temperature, land cover."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Chart:
     """One map of the ground, in the same pyramid of tiles as the terrain.
 
     mosaic  its sources
-    exact   whether its values are classes: the nearest one on the finest level is taken then,
+    exact   whether its values are classes: then the nearest one on the finest level is used,
             else a bilinear mean on the level whose cells are as large as the terrain's
     absent  value where no source has any
     tiles   that fit into memory
@@ -42,7 +42,7 @@ class Chart:
         object.__setattr__(self, "_read", lru_cache(self.tiles)(self.mosaic.read))
 
     def at(self, longitude: Floats, latitude: Floats, cell: Floats) -> Floats:
-        """Values at (n,) places in radian, smoothed over (n,) cells in radian; (n,)."""
+        """Values (n,) at (n,) points in radian, smoothed over (n,) cells in radian."""
         grid = self.mosaic.grid
         out = np.full(len(longitude), self.absent)
         level = np.zeros(len(longitude), np.int64)

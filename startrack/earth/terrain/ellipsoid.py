@@ -1,4 +1,4 @@
-"""Cartesian coordinates to geodetic ones and back, on the ellipsoid WGS84."""
+"""Cartesian and geodetic coordinates on the ellipsoid WGS84, and back."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.polynomial import Chebyshev, Polynomial
 
 from startrack.core import Floats
 
-# NIMA TR8350.2 (2000), table 3.1: WGS84's two defining lengths, and what follows from them.
+# NIMA TR8350.2 (2000), table 3.1: WGS84's two defining lengths, and derived values.
 EQUATORIAL = 6378137.0  # metre
 FLATTENING = 1 / 298.257223563
 POLAR = EQUATORIAL * (1 - FLATTENING)  # metre
@@ -47,7 +47,7 @@ def geodetic(point: Floats) -> tuple[Floats, Floats, Floats]:
 
     point    (..., 3) metre
     Returns  longitude in (-pi, pi] and latitude, (...) radian; height, (...) metre
-    Accuracy  numerical: 5e-9 m from -5 to 1000 km of height, 3e-8 m at 36000 km; of no use within
+    Accuracy  numerical: 5e-9 m from -5 to 1000 km of height, 3e-8 m at 36000 km; not valid within
               100 km of the centre of the Earth.
     """
     point = np.ascontiguousarray(point, float)
@@ -75,8 +75,8 @@ def _geodetic_all(point, out):  # type: ignore[no-untyped-def]
         out[n, 2] = height
 
 
-# What is forced into its caller below has no branches, so that a loop over rays becomes vector
-# instructions.
+# The functions below that are inlined by force have no branches, so that loops over rays are
+# vectorised.
 @njit(cache=True, error_model="numpy", forceinline=True)
 def vertical(x, y, z):  # type: ignore[no-untyped-def]
     """Sine and cosine of the latitude, height, and distance from the axis of one point.

@@ -1,4 +1,4 @@
-"""The nouns of an Earth scene: the rays that look at it, and the ground that they see."""
+"""The values of an Earth scene: rays from a camera, and the ground that they meet."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from startrack.core import Floats
 from startrack.earth.terrain.ellipsoid import up
 
 Flags = NDArray[np.bool_]
+Levels = NDArray[np.int8]  # of a pyramid of terrain, 0 the finest
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +20,7 @@ class Rays:
 
     origin     (n, 3) metre
     direction  (n, 3) unit vectors, away from the camera
-    spread     (n,) radian, angle between neighbouring rays; 0 asks for the finest terrain
+    spread     (n,) radian, angle between neighbouring rays; 0 for the finest terrain
     """
 
     origin: Floats
@@ -45,15 +46,15 @@ class Ground:
     height               (n,) metre above the ellipsoid
     normal               (n, 3) unit vector of the terrain's surface
     incidence            (n,) radian, between the normal and the way back to the camera
-    sun_incidence        (n,) radian, between the normal and the sun; beyond pi / 2 it is behind
-    shadow               (n,) whether no direct sunlight comes: the sun stands behind the slope,
-                         behind other terrain or under the horizon; false for the sky
+    sun_incidence        (n,) radian, between the normal and the sun; beyond pi / 2 it is unlit
+    shadow               (n,) whether there is no direct sunlight: the sun is behind the slope,
+                         behind other terrain or below the horizon; false for the sky
     sky_view             (n,) 1, fraction of the light of a uniform sky that reaches the slope; 1
-                         where it was not asked for
-    tangent_height       (n,) metre, least height of the ray above the ellipsoid where it sees the
-                         sky; that of its origin where it looks upwards; NaN for hits
+                         where it was not computed
+    tangent_height       (n,) metre, lowest height of the ray above the ellipsoid where it meets no
+                         ground; that of its origin where it rises; NaN for hits
     level                (n,) of the terrain's pyramid, 0 the finest; -1 for the sky
-    maps                 of each name (n,) values of the accompanying map, in its own unit
+    maps                 of each name (n,) values of the accompanying map, in its unit
     sun                  (3,) unit vector towards the sun
     direction            (n, 3) unit vectors, of the rays
     """
@@ -100,7 +101,7 @@ class Ground:
 
 
 def between(one: Floats, other: Floats) -> Floats:
-    """Angle between unit vectors, radian, without the loss of digits of the cosine alone."""
+    """Angle between unit vectors, radian, accurate near 0 and pi, too."""
     other = np.broadcast_to(other, one.shape)
     across = np.linalg.norm(np.cross(one, other), axis=-1)
     return np.arctan2(across, np.einsum("...i,...i", one, other))

@@ -1,7 +1,7 @@
-"""A ray and a surface -> the cell where they first meet: max-mip marching on curved paths.
+"""The cell in which a ray first meets a surface: max-mip marching on curved paths.
 
-Blocks of cells are skipped where the path stays above their maximum by more than it may be wrong;
-what remains within a cell is decided on the exact geodetic height of the ray, where need be.
+Blocks of cells are skipped where the path stays above their maximum by more than its error. Within
+a cell, where the path alone cannot decide, the exact geodetic height of the ray does.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from startrack.earth.terrain.path import Path, crossing, path_at, reach
 from startrack.earth.terrain.surface import corners
 from startrack.earth.terrain.tile import CELLS, PATCH, SIZE, block, patch
 
-MISS, HIT, ABSENT = 0, 1, 2  # absent: the ray has come to a tile that is not in memory
-SHELL_MARGIN = 2.0  # metre, more than `shell` differs from a surface of constant height
-DIVE = 4  # levels that a ray goes down at a time, if it falls more steeply than 8 to 1
-CLOSED = 1e-6  # metre, more than the height above a surface without gap jumps by from cell to cell
-JUST = 0.1  # metre, more than a path is wrong by along its ray
-STRAIGHT = 5e-4  # 1, bend of a path up to which `crossing` is its series
-SEAMLESS = 0.9  # of a turn, up to which no path leaves a grid and comes back on its other side
+MISS, HIT, ABSENT = 0, 1, 2  # absent: the ray needs a tile that is not in memory
+SHELL_MARGIN = 2.0  # metre, more than `shell` differs from a surface of constant height up to 9 km
+DIVE = 4  # levels that a ray descends at a time, if it falls more steeply than 8 to 1
+CLOSED = 1e-6  # metre, more than the rounding steps of the height above a surface at cell borders
+JUST = 0.1  # metre, more than the error of a path along its ray
+STRAIGHT = 5e-4  # 1, curvature of a path up to which `crossing` is its series
+SEAMLESS = 0.9  # of a turn; a path cannot leave a narrower grid and return on its other side
 
 
 class Segment(NamedTuple):
-    """A part of a ray, and the path that stands for it.
+    """A part of a ray, and the path that approximates it.
 
     middle  metre along the ray, from where the path counts its distances
     half    metre, half the length
-    margin  metre by which a height of the path may be wrong at the ends
+    margin  metre, bound of the error of the path's height at the ends
     """
 
     middle: float
@@ -56,7 +56,7 @@ class Piece(NamedTuple):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def onset(lines, ray, start):  # type: ignore[no-untyped-def]
-    """Between which distances a ray can meet a surface; the second is the lesser if it cannot."""
+    """Distances between which a ray can meet a surface; the second is smaller if it cannot."""
     enter, end = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.highest + SHELL_MARGIN)
     below, _ = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.lowest - SHELL_MARGIN)
     begin = start if start > enter else enter
@@ -67,7 +67,7 @@ def onset(lines, ray, start):  # type: ignore[no-untyped-def]
 def lay(lines, ray, begin, end, ahead):  # type: ignore[no-untyped-def]
     """The Segment of a ray that begins at `begin`.
 
-    ahead  whether its middle lies at `begin`, where it is then best, and not half its length on
+    ahead  whether its middle, where it is exact, lies at `begin` and not half its length farther
     """
     wish = end - begin if ahead else 0.5 * (end - begin)
     half, margin = reach(lines, ray, begin, wish)
@@ -79,9 +79,9 @@ def lay(lines, ray, begin, end, ahead):  # type: ignore[no-untyped-def]
 def march(lines, surface, ray, segment, begin, end):  # type: ignore[no-untyped-def]
     """Follow one ray, a unit direction from a point, on its first path and those after it.
 
-    Returns  MISS, HIT or ABSENT; two distances that the meeting point is between, and a guess of
-             it, or thrice the distance from which to go on; row and column of the cell that was
-             hit, or of the tile that is absent
+    Returns  MISS, HIT or ABSENT; two distances that enclose the intersection, and an estimate of
+             it, or three times the distance from which to continue; row and column of the cell
+             that was hit, or of the tile that is absent
     """
     while True:
         middle, half = segment.middle, segment.half
@@ -146,7 +146,7 @@ def _within(q0, q1, q2, sign, cells, begin, end):  # type: ignore[no-untyped-def
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _border(q0, q1, q2, inverse, curl, sign, target):  # type: ignore[no-untyped-def]
-    """As `crossing`, with 1 / q1 and q2 / q1 at hand; these are NaN for the other branch."""
+    """As `crossing`, from 1 / q1 and q2 / q1, which are NaN for the other branch."""
     straight = (target - q0) * inverse
     bend = straight * curl
     if abs(bend) < STRAIGHT:
@@ -159,7 +159,7 @@ def _cell(position, low, high):  # type: ignore[no-untyped-def]
     return min(max(math.floor(position), low), high)
 
 
-# Long, because each step needs nearly all of the state: place, block, tile.
+# Long, because each step needs nearly all of the state: position, block, tile.
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped-def]
     """Follow a monotonic piece from `s` on through the blocks of the grid."""
@@ -178,8 +178,8 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
     i, j = _cell(u0 + s * (u1 + s * u2), 0, last_i), _cell(v0 + s * (v1 + s * v2), 0, last_j)
     last_u, last_v = u0 + end * (u1 + end * u2), v0 + end * (v1 + end * v2)
     end_i, end_j = math.floor(last_u), math.floor(last_v)
-    # What a block's steepness must not exceed for a ray that rises to outrun it; the path's error
-    # grows by no more than the last term.
+    # A rising ray cannot meet a block whose steepness times these rates is below the ray's slope;
+    # the path's error grows by no more than the last term.
     fast_u = max(abs(u1 + 2 * s * u2), abs(u1 + 2 * end * u2))
     fast_v = max(abs(v1 + 2 * s * v2), abs(v1 + 2 * end * v2))
     slack = 3 * margin / half
@@ -198,13 +198,13 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
         extent = max(abs(last_u - i), abs(last_v - j))
         while level < SIZE and extent > (1 << level):
             level += 1
-        # A ray that falls steeply meets what is in a block soon after it comes as low.
+        # A steeply falling ray meets the surface of a block soon after it falls below its maximum.
         steep = slope * slope / (1 - slope * slope)
         while steep > 4 and drop < DIVE:
             steep *= 0.25
             drop += 1
     while True:
-        # A ray that ends in the block it is in does not leave it.
+        # A ray that ends in its present block does not leave it.
         exit_u = exit_v = math.inf
         if (i ^ end_i) >> level:
             exit_u = _border(
@@ -258,7 +258,7 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
                 return HIT, low, high, guess, j, i
             sure = not math.isnan(low)
         else:
-            sure = bound > -math.inf  # no hole, under which a ray could go on below the surface
+            sure = bound > -math.inf  # no hole, below which a ray could continue under the surface
         if leave >= end:
             return MISS, math.inf, math.inf, math.inf, 0, 0
         s = leave
@@ -276,7 +276,7 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
             outer = (old_j ^ j) >> (level + 1)
         if i < 0 or j < 0 or i > last_i or j > last_j:
             return MISS, math.inf, math.inf, math.inf, 0, 0
-        if outer and level < SIZE:  # out of the block around this one too
+        if outer and level < SIZE:  # out of the next larger block, too
             level += 1
             if (old_i ^ i) >> SIZE or (old_j ^ j) >> SIZE:
                 slot = slots[j >> SIZE, i >> SIZE]
@@ -285,38 +285,38 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _leaf(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
-    """Whether the path meets the surface of one cell between two distances, and about where.
+    """Whether the path meets the surface of one cell between two distances, and an estimate where.
 
-    A parabola through three heights above the surface tells: clear of it, clearly through it, or,
-    as ABSENT, that exact heights must decide. Of a hole the first distance is NaN.
+    A parabola through three heights above the surface decides: MISS, HIT, or ABSENT where exact
+    heights must decide. In a hole the first returned distance is NaN.
     """
     a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
     path, half = segment.path, 0.5 * (leave - s)
     first = _clear(path, u0 - i, path.v0 - j, a, b, c, d, s)
     second = _clear(path, u0 - i, path.v0 - j, a, b, c, d, s + half)
     third = _clear(path, u0 - i, path.v0 - j, a, b, c, d, leave)
-    # What the path may be wrong by grows with the cube of the distance from its middle.
+    # The error of the path grows with the cube of the distance from its middle.
     fraction = max(abs(s), abs(leave)) / segment.half
     margin = segment.margin * (fraction * fraction * fraction)
     if not _dip(first, second, third)[0] <= margin:  # true of a hole too
         return MISS, first, math.inf, math.inf
     if first > margin and third < -margin:
         bend, slope = 0.5 * (first + third) - second, 0.5 * (third - first)
-        place = 2 * second / (math.sqrt(max(0.0, slope * slope - 4 * bend * second)) - slope)
-        return HIT, s, leave, s + half * (1 + min(max(place, -1.0), 1.0))
+        position = 2 * second / (math.sqrt(max(0.0, slope * slope - 4 * bend * second)) - slope)
+        return HIT, s, leave, s + half * (1 + min(max(position, -1.0), 1.0))
     return ABSENT, s, s, s
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _outruns(steepness, slot, level, j, i, slope, fast_u, fast_v):  # type: ignore[no-untyped-def]
     """Whether a path that is above the surface rises too steeply to meet it within a block."""
-    place = patch(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
-    return steepness[slot, place, 0] * fast_u + steepness[slot, place, 1] * fast_v < slope
+    n = patch(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
+    return steepness[slot, n, 0] * fast_u + steepness[slot, n, 1] * fast_v < slope
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _start(maxima, steepness, slot, j, i, height, slope, fast_u, fast_v):  # type: ignore[no-untyped-def]
-    """Level of the largest block, or nearly so, that a rising path leaves without meeting it.
+    """Level of a block, nearly the largest, that a rising path leaves without meeting its surface.
 
     The path is above the surface of the cell [j, i].
     """
@@ -360,7 +360,7 @@ def _doubt(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: i
         path = path_at(lines, ray, middle + here)
         value = above(lines, heights, slot, j, i, path, 0.0)[0]
         if turn == 0 and s > piece.begin and not value >= -CLOSED:
-            # Out of a hole or over an edge, whose place the path tells less well than the ray.
+            # Out of a hole or over an edge, whose position the path gives less well than the ray.
             late = _entry(lines, path, j, i, piece.east, piece.south)
             s += late
             value = above(lines, heights, slot, j, i, path, late)[0]
@@ -371,10 +371,10 @@ def _doubt(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: i
             break
         first, second, third = second, third, value
         if turn == 2:
-            place = _dip(first, second, third)[1]
-            if not -1 < place < 1:
+            position = _dip(first, second, third)[1]
+            if not -1 < position < 1:
                 return MISS, math.inf, math.inf, math.inf
-            guess = s + half * (1 + place)
+            guess = s + half * (1 + position)
     if not value <= 0:
         return MISS, math.inf, math.inf, math.inf
     return HIT, low, high, 0.5 * (low + high)
@@ -382,7 +382,7 @@ def _doubt(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: i
 
 @njit(cache=True, error_model="numpy")
 def _entry(lines, path, j, i, east, south):  # type: ignore[no-untyped-def]
-    """Distance from the middle of an exact path to where it has just come into a cell; 0 if not."""
+    """Distance from the middle of an exact path to its near entry into a cell; 0 if none."""
     u0 = path.u0 - lines.turn * math.floor((path.u0 - i) / lines.turn + 0.5)
     by_u = (i + (0 if east > 0 else 1) - u0) / path.u1
     by_v = (j + (0 if south > 0 else 1) - path.v0) / path.v1
@@ -392,7 +392,7 @@ def _entry(lines, path, j, i, east, south):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _dip(first, second, third):  # type: ignore[no-untyped-def]
-    """Least value of the parabola through values at -1, 0 and 1 within [-1, 1], and its place."""
+    """Minimum of the parabola through values at -1, 0 and 1 within [-1, 1], and its position."""
     slope, bend = 0.5 * (third - first), 0.5 * (first + third) - second
     if bend > 0 and abs(slope) < 2 * bend:
         return second - 0.25 * slope * slope / bend, -0.5 * slope / bend
@@ -405,7 +405,7 @@ def _dip(first, second, third):  # type: ignore[no-untyped-def]
 def above(lines, heights, slot, j, i, path, s):  # type: ignore[no-untyped-def]
     """Height of an exact path above the surface, its change with the distance, and its twist.
 
-    The cell is the one near [j, i] that the place falls into: the value is continuous.
+    The cell is the one near [j, i] that contains the point, so that the value is continuous.
     """
     u0 = path.u0 - lines.turn * math.floor((path.u0 - i) / lines.turn + 0.5)
     u = u0 + s * (path.u1 + s * path.u2) - ((i >> SIZE) << SIZE)

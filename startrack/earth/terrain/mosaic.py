@@ -1,4 +1,4 @@
-"""Sources of different resolution and extent -> one pyramid of tiles, the best source first."""
+"""One pyramid of tiles from sources of different resolution and extent, the best source first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A straight ray -> its path over a grid, near one of its points: quadratic in the distance."""
+"""The path of a straight ray over a grid, near one of its points: quadratic in the distance."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from numba import njit
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
 from startrack.earth.terrain.surface import locate
 
-TOLERANCE = 1e-2  # metre, or of a cell where that is less: how far a path may leave its ray
-LONGEST = 0.125  # of the distance from the Earth's axis, over which a path may reach
+TOLERANCE = 1e-2  # metre, or of a cell where that is less: largest deviation of a path from its ray
+LONGEST = 0.125  # of the distance from the Earth's axis: largest half length of a path
 
 
 class Ray(NamedTuple):
@@ -55,13 +55,13 @@ class Path(NamedTuple):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def reach(lines, ray, s, longest):  # type: ignore[no-untyped-def]
-    """Half the length of a path that keeps to its tolerance, at most `longest`; its margin.
+    """Half the length of a path within its tolerance, at most `longest`; its margin.
 
     The third derivatives of the path, in metres, stay below 8 c / p^2, with c the horizontal
     part of the direction and p the distance from the axis: of the height 3 sin(e) cos^2(e) / r^2,
-    of the latitude 6 c / r^2, of the longitude 6 c / p^2. Taylor's remainder does the rest.
+    of the latitude 6 c / r^2, of the longitude 6 c / p^2. Taylor's remainder gives the length.
 
-    Returns  metre; metre by which height less terrain may be wrong at the ends
+    Returns  metre; metre, bound of the error of height above the terrain at the ends
     """
     x, y, z = point_at(ray, s)
     across_2 = x * x + y * y
@@ -69,7 +69,7 @@ def reach(lines, ray, s, longest):  # type: ignore[no-untyped-def]
     across = math.sqrt(across_2)
     along = x * ray.dx + y * ray.dy + z * ray.dz
     level_2 = 1 - along * along / (across_2 + z * z)
-    level = math.sqrt(level_2 if level_2 > 0 else 0.0) + 0.005  # grows on its way
+    level = math.sqrt(level_2 if level_2 > 0 else 0.0) + 0.005  # grows along the ray
     width, depth = across / lines.per_column, EQUATORIAL / lines.per_row
     cell = width if width < depth else depth
     tolerance = TOLERANCE * (cell if cell < 1 else 1.0)
@@ -83,7 +83,7 @@ def reach(lines, ray, s, longest):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _cube_root(volume):  # type: ignore[no-untyped-def]
-    """From below, for more than a cubic metre: 1/3 = 1/4 + 1/16 + ...; 12 % short at 1e11."""
+    """Lower bound of the cube root above 1: 1/3 = 1/4 + 1/16 + ...; 12 % low at 1e11."""
     first = math.sqrt(math.sqrt(volume))
     second = math.sqrt(math.sqrt(first))
     return first * second * math.sqrt(math.sqrt(second))
@@ -124,9 +124,9 @@ def path_at(lines, ray, s):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def crossing(q0, q1, q2, sign, target):  # type: ignore[no-untyped-def]
-    """Where a quadratic comes to `target` on its branch that rises (sign 1) or falls (-1).
+    """Where a quadratic reaches `target` on its branch that rises (sign 1) or falls (-1).
 
-    Nearly straight ones by the reverted series, to 1e-16; infinity where it does not get there.
+    Nearly straight ones by the reverted series, to 1e-16; infinity where it does not reach it.
     """
     rest = target - q0
     slow = q1 * q1

@@ -1,4 +1,4 @@
-"""Terrain of any size -> Hits: each ray on the level that its resolution needs, tile by tile."""
+"""Terrain of one surface, or of any size: each ray on the level that its resolution needs."""
 
 from __future__ import annotations
 
@@ -8,23 +8,62 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import finite
+from startrack.earth.terrain.constant_height import ConstantHeight, meet_constant_height
 from startrack.earth.terrain.ellipsoid import EQUATORIAL
-from startrack.earth.terrain.ground import Rays
-from startrack.earth.terrain.intersector import Flags, Levels, beside, under
-from startrack.earth.terrain.level import meet_level
+from startrack.earth.terrain.ground import Flags, Levels, Rays
 from startrack.earth.terrain.march import ABSENT
 from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.sources import Source
-from startrack.earth.terrain.surface import Surface
+from startrack.earth.terrain.surface import Surface, covered
 from startrack.earth.terrain.tile import CELLS, Cache
-from startrack.earth.terrain.trace import Hits, ask_on, go_on, no_hits, waiting
+from startrack.earth.terrain.trace import Hits, ask_on, blocked, go_on, no_hits, trace, waiting
 
 Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
+class Relief:
+    """One surface in memory, and the sea around it.
+
+    sea  metre above the ellipsoid beyond the edges of the surface; None for nothing
+    """
+
+    surface: Surface
+    sea: float | None = None
+
+    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
+        """As `trace`, or the sea where that is nearer and beside the surface."""
+        hits = trace(self.surface, rays)
+        return beside(self.surface, self.sea, rays, hits), np.zeros(len(rays), np.int8)
+
+    def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
+        """As `blocked`; the sea stops rays, too, and so does the Earth below all heights."""
+        return blocked(self.surface, rays, start) | under(self.surface, self.sea, rays, start)
+
+
+def beside(surface: Surface, sea: float | None, rays: Rays, hits: Hits) -> Hits:
+    """The same hits, replaced by the sea where a ray meets it first, beside the surface."""
+    if sea is None:
+        return hits
+    wet = meet_constant_height(rays, sea)
+    first = wet.hit & (wet.distance < hits.distance) & ~covered(surface, wet.place)
+    hits.put(first, wet.of(first))
+    return hits
+
+
+def under(surface: Surface, sea: float | None, rays: Rays, start: float) -> Flags:
+    """Which rays lead into the sea beside the surface, or below its lowest height."""
+    deep = ConstantHeight(surface.lowest if sea is None else min(sea, surface.lowest))
+    stopped = deep.stops(rays, np.zeros(0, np.int8), start)
+    if sea is not None:
+        wet = meet_constant_height(rays, sea)
+        stopped |= wet.hit & (wet.distance > start) & ~covered(surface, wet.place)
+    return stopped
+
+
+@dataclass(frozen=True, eq=False)
 class Pyramid:
-    """Terrain that is read where rays go.
+    """Terrain of which only the tiles that rays need are read.
 
     terrain          the sources of its heights
     sea              metre, height of what no source covers, above the geoid if there is one, else
@@ -56,11 +95,11 @@ class Pyramid:
         object.__setattr__(self, "cache", Cache(self._read, self.tiles))
 
     def meet(self, rays: Rays) -> tuple[Hits, Levels]:
-        """Where rays meet the terrain, each on its own level.
+        """Where rays meet the terrain, each ray on one level.
 
         Raises    OSError where a tile cannot be read; ValueError where a height lies beyond the
                   bounds.
-        Accuracy  model: a ray keeps the level that its resolution at the ellipsoid asks for.
+        Accuracy  model: a ray keeps the level that follows from its resolution at the ellipsoid.
         """
         level, out = self.choose(rays), no_hits(len(rays))
         for each in np.unique(level):
@@ -73,7 +112,7 @@ class Pyramid:
         return out, level
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
-        """Which rays meet the terrain at given levels, the sea, or the Earth below all."""
+        """Which rays meet the terrain at given levels, the sea, or the Earth below them."""
         out = np.zeros(len(rays), np.bool_)
         for each in np.unique(level):
             mine = np.flatnonzero(level == each)
@@ -89,7 +128,7 @@ class Pyramid:
 
         level = floor(log2(sharpness * distance * spread / cell)),  at least that of the source
         """
-        there = meet_level(rays, 0.0)
+        there = meet_constant_height(rays, 0.0)
         seen = there.hit & (rays.spread > 0) & (self.sharpness > 0)
         cell = self.terrain.grid.step_y * EQUATORIAL
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -101,17 +140,17 @@ class Pyramid:
         return level
 
     def _fetch(self, level: int, hits: Hits) -> bool:
-        """Bring tiles that rays wait for; whether any ray waits.
+        """Load tiles that rays wait for; whether any ray waits.
 
-        Half of the cache in one turn: what was read in the turn before is then still there, and
-        the first ray that waits gets on with every turn.
+        At most half of the cache at a time: the tiles of the last call are then still there, and
+        the first waiting ray advances with every call.
         """
         self.cache.refresh()
         waiting = np.flatnonzero(hits.status == ABSENT)
         slot = self._surface(level).slot
         tile = hits.tile[waiting].astype(np.int64)
         _, first = np.unique(tile[:, 0] * slot.shape[1] + tile[:, 1], return_index=True)
-        # A ray that has not begun names a tile that it may not need; it says so itself.
+        # A ray that has not begun does not name a tile yet: -1.
         wanted = [n for n in np.sort(first) if hits.tile[waiting[n]].min() >= 0]
         for n in wanted[: self.cache.capacity // 2]:
             self._load(level, *map(int, tile[n]))

@@ -1,6 +1,6 @@
-"""Rays and heights -> where they meet, by a search of every cell: slow, simple, the reference.
+"""Where rays meet a surface, by a search of every cell: slow, simple, the reference.
 
-It shares nothing with the march but the surface's definition: meridians are planes and parallels
+The search shares only the surface's definition with the march: meridians are planes and parallels
 are cones, so a ray meets the borders of cells in closed form, and between them the height above
 the surface is searched with exact geodetic coordinates.
 """
@@ -8,6 +8,7 @@ the surface is searched with exact geodetic coordinates.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -15,11 +16,38 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL, vertical
-from startrack.earth.terrain.ground import Rays
-from startrack.earth.terrain.surface import FULL_TURN, Grid
+from startrack.earth.terrain.ground import Flags, Levels, Rays
+from startrack.earth.terrain.march import HIT, MISS
+from startrack.earth.terrain.surface import FULL_TURN, Grid, index
+from startrack.earth.terrain.trace import Hits, describe_all, no_hits
 
 SAMPLES = 5  # in each cell, between which the height above the surface is searched
 GOLDEN = (math.sqrt(5) - 1) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """The reference: every cell is searched between two distances in metres along each ray."""
+
+    grid: Grid
+    heights: NDArray[np.floating]
+    start: float
+    stop: float
+
+    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
+        """As `scan`."""
+        hits = no_hits(len(rays))
+        heights = self.heights.astype(np.float32)
+        hits.distance[:] = scan(self.grid, heights, rays, self.start, self.stop)
+        hits.status[:] = np.where(np.isfinite(hits.distance), HIT, MISS)
+        point = rays.origin + np.where(hits.hit, hits.distance, np.nan)[:, None] * rays.direction
+        describe_all(index(self.grid, heights), point, hits.hit, hits.place, hits.normal)
+        return hits, np.zeros(len(rays), np.int8)
+
+    def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
+        """As `scan`, from `start` on over the same length."""
+        length = self.stop - self.start
+        return np.isfinite(scan(self.grid, self.heights, rays, start, start + length))
 
 
 def scan(

@@ -126,7 +126,7 @@ class Source(Protocol):
 
     @property
     def grid(self) -> Grid:
-        """Its own vertices, or those that serve it best."""
+        """Its vertices, or the ones that fit it best."""
         ...
 
     def read(self, grid: Grid) -> Singles:
@@ -164,7 +164,7 @@ class Array:
         return levels
 
     def read(self, grid: Grid) -> Singles:
-        """Bilinear in the finest level whose steps are not half of those that are asked for."""
+        """Bilinear, in the coarsest level whose steps do not exceed those of `grid`."""
         ratio = max(grid.step_x / self.grid.step_x, grid.step_y / self.grid.step_y)
         level = min(max(0, int(np.floor(np.log2(ratio) + 1e-6))), len(self.levels) - 1)
         values, scale = self.levels[level], 2.0**level

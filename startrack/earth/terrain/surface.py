@@ -1,4 +1,4 @@
-"""Heights at the vertices of a grid -> the one surface that hits, normals and shadows share.
+"""The one surface through heights on a grid that hits, normals and shadows use.
 
 Between four vertices the height is bilinear in longitude and latitude. A cell with a vertex that
 is not a number is a hole.
@@ -26,7 +26,7 @@ SEAM = 1e-6  # of a step, within which a grid closes around the Earth or reaches
 
 @dataclass(frozen=True)
 class Grid:
-    """Where the vertices of an array of heights lie: north up, west left, evenly in angle.
+    """Vertices of an array of heights: north up, west left, evenly spaced in angle.
 
     west, north      radian, longitude and latitude of the vertex [0, 0]
     step_x, step_y   radian, to the next column eastwards and to the next row southwards
@@ -67,7 +67,7 @@ class Grid:
 
 
 class Surface(NamedTuple):
-    """The surface as the kernels read it: tiles of 512 x 512 cells with the maxima of their blocks.
+    """The surface as kernels use it: tiles of 512 x 512 cells with the maxima of their blocks.
 
     A block of level k holds 2**k by 2**k cells; one of level 9 is a tile.
 
@@ -101,10 +101,10 @@ class Surface(NamedTuple):
 def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
     """The surface through heights that are all in memory.
 
-    heights  (rows, columns) metre above the ellipsoid; NaN is a hole, through which rays fall
-    Returns  the surface, all its tiles present; it holds its own copy of the heights and takes
-             1.38 times their memory, where they fill its tiles
-    Raises    ValueError where the shape is not that of the grid, where an infinity hides, or all
+    heights  (rows, columns) metre above the ellipsoid; NaN is a hole, through which rays pass
+    Returns  the surface, all its tiles present; it copies the heights and takes
+             1.38 times their memory where they fill its tiles
+    Raises    ValueError where the shape is not that of the grid, where a height is infinite, or all
               are NaN.
     Accuracy  numerical: heights are kept in single precision, which rounds by 0.3 mm at most up to
               8 km.
@@ -123,9 +123,9 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
     slot = np.arange(down * across, dtype=np.int32).reshape(down, across)
     top = np.empty((down, across))
     lowest = math.inf
-    for (j, i), place in np.ndenumerate(slot):
-        tiles[place] = cut(heights, j, i)
-        low, top[j, i] = fill(tiles[place], maxima[place], steepness[place])
+    for (j, i), n in np.ndenumerate(slot):
+        tiles[n] = cut(heights, j, i)
+        low, top[j, i] = fill(tiles[n], maxima[n], steepness[n])
         lowest = min(lowest, low)
     highest = float(top.max())
     if not (math.isfinite(lowest) and math.isfinite(highest)):
@@ -139,7 +139,7 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
 
 
 def close(grid: Grid, heights: Singles) -> tuple[Singles, float]:
-    """Add the column that closes the turn and the rows that reach the poles, where they belong.
+    """Add the missing column that closes the turn and rows that reach the poles.
 
     Rows of pixel centres end half a step before the pole. The row put beyond it makes the height
     at the pole the mean of the last row from every side.
@@ -166,10 +166,10 @@ def _beyond(row: Singles, fraction: float) -> Singles:
 
 
 class Lattice(NamedTuple):
-    """Where the lines of a surface's grid run: all that the kernels need but its arrays.
+    """The grid of a surface as kernels use it, without the arrays.
 
-    Numba counts references to arrays whenever it takes them out of a tuple, which would cost more
-    than a ray does; they go beside this one.
+    Only numbers: a kernel copies it freely, where every array taken out of a tuple costs a count of
+    references.
 
     cosine, sine         of the longitude in the middle of the grid
     middle               columns to there
@@ -206,7 +206,7 @@ def lattice(surface):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def locate(lines, x, y, z):  # type: ignore[no-untyped-def]
-    """Where one Earth-fixed point lies over a grid, at most half a turn from its middle.
+    """Position of one Earth-fixed point over a grid, at most half a turn from its middle.
 
     Returns  columns and rows from the vertex [0, 0], height, sine and cosine of the latitude,
              distance from the axis

@@ -1,25 +1,40 @@
-"""Rays and ground -> Ground: what each ray sees, how the sun stands there, and what hides it."""
+"""Ground from rays: what each ray meets, its illumination by the Sun, and shadows."""
 
 from __future__ import annotations
+
+from typing import Protocol
 
 import numpy as np
 
 from startrack.core import GOLDEN_ANGLE, Floats, whole
-from startrack.earth.terrain.ground import Ground, Rays, between
-from startrack.earth.terrain.intersector import Intersector, Levels
-from startrack.earth.terrain.level import tangent_height
+from startrack.earth.terrain.constant_height import tangent_height
+from startrack.earth.terrain.ground import Flags, Ground, Levels, Rays, between
+from startrack.earth.terrain.trace import Hits
 
-LIFT = 1e-3  # metre on the way to the light, so that a point does not shade itself
+
+class Intersector(Protocol):
+    """Terrain that rays can meet."""
+
+    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
+        """Where rays meet it, and the (n,) levels of its pyramid that were used."""
+        ...
+
+    def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
+        """Which rays meet it beyond the distance `start` in metres, at (n,) levels."""
+        ...
+
+
+LIFT = 1e-3  # metre towards the light, so that a point does not shade itself; chosen by hand
 
 
 def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> Ground:
-    """What rays see of the ground.
+    """The ground that rays meet, and its illumination.
 
-    sun       (3,) unit vector towards the sun, Earth-fixed; the sun is taken as a point
-    sky_rays  rays by which each point looks for the sky; 0 asks for none
+    sun       (3,) unit vector towards the sun, Earth-fixed; the sun is a point source
+    sky_rays  rays from each point that sample the sky; 0 leaves `sky_view` at 1
     Returns   Ground, its maps empty
     Raises    ValueError where `sun` is not a unit vector.
-    Accuracy  numerical: that of the intersector; the fraction of the sky that is seen as in
+    Accuracy  numerical: that of the intersector; the visible fraction of the sky as in
               `view_sky`.
     """
     whole(0, 2**16, sky_rays=sky_rays)
@@ -50,7 +65,7 @@ def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> G
 def view_sky(
     ground: Intersector, point: Floats, normal: Floats, level: Levels, count: int
 ) -> Floats:
-    """Share of the light of a uniform sky that reaches each point.
+    """Fraction of the light of a uniform sky that reaches each point.
 
         V = (1 / pi) Int visible(w) cos(w, normal) dw, over the half space before the slope
 

@@ -1,4 +1,4 @@
-"""Heights enter; square tiles of cells leave, with maxima and steepness, cached in memory."""
+"""Square tiles of heights, with the maxima and steepness of their blocks, cached in memory."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ PATCHES = (4 ** (SIZE + 1 - PATCH) - 1) // 3  # of the levels 3 to 9 in a tile
 
 @njit(cache=True, error_model="numpy")
 def block(level, j, i):  # type: ignore[no-untyped-def]
-    """Place of a block within the maxima of its tile: level 1 first, each level row by row."""
+    """Index of a block in the maxima of its tile: level 1 first, each level row by row."""
     return ((1 << 2 * SIZE) - (1 << 2 * (SIZE + 1 - level))) // 3 + (j << (SIZE - level)) + i
 
 
 @njit(cache=True, error_model="numpy")
 def patch(level, j, i):  # type: ignore[no-untyped-def]
-    """Place of a block of level 3 or more within the steepness of its tile."""
+    """Index of a block of level 3 or more in the steepness of its tile."""
     return block(level, j, i) - (BLOCKS - PATCHES)
 
 
@@ -36,7 +36,8 @@ def patch(level, j, i):  # type: ignore[no-untyped-def]
 def fill(tile, maxima, steepness):  # type: ignore[no-untyped-def]
     """Fill in the maxima and the steepness of a tile, in place; returns its extreme heights.
 
-    NaN, a hole, counts as below all: blocks of holes are never entered; and as infinitely steep.
+    NaN, a hole, is lower than all heights, so that blocks of holes are never entered, and
+    infinitely steep.
 
     tile       (513, 513) metre
     maxima     (87381,) metre; that of a block covers all vertices of its cells
@@ -59,16 +60,16 @@ def _fill_steepness(tile, steepness):  # type: ignore[no-untyped-def]
         for b in range(j * side, j * side + side):
             _keep_larger(down, tile[b + 1], tile[b])
         for i in range(CELLS >> PATCH):
-            place = patch(PATCH, j, i)
-            steepness[place, 0] = along[i * side : i * side + side].max()
-            steepness[place, 1] = down[i * side : i * side + side + 1].max()
+            n = patch(PATCH, j, i)
+            steepness[n, 0] = along[i * side : i * side + side].max()
+            steepness[n, 1] = down[i * side : i * side + side + 1].max()
     for level in range(PATCH + 1, SIZE + 1):
         for j in range(CELLS >> level):
             for i in range(CELLS >> level):
-                place, finer = patch(level, j, i), patch(level - 1, 2 * j, 2 * i)
+                n, finer = patch(level, j, i), patch(level - 1, 2 * j, 2 * i)
                 below = finer + (CELLS >> (level - 1))
                 for way in range(2):
-                    steepness[place, way] = max(
+                    steepness[n, way] = max(
                         max(steepness[finer, way], steepness[finer + 1, way]),
                         max(steepness[below, way], steepness[below + 1, way]),
                     )
@@ -125,7 +126,7 @@ Key = tuple[int, int, int]  # level, row and column of a tile
 
 @dataclass(eq=False)
 class Cache:
-    """Tiles with the maxima and steepness of their blocks; the least recently used makes room.
+    """Tiles with the maxima and steepness of their blocks; the least recently used one is replaced.
 
     read      gives the (513, 513) heights of a tile
     capacity  tiles
@@ -140,7 +141,7 @@ class Cache:
     maxima: Singles = field(init=False)
     steepness: Singles = field(init=False)
     used: NDArray[np.uint8] = field(init=False)
-    _slots: dict[Key, int] = field(default_factory=dict, init=False)  # the last used is the last
+    _slots: dict[Key, int] = field(default_factory=dict, init=False)  # in order of last use
 
     def __post_init__(self) -> None:
         whole(2, 2**16, capacity=self.capacity)
@@ -155,16 +156,16 @@ class Cache:
         return self.heights.nbytes + self.maxima.nbytes + self.steepness.nbytes
 
     def refresh(self) -> None:
-        """Count the tiles that were used since the last call, and remember that they were."""
+        """Count the tiles used since the last call, and move them to the end of the order."""
         for key in [key for key, slot in self._slots.items() if self.used[slot]]:
             self._slots[key] = self._slots.pop(key)
             self.hits += 1
         self.used[:] = 0
 
     def load(self, key: Key) -> tuple[int, Key | None, float, float]:
-        """Read a tile that is not there.
+        """Read a tile that is not in memory.
 
-        Returns  its slot, the tile that made room, and the tile's lowest and highest height
+        Returns  its slot, the tile that it replaces, and its lowest and highest height
         """
         gone = None
         if len(self._slots) < self.capacity:

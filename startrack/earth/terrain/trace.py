@@ -1,4 +1,4 @@
-"""Rays and a surface -> where they meet it, and with which normal; or only whether they do."""
+"""Where rays meet a surface in memory, and its normals there; or only whether they meet it."""
 
 from __future__ import annotations
 
@@ -70,10 +70,10 @@ def trace(surface: Surface, rays: Rays) -> Hits:
     """Find the nearest point at which each ray meets a surface that is in memory.
 
     The ray is straight; the surface is bilinear in longitude and latitude above WGS84. A ray that
-    begins under the surface, or comes under it from its side or out of a hole, ends there.
+    begins under the surface, or gets below it from its side or out of a hole, ends there.
 
     Accuracy  numerical: 1e-8 m of the exact intersection, in the middle 1e-9 m; a ray that grazes a
-              ridge within 1e-6 m may be judged on the wrong side. Nothing is ABSENT where all tiles
+              ridge within 1e-6 m may be put on the wrong side. Nothing is ABSENT where all tiles
               are in memory.
     """
     hits = waiting(len(rays), 0.0)
@@ -106,7 +106,7 @@ def no_hits(count: int) -> Hits:
 
 @njit(cache=True, error_model="numpy")
 def go_on(surface, origin, direction, hits):  # type: ignore[no-untyped-def]
-    """Follow the rays whose status is ABSENT, from where they are, until they end or wait again."""
+    """Follow the rays whose status is ABSENT until they end or need another absent tile."""
     lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
     n = 0
     while n < len(origin):
@@ -130,7 +130,7 @@ def ask_on(surface, origin, direction, hits):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _gather(bundle, who, n, origin, direction, hits):  # type: ignore[no-untyped-def]
-    """Fill a bundle with waiting rays from number n on; returns where to go on, and how many."""
+    """Fill a bundle with waiting rays from number n on; returns the next number, and how many."""
     status, distance, count = hits.status, hits.distance, 0
     while n < len(origin) and count < WIDTH:
         if status[n] == ABSENT:
@@ -149,7 +149,7 @@ def _gather(bundle, who, n, origin, direction, hits):  # type: ignore[no-untyped
 
 @njit(cache=True, error_model="numpy")
 def _march_all(surface, lines, bundle, who, hits, exact):  # type: ignore[no-untyped-def]
-    """Follow the rays of a bundle to a cell each, whose corners are put in the path's place."""
+    """Follow the rays of a bundle to a cell each, whose corners replace the path."""
     status, distance, tile = hits.status, hits.distance, hits.tile
     for k in range(len(who)):
         n = who[k]
@@ -178,7 +178,7 @@ def _march_all(surface, lines, bundle, who, hits, exact):  # type: ignore[no-unt
 
 @njit(cache=True, error_model="numpy")
 def _describe_all(surface, lines, bundle, who, hits):  # type: ignore[no-untyped-def]
-    """Give each ray that hit its point and normal; where they were not found, seek on."""
+    """Point and normal of each ray that hit; by `settle` where `refine` did not find them."""
     status, distance, place, normal = hits.status, hits.distance, hits.place, hits.normal
     for k in range(len(who)):
         n = who[k]

@@ -6,7 +6,17 @@ import pytest
 from startrack.core.streams import Streams
 from startrack.core.units import deg, nm
 from startrack.earth.atmosphere import Air, at_sensor, in_bands, load_table, sight_of
-from startrack.earth.terrain import Grid, Level, Rays, Relief, cartesian, fractal, index, survey, up
+from startrack.earth.terrain import (
+    ConstantHeight,
+    Grid,
+    Rays,
+    Relief,
+    cartesian,
+    fractal,
+    index,
+    survey,
+    up,
+)
 from startrack.io.shipped import shipped
 
 WEST, NORTH, STEP = 10 * deg, 47 * deg, 1 / 3600 * deg
@@ -49,7 +59,7 @@ def total(ground, bands, rho=0.3):
 
 
 def test_angles_are_those_of_the_scene():
-    place = survey(Level(0.0), downwards(2), sun(50 * deg))
+    place = survey(ConstantHeight(0.0), downwards(2), sun(50 * deg))
     sight = sight_of(place)
     np.testing.assert_allclose(sight.sensor, 0, atol=1e-6)
     np.testing.assert_allclose(sight.sun, 40 * deg, atol=1e-3)
@@ -61,7 +71,7 @@ def test_azimuth_is_none_where_sun_and_camera_stand_on_one_side():
     point = cartesian(*(np.array([one]) for one in (WEST + 50 * STEP, NORTH - 50 * STEP, 0.0)))
     for view, azimuth in ((sun(60 * deg), 0.0), (sun(60 * deg, 1.0 + np.pi), np.pi)):
         rays = Rays(point + 1e6 * view, -view[None], target.spread)
-        assert sight_of(survey(Level(0.0), rays, light)).azimuth[0] == pytest.approx(
+        assert sight_of(survey(ConstantHeight(0.0), rays, light)).azimuth[0] == pytest.approx(
             azimuth, abs=1e-3
         )
 
@@ -77,7 +87,7 @@ def test_slopes_towards_the_sun_are_bright_and_shadows_dark(hills, bands):
 
 
 def test_flat_ground_in_the_zenith_reflects_by_the_table(bands):
-    ground = survey(Level(0.0), downwards(1), sun(60 * deg))
+    ground = survey(ConstantHeight(0.0), downwards(1), sun(60 * deg))
     sight = sight_of(ground)
     black, grey = total(ground, bands, 0.0), total(ground, bands, 0.4)
     assert (grey > 2 * black).all()
@@ -86,7 +96,7 @@ def test_flat_ground_in_the_zenith_reflects_by_the_table(bands):
 
 def test_the_evening_ends_in_night(bands):
     seen = [
-        total(survey(Level(0.0), downwards(1), sun(elevation * deg)), bands)[0]
+        total(survey(ConstantHeight(0.0), downwards(1), sun(elevation * deg)), bands)[0]
         for elevation in (20, 10.1, 9.9, 5, 1, -1, -10)
     ]
     assert np.all(np.diff(seen) <= 0)
@@ -97,9 +107,9 @@ def test_the_evening_ends_in_night(bands):
 def test_rays_into_the_sky_see_black(bands):
     rays = downwards(2)
     away = Rays(rays.origin, -rays.direction, rays.spread)
-    np.testing.assert_array_equal(total(survey(Level(0.0), away, sun(40 * deg)), bands), 0)
+    np.testing.assert_array_equal(total(survey(ConstantHeight(0.0), away, sun(40 * deg)), bands), 0)
 
 
 def test_ground_above_the_table_is_refused(bands):
     with pytest.raises(ValueError, match=r"height must lie in the table's \[0, 9000\]"):
-        total(survey(Level(12e3), downwards(1), sun(40 * deg)), bands)
+        total(survey(ConstantHeight(12e3), downwards(1), sun(40 * deg)), bands)

@@ -6,7 +6,7 @@ import pytest
 from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.earth.geometry import Aircraft, Pointing, fly, sight
-from startrack.earth.terrain import Level, geodetic, survey
+from startrack.earth.terrain import ConstantHeight, geodetic, survey
 
 EPOCH = "2026-06-21T10:00:00"
 NORTHEAST = Aircraft(EPOCH, 10 * deg, 47 * deg, 3e3, 45 * deg, 80.0)
@@ -29,7 +29,7 @@ def test_its_height_after_a_hundred_kilometres(latitude):
     worst = 0.0
     for heading in range(0, 360, 30):
         plane = Aircraft(EPOCH, 10 * deg, latitude * deg, 3e3, heading * deg, 100.0)
-        place, _ = plane.places(np.array([-1000.0, 1000.0]))
+        place, _ = plane.state(np.array([-1000.0, 1000.0]))
         worst = max(worst, np.abs(geodetic(place)[2] - 3e3).max())
     assert worst < 5.5
 
@@ -39,7 +39,7 @@ def test_its_ground_moves_to_smaller_rows():
     camera = Camera(11, 11, 1000.0)
     pixel = np.array([[5.0, 5.0], [5.0, 10.0]])
     rays = sight(camera, pixel, np.zeros(2), NORTHEAST, Pointing(), spread=0.0)
-    ground = survey(Level(0.0), rays, np.array([0.0, 0.0, 1.0]))
+    ground = survey(ConstantHeight(0.0), rays, np.array([0.0, 0.0, 1.0]))
     ahead = ground.point[1] - ground.point[0]
     velocity = fly(NORTHEAST, np.zeros(1)).velocity[0]
     assert np.linalg.norm(ahead) == pytest.approx(15.0, rel=1e-2)  # 5 pixel of 1 mrad from 3 km

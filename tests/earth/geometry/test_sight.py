@@ -24,7 +24,7 @@ from startrack.earth.geometry import (
     tdi_elements,
 )
 from startrack.earth.geometry.parameters import Fractal, Sensor, Terrain
-from startrack.earth.terrain import Level, geodetic, up
+from startrack.earth.terrain import ConstantHeight, geodetic, up
 
 pytest.importorskip("sgp4")
 
@@ -35,7 +35,7 @@ PERIOD = 1 / (ground_rate(ORBIT) * CAMERA.focal_length_px)
 
 
 def ground(rays):
-    hits, _ = Level().meet(rays)
+    hits, _ = ConstantHeight().meet(rays)
     return rays.origin + hits.distance[:, None] * rays.direction
 
 

@@ -5,8 +5,15 @@ import pytest
 
 from startrack.core.curve import Curve
 from startrack.core.units import deg, um
-from startrack.earth.imager.land import Cover, HotSpot, Land, burning, reflectance, temperature
-from startrack.earth.terrain import Ground, Level, Rays, cartesian, survey, up
+from startrack.earth.imager.land import (
+    Cover,
+    HotSpot,
+    Land,
+    burning_fraction,
+    reflectance,
+    temperature,
+)
+from startrack.earth.terrain import ConstantHeight, Ground, Rays, cartesian, survey, up
 
 PLACE = np.array(10 * deg), np.array(47 * deg)
 BAND = np.array([0.5 * um]), np.ones(1)
@@ -18,15 +25,15 @@ def below(height: float, sun: float = 0.0, aside: float = 0.0) -> Ground:
     east = np.array([-np.sin(PLACE[0]), np.cos(PLACE[0]), 0.0])
     origin = cartesian(*PLACE, np.array(9e3)) + aside * np.cross(rise, east)
     ray = Rays(origin[None], -rise[None], np.full(1, 1e-6))
-    return survey(Level(height), ray, np.cos(sun) * rise + np.sin(sun) * east)
+    return survey(ConstantHeight(height), ray, np.cos(sun) * rise + np.sin(sun) * east)
 
 
 @pytest.mark.parametrize("height", [0.0, 1500.0, 5000.0])
 def test_a_fire_burns_on_the_ground_whatever_its_height(height):
     """A square metre straight below fills the ray, and is gone five metres away."""
     fire = HotSpot(float(PLACE[0]), float(PLACE[1]), 1.0)
-    assert burning(fire, below(height), 1e-6)[0] == pytest.approx(1.0, abs=1e-6)
-    assert burning(fire, below(height, aside=5.0), 1e-6)[0] < 1e-6
+    assert burning_fraction(fire, below(height), 1e-6)[0] == pytest.approx(1.0, abs=1e-6)
+    assert burning_fraction(fire, below(height, aside=5.0), 1e-6)[0] < 1e-6
 
 
 def test_the_highest_cover_that_begins_below_counts():

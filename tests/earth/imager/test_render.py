@@ -27,9 +27,9 @@ from startrack.earth.imager import (
     prepare,
     render,
 )
-from startrack.earth.imager.blur import blurred, weights_of
+from startrack.earth.imager.band import band_of
+from startrack.earth.imager.blur import blur_strips, blur_weights
 from startrack.earth.imager.land import Cover, HotSpot, Land, reflectance
-from startrack.earth.imager.through import band_of
 from startrack.io.shipped import shipped
 from startrack.optics import Aberration, Optics, pixel_psf
 
@@ -111,11 +111,11 @@ def test_an_edge_is_as_sharp_as_the_transfer_function_says(tmp_path):
 
     optics = Optics(0.1, 4.0, blur=4e-6, psf="airy")
     psf = pixel_psf(optics, 10e-6, np.array([550 * nm]), np.ones(1))
-    weights = weights_of(psf, 4, 1.0, 1.0, 0.0)
+    weights = blur_weights(psf, 4, 1.0, 1.0, 0.0)
     place = np.arange(64)[:, None] + (np.arange(4) + 0.5) / 4 - 0.5
     wave = 1 + np.cos(2 * np.pi * 0.25 * place)  # (columns, rays across)
     rays = np.broadcast_to(wave[None, :, None, :], (64, 64, 4, 4)).reshape(64, 64, 16)
-    image = np.concatenate(list(blurred(iter([rays[:20], rays[20:]]), weights)))
+    image = np.concatenate(list(blur_strips(iter([rays[:20], rays[20:]]), weights)))
     assert image.shape == (64, 64)
     middle = image[20:40, 16:48]
     contrast = np.abs((middle * np.exp(-2j * np.pi * 0.25 * np.arange(16, 48))).mean(1)) * 2
@@ -129,7 +129,7 @@ def test_the_tail_of_coma_lies_where_the_optics_put_it():
     psf = pixel_psf(optics, 2.2e-6, np.array([550 * nm]), np.ones(1))
     rays = np.zeros((41, 41, 9), np.float32)
     rays[20, 20, 4] = 9.0
-    image = np.concatenate(list(blurred(iter([rays]), weights_of(psf, 3, 1.0, 1.0, 0.0))))
+    image = np.concatenate(list(blur_strips(iter([rays]), blur_weights(psf, 3, 1.0, 1.0, 0.0))))
     wanted = np.zeros((41, 41))
     stamp(wanted, psf, np.full(1, 20.0), np.full(1, 20.0), np.ones(1))
     assert np.arange(41) @ wanted.sum(0) / wanted.sum() > 20.5
@@ -138,10 +138,10 @@ def test_the_tail_of_coma_lies_where_the_optics_put_it():
 
 def test_strips_do_not_show():
     psf = pixel_psf(Optics(0.1, 4.0, psf="airy"), 10e-6, np.array([550 * nm]), np.ones(1))
-    weights = weights_of(psf, 2, 1.0, 1.0, 0.5)
+    weights = blur_weights(psf, 2, 1.0, 1.0, 0.5)
     rays = np.random.default_rng(1).random((50, 30, 4)).astype(np.float32)
-    whole = np.concatenate(list(blurred(iter([rays]), weights)))
-    parts = np.concatenate(list(blurred(iter([rays[:1], rays[1:9], rays[9:]]), weights)))
+    whole = np.concatenate(list(blur_strips(iter([rays]), weights)))
+    parts = np.concatenate(list(blur_strips(iter([rays[:1], rays[1:9], rays[9:]]), weights)))
     np.testing.assert_allclose(parts, whole, rtol=1e-5)
     np.testing.assert_allclose(weights.sum(), 1.0)
 

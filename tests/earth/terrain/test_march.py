@@ -6,7 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from startrack.earth.terrain import Grid, Level, Rays, Relief, Scan, cartesian, geodetic, index
+from startrack.earth.terrain import (
+    ConstantHeight,
+    Grid,
+    Rays,
+    Relief,
+    Scan,
+    cartesian,
+    geodetic,
+    index,
+)
 from startrack.earth.terrain.trace import blocked, trace
 
 from .scenes import STEP, axes, flat, globe, hills, mountains, random_rays, ray
@@ -66,7 +75,7 @@ def test_normals_are_those_of_the_slope():
 def test_flat_terrain_is_the_surface_of_its_height(height):
     grid, heights = flat(height)
     rays = random_rays(grid, 300, 35, height, height)
-    found, expected = trace(index(grid, heights), rays), Level(height).meet(rays)[0]
+    found, expected = trace(index(grid, heights), rays), ConstantHeight(height).meet(rays)[0]
     np.testing.assert_allclose(found.distance, expected.distance, rtol=0, atol=2e-8)
     np.testing.assert_allclose(expected.place[:, 2], height, atol=1e-8)
 
@@ -212,7 +221,7 @@ def test_a_pole_is_a_place_like_others(sign):
     assert found.hit.all()
     ring = heights[0 if sign > 0 else -1]
     assert found.place[-1, 2] == pytest.approx(ring.astype(float).mean(), abs=1e-2)
-    shell = Level(float(ring.mean())).meet(rays)[0]
+    shell = ConstantHeight(float(ring.mean())).meet(rays)[0]
     assert np.abs(found.distance - shell.distance).max() < 2 * np.ptp(ring)
 
 

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from startrack.earth.terrain import Grid, Level, Rays, Relief, Scan, cartesian, index, survey, up
+from startrack.earth.terrain import (
+    ConstantHeight,
+    Grid,
+    Rays,
+    Relief,
+    Scan,
+    cartesian,
+    index,
+    survey,
+    up,
+)
 
 from .scenes import STEP, axes, flat, mountains, random_rays, ray
 
@@ -28,7 +38,11 @@ def test_shadows_are_those_of_the_search(elevation):
 
 def test_no_light_comes_from_under_the_horizon():
     rays = random_rays(GRID, 200, 80, HEIGHTS.max())
-    for ground in (Relief(index(GRID, HEIGHTS)), Relief(index(GRID, HEIGHTS), 0.0), Level()):
+    for ground in (
+        Relief(index(GRID, HEIGHTS)),
+        Relief(index(GRID, HEIGHTS), 0.0),
+        ConstantHeight(),
+    ):
         assert survey(ground, rays, sun_at(-5, 0)).shadow.all()
 
 
@@ -49,7 +63,7 @@ def test_a_summit_sees_the_sun_beyond_the_level_horizon():
 def test_angles_on_the_ellipsoid():
     rays = ray(0.2, 0.8, 0.0, 40, 1.0)
     sun = up(np.array(0.2), np.array(0.9))
-    found = survey(Level(), rays, sun)
+    found = survey(ConstantHeight(), rays, sun)
     assert np.degrees(found.incidence[0]) == pytest.approx(50, abs=1e-9)
     assert found.sun_incidence[0] == pytest.approx(0.1, abs=1e-12)
     assert found.view_zenith[0] == pytest.approx(found.incidence[0], abs=1e-12)
@@ -63,11 +77,13 @@ def test_the_tangent_height_of_rays_that_miss():
         east, north, rise = axes(0.3, 0.7)
         view = np.sin(azimuth) * east + np.cos(azimuth) * north
         rays = Rays(point[None] - 2e6 * view, view[None], np.zeros(1))
-        found = survey(Level(), rays, rise)
+        found = survey(ConstantHeight(), rays, rise)
         assert not found.hit[0]
         assert found.level[0] == -1
         assert found.tangent_height[0] == pytest.approx(height, abs=1e-3)
-        away = survey(Level(), Rays(point[None] + 1e5 * view, view[None], np.zeros(1)), rise)
+        away = survey(
+            ConstantHeight(), Rays(point[None] + 1e5 * view, view[None], np.zeros(1)), rise
+        )
         assert away.tangent_height[0] > height
 
 
@@ -94,10 +110,12 @@ def test_the_sky_seen_from_a_spherical_bowl():
 
 
 def test_a_flat_earth_sees_all_of_the_sky():
-    found = survey(Level(), ray(0.2, 0.8, 0.0, 40, 1.0), up(np.array(0.2), np.array(0.9)), 64)
+    found = survey(
+        ConstantHeight(), ray(0.2, 0.8, 0.0, 40, 1.0), up(np.array(0.2), np.array(0.9)), 64
+    )
     np.testing.assert_array_equal(found.sky_view, 1.0)
 
 
 def test_a_wrong_sun_is_refused():
     with pytest.raises(ValueError, match="sun must be one unit vector"):
-        survey(Level(), ray(0.2, 0.8, 0.0, 40), np.array([1.0, 1.0, 0.0]))
+        survey(ConstantHeight(), ray(0.2, 0.8, 0.0, 40), np.array([1.0, 1.0, 0.0]))

@@ -1,4 +1,4 @@
-"""Channel and Air -> BandTable and Heat of its one band, weighted as the detector counts light."""
+"""BandTable and thermal radiance of one channel, weighted with its response."""
 
 from __future__ import annotations
 
@@ -24,19 +24,18 @@ from startrack.earth.atmosphere import (
 from startrack.earth.imager.parameters import Channel
 from startrack.io import shipped
 
-INFRARED = 3 * um  # from where a band is counted as infrared: heat there outshines scattered light
-PARTS = 16  # of the distance between wavelengths of a table, over which a response is averaged
-LEAST = 0.98  # of a band's response that a table must hold
+INFRARED = 3 * um  # a band beyond is infrared: thermal radiance exceeds scattered light there
+PARTS = 16  # of a wavelength step of a table, for the mean response; chosen by hand
+LEAST = 0.98  # of a band's response that a table must cover; chosen by hand
 
 
 class Band(NamedTuple):
-    """How a channel sees through the air.
+    """One channel, and the air in its band.
 
-    wavelength, weight  (f,) metre; (f,) 1, fraction of each wavelength in what an even spectrum of
-                        energy leaves; sums to one
-    electrons           electron / joule, their mean over the band times its width: an even
-                        spectral radiance of one leaves so many electrons a second and etendue,
-                        electron metre / joule
+    wavelength, weight  (f,) metre; (f,) 1, response to an even spectrum of energy, of sum one
+    electrons           electron / joule, their mean over the band times its width: electrons per
+                        second and etendue of an even spectral radiance of one, electron metre /
+                        joule
     table               its one band is a mean spectral radiance, watt / m^2 / sr / m
     heat                of a blackbody, likewise
     """
@@ -53,10 +52,10 @@ def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: fl
 
         L = Int R L(lambda) dlambda / Int R dlambda,   R = lambda / (h c) filter tau QE
 
-    air       None: a planet without any; beyond 3 micrometre one table stands for all, that of
-              mid-latitude summer
+    air       None: a planet without air; beyond 3 micrometre always the table of mid-latitude
+              summer
     altitude  metre above the ground
-    Raises    ValueError where no shipped table has this air, or holds this band.
+    Raises    ValueError where no shipped table has this air, or covers this band.
     """
     fine = np.geomspace(0.2, 60, 20001) * um
     every = channel.photoelectrons(fine) * np.gradient(fine)

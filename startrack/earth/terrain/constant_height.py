@@ -1,27 +1,48 @@
-"""Rays -> where they meet the surface of one height above the ellipsoid: sea, or no terrain."""
+"""Where rays meet a surface of constant height above the ellipsoid: sea, or no terrain."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
+from startrack.core import finite
 from startrack.earth.terrain.ellipsoid import shell, vertical
-from startrack.earth.terrain.ground import Rays
+from startrack.earth.terrain.ground import Flags, Levels, Rays
 from startrack.earth.terrain.march import HIT, MISS
 from startrack.earth.terrain.trace import Hits, no_hits
 
-STEPS = 8  # of Newton's method; the first is off by a metre at most, and it doubles its digits
+STEPS = 8  # of Newton's method; it begins within a metre and converges quadratically
 
 
-def meet_level(rays: Rays, height: float) -> Hits:
+@dataclass(frozen=True)
+class ConstantHeight:
+    """The surface of one height in metres above the ellipsoid: 0 is the ellipsoid alone."""
+
+    height: float = 0.0
+
+    def __post_init__(self) -> None:
+        finite(height=self.height)
+
+    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
+        """As `meet_level`."""
+        return meet_constant_height(rays, self.height), np.zeros(len(rays), np.int8)
+
+    def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
+        """Whether rays that begin on the surface lead below it."""
+        moved = Rays(rays.origin + start * rays.direction, rays.direction, rays.spread)
+        return meet_constant_height(moved, self.height).hit
+
+
+def meet_constant_height(rays: Rays, height: float) -> Hits:
     """Find where rays from above meet the surface of constant height.
 
     At height 0 this is the ellipsoid itself, in closed form.
 
     height  metre above the ellipsoid
-    Accuracy  numerical: 1e-8 m; rays that graze within 1e-6 m may be judged wrongly.
+    Accuracy  numerical: 1e-8 m; a ray that grazes within 1e-6 m may be put on the wrong side.
     """
     hits = no_hits(len(rays))
     _meet(rays.origin, rays.direction, height, hits.status, hits.distance, hits.place, hits.normal)
@@ -55,7 +76,7 @@ def _meet(origin, direction, height, status, distance, place, normal):  # type: 
 
 
 def tangent_height(rays: Rays) -> np.ndarray:
-    """Least height of each ray above the ellipsoid, (n,) metre; of its origin if it only rises."""
+    """Lowest height of each ray above the ellipsoid, (n,) metre; of its origin if it only rises."""
     out = np.empty(len(rays))
     _tangent(rays.origin, rays.direction, out)
     return out
