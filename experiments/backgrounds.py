@@ -31,7 +31,7 @@ from startrack import (
     throughput,
 )
 from startrack.catalog import open_sky
-from startrack.detector.collect import glow_of
+from startrack.detector.collect import diffuse_electrons
 from startrack.optics import Baffle
 from startrack.scene import Scene
 from startrack.scene.ephemeris import observer_of
@@ -67,7 +67,9 @@ def ring(case: Case, angle: float | None, trials: int) -> dict[str, float]:
         instrument = case.instrument
         stars = stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
         light = light_of(case, stars, attitude, streams)
-        glow = glow_of(light, instrument.camera, instrument.detector, throughput(instrument))
+        glow = diffuse_electrons(
+            light, instrument.camera, instrument.detector, throughput(instrument)
+        )
         level = 0.0 if glow is None else float(glow.mean())
         s10 = float(zodiacal(boresight, body.direction)[0]) if angle is not None else 0.0
         error = math.hypot(record.outcome.error_x, record.outcome.error_y) / math.sqrt(2)

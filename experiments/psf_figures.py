@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats
 from startrack.optics import pupil_transfer
+from startrack.optics.fresnel import fresnel_error, fresnel_radius, paper_radius
 from startrack.optics.kirchhoff import ThinLens, on_axis, path_defect
-from startrack.optics.validity import fresnel_error, fresnel_radius, paper_radius
 
 FOCAL, DISTANCE, WAVELENGTH, PITCH = 0.02, 1.0, 500e-9, 5e-6
 F_NUMBERS = np.linspace(2.0, 14.0, 49)

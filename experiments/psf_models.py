@@ -35,7 +35,7 @@ from startrack.benchmark.psf import FIELD, NOLL, WAVELENGTH, Pattern, by_rings
 from startrack.benchmark.stamping import centroid, exact, lens
 from startrack.detector.stamp import stamp
 from startrack.optics import pixel_psf
-from startrack.optics.airy import airy
+from startrack.optics.closed_forms import airy
 from startrack.optics.kirchhoff import ThinLens, on_axis
 
 ROOT = Path(__file__).parents[1]

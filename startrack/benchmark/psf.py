@@ -6,7 +6,7 @@ import numpy as np
 
 from startrack.benchmark.stage import Stage
 from startrack.core import Floats
-from startrack.optics import Pupil, cells, intensity, openness, pupil_samples, zernike
+from startrack.optics import Pupil, area_weights, intensity, pupil_grid, pupil_samples, zernike
 
 WAVELENGTH, F_NUMBER = 550e-9, 1.4
 FIELD: Floats = (np.arange(155) - 77) / 5  # wavelength * f-number
@@ -40,8 +40,8 @@ class Pattern:
 
     def __init__(self) -> None:
         slope = 2.0  # wave per radius, of these wavefronts: measured, with room
-        self.place, cell = cells(pupil_samples(FIELD.max(), slope))
-        self.weight = openness(Pupil(), self.place, cell) * cell**2 / np.pi
+        self.place, cell = pupil_grid(pupil_samples(FIELD.max(), slope))
+        self.weight = area_weights(Pupil(), self.place, cell) * cell**2 / np.pi
         self.flat = np.zeros_like(self.weight)
         modes = [zernike(noll, self.place, self.place[:, None]) for noll in NOLL]
         self.modes = np.array(modes).reshape(len(NOLL), -1).T.copy()

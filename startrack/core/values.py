@@ -31,6 +31,16 @@ class Stars:
     def __len__(self) -> int:
         return len(self.identifier)
 
+    def find(self, identifier: Ints) -> tuple[Ints, NDArray[np.bool_]]:
+        """Indices (m,) of the stars with these identifiers (m,), and whether each is there.
+
+        The index of a star that is not there is any.
+        """
+        order = np.argsort(self.identifier, kind="stable")
+        at = np.searchsorted(self.identifier, identifier, sorter=order)
+        index = order[np.minimum(at, len(self) - 1)]
+        return index, self.identifier[index] == identifier
+
     def __getitem__(self, choice: slice | Ints | NDArray[np.bool_]) -> Stars:
         return Stars(
             self.identifier[choice],
@@ -42,11 +52,11 @@ class Stars:
 
 @dataclass(frozen=True, eq=False)
 class DiffuseLight:
-    """Light of the sky that varies over the frame: a spectrum times a map.
+    """Light that varies over the frame: a spectrum times a map.
 
-    spectrum  (k,) photon / s / m^2 / sr in each bin
-    fraction  (p, q) 1, at places evenly spaced from the centre of the frame's first pixel to that
-              of its last, row by row; straight lines between them
+    spectrum  (k,) photon / s / m^2 / sr in each spectral bin
+    fraction  (p, q) 1, at points evenly spaced from the centre of the frame's first pixel to that
+              of its last, row by row; linear between them
     """
 
     spectrum: Floats
@@ -55,11 +65,11 @@ class DiffuseLight:
 
 @dataclass(frozen=True, eq=False)
 class StrayLightSource:
-    """A body whose light reaches the detector on ways that are not those of the image.
+    """A body whose light reaches the detector as stray light.
 
-    direction    (n, 3) unit vectors to its parts, ICRS axes
-    fraction     (n,) 1, of each part in the light of the spectrum
-    photon_rate  (k,) photon / s / m^2 in each bin
+    direction          (n, 3) unit vectors to its parts, ICRS axes
+    fraction           (n,) 1, of `photon_irradiance` that comes from each part
+    photon_irradiance  (k,) photon / s / m^2 in each spectral bin
     """
 
     direction: Floats
@@ -69,14 +79,14 @@ class StrayLightSource:
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """What arrives at the entrance pupil from the point sources and from the sky between them.
+    """Light at the entrance pupil, of point sources and of the background.
 
-    direction    (n, 3) unit vectors, ICRS axes
-    wavelength   (k,) metre, centres of the spectral bins
-    photon_rate  (n, k) photon / s / m^2 in each bin
-    background   (k,) photon / s / m^2 / sr in each bin, the same over the field
-    diffuse      what varies over it, besides
-    glare        bodies so bright that they are seen beside the field
+    direction          (n, 3) unit vectors to the point sources, ICRS axes
+    wavelength         (k,) metre, centres of the spectral bins
+    photon_irradiance  (n, k) photon / s / m^2 of each point source in each spectral bin
+    background         (k,) photon / s / m^2 / sr in each spectral bin, uniform over the field
+    diffuse            further light, which varies over the field
+    stray_sources      bodies whose light reaches the detector as stray light
     """
 
     direction: Floats
@@ -84,7 +94,7 @@ class Light:
     photon_irradiance: Floats
     background: Floats
     diffuse: tuple[DiffuseLight, ...] = ()
-    glare: tuple[StrayLightSource, ...] = ()
+    stray_sources: tuple[StrayLightSource, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +125,7 @@ class LineOfSight:
     time      (m,) second from the middle of the exposure
     weight    (m,) 1, fraction of the exposure that each point stands for; sums to 1
     rotation  (m, 3) radian, rotation vector of icrs_to_camera at `time` times the inverse of that
-              at the middle, in camera axes: how the sky turns before the camera
+              at the middle, in camera axes: apparent rotation of the sky
     """
 
     time: Floats
@@ -125,7 +135,7 @@ class LineOfSight:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A digital image, and what its maker knows of its numbers (NaN where unknown).
+    """A digital image, and the meaning of its numbers (NaN where unknown).
 
     image             (rows, columns) digital number
     exposure          second

@@ -39,30 +39,30 @@ def bits(start, pixel):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", inline="always")
 def uniform(random):  # type: ignore[no-untyped-def]
-    """The middle of one of 2^52 cells of (0, 1), so that one minus it is exact as well."""
+    """A number in (0, 1) from random bits: the middle of one of 2^52 cells; 1 minus it is exact."""
     return (np.float64(np.int64(random >> np.uint64(12))) + 0.5) * (2 * UNIT)
 
 
-CELLS = 128  # per factor of two in the fraction, so that the tail is as exact as the middle
+CELLS = 128  # per factor of two in the probability, so that the tail is as exact as the middle
 SMALLEST = -56  # power of two
 _node = np.arange((1 - SMALLEST) * CELLS + 1)
-_power, _place = SMALLEST + _node // CELLS, _node % CELLS
-FRACTION = np.ldexp((CELLS + _place) / (2 * CELLS), _power)
-QUANTILE = special.ndtri(np.minimum(FRACTION, 0.75))
+_power, _step = SMALLEST + _node // CELLS, _node % CELLS
+PROBABILITY = np.ldexp((CELLS + _step) / (2 * CELLS), _power)
+QUANTILE = special.ndtri(np.minimum(PROBABILITY, 0.75))
 # Slope times the width of the cell on the left and on the right of each node.
 _slope = math.sqrt(2 * math.pi) * np.exp(QUANTILE**2 / 2)
 RISE_AFTER = _slope * np.ldexp(0.5 / CELLS, _power)
-RISE_BEFORE = _slope * np.diff(FRACTION, prepend=FRACTION[0])
+RISE_BEFORE = _slope * np.diff(PROBABILITY, prepend=PROBABILITY[0])
 
 
 @njit(cache=True, error_model="numpy")
-def inverse_normal(fraction):  # type: ignore[no-untyped-def]
-    """Phi^-1(share), by cubic Hermite interpolation.
+def inverse_normal(probability):  # type: ignore[no-untyped-def]
+    """Phi^-1(probability), by cubic Hermite interpolation.
 
-    fraction  in [2^-54, 1 - 2^-54]
-    Accuracy  numerical: 1e-10.
+    probability  1, in [2^-54, 1 - 2^-54]
+    Accuracy     numerical: 1e-10.
     """
-    nearer = fraction if fraction <= 0.5 else 1.0 - fraction
+    nearer = probability if probability <= 0.5 else 1.0 - probability
     mantissa, power = math.frexp(nearer)
     at = (mantissa - 0.5) * (2 * CELLS)
     i = int(at)
@@ -71,12 +71,12 @@ def inverse_normal(fraction):  # type: ignore[no-untyped-def]
     rise = QUANTILE[i + 1] - QUANTILE[i]
     left, right = RISE_AFTER[i] - rise, rise - RISE_BEFORE[i + 1]
     below = QUANTILE[i] + t * (rise + (1 - t) * (left * (1 - t) + right * t))
-    return below if fraction <= 0.5 else -below
+    return below if probability <= 0.5 else -below
 
 
 SMALL = 3.0  # mean below which the distribution is summed from zero
-UNSURE = 0.25  # error of the expansion beyond which the sums alone decide
-LARGEST_SHARE = 1 - 1e-5  # above it, the sum from zero loses digits of the tail
+UNSURE = 0.25  # error of the expansion above which only sums decide; chosen by hand: time alone
+LARGEST_PROBABILITY = 1 - 1e-5  # above it, the sum from zero loses digits of the tail
 FARTHEST = 8.2  # standard deviations: beyond them a double cannot tell a probability from one
 
 # Cubic Hermite table of the normal distribution: 1e-13 of probability in 3 ns instead of 30.
@@ -93,7 +93,7 @@ def quantile(mean, normal):  # type: ignore[no-untyped-def]
     """The Poisson number that has the same cumulative probability as a standard normal one.
 
     The expansion gives the quantile x of the continuous distribution Q(x, mean), whose whole
-    part is the answer; where x comes close to a whole number, the sum decides.
+    part is the answer; if x is close to a whole number, the sum of probabilities decides.
     """
     if mean <= 0.0:
         return 0.0
@@ -121,7 +121,7 @@ def quantile(mean, normal):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _from_zero(mean, w):  # type: ignore[no-untyped-def]
-    """Sum the probabilities from zero up, or the upper tail where that is the smaller one."""
+    """Quantile by the sum of probabilities from zero, or of the upper tail where it is smaller."""
     if w < 4.0:
         target = _phi(w)
         probability = math.exp(-mean)
@@ -177,16 +177,16 @@ def _probability(mean, k):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def drawn(mean, fraction):  # type: ignore[no-untyped-def]
-    """The Poisson number below which a fraction in (0, 1) of the probability lies."""
-    if mean >= SMALL or fraction > LARGEST_SHARE:
-        return quantile(mean, inverse_normal(fraction))
-    probability = math.exp(-mean) if mean > 0.0 else 1.0
-    total, k = probability, 0
-    while total < fraction:
+def poisson_of_uniform(mean, uniform_number):  # type: ignore[no-untyped-def]
+    """The Poisson number of a uniform number in (0, 1): the quantile of that probability."""
+    if mean >= SMALL or uniform_number > LARGEST_PROBABILITY:
+        return quantile(mean, inverse_normal(uniform_number))
+    term = math.exp(-mean) if mean > 0.0 else 1.0
+    total, k = term, 0
+    while total < uniform_number:
         k += 1
-        probability *= mean * INVERSE[k]
-        total += probability
+        term *= mean * INVERSE[k]
+        total += term
     return float(k)
 
 
@@ -199,10 +199,11 @@ def poisson_quantile(mean: float, normal: float) -> float:
     Source: the expansion is that of Giles (2016), ACM TOMS 42(1), 7, Algorithm 955, eq. for the
     normal asymptotic; the decision near whole numbers is exact.
 
-    mean     (...) expectation; zero or less gives zero
-    normal   (...) standard normal
-    Returns  (...) whole numbers as floats
-    Accuracy  numerical: exact within 7 standard deviations up to a mean of 1e5; beyond either, now
-              and then one off. Past 8.2 standard deviations (probability 2e-16) it is clipped.
+    mean      (...) expectation; zero or less gives zero
+    normal    (...) standard normal
+    Returns   (...) whole numbers as floats
+    Accuracy  numerical: exact within 7 standard deviations up to a mean of 1e5; beyond either,
+              sometimes off by one. Beyond 8.2 standard deviations (probability 2e-16) it is
+              clipped.
     """
     return quantile(mean, normal)

@@ -48,6 +48,7 @@ from startrack.detector.threshold_crossings import (
     NumberDistributions,
     ProposalRates,
     TiltedLaw,
+    are_rare,
     number_distributions,
     proposal_rates,
     threshold_crossings,

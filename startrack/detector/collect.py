@@ -1,4 +1,4 @@
-"""Light enters; electrons per second of stars, sky and diffuse light leave (equation 4)."""
+"""Light and detector -> electrons of stars, of the background and of diffuse light (equation 4)."""
 
 from __future__ import annotations
 
@@ -7,13 +7,21 @@ from functools import lru_cache
 import numpy as np
 
 from startrack.core import Camera, Floats, Light
+from startrack.detector.effects import diffuse
+from startrack.detector.law import law_of
+from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
+from startrack.detector.tables import Tables, tables_for
+
+# Standard deviations above the background, of most pixels in the wings of stars. Chosen by hand:
+# more make larger tables, fewer draw more pixels one by one; the numbers are the same.
+STAR_WINGS = 0.6
 
 
 def electron_rate(light: Light, detector: Detector, throughput: Floats) -> tuple[Floats, Floats]:
-    """Electrons per second of each star, and the surface brightness of the sky.
+    """Electrons per second of each star, and of the background per solid angle.
 
-        rate = sum_k photon_rate_k throughput_k QE(lambda_k) fill factor
+        rate = sum_k photon_irradiance_k throughput_k QE(lambda_k) fill_factor
 
     Source: Krutz et al. (2011), eq. (4), for a point source.
 
@@ -25,12 +33,14 @@ def electron_rate(light: Light, detector: Detector, throughput: Floats) -> tuple
 
 
 def efficiency(light: Light, detector: Detector, throughput: Floats) -> Floats:
-    """(k,) electron m^2 / photon in each bin of the light."""
+    """(k,) electron m^2 / photon in each spectral bin."""
     return detector.quantum_efficiency(light.wavelength) * detector.fill_factor * throughput
 
 
-def glow_of(light: Light, camera: Camera, detector: Detector, throughput: Floats) -> Floats | None:
-    """Expected electrons (rows, columns) of what varies over the field, None where nothing does.
+def diffuse_electrons(
+    light: Light, camera: Camera, detector: Detector, throughput: Floats
+) -> Floats | None:
+    """Expected electrons (rows, columns) of diffuse light; None where there is none.
 
     throughput  (k,) square metre, aperture times transmission
     Accuracy    model: the solid angle of a pixel is that on the boresight.
@@ -40,17 +50,51 @@ def glow_of(light: Light, camera: Camera, detector: Detector, throughput: Floats
     per_photon = efficiency(light, detector, throughput)
     scale = camera.focal_length_px**-2 * detector.exposure
     electrons = np.zeros((detector.rows, detector.columns))
-    for glow in light.diffuse:
+    for one in light.diffuse:
         down, across = (
-            _straight(nodes, pixels)
-            for nodes, pixels in zip(glow.fraction.shape, electrons.shape, strict=True)
+            _linear_weights(nodes, pixels)
+            for nodes, pixels in zip(one.fraction.shape, electrons.shape, strict=True)
         )
-        electrons += down @ (glow.fraction * (glow.spectrum @ per_photon * scale)) @ across.T
+        electrons += down @ (one.fraction * (one.spectrum @ per_photon * scale)) @ across.T
     return electrons
 
 
 @lru_cache(maxsize=8)
-def _straight(nodes: int, pixels: int) -> Floats:
-    """(pixels, nodes) weights of straight lines between evenly spaced nodes."""
-    place = np.linspace(0, nodes - 1, pixels)
-    return np.maximum(1 - np.abs(place[:, None] - np.arange(nodes)), 0.0)
+def _linear_weights(nodes: int, pixels: int) -> Floats:
+    """(pixels, nodes) weights of linear interpolation between evenly spaced nodes."""
+    position = np.linspace(0, nodes - 1, pixels)
+    return np.maximum(1 - np.abs(position[:, None] - np.arange(nodes)), 0.0)
+
+
+@lru_cache(maxsize=4)
+def background(detector: Detector, sky: float) -> Floats:
+    """Expected electrons (rows, columns) of a uniform background and the dark current; read-only.
+
+        background = crosstalk(response sky) + dark current * exposure
+
+    sky  electron of the uniform background in a pixel of mean response
+    """
+    electrons = apply_response(np.full((detector.rows, detector.columns), float(sky)), detector)
+    electrons += dark(detector) * detector.exposure
+    electrons.flags.writeable = False
+    return electrons
+
+
+def apply_response(electrons: Floats, detector: Detector) -> Floats:
+    """Expected electrons (rows, columns) of extended light after response and crosstalk.
+
+    electrons  (rows, columns) in pixels of mean response; overwritten
+    """
+    gain = response(detector)
+    if gain is not None:
+        electrons *= gain
+    return diffuse(electrons, detector.crosstalk) if detector.crosstalk else electrons
+
+
+@lru_cache(maxsize=4)
+def background_tables(detector: Detector, sky: float) -> Tables:
+    """Tables of the numbers of a frame; for its background alone, so that frames share them.
+
+    Arguments as `background`.
+    """
+    return tables_for(background(detector, sky) * (1 - detector.lag), law_of(detector), STAR_WINGS)

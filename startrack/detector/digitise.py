@@ -1,4 +1,4 @@
-"""Expected electrons -> numbers at once: one uniform number a pixel, through the exact law."""
+"""Expected electrons -> digital numbers: one uniform number a pixel, exact distribution."""
 
 from __future__ import annotations
 
@@ -8,24 +8,23 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Streams, bits, drawn, inverse_normal, key, uniform
+from startrack.core import Floats, Streams, bits, inverse_normal, key, poisson_of_uniform, uniform
 from startrack.detector.law import COUNT, Image, Law, blank, number, signal
-from startrack.detector.tables import OPEN, STEPS, Tables, tables_for
+from startrack.detector.tables import STEPS, UNSETTLED, Tables, tables_for
 
 
 def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | None = None) -> Image:
     """The digital image of expected electrons.
 
-    Most pixels of a frame lie near its background and take their number from a table of the exact
-    law. The others, in stars, draw their electrons and their read noise one after the other. A
-    pixel's uniform number stays the same whatever the design, so that two designs share their
-    noise.
+    Most pixels of a frame are near its background and take their number from a table of the exact
+    distribution. The others, in stars, draw their electrons and then their read noise. The uniform
+    number of a pixel is the same for each design, so that two designs have the same noise.
 
     electrons  (rows, columns) expectation of photo- and dark electrons
-    tables     of the law where most pixels lie, None for those of the electrons
+    tables     for most pixels of the frame; None: made from `electrons`
     Returns    (rows, columns) digital numbers
-    Accuracy   numerical: between the levels of the tables, 2e-5 total variation from the exact law,
-               6e-5 more variance; none on the levels and none in stars.
+    Accuracy   numerical: between the levels of the tables, total variation 2e-5 from the exact
+               distribution, relative variance 6e-5 too large; exact on the levels and in stars.
     """
     image = blank(electrons.shape, law)
     tables = tables_for(electrons, law) if tables is None else tables
@@ -34,7 +33,7 @@ def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | Non
 
 
 def shot(electrons: Floats, streams: Streams) -> Floats:
-    """The electrons that pixels catch: Poisson numbers (rows, columns); errors as in `digitise`."""
+    """Poisson numbers of electrons (rows, columns); accuracy as `digitise`."""
     caught = np.empty(electrons.shape)
     _digitise(caught, electrons, *keys(COUNT, streams), COUNT, tables_for(electrons, COUNT))
     return caught
@@ -48,7 +47,7 @@ def digitise_hit(
     law: Law,
     streams: Streams,
 ) -> None:
-    """Draw some pixels of an image anew, in place, with extra electrons in them.
+    """Replace some pixels of an image, in place, by their numbers with extra electrons.
 
     pixel  (k,) row * columns + column
     extra  (k,) electron
@@ -57,14 +56,14 @@ def digitise_hit(
 
 
 def normals(shape: tuple[int, ...], streams: Streams, cause: str) -> Floats:
-    """Standard normal numbers, those of the read noise the same as in `digitise`."""
+    """Standard normal numbers of a cause; those of the read noise are the ones of `digitise`."""
     out = np.empty(shape)
     _normals(out.ravel(), key(streams, cause))
     return out
 
 
 def keys(law: Law, streams: Streams) -> tuple[np.uint64, np.uint64]:
-    """The keys of shot and read noise; what a design does not have is not drawn."""
+    """Keys of shot noise and read noise; the latter is not drawn where there is none."""
     read = key(streams, "read noise") if law.noise else np.uint64(0)
     return key(streams, "shot noise"), read
 
@@ -80,16 +79,16 @@ def _digitise(image, electrons, shot, read, law, tables):  # type: ignore[no-unt
 
 @njit(cache=True, error_model="numpy")
 def digitise_row(out, mean, start, shot, read, law, tables, room):  # type: ignore[no-untyped-def]
-    """Write the numbers of pixels in a row, from the one numbered `start` on.
+    """Write the numbers of pixels in a row, the first of which is pixel number `start`.
 
-    room  (2, n) for the work, at least as long as the row
+    room  (2, n) workspace, at least as long as the row
     """
     at, rest = room[0, : len(mean)], room[1, : len(mean)]
     none = len(tables.entry) - 1
     entry = tables.entry
-    # All in 32 bits: mixed integers would be widened, at a tenth of the time.
-    lowest, unsettled = np.uint32(tables.lowest), np.uint32(OPEN)
-    _place(mean, shot, start, law.noise, tables, at, rest)
+    # All in 32 bits: mixed integers would be converted, which costs a tenth of the time.
+    lowest, unsettled = np.uint32(tables.lowest), np.uint32(UNSETTLED)
+    _cells_of_row(mean, shot, start, law.noise, tables, at, rest)
     for column in range(len(mean)):
         found = entry[at[column]]
         threshold = found >> np.uint32(16)
@@ -100,16 +99,16 @@ def digitise_row(out, mean, start, shot, read, law, tables, room):  # type: igno
         pixel = start + np.uint64(column)
         random = bits(shot, pixel)
         if at[column] == none:
-            out[column] = _one(mean[column], 0.0, random, read, pixel, law)
+            out[column] = _draw_number(mean[column], 0.0, random, read, pixel, law)
         else:
-            out[column] = _settle(random, at[column] >> tables.cells, tables)
+            out[column] = _number_by_all_bits(random, at[column] >> tables.cells, tables)
 
 
 @njit(cache=True, error_model="numpy")
-def _place(mean, shot, start, noise, tables, at, rest):  # type: ignore[no-untyped-def]
-    """Where in the tables each pixel of a row looks, and the 16 bits to compare there.
+def _cells_of_row(mean, shot, start, noise, tables, at, rest):  # type: ignore[no-untyped-def]
+    """Cell of the tables of each pixel in a row, and the 16 bits to compare there.
 
-    One straight loop without a branch, which the compiler runs on eight pixels at once.
+    A loop without branches, which the compiler vectorises.
     """
     none = len(tables.entry) - 1
     cells = tables.cells
@@ -131,16 +130,18 @@ def _place(mean, shot, start, noise, tables, at, rest):  # type: ignore[no-untyp
 
 
 @njit(cache=True, error_model="numpy")
-def _settle(random, line, tables):  # type: ignore[no-untyped-def]
-    """The number, by all 48 bits."""
+def _number_by_all_bits(random, line, tables):  # type: ignore[no-untyped-def]
+    """The number of a pixel in the tables, by all 48 bits."""
     limit = tables.limit[line]
     return tables.lowest + np.searchsorted(limit, random >> np.uint64(16), side="right")
 
 
 @njit(cache=True, error_model="numpy")
-def _one(mean, extra, random, read, pixel, law):  # type: ignore[no-untyped-def]
-    """The number of a pixel beyond the tables."""
-    level = signal(drawn(mean, uniform(random)) + extra, law.full_well, law.nonlinearity)
+def _draw_number(mean, extra, random, read, pixel, law):  # type: ignore[no-untyped-def]
+    """The number of a pixel outside the tables."""
+    level = signal(
+        poisson_of_uniform(mean, uniform(random)) + extra, law.full_well, law.nonlinearity
+    )
     if law.noise > 0.0:
         level += law.noise * inverse_normal(uniform(bits(read, pixel)))
     return number(level, law.gain, law.offset, law.adc_inl, law.largest)
@@ -150,13 +151,13 @@ def _one(mean, extra, random, read, pixel, law):  # type: ignore[no-untyped-def]
 def _digitise_hit(image, electrons, pixels, extra, shot, read, law):  # type: ignore[no-untyped-def]
     for i in range(len(pixels)):
         mean, pixel = electrons[pixels[i]], np.uint64(pixels[i])
-        image[pixels[i]] = digitised(mean, extra[i], pixel, shot, read, law)
+        image[pixels[i]] = digitise_pixel(mean, extra[i], pixel, shot, read, law)
 
 
 @njit(cache=True, error_model="numpy")
-def digitised(mean, extra, pixel, shot, read, law):  # type: ignore[no-untyped-def]
-    """The number of one pixel in which there are extra electrons."""
-    return _one(mean, extra, bits(shot, pixel), read, pixel, law)
+def digitise_pixel(mean, extra, pixel, shot, read, law):  # type: ignore[no-untyped-def]
+    """The number of one pixel with extra electrons."""
+    return _draw_number(mean, extra, bits(shot, pixel), read, pixel, law)
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,30 +12,34 @@ from startrack.core import Floats
 
 
 def carry(electrons: Floats, before: Floats | None, fraction: float) -> Floats:
-    """Expected electrons that are read with a frame.
+    """Expected electrons that are read with a frame, with the residual charge of the one before.
 
-        read = (1 - share) electrons + share before
+        read = (1 - fraction) electrons + fraction before
 
-    Each electron stays behind by its own chance, so that the numbers remain Poisson's. Source:
-    Janesick (2001), Scientific Charge-Coupled Devices, on deferred charge, cut to one frame.
+    Each electron is left behind independently, so that the numbers remain Poisson numbers.
 
-    electrons  (rows, columns) electron, made in this frame
-    before     the same of the frame before, None where the pixels were empty
+    Source: Janesick (2001), Scientific Charge-Coupled Devices, on deferred charge; here of one
+    frame alone.
+
+    electrons  (rows, columns) electron, generated in this frame
+    before     (rows, columns) electron, generated in the frame before; None: none
     """
     kept = (1 - fraction) * electrons
     return kept if before is None else kept + fraction * before
 
 
 def diffuse(electrons: Floats, fraction: float) -> Floats:
-    """Expected electrons after a fraction of each pixel's went to each of its four sides.
+    """Expected electrons after crosstalk: a fraction of each pixel's diffuses to each of its sides.
 
-        after = (1 - 4 share) electrons + share (left + right + above + below)
+        after = (1 - 4 fraction) electrons + fraction (left + right + above + below)
 
-    Each electron goes its own way, so that Poisson numbers stay independent Poisson numbers, and
-    the expectations alone need to be spread. Source: Janesick (2001), Scientific Charge-Coupled
-    Devices, on diffusion; here the kernel is cut to the nearest pixels.
+    Electrons diffuse independently, so that Poisson numbers stay independent Poisson numbers, and
+    it is enough to spread their expectations.
 
-    electrons  (rows, columns) electron; at the borders, none leaves
+    Source: Janesick (2001), Scientific Charge-Coupled Devices, on diffusion; here to the nearest
+    pixels alone.
+
+    electrons  (rows, columns) electron; none crosses the border of the array
     fraction   1, at most 1/4
     """
     kernel = np.array([[0, fraction, 0], [fraction, 1 - 4 * fraction, fraction], [0, fraction, 0]])
@@ -43,14 +47,15 @@ def diffuse(electrons: Floats, fraction: float) -> Floats:
 
 
 def bloom(charge: Floats, full_well: float) -> Floats:
-    """Charge after each overfull pixel spilt one half of its excess up and one half down.
+    """Charge after blooming: half of the excess of each pixel flows up its column, half down.
 
-    What runs on fills each pixel to its full well, until nothing is left or the array ends.
+    The flow fills each pixel to its full well, until nothing is left or the array ends.
+
     Source: Janesick (2001), Scientific Charge-Coupled Devices, on blooming.
 
     charge   (rows, columns) electron
-    Returns  (rows, columns) electron, at most full_well; the sum is kept but for what runs out of
-             the array
+    Returns  (rows, columns) electron, at most full_well; the sum is conserved except for the flow
+             out of the array
     """
     held = np.minimum(charge, full_well)
     for column in np.flatnonzero((charge > full_well).any(axis=0)):
@@ -71,15 +76,16 @@ def _run(held, excess, full_well):  # type: ignore[no-untyped-def]
 
 
 def multiply(charge: Floats, gain: float, fraction: Floats) -> Floats:
-    """Electrons at the end of the register: a gamma distribution of shape n and scale `gain`.
+    """Electrons after the multiplication register: gamma distribution of shape n and scale `gain`.
 
         p(x | n) = x^(n - 1) exp(-x / gain) / (gain^n (n - 1)!),   n >= 1
 
-    Its variance doubles that of the shot noise. Source: Basden, Haniff and Mackay (2003), MNRAS
-    345, 985.
+    The variance of the shot noise is doubled.
 
-    charge   (...) electron
-    gain     1
+    Source: Basden, Haniff and Mackay (2003), MNRAS 345, 985.
+
+    charge    (...) electron
+    gain      1
     fraction  (...) uniform numbers in (0, 1)
     Accuracy  model: a register of many stages with little gain each; no clock-induced charge.
     """
@@ -90,13 +96,14 @@ def multiply(charge: Floats, gain: float, fraction: Floats) -> Floats:
 
 
 def settle(level: Floats, rest: float) -> Floats:
-    """What a channel of limited bandwidth makes of the pixels that pass through it in turn.
+    """Signal of pixels read one after the other through a channel of limited bandwidth.
 
         out_i = (1 - rest) in_i + rest out_(i-1)
 
-    A low-pass of first order with time constant tau, sampled at the end of each pixel's time T;
-    each row starts settled on its first pixel. Source: Oppenheim and Schafer, Discrete-Time Signal
-    Processing, on impulse invariance.
+    A low-pass filter of first order with time constant tau, sampled at the end of each pixel's time
+    T; each row starts settled to its first pixel.
+
+    Source: Oppenheim and Schafer, Discrete-Time Signal Processing, on impulse invariance.
 
     level  (rows, columns) electron, in the order of reading
     rest   1, exp(-T / tau)

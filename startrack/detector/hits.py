@@ -1,4 +1,4 @@
-"""Hits: cosmic rays and protons leave straight tracks of charge."""
+"""Hits: cosmic rays and protons, straight tracks of charge."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 
 from startrack.core import Streams, Unit, non_negative, positive
 
-SAMPLES = 16  # points per pixel along a track
-STEEPEST = 0.01  # cosine at which a track is cut; flatter ones are one in 10 000
+SAMPLES = 16  # points per pixel along a track; chosen by hand: lengths in 1/16 pixel
+LEAST_COSINE = 0.01  # to the normal; only one track in 10 000 has a smaller one
 
 
 @dataclass(frozen=True)
 class Hits:
     """Particles through the sensitive layer.
 
-    Their number is Poisson's; they come from everywhere alike, so that the cosine of the angle
-    to the normal, of those that cross the layer, is the square root of a uniform number.
+    Their number is a Poisson number. Their flux is isotropic, so that the cosine of the angle to
+    the normal of those that cross the layer is the square root of a uniform number.
 
-    Source: 80 electrons per micrometre is what a minimum-ionising particle makes in silicon most
-    often (Particle Data Group, Passage of particles through matter).
+    Source: the most probable charge of a minimum-ionising particle in silicon is 80 electrons per
+    micrometre (Particle Data Group, Passage of particles through matter).
 
     rate    particle / m^2 / s through the surface, from both sides
     charge  electron / m along the track
@@ -42,21 +42,21 @@ class Hits:
 def tracks(
     hits: Hits, shape: tuple[int, int], pitch: float, exposure: float, streams: Streams
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The pixels that particles hit in one exposure, and the electrons that they leave there.
+    """The pixels that particles hit in one exposure, and their charge.
 
-        electrons = charge * length inside the pixel
+        electrons = charge * length of the track in the pixel
 
-    pitch    metre
-    Returns  (k,) row * columns + column, rising, and (k,) electron
-    Accuracy  model: no straggling, no delta rays, no diffusion. numerical: lengths are counted in
-              1/16 pixel; their sum along a track is exact.
+    pitch     metre
+    Returns   (k,) row * columns + column, increasing, and (k,) electron
+    Accuracy  model: no straggling, no delta rays, no diffusion. numerical: lengths in units of 1/16
+              pixel; their sum along a track is exact.
     """
     random = streams("hits")
     rows, columns = shape
     count = random.poisson(hits.rate * exposure * rows * columns * pitch**2)
     pixels, charges = [np.zeros(0, np.int64)], [np.zeros(0)]
     for x, y, square, turn in random.random((count, 4)):
-        cosine = max(math.sqrt(square), STEEPEST)
+        cosine = max(math.sqrt(square), LEAST_COSINE)
         length = hits.depth / cosine
         across = length * math.sqrt(1 - cosine**2) / pitch
         points = math.ceil(SAMPLES * across) + 1
@@ -66,6 +66,6 @@ def tracks(
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         pixels.append((row * columns + column)[inside])
         charges.append(np.full(inside.sum(), hits.charge * length / points))
-    pixel, place = np.unique(np.concatenate(pixels), return_inverse=True)
-    electrons = np.bincount(place, np.concatenate(charges), len(pixel))
+    pixel, index = np.unique(np.concatenate(pixels), return_inverse=True)
+    electrons = np.bincount(index, np.concatenate(charges), len(pixel))
     return pixel, electrons.astype(float)

@@ -1,4 +1,4 @@
-"""Lines of pixels: where each looks, when and with what gain; a line, staggered lines, TDI."""
+"""Line, Scan: detectors of lines (one line, staggered lines, TDI)."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ KINDS = ("line", "staggered", "tdi", "lines")
 
 @dataclass(frozen=True)
 class Line:
-    """A line of pixels: where it looks, when, and with what gain.
+    """A line of pixels: its position, delay and gain.
 
-    row    pixel of the camera, its line of sight
+    row    pixel of the camera
     shift  pixel of the camera, of its first column
-    delay  exposures by which it is late
+    delay  exposures, of its exposure behind that of a line without delay
     gain   1
-    phase  which of the interleaved lines of the image it adds to
+    phase  number of the interleaved lines of the image to which it adds
     """
 
     row: float
@@ -32,10 +32,10 @@ class Line:
 
 
 def tdi(stages: int, row: float = 0.0, downward: bool = True) -> tuple[Line, ...]:
-    """Time delay and integration: charge walks from stage to stage, along with the image.
+    """Time delay and integration (TDI): charge moves from stage to stage with the image.
 
-    row       pixel, where the first stage looks
-    downward  whether it walks to larger rows
+    row       pixel, of the first stage
+    downward  whether the charge moves to larger rows
     """
     whole(1, 2**16, stages=stages)
     step = 1 if downward else -1
@@ -43,26 +43,26 @@ def tdi(stages: int, row: float = 0.0, downward: bool = True) -> tuple[Line, ...
 
 
 def staggered(distance: float, row: float = 0.0) -> tuple[Line, ...]:
-    """Two lines, half a pixel apart along themselves and `distance` pixel across.
+    """Two lines, half a pixel apart along and `distance` pixel across.
 
-    The second is as late as the image, walking one pixel an exposure to larger rows, needs.
+    The delay of the second fits an image that moves by one pixel an exposure to larger rows.
     """
     return Line(row), Line(row + distance, 0.5, distance, phase=1)
 
 
 @dataclass(frozen=True)
 class Scan:
-    """A detector of lines, which makes its image while the camera turns.
+    """A detector of lines, whose image grows while the camera turns.
 
-    In its design, `columns` are the pixels of a line, `rows` the lines of the image, `exposure`
-    is that of one line. Rows of its lines count from the middle of the matrix that the image
-    would be at time zero, when half of it is made.
+    In its design, `columns` are the pixels of a line, `rows` the lines of the image, `exposure` is
+    that of one line. Rows count from the middle of the camera; time zero is the middle of the
+    image.
 
-    kind      "line", "staggered", "tdi", or "lines" for those that are given
+    kind      "line", "staggered", "tdi", or "lines" for any others, given in `lines`
     stages    of a TDI
     distance  pixel between staggered lines
-    upward    whether the charge of a TDI walks to smaller rows
-    lines     any others
+    upward    whether the charge of a TDI moves to smaller rows
+    lines     lines of the kind "lines"
     """
 
     kind: str = "line"
@@ -82,7 +82,7 @@ class Scan:
 
     @property
     def all_lines(self) -> tuple[Line, ...]:
-        """The lines, their rows pixel from the middle of the field."""
+        """The lines; their rows are pixel from the middle of the field."""
         if self.kind == "line":
             return (Line(0.0),)
         if self.kind == "staggered":
@@ -99,7 +99,7 @@ class Scan:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Row and delay that stand for all lines, by their gain."""
+        """Mean row and mean delay of all lines, weighted with their gain."""
         lines = self.all_lines
         gain = sum(line.gain for line in lines)
         row = sum(line.gain * line.row for line in lines)

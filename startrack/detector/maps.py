@@ -1,4 +1,4 @@
-"""Maps of a device: what each pixel does on its own, the same in all trials."""
+"""Maps of one device: response, dark current and read noise of each pixel."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from functools import lru_cache
 import numpy as np
 
 from startrack.core import Floats, Streams
-from startrack.detector.defects import dark_response, photo_response
+from startrack.detector.nonuniformity import dark_response, photo_response
 from startrack.detector.parameters import Detector
 
 
 def response(detector: Detector) -> Floats | None:
-    """Photo response of each pixel over the mean (rows, columns), None where all are alike.
+    """Photo response of each pixel over the mean (rows, columns), None where all are equal.
 
-    Where pixels are binned, the mean of theirs.
+    Binned pixels have the mean of their pixels.
     """
     defects = detector.defects
     if not (detector.prnu or (defects and (defects.dead or defects.dead_columns))):
@@ -25,7 +25,7 @@ def response(detector: Detector) -> Floats | None:
 def dark(detector: Detector) -> Floats | float:
     """Dark current of each pixel (rows, columns), or of all, electron / second.
 
-    Where pixels are binned, the sum of theirs.
+    Binned pixels have the sum of their pixels.
     """
     defects = detector.defects
     if not (defects and (defects.dsnu or defects.hot)):
@@ -37,9 +37,9 @@ def dark(detector: Detector) -> Floats | float:
 def read_noise(detector: Detector) -> Floats | float:
     """Read noise of each pixel (rows, columns), or of all, electron rms.
 
-    Log-normal, which has the long tail of the pixels whose source follower blinks. The
-    histograms of Fowler et al. (2013), Read noise distribution modeling for CMOS image sensors,
-    International Image Sensor Workshop, have such a tail; its shape is an assumption.
+    Log-normal, whose long tail represents pixels with random telegraph noise. The histograms of
+    Fowler et al. (2013), Read noise distribution modeling for CMOS image sensors, International
+    Image Sensor Workshop, have such a tail; its shape is an assumption.
     """
     if not detector.read_noise_spread:
         return detector.read_noise
@@ -47,13 +47,13 @@ def read_noise(detector: Detector) -> Floats | float:
 
 
 def device_streams(detector: Detector) -> Streams:
-    """The streams of what belongs to a device and not to a trial."""
+    """Random streams of a device, the same in all trials."""
     return Streams(detector.device_seed, 0)
 
 
 @lru_cache(maxsize=16)
 def _device(detector: Detector) -> Detector:
-    """What the maps depend on, with all else at its default, so that designs share their maps."""
+    """The parameters of the maps, all others at their defaults, so that designs share maps."""
     return Detector(
         detector.columns,
         detector.rows,

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from startrack.core import ALL, Curve, Unit, finite, non_negative, positive, whole, within
-from startrack.detector.defects import Defects
 from startrack.detector.hits import Hits
 from startrack.detector.lines import Scan
-from startrack.detector.pattern import Pattern
+from startrack.detector.nonuniformity import Defects, Pattern
 from startrack.detector.thermal import Thermal
 
 

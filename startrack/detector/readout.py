@@ -9,10 +9,10 @@ from startrack.core import Floats, Streams
 from startrack.detector.digitise import digitise, digitise_hit, normals, shot
 from startrack.detector.effects import bloom, multiply, settle
 from startrack.detector.hits import tracks
-from startrack.detector.law import Image, Law, blank, converted, law_of
+from startrack.detector.law import Image, Law, blank, converted, law_of, nonlinear_signal
 from startrack.detector.maps import device_streams, read_noise
+from startrack.detector.nonuniformity import offsets
 from startrack.detector.parameters import Detector
-from startrack.detector.pattern import offsets
 from startrack.detector.tables import Tables
 
 
@@ -69,7 +69,7 @@ def _signal(charge: Floats, law: Law, detector: Detector, streams: Streams) -> F
     if detector.em_gain > 1:
         fraction = streams("multiplication").random(shape)
         charge = multiply(charge, detector.em_gain, fraction)
-    level = charge * (1 - law.nonlinearity * charge / law.full_well)
+    level = nonlinear_signal(charge, law.full_well, law.nonlinearity)
     if detector.reset_noise:
         level += detector.reset_noise * normals(shape, streams, "reset noise")
     if detector.settling:

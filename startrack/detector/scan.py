@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Frame, Light, Psf, Streams, whole
-from startrack.detector.collect import electron_rate, glow_of
+from startrack.detector.collect import diffuse_electrons, electron_rate
 from startrack.detector.expose import frame_of
 from startrack.detector.lines import Line
 from startrack.detector.maps import response
@@ -76,7 +76,7 @@ def scanned(
         )
     star_rate, sky_rate = electron_rate(light, detector, throughput)
     sky = sky_rate * camera.focal_length_px**-2 * detector.exposure
-    glow = glow_of(light, camera, detector, throughput)
+    glow = diffuse_electrons(light, camera, detector, throughput)
     phases = 1 + max(line.phase for line in lines)
     image = np.zeros((phases, count, detector.columns))
     gain = response(detector)
@@ -85,7 +85,7 @@ def scanned(
         seen = np.full((count, detector.columns), sky)
         if glow is not None:
             seen += glow[number]
-        for row, x, y, electrons in _passing(
+        for row, x, y, electrons in _star_positions(
             light.direction, star_rate, psf, icrs_to_camera, turn, camera, line, start, detector
         ):
             stamp(seen[row : row + 1], psf, x, y, electrons)
@@ -95,7 +95,7 @@ def scanned(
     return image.transpose(1, 2, 0).reshape(count, -1)
 
 
-def _passing(  # type: ignore[no-untyped-def]
+def _star_positions(  # type: ignore[no-untyped-def]
     direction, star_rate, psf, icrs_to_camera, turn, camera, line, start, detector
 ):
     """For each row of the image that stars reach, their places over its exposure.

@@ -10,14 +10,16 @@ from numba import njit
 
 from startrack.core import Floats, Psf
 
-ONE = np.ones((1, 1))
-ONE.flags.writeable = False
-NONE = np.empty(0)
+UNIT_GAIN = np.ones((1, 1))
+UNIT_GAIN.flags.writeable = False
+EMPTY = np.empty(0)
 TAPS = 6
-ALIKE = 1e-14  # of the peak, by which a table may differ from the product of its middle lines
+PRODUCT_TOLERANCE = (
+    1e-14  # of the peak, by which a table may differ from the product of its middle lines
+)
 
 
-class Shape(NamedTuple):
+class PsfTable(NamedTuple):
     """The table of a PSF as the kernels read it.
 
     A pixel is one stride of the table, so that a star is the sum of 36 images, one for each
@@ -39,7 +41,7 @@ class Shape(NamedTuple):
     across: int
 
 
-_shapes: WeakKeyDictionary[Psf, Shape] = WeakKeyDictionary()
+_shapes: WeakKeyDictionary[Psf, PsfTable] = WeakKeyDictionary()
 
 
 def stamp(
@@ -73,10 +75,10 @@ def stamp_paths(
     weight  (m,) 1, fraction of the electrons at each point of a path
     x, y    (m, n) pixel
     """
-    _stamp(image, shape_of(psf), weight, x, y, electrons, ONE if gain is None else gain)
+    _stamp(image, psf_table(psf), weight, x, y, electrons, UNIT_GAIN if gain is None else gain)
 
 
-def shape_of(psf: Psf) -> Shape:
+def psf_table(psf: Psf) -> PsfTable:
     """The table of a PSF, sorted once."""
     if psf not in _shapes:
         step, side = psf.oversampling, len(psf.table)
@@ -87,7 +89,7 @@ def shape_of(psf: Psf) -> Shape:
         # Whole rows are read, also from the last pixels on.
         room = np.zeros((step, step, across * (across + 2)))
         room[..., : across**2] = strides.reshape(step, step, -1)
-        _shapes[psf] = Shape(room, *_separate(psf.table), side, step, across)
+        _shapes[psf] = PsfTable(room, *_separate(psf.table), side, step, across)
     return _shapes[psf]
 
 
@@ -95,26 +97,29 @@ def _separate(table: Floats) -> tuple[Floats, Floats]:
     """The line (along x) and the column of which the table is the product, if it is one."""
     middle = table.shape[0] // 2
     line, column, peak = table[middle], table[:, middle], table[middle, middle]
-    alike = peak > 0 and np.abs(np.outer(column, line) - table * peak).max() <= ALIKE * peak**2
-    return (line / np.sqrt(peak), column / np.sqrt(peak)) if alike else (NONE, NONE)
+    alike = (
+        peak > 0
+        and np.abs(np.outer(column, line) - table * peak).max() <= PRODUCT_TOLERANCE * peak**2
+    )
+    return (line / np.sqrt(peak), column / np.sqrt(peak)) if alike else (EMPTY, EMPTY)
 
 
 @njit(cache=True, error_model="numpy")
 def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-untyped-def]
-    room = room_for(shape)
+    room = work_array(shape)
     for n in range(len(electrons)):
         for m in range(len(weight)):
-            add(image, shape, x[m, n], y[m, n], weight[m] * electrons[n], gain, room)
+            add_star(image, shape, x[m, n], y[m, n], weight[m] * electrons[n], gain, room)
 
 
 @njit(cache=True, error_model="numpy")
-def room_for(shape):  # type: ignore[no-untyped-def]
+def work_array(shape):  # type: ignore[no-untyped-def]
     """What `add` needs to work in."""
     return np.empty(2 * TAPS + shape.across * (shape.across + 1))
 
 
 @njit(cache=True, error_model="numpy")
-def add(image, shape, x, y, electrons, gain, room):  # type: ignore[no-untyped-def]
+def add_star(image, shape, x, y, electrons, gain, room):  # type: ignore[no-untyped-def]
     """Add the image of one point; a gain of one element is that of all pixels."""
     rows, columns = image.shape
     step = shape.oversampling

@@ -20,11 +20,11 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.detector.law import Law, converted, upper_edge
+from startrack.detector.law import Law, converted, nonlinear_signal, upper_edge
 
 STEPS = 128  # levels per electron of standard deviation; their spacing is 2 / STEPS of it
 BITS = 48  # of the uniform number
-OPEN = 0xFFFF  # in an entry: the cell does not settle the number
+UNSETTLED = 0xFFFF  # in an entry: the cell does not settle the number
 FARTHEST = 8.2  # standard deviations; what lies beyond has less than 2^-48
 SKEW = 25.0  # electrons by which Poisson's upper tail reaches farther than a normal one
 BLOCK = 16  # levels, to which a table is rounded up, so that like frames share one
@@ -52,7 +52,7 @@ class Tables(NamedTuple):
     levels: int
 
 
-EMPTY = Tables(np.full(1, OPEN, np.uint32), 1, np.zeros((1, 1), np.uint64), 0, 0, 0)
+EMPTY = Tables(np.full(1, UNSETTLED, np.uint32), 1, np.zeros((1, 1), np.uint64), 0, 0, 0)
 
 
 def level_mean(level: NDArray[Any], noise: float) -> NDArray[np.float64]:
@@ -105,7 +105,7 @@ def build(law: Law, first: int, count: int) -> Tables:
         math.ceil(mean[-1] + FARTHEST * math.sqrt(mean[-1]) + SKEW),
     )
     held = np.minimum(electrons, law.full_well)
-    held = held * (1 - law.nonlinearity * held / law.full_well)
+    held = nonlinear_signal(held, law.full_well, law.nonlinearity)
     far = FARTHEST * law.noise
     least, most = (int(converted(held[i] + s * far, law)) for i, s in ((0, -1), (-1, 1)))
     if most - least >= MOST_NUMBERS or count * len(electrons) > MOST_TERMS:
@@ -131,7 +131,9 @@ def build(law: Law, first: int, count: int) -> Tables:
     limit[:, -1] = 2**BITS
     deviation = math.sqrt(mean[-1] + law.noise**2) * law.gain
     cells = min(max(math.ceil(math.log2(32 * max(deviation, 0.1))), 8), 12)
-    entry = np.concatenate([*(_entries(one, cells) for one in limit), [OPEN]]).astype(np.uint32)
+    entry = np.concatenate([*(_entries(one, cells) for one in limit), [UNSETTLED]]).astype(
+        np.uint32
+    )
     return Tables(entry, cells, limit, least, first, count)
 
 
@@ -169,7 +171,7 @@ def _entries(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:
     threshold = np.where(
         inside == 1,
         (limit[np.minimum(lower, len(limit) - 1)] - start) >> np.uint64(BITS - cells - 16),
-        np.uint64(OPEN),
+        np.uint64(UNSETTLED),
     )
-    number = np.where(inside > 1, OPEN, lower)
+    number = np.where(inside > 1, UNSETTLED, lower)
     return (threshold << np.uint64(16) | number.astype(np.uint64)).astype(np.uint32)

@@ -17,7 +17,6 @@ of Statistics 4, 673, for the tilted law; here with rejection in place of weight
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -25,17 +24,17 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, Streams, bits, key, uniform
-from startrack.detector.background import background
+from startrack.detector.collect import background
 from startrack.detector.law import law_of
 from startrack.detector.parameters import Detector
 from startrack.detector.tables import BITS, build, levels_between
 
-LEAST = -1e9  # of K, where no pixel of a tile is asked for
+LEAST_CUMULANT = -1e9  # of K, where no pixel of a tile is asked for
 MOST_PROPOSALS = 0.05  # of the pixels; beyond, the whole frame is cheaper
-STEPS = 30  # of the search for theta
+BISECTIONS = 30  # of the search for theta
 
 
-class Numbers(NamedTuple):
+class NumberDistributions(NamedTuple):
     """The laws of the numbers of a frame without stars.
 
     probability  (levels, n) of the numbers lowest, lowest + 1, ...
@@ -48,28 +47,26 @@ class Numbers(NamedTuple):
     lowest: int
 
 
-@lru_cache(maxsize=2)
-def numbers_of(detector: Detector, sky: float, odd: bytes) -> Numbers:
-    """The laws of an even sky, some odd pixels taken for middling ones.
+def number_distributions(
+    detector: Detector, sky: float, outliers: Ints
+) -> NumberDistributions | None:
+    """The laws of a uniform background, with outlier pixels replaced by the median pixel.
 
-    odd     numbers of these pixels, as bytes of int64
-    Raises  ValueError where the noise spans too many numbers for a table.
+    outliers  (k,) row * columns + column of these pixels
+    Returns   None where the noise spans too many numbers (4096) for a table
     """
     law, mean = law_of(detector), background(detector, sky).copy()
-    mean.ravel()[np.frombuffer(odd, np.int64)] = np.median(mean)
+    mean.ravel()[outliers] = np.median(mean)
     place = levels_between(mean, law.noise)
     first, last = math.floor(place.min()), math.ceil(place.max())
     tables = build(law, first, last - first + 1)
     if not tables.levels:
-        raise ValueError(
-            "windows need noise that spans fewer than 4096 digital numbers, and the detector has "
-            "more; choose the fidelity frame or fewer bits"
-        )
+        return None
     fraction = np.diff(tables.limit.astype(float), axis=1, prepend=0.0) / 2.0**BITS
-    return Numbers(fraction, (place - first).astype(np.float32), tables.lowest)
+    return NumberDistributions(fraction, (place - first).astype(np.float32), tables.lowest)
 
 
-class Tilt(NamedTuple):
+class TiltedLaw(NamedTuple):
     """What the drawing of excesses needs of a frame, a filter and a typical level.
 
     theta   1 / digital number
@@ -89,7 +86,9 @@ class Tilt(NamedTuple):
     sums: Floats
 
 
-def tilt_for(numbers: Numbers, weight: Floats, level: float, mesh: int, border: int) -> Tilt:
+def tilted_law(
+    numbers: NumberDistributions, weight: Floats, level: float, mesh: int, border: int
+) -> TiltedLaw:
     """The theta that makes the level typical, and K of each pixel, whatever is about it.
 
     weight  of the filter, which is mirrored at the frame's border
@@ -103,14 +102,14 @@ def tilt_for(numbers: Numbers, weight: Floats, level: float, mesh: int, border: 
     kind = kind.reshape(weight.shape)
     tilted = np.exp(theta * np.outer(each, np.arange(numbers.probability.shape[1])))
     sums = np.cumsum(numbers.probability * tilted[:, None], axis=2)
-    tiles = _tiles(*numbers[:2], theta, weight, kind, sums, mesh, border)
-    most = np.maximum(tiles.max(axis=1), LEAST)
+    tiles = _cumulants(*numbers[:2], theta, weight, kind, sums, mesh, border)
+    most = np.maximum(tiles.max(axis=1), LEAST_CUMULANT)
     tiles -= most[:, None]
     np.cumsum(np.exp(tiles, out=tiles), axis=1, out=tiles)
-    return Tilt(theta, most, tiles.astype(np.float32), weight, kind, sums)
+    return TiltedLaw(theta, most, tiles.astype(np.float32), weight, kind, sums)
 
 
-class Rates(NamedTuple):
+class ProposalRates(NamedTuple):
     """How often the tilted law is to be tried in each tile, (tiles,) row by row.
 
     level  digital number to be passed, above that of numbers that are all the lowest
@@ -123,27 +122,26 @@ class Rates(NamedTuple):
     total: float
 
 
-def rates_for(numbers: Numbers, tilt: Tilt, level: Floats) -> Rates:
+def proposal_rates(numbers: NumberDistributions, tilt: TiltedLaw, level: Floats) -> ProposalRates:
     """What the levels of tiles ask for.
 
-    level   (down, across) digital number, of each tile
-    Raises  ValueError where the levels are so low that whole frames are cheaper.
+    level  (down, across) digital number, of each tile
     """
     shift = level.ravel() - numbers.lowest * tilt.weight.sum()
     rate = np.exp(tilt.most - tilt.theta * shift) * tilt.among[:, -1]
     total = float(rate.sum())
-    if not total < max(MOST_PROPOSALS * numbers.place.size, 100.0):
-        raise ValueError(
-            "windows need a detection threshold that noise seldom passes, and here it is looked at "
-            f"{total:.0f} times a frame; choose the fidelity frame"
-        )
-    return Rates(shift, np.cumsum(rate) / total, total)
+    return ProposalRates(shift, np.cumsum(rate) / total, total)
+
+
+def are_rare(numbers: NumberDistributions, rates: ProposalRates) -> bool:
+    """Whether proposals are so few that they take less time than whole frames."""
+    return rates.total < max(MOST_PROPOSALS * numbers.place.size, 100.0)
 
 
 def threshold_crossings(
-    numbers: Numbers,
-    tilt: Tilt,
-    rates: Rates,
+    numbers: NumberDistributions,
+    tilt: TiltedLaw,
+    rates: ProposalRates,
     mesh: int,
     border: int,
     regions: Ints,
@@ -163,7 +161,7 @@ def threshold_crossings(
     return pixel[:kept], drawn[:kept] + numbers.lowest
 
 
-def _theta(numbers: Numbers, weight: Floats, level: float, middle: float) -> float:
+def _theta(numbers: NumberDistributions, weight: Floats, level: float, middle: float) -> float:
     """Where K'(theta) is the level: there, half of what is drawn passes it."""
     low, high = 0.0, 1.0
     law = numbers.probability
@@ -177,7 +175,7 @@ def _theta(numbers: Numbers, weight: Floats, level: float, middle: float) -> flo
     level = min(level, 0.99 * most)
     while typical(high) < level and high < 1e6:
         high *= 2
-    for _ in range(STEPS):
+    for _ in range(BISECTIONS):
         middle_theta = (low + high) / 2
         low, high = (middle_theta, high) if typical(middle_theta) < level else (low, middle_theta)
     return (low + high) / 2
@@ -206,7 +204,7 @@ def _cumulant(probability, place, tilts):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _folded(weight, x, y, shape):  # type: ignore[no-untyped-def]
+def _folded_weights(weight, x, y, shape):  # type: ignore[no-untyped-def]
     """The weights about a pixel, those beyond the border added to the pixels that mirror them."""
     rows, columns = shape
     down, across = weight.shape[0] // 2, weight.shape[1] // 2
@@ -222,7 +220,7 @@ def _folded(weight, x, y, shape):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _tiles(probability, place, theta, weight, kind, sums, mesh, border):  # type: ignore[no-untyped-def]
+def _cumulants(probability, place, theta, weight, kind, sums, mesh, border):  # type: ignore[no-untyped-def]
     """K of each pixel, (tiles, mesh^2); minus infinity where none is asked for."""
     rows, columns = place.shape
     down, across = -(-rows // mesh), -(-columns // mesh)
@@ -239,7 +237,7 @@ def _tiles(probability, place, theta, weight, kind, sums, mesh, border):  # type
             if _inside(x, y, place, weight):
                 tiles[tile, at] = usual + math.log(_product(x, y, moment, kind, place))
             else:
-                folded = _folded(weight, x, y, place.shape)
+                folded = _folded_weights(weight, x, y, place.shape)
                 tiles[tile, at] = _at_border(probability, place, x, y, theta * folded)
     return tiles
 
@@ -280,20 +278,20 @@ def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probabilit
     kept = 0
     for n in range(len(pixel)):
         at = np.uint64(n) * size
-        tile = _picked_of(rates.fraction, uniform(bits(start, at)))
+        tile = _index_of_sum(rates.fraction, uniform(bits(start, at)))
         among = tilt.among[tile]
-        inside = _picked_of(among, among[-1] * uniform(bits(start, at + np.uint64(1))))
+        inside = _index_of_sum(among, among[-1] * uniform(bits(start, at + np.uint64(1))))
         x = (tile % across) * mesh + inside % mesh
         y = (tile // across) * mesh + inside // mesh
         if not (border <= x < columns - border and border <= y < rows - border):
             continue  # by rounding
-        if _held(x, y, regions):
+        if _in_region(x, y, regions):
             continue
         first = at + np.uint64(3)
         if _inside(x, y, place, tilt.weight):
-            filtered = _look_up(drawn[kept], start, first, x, y, tilt, place)
+            filtered = _draw_by_sums(drawn[kept], start, first, x, y, tilt, place)
         else:
-            folded = _folded(tilt.weight, x, y, place.shape)
+            folded = _folded_weights(tilt.weight, x, y, place.shape)
             filtered = _draw(
                 drawn[kept], start, first, x, y, tilt.theta, folded, probability, place
             )
@@ -306,13 +304,13 @@ def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probabilit
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _picked_of(sums, wanted):  # type: ignore[no-untyped-def]
+def _index_of_sum(sums, wanted):  # type: ignore[no-untyped-def]
     """The first of rising sums that exceeds a number."""
     return min(np.searchsorted(sums, wanted, side="right"), len(sums) - 1)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _held(x, y, regions):  # type: ignore[no-untyped-def]
+def _in_region(x, y, regions):  # type: ignore[no-untyped-def]
     for k in range(len(regions)):
         if regions[k, 0] <= x < regions[k, 2] and regions[k, 1] <= y < regions[k, 3]:
             return True
@@ -327,7 +325,7 @@ def _inside(x, y, place, weight):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _look_up(numbers, start, at, x, y, tilt, place):  # type: ignore[no-untyped-def]
+def _draw_by_sums(numbers, start, at, x, y, tilt, place):  # type: ignore[no-untyped-def]
     """As `_draw`, by the sums that are known already where no weight is folded."""
     height, width = tilt.weight.shape
     filtered = 0.0
@@ -367,14 +365,14 @@ def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type:
             tilt = theta * folded[j, i]
             moment = _moment(probability, place[v, u], tilt)
             wanted = uniform(bits(start, at + np.uint64(j * folded.shape[1] + i))) * moment
-            number = _picked(probability, place[v, u], tilt, wanted)
+            number = _number_at(probability, place[v, u], tilt, wanted)
             filtered += folded[j, i] * number
             numbers[j, i] = number
     return filtered
 
 
 @njit(cache=True, error_model="numpy")
-def _picked(probability, place, tilt, wanted):  # type: ignore[no-untyped-def]
+def _number_at(probability, place, tilt, wanted):  # type: ignore[no-untyped-def]
     """The number at which the sum behind `_moment` passes a value."""
     k = min(int(place), len(probability) - 1)
     above = min(k + 1, len(probability) - 1)

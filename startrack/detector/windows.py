@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from startrack.core import Floats, Frame, Ints, Psf, Streams, canvas
-from startrack.detector.background import background, background_tables
-from startrack.detector.digitise import digitise_row, digitised, keys
+from startrack.core import Floats, Frame, Ints, Psf, Streams, Workspace
+from startrack.detector.collect import background, background_tables
+from startrack.detector.digitise import digitise_pixel, digitise_row, keys
 from startrack.detector.expose import to_frame
 from startrack.detector.hits import tracks
 from startrack.detector.law import Law, law_of
@@ -19,13 +19,13 @@ from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import in_steps
 from startrack.detector.shutter import Places
-from startrack.detector.stamp import ONE, Shape, add, room_for, shape_of
+from startrack.detector.stamp import UNIT_GAIN, PsfTable, add_star, psf_table, work_array
 from startrack.detector.tables import Tables
 
 NO_HITS = np.empty(0, np.int64), np.empty(0)
 
 
-class Pixels(NamedTuple):
+class PixelMaps(NamedTuple):
     """What pixels do with light, for the kernels; maps of one element are those of all pixels.
 
     sky        electron in a pixel of mean response
@@ -40,7 +40,7 @@ class Pixels(NamedTuple):
     dark: Floats
 
 
-class Points(NamedTuple):
+class StarPaths(NamedTuple):
     """Stars along their paths, for the kernels.
 
     shape   of their images
@@ -48,7 +48,7 @@ class Points(NamedTuple):
     star    (n,) electron
     """
 
-    shape: Shape
+    shape: PsfTable
     weight: Floats
     x: Floats
     y: Floats
@@ -85,6 +85,7 @@ def expose_within(
     detector: Detector,
     sky: float,
     streams: Streams,
+    workspace: Workspace,
 ) -> Frame:
     """The numbers that `expose` gives, in windows; elsewhere the mean of an even sky.
 
@@ -92,28 +93,29 @@ def expose_within(
     places   weights (m,), x and y (m, n) of the points of the stars' paths
     star     (n,) electron in the exposure
     sky      electron in a pixel of mean response
-    Returns  Frame of float32, which holds all numbers of 24 bits; the next call overwrites it
+    workspace  owns the frame's image, which the next call with it overwrites
+    Returns  Frame of float32, which holds all numbers of 24 bits
     """
     level, pixels, law, tables = _device(detector, sky)
     shape, hits = (detector.rows, detector.columns), NO_HITS
-    image = canvas("digital numbers", shape, level, windows)
+    image = workspace.canvas("digital numbers", shape, level, windows)
     if detector.hits:
         hits = tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)
-    points = Points(shape_of(psf), *places, star)
+    points = StarPaths(psf_table(psf), *places, star)
     _render(image, windows, pixels, points, *hits, *keys(law, streams), law, tables)
     return to_frame(image, detector)
 
 
 @lru_cache(maxsize=4)
-def _device(detector: Detector, sky: float) -> tuple[float, Pixels, Law, Tables]:
+def _device(detector: Detector, sky: float) -> tuple[float, PixelMaps, Law, Tables]:
     """What all exposures under an even sky share; first the digital number of an empty pixel."""
     gain, electrons = response(detector), np.atleast_2d(dark(detector)) * detector.exposure
     empty = (sky + detector.dark_rate * detector.exposure) / detector.electrons_per_dn
-    pixels = Pixels(sky, ONE if gain is None else gain, detector.crosstalk, electrons)
+    pixels = PixelMaps(sky, UNIT_GAIN if gain is None else gain, detector.crosstalk, electrons)
     return detector.offset + empty, pixels, law_of(detector), background_tables(detector, sky)
 
 
-def put(frame: Frame, pixel: Ints, numbers: Ints) -> None:
+def write_numbers(frame: Frame, pixel: Ints, numbers: Ints) -> None:
     """Write numbers (k, 2 m + 1, 2 n + 1) about pixels into a frame of `expose_within`.
 
     pixel  (k,) row * columns + column
@@ -149,12 +151,12 @@ def outlier_pixels(detector: Detector, sky: float, limit: float) -> Ints:
 def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables):  # type: ignore[no-untyped-def]
     """Each window by itself, in memory that the processor holds close."""
     rows, columns = image.shape
-    ends = _ends(points.x, points.y)
-    room, work = np.empty((2, columns), np.uint32), room_for(points.shape)
+    ends = _path_bounds(points.x, points.y)
+    room, work = np.empty((2, columns), np.uint32), work_array(points.shape)
     for k in range(len(windows)):
         left, top, right, bottom = windows[k]
-        electrons = _caught(windows[k], rows, columns, pixels, points, ends, work)
-        electrons += _part(pixels.dark, left, top, right, bottom)
+        electrons = _window_electrons(windows[k], rows, columns, pixels, points, ends, work)
+        electrons += _crop(pixels.dark, left, top, right, bottom)
         for row in range(top, bottom):
             start = row * columns + left
             out, mean = image[row, left:right], electrons[row - top]
@@ -162,12 +164,12 @@ def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables)
             n = np.searchsorted(hit, start) if len(hit) else 0
             while n < len(hit) and hit[n] < start + len(mean):
                 at = hit[n] - start
-                out[at] = digitised(mean[at], extra[n], np.uint64(hit[n]), shot, read, law)
+                out[at] = digitise_pixel(mean[at], extra[n], np.uint64(hit[n]), shot, read, law)
                 n += 1
 
 
 @njit(cache=True, error_model="numpy")
-def _caught(window, rows, columns, pixels, points, ends, work):  # type: ignore[no-untyped-def]
+def _window_electrons(window, rows, columns, pixels, points, ends, work):  # type: ignore[no-untyped-def]
     """Electrons of an even sky and of the stars near a window, in the order of a frame.
 
     The map of `ground` is not read beside that of the response: memory is far off.
@@ -177,7 +179,7 @@ def _caught(window, rows, columns, pixels, points, ends, work):  # type: ignore[
     beyond = 1 if pixels.crosstalk > 0 else 0
     first, last = max(left - beyond, 0), min(right + beyond, columns)
     upper, lower = max(top - beyond, 0), min(bottom + beyond, rows)
-    gain = _part(pixels.gain, first, upper, last, lower)
+    gain = _crop(pixels.gain, first, upper, last, lower)
     electrons = np.full((lower - upper, last - first), pixels.sky)
     electrons *= gain
     far = points.shape.across // 2 + 1
@@ -189,7 +191,7 @@ def _caught(window, rows, columns, pixels, points, ends, work):  # type: ignore[
             continue
         for m in range(len(points.weight)):
             x, y = points.x[m, n] - first, points.y[m, n] - upper
-            add(electrons, points.shape, x, y, points.weight[m] * points.star[n], gain, work)
+            add_star(electrons, points.shape, x, y, points.weight[m] * points.star[n], gain, work)
     if pixels.crosstalk > 0:
         electrons = _diffused(electrons, pixels.crosstalk)
     return electrons[top - upper : bottom - upper, left - first : right - first]
@@ -209,13 +211,13 @@ def _diffused(electrons, fraction):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _part(of, left, top, right, bottom):  # type: ignore[no-untyped-def]
+def _crop(of, left, top, right, bottom):  # type: ignore[no-untyped-def]
     """A window of a map; one element stands for all pixels."""
     return of if of.size == 1 else of[top:bottom, left:right]
 
 
 @njit(cache=True, error_model="numpy")
-def _ends(x, y):  # type: ignore[no-untyped-def]
+def _path_bounds(x, y):  # type: ignore[no-untyped-def]
     """(n, 4) least x and y, largest x and y of each path."""
     ends = np.empty((x.shape[1], 4))
     for n in range(len(ends)):

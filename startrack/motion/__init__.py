@@ -1,13 +1,10 @@
 """How the line of sight moves during an exposure.
 
 parameters     Motion: rates, tones and broadband jitter of the platform.
-quadrature     Points and weights that average over an exposure, its start and its end among them.
-realisation    Motion enters; MotionRealisation leaves: how the camera turns in one trial, at any
-               time.
-line_of_sight  Motion -> Path, with as many points as the smear of a star needs.
-stability      Drift and blur: of a path that was drawn, and what to expect of a motion.
-transfer       Motion within an exposure enters; its PSF, its transfer function and its MTF at
-               Nyquist leave.
+realisation    Motion -> MotionRealisation: how the camera turns in one trial, at any time.
+line_of_sight  Motion -> LineOfSight, sampled at as many points as the smear of a star needs.
+stability      Drift and blur: of one line of sight, and their expectation over all trials.
+transfer       Motion within an exposure -> its PSF, its transfer function and its MTF at Nyquist.
 """
 
 from startrack.motion.line_of_sight import sample_jitter, slew, trace

@@ -1,4 +1,4 @@
-"""Motion -> Path, with as many points as the smear of a star needs."""
+"""Motion -> LineOfSight, sampled at as many points as the smear of a star needs."""
 
 from __future__ import annotations
 
@@ -6,21 +6,23 @@ import math
 from functools import lru_cache
 
 import numpy as np
+from scipy.special import eval_legendre, roots_jacobi
 
 from startrack.core import Floats, LineOfSight, Streams, positive, within
 from startrack.motion.parameters import Motion
-from startrack.motion.quadrature import joined, points
 from startrack.motion.realisation import MotionRealisation, realise_motion
 
 SHARPEST = 0.5  # pixel, sigma of the sharpest PSF whose smear must be right
-TOLERANCE = 1e-6
-PROBES = (0.15, 0.3, 0.5, 0.75, 1.0, 1.25, 1.5)  # cycles per pixel
+TOLERANCE = 1e-6  # of the contrast of each wave, and so about of the flux
+PROBES = (0.15, 0.3, 0.5, 0.75, 1.0, 1.25, 1.5)  # cycles per pixel, of the waves compared
+# Chosen by hand: the first number of points, and its growth until two of them agree. They change
+# the computing time, not the error.
 FEWEST_POINTS = 3
-POINTS_PER_PIXEL = 1.2  # to start with
+POINTS_PER_PIXEL = 1.2
 POINTS_PER_CYCLE = 2.0
 GROWTH = 1.25
-MOST_POINTS = 2**15
-HALF_FIELD = math.pi / 4
+MOST_POINTS = 2**15  # a smear of some 15 000 pixel
+HALF_FIELD = math.pi / 4  # radian, larger than that of most star trackers
 
 
 def sample_jitter(
@@ -30,9 +32,9 @@ def sample_jitter(
     streams: Streams,
     half_field: float = HALF_FIELD,
 ) -> LineOfSight:
-    """The path of the line of sight in the exposure of one trial.
+    """The line of sight in the exposure of one trial.
 
-    A motion in which nothing is drawn is computed once; see `slew` for the rest.
+    A motion without random numbers is computed once; arguments and errors as `slew`.
     """
     if motion.drawn:
         return trace(realise_motion(motion, exposure, streams), exposure, pixel_angle, half_field)
@@ -43,20 +45,20 @@ def sample_jitter(
 def slew(
     motion: Motion, exposure: float, pixel_angle: float, half_field: float = HALF_FIELD
 ) -> LineOfSight:
-    """The path of a motion in which nothing is drawn.
+    """The line of sight of a motion without random numbers.
 
     A star's image is the mean of its PSF over the exposure. Gauss-Lobatto points in time give
-    that mean with an error that falls exponentially, because the PSF is smooth. There are as
-    many as it takes until more of them do not change the image any more.
+    that mean with an error that falls exponentially, because the PSF is smooth. Their number is
+    increased until the image no longer changes.
 
     exposure     second
     pixel_angle  radian that a pixel spans on the boresight
     half_field   radian from the boresight to the corner, where roll smears most
-    Returns      its first and last points are the start and the end of the exposure
-    Raises       ValueError where the path needs more than 32768 points, some 15 000 pixel.
-                 TypeError where a phase or a spectrum would have to be drawn.
+    Returns      line of sight whose first and last points are the start and end of the exposure
+    Raises       ValueError where it needs more than 32768 points, a smear of some 15 000 pixel.
+                 TypeError where the motion has random numbers.
     Accuracy     numerical: 1e-6 of the flux for a PSF of sigma 0.5 pixel or wider; at 0.35 pixel,
-                 2e-6 as a rule and 1e-4 at worst.
+                 usually 2e-6, at worst 1e-4.
     """
     return trace(realise_motion(motion, exposure), exposure, pixel_angle, half_field)
 
@@ -64,28 +66,28 @@ def slew(
 def trace(
     motion: MotionRealisation, exposure: float, pixel_angle: float, half_field: float
 ) -> LineOfSight:
-    """The path of a motion that is known already; arguments and errors as `slew`."""
+    """The line of sight of one realisation of a motion; arguments and errors as `slew`."""
     positive(exposure=exposure, pixel_angle=pixel_angle)
     within(0, 1.55, half_field=half_field)
     if not motion.speed.any():
         return LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     wave, damping = _probes(pixel_angle, half_field)
-    # In the corner, a turn about x, y or z moves a star by so many pixel.
+    # Pixel by which a rotation of one radian about x, y or z moves a star in the corner.
     reach = np.array([1 + math.tan(half_field) ** 2] * 2 + [math.tan(half_field)]) / pixel_angle
     smear = float(np.linalg.norm(motion.speed * reach)) * exposure
-    line = np.hypot(motion.cosine, motion.sine) @ reach > TOLERANCE
-    cycles = motion.frequency.max(where=line, initial=0.0) * exposure
+    visible = np.hypot(motion.cosine, motion.sine) @ reach > TOLERANCE
+    cycles = motion.frequency.max(where=visible, initial=0.0) * exposure
     count = FEWEST_POINTS + max(POINTS_PER_PIXEL * smear, POINTS_PER_CYCLE * cycles)
     coarse: LineOfSight | None = None
     before = np.full(len(wave), np.inf)
     while count <= MOST_POINTS:
-        start, step, weight = points(math.ceil(count))
+        start, step, weight = lobatto_points(math.ceil(count))
         path = LineOfSight(
-            exposure * joined(np.add.outer(start, step)),
+            exposure * join_panels(np.add.outer(start, step)),
             weight,
-            joined(motion.over(exposure * start, exposure * step)),
+            join_panels(motion.over(exposure * start, exposure * step)),
         )
-        # What the smear does to the contrast of waves on the detector.
+        # Transfer function of the smear for waves on the detector.
         now = weight @ np.exp(1j * (path.rotation @ wave.T))
         if coarse is not None and np.abs((now - before) * damping).max() < TOLERANCE:
             return coarse
@@ -101,7 +103,7 @@ def trace(
 def _probes(pixel_angle: float, half_field: float) -> tuple[Floats, Floats]:
     """Waves on the detector, as functions of the rotation vector, at the centre and two corners.
 
-    Returns  (k, 3) radian per radian, and (k,) 1, the contrast that the PSF leaves of each
+    Returns  (k, 3) radian per radian, and (k,) 1, transfer function of the sharpest PSF
     """
     side = math.tan(half_field) / math.sqrt(2)
     direction = np.array([[1, 0], [0, 1], [0.5**0.5, 0.5**0.5], [0.5**0.5, -(0.5**0.5)]])
@@ -113,5 +115,39 @@ def _probes(pixel_angle: float, half_field: float) -> tuple[Floats, Floats]:
 
 
 def _flow(u: float, v: float) -> Floats:
-    """(2, 3), how (x / z, y / z) of a direction (u, v, 1) changes with a small rotation."""
+    """(2, 3) derivative of (x / z, y / z) of a direction (u, v, 1) by a small rotation vector."""
     return np.array([[-u * v, 1 + u * u, -v], [-(1 + v * v), u * v, u]])
+
+
+PANEL = 64  # points of a panel, chosen by hand: finding them costs the square of their number
+
+
+@lru_cache(maxsize=128)
+def lobatto_points(count: int) -> tuple[Floats, Floats, Floats]:
+    """About `count` Gauss-Lobatto points of an exposure from -1/2 to 1/2, both ends included.
+
+    More than 64 points are divided into panels, which share their ends.
+
+    Returns   (p,) 1, starts of the panels; (j,) 1, points of each panel from its start; (m,) 1,
+              weights of all points in the order of `join_panels`, of sum 1
+    Accuracy  numerical: exact for polynomials of degree 2 j - 3 in each panel.
+    """
+    panels = math.ceil((count - 1) / (PANEL - 1))
+    each = max(math.ceil((count - 1) / panels), 2) + 1
+    node, weight = _lobatto(each)
+    total = np.zeros(panels * (each - 1) + 1)
+    for k in range(panels):
+        total[k * (each - 1) : (k + 1) * (each - 1) + 1] += weight / (2 * panels)
+    return np.arange(panels) / panels - 0.5, (node + 1) / (2 * panels), total
+
+
+def join_panels(panels: Floats) -> Floats:
+    """Values at the points of each panel (p, j, ...) in one row (m, ...), shared ends once."""
+    return np.concatenate([panels[:, :-1].reshape(-1, *panels.shape[2:]), panels[-1:, -1]])
+
+
+def _lobatto(count: int) -> tuple[Floats, Floats]:
+    """Points and weights on [-1, 1] (Abramowitz and Stegun 1964, 25.4.32)."""
+    node = np.concatenate([[-1.0], roots_jacobi(count - 2, 1, 1)[0], [1.0]])
+    weight = 2 / (count * (count - 1) * eval_legendre(count - 1, node) ** 2)
+    return node, weight

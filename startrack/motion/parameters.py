@@ -19,8 +19,8 @@ class Tone:
         angle about an axis = sqrt(2) rms cos(2 pi frequency t + phase + lead),   t = 0 mid-exposure
 
     rms_x, _y, _z   radian, root mean square about each of the camera's axes
-    phase           radian; None for one that each trial draws anew
-    lead_y, lead_z  radian, by how much these axes are ahead of x: -90 deg makes a circle
+    phase           radian; None: random in each trial
+    lead_y, lead_z  radian, phase of these axes ahead of x: -90 deg makes a circle
     """
 
     frequency: Annotated[float, Unit("Hz")]
@@ -48,8 +48,8 @@ class Tone:
 class Broadband:
     """Random jitter about one axis, with a power spectral density (PSD) given as a table.
 
-    Between its points the density is a power law, a straight line on double logarithmic paper,
-    as vibration levels are specified; outside them it is zero. Its integral is the rms squared.
+    Between its points the density is a power law (linear in logarithms), as vibration levels are
+    specified; outside them it is zero. Its integral is the rms squared.
 
     axis       x, y or z, of the camera
     frequency  hertz, increasing
@@ -80,7 +80,7 @@ class Motion:
     rate_x, rate_y  radian / second, about the axes along the columns and rows: they smear stars
                     along y and x
     rate_z          radian / second, about the boresight: it smears stars around it
-    tones           sinusoidal jitter; a tone of no amplitude keeps the draws of those after it
+    tones           sinusoidal jitter; one without amplitude does not change the draws of the others
     broadband       random jitter, at most one spectrum for each axis
     """
 
@@ -105,7 +105,7 @@ class Motion:
 
     @property
     def drawn(self) -> bool:
-        """Whether each trial draws a path of its own."""
+        """Whether each trial has its own random motion."""
         return bool(self.broadband) or any(
             tone.phase is None and not tone.silent for tone in self.tones
         )

@@ -1,4 +1,4 @@
-"""Motion enters; MotionRealisation leaves: how the camera turns in one trial, at any time."""
+"""Motion -> MotionRealisation: how the camera turns in one trial, at any time."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from scipy.special import gammaincinv
 from startrack.core import Floats, Streams
 from startrack.motion.parameters import AXES, Broadband, Motion, Tone
 
-BANDS_PER_OCTAVE = 8
+BANDS_PER_OCTAVE = 8  # chosen by hand: a sum of tens of lines is nearly normal
 
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """A spectrum, cut so finely that a band is one line for an exposure, or nearly so.
+    """A spectrum in narrow bands, each of which is represented by one line in an exposure.
 
-    low       (k,) hertz, where each band begins
+    low       (k,) hertz, lower end of each band
     octave    (k,) 1, natural logarithm of the ratio of its ends
     exponent  (k,) 1, of the power law frequency * density
     power     (k,) radian^2, integral of the density over the band
@@ -36,10 +36,10 @@ class Bands:
         """(k,) hertz."""
         return self.low * np.expm1(self.octave)
 
-    def place(self, fraction: Floats) -> Floats:
-        """Hertz, below which each band has this fraction (..., k) of its power.
+    def frequency_at(self, fraction: Floats) -> Floats:
+        """Hertz below which each band has this fraction (..., k) of its power.
 
-        The inverse of the cumulated power: with a uniform share it draws frequencies in
+        The inverse of the cumulative power: uniform random fractions give frequencies in
         proportion to the density.
         """
         flat = np.abs(self.exponent) * self.octave < 1e-9
@@ -50,7 +50,7 @@ class Bands:
 
 @lru_cache(maxsize=64)
 def bands(spectrum: Broadband) -> Bands:
-    """Cut a spectrum at the points of its table and at eight frequencies in each octave.
+    """Divide a spectrum at the points of its table and at eight frequencies in each octave.
 
     Accuracy  numerical: the powers add up to the integral of the table to 1e-13.
     """
@@ -63,14 +63,14 @@ def bands(spectrum: Broadband) -> Bands:
     exponent = np.repeat(np.diff(s) / np.diff(f) + 1, count)
     start = np.exp(np.interp(low, f, s) + low)
     growth = exponent * octave
-    # (e^u - 1) / u without its hole at 0, where the density falls as 1 / f.
+    # (e^u - 1) / u without its singularity at 0, where the density falls as 1 / f.
     mean = np.where(np.abs(growth) < 1e-9, 1.0, np.expm1(growth) / np.where(growth, growth, 1.0))
     return Bands(np.exp(low), octave, exponent, start * octave * mean)
 
 
 @dataclass(frozen=True, eq=False)
 class MotionRealisation:
-    """How the camera turns about its own axes: a constant rate and a sum of lines.
+    """Rotation of the camera about its axes: a constant rate and a sum of lines.
 
         angle(t) = rate t + sum_k cosine_k [cos(2 pi f_k t) - 1] + sine_k sin(2 pi f_k t)
 
@@ -86,23 +86,23 @@ class MotionRealisation:
     sine: Floats
 
     def at(self, time: Floats) -> Floats:
-        """The rotation vectors of a Path at these times.
+        """Rotation vectors as in LineOfSight, at any times.
 
         time     (m,) second from the middle of the exposure
-        Returns  (m, 3) radian. The sky turns against the camera, hence the minus sign.
-        Accuracy  model: the rotation vectors of slew and jitter are added, which is off by half
-                  their product.
+        Returns   (m, 3) radian; the sky turns against the camera, hence the minus sign
+        Accuracy  model: the rotation vectors of slew and jitter are added, an error of half their
+                  product.
         """
         angle = np.multiply.outer(time, self.rate)
         if len(self.frequency):
             half = np.multiply.outer(time, np.pi * self.frequency)
             sine = np.sin(half)
-            # cos - 1 and sin of the whole phase, without the loss of digits that cos - 1 has.
+            # cos - 1 and sin of the whole phase, without the cancellation of cos - 1.
             angle += -2 * sine**2 @ self.cosine + 2 * sine * np.cos(half) @ self.sine
         return -angle
 
     def over(self, start: Floats, step: Floats) -> Floats:
-        """As `at`, at all sums of a start and a step, for the sines of no more than the two.
+        """As `at`, at all sums of a start and a step, with only p + j sines for each line.
 
         start    (p,) second
         step     (j,) second
@@ -113,8 +113,8 @@ class MotionRealisation:
             np.exp(2j * np.pi * np.multiply.outer(time, self.frequency)) for time in (start, step)
         )
         amplitude = self.cosine - 1j * self.sine
-        # Per axis, as most lines turn about one only; summed by einsum, because the last digit of
-        # a matrix product depends on the number of threads.
+        # Per axis, because most lines turn about one only; summed by einsum, because the last digit
+        # of a matrix product depends on the number of threads.
         lines = []
         for axis, used in enumerate((amplitude != 0).T):
             a, b = first[:, used] * amplitude[used, axis], second[:, used].conj()
@@ -124,7 +124,7 @@ class MotionRealisation:
         return -(time[..., None] * self.rate + np.stack(lines, axis=-1))
 
     def later(self, time: float) -> MotionRealisation:
-        """The same motion with its zero of time, and of angle, moved to `time` second."""
+        """The same motion with the zeros of time and angle moved to `time` (second)."""
         line = (self.cosine - 1j * self.sine) * np.exp(2j * np.pi * time * self.frequency)[:, None]
         return MotionRealisation(self.rate, self.frequency, line.real.copy(), -line.imag)
 
@@ -140,14 +140,15 @@ def realise_motion(
 ) -> MotionRealisation:
     """Draw the phases of the tones and the lines of the broadband jitter.
 
-    exposure  second; it decides how much the power of a band varies, and no other draw
-    streams   of the trial; needed only where something is drawn
-    Accuracy  model: the sum has the covariance of the spectrum at all times exactly; its
-              distribution is normal as far as a sum over tens of bands is.
+    exposure  second; sets how much the power of a band varies between trials
+    streams   of the trial; needed only for a random motion
+    Raises    TypeError where a random motion has no streams.
+    Accuracy  model: the covariance of the sum is exact at all times; its distribution is that of a
+              sum over tens of bands, nearly normal.
     """
     lines = [
-        _tone(tone, f"tone {place}", streams)
-        for place, tone in enumerate(motion.tones)
+        _tone(tone, f"tone {number}", streams)
+        for number, tone in enumerate(motion.tones)
         if not tone.silent
     ]
     lines += [_broadband(one, exposure, streams) for one in motion.broadband]
@@ -173,11 +174,12 @@ def _broadband(
 ) -> tuple[Floats, NDArray[np.complex128]]:
     """One line for each band: (k,) hertz, (k, 3) radian.
 
-    The frequency is drawn in proportion to the density, so that the covariance is exact whatever
-    the width of the band. A process of bandwidth B has B T independent lines in a time T: its
-    power there varies as a gamma distribution of that shape, and below one line as that of one,
-    which makes the amplitude normal. (Source: Shinozuka and Deodatis 1991, Applied Mechanics
-    Reviews 44, 191, for the sum of lines.)
+    The frequency is drawn in proportion to the density, so that the covariance is exact for any
+    width of the band. A process of bandwidth B has B T independent lines in a time T: its power
+    in this time has a gamma distribution of shape B T, at least one; with shape one the amplitude
+    is normal.
+
+    Source: Shinozuka and Deodatis (1991), Applied Mechanics Reviews 44, 191, for the sum of lines.
     """
     table = bands(spectrum)
     fraction, angle, chance = _generator(streams, f"broadband {spectrum.axis}").random(
@@ -187,7 +189,7 @@ def _broadband(
     power = table.power * gammaincinv(shape, chance) / shape
     amplitude = np.zeros((len(fraction), 3), complex)
     amplitude[:, AXES.index(spectrum.axis)] = np.sqrt(2 * power) * np.exp(2j * np.pi * angle)
-    return table.place(fraction), amplitude
+    return table.frequency_at(fraction), amplitude
 
 
 def _generator(streams: Streams | None, cause: str) -> np.random.Generator:

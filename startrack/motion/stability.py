@@ -1,4 +1,4 @@
-"""Drift and blur: of a path that was drawn, and what to expect of a motion."""
+"""Drift and blur: of one line of sight, and their expectation over all trials."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Floats, LineOfSight, positive
+from startrack.motion.line_of_sight import join_panels, lobatto_points
 from startrack.motion.parameters import AXES, Motion
-from startrack.motion.quadrature import joined, points
 from startrack.motion.realisation import MotionRealisation, bands, realise_motion
 
-FEWEST_POINTS, POINTS_PER_CYCLE = 32, 8  # of a mean square, whose waves are twice as fast
+FEWEST_POINTS, POINTS_PER_CYCLE = 32, 8  # of a mean square, whose frequencies are doubled
 
 
 class Stability(NamedTuple):
-    """How a path drifts and blurs; rotation vectors (3,) in radian, in camera axes.
+    """Drift and blur in an exposure; rotation vectors (3,) in radian, in camera axes.
 
-    start  at the start of the exposure, against its middle
-    end    at its end, against its middle
-    mean   over the exposure, against its middle: what a tracker can know at best; the mean
-           performance error (MPE) of ECSS-E-ST-60-10C, if the middle is what it is asked for
+    start  at the start of the exposure, relative to its middle
+    end    at its end, relative to its middle
+    mean   over the exposure, relative to its middle: the smallest possible error of a tracker; the
+           mean performance error (MPE) of ECSS-E-ST-60-10C, if the attitude refers to the middle
     rms    about that mean: the blur; the relative performance error (RPE)
     """
 
@@ -33,10 +33,11 @@ class Stability(NamedTuple):
 
 
 def stability(path: LineOfSight) -> Stability:
-    """Drift and blur of one path, which starts and ends with the exposure as those of `shake`.
+    """Drift and blur of one line of sight, from the start to the end of the exposure.
 
-    Accuracy  numerical: a path has the points that its image needs: 1e-8 of an rms of 0.1 pixel,
-              but 5 % of one of 1e-3. `blur` knows no such bound.
+    path      as `sample_jitter` and `slew` give it
+    Accuracy  numerical: it has only the points that the image needs: 1e-8 of an rms of 0.1 pixel,
+              but 5 % of one of 1e-3. `blur` has no such limit.
     """
     mean = path.weight @ path.rotation
     rms = np.sqrt(path.weight @ (path.rotation - mean) ** 2)
@@ -44,9 +45,9 @@ def stability(path: LineOfSight) -> Stability:
 
 
 def blur(motion: Motion, exposure: float) -> Floats:
-    """The blur to expect: rms about the mean of an exposure, over all trials.
+    """Expected blur: rms about the mean of an exposure, over all trials.
 
-        blur^2 = steady part + Int S(f) [1 - sinc(f T)^2] df,   sinc(a) = sin(pi a) / (pi a)
+        blur^2 = deterministic part + Int S(f) [1 - sinc(f T)^2] df,   sinc(a) = sin(pi a) / (pi a)
 
     Below 1 / T a spectrum acts as drift, above it as blur.
     Source: Lucke, Sirlin and San Martin (1992), J. Astronautical Sciences 40, 557.
@@ -57,27 +58,29 @@ def blur(motion: Motion, exposure: float) -> Floats:
     """
     positive(exposure=exposure)
     given = tuple(tone for tone in motion.tones if tone.phase is not None)
-    square = _steady(realise_motion(replace(motion, tones=given, broadband=()), exposure), exposure)
+    square = _deterministic_square(
+        realise_motion(replace(motion, tones=given, broadband=()), exposure), exposure
+    )
     for tone in motion.tones:
         if tone.phase is None:
             rms = np.array([tone.rms_x, tone.rms_y, tone.rms_z])
-            square += rms**2 * _blurred(tone.frequency * exposure)
+            square += rms**2 * _blurred_fraction(tone.frequency * exposure)
     node, weight = np.polynomial.legendre.leggauss(6)
     for spectrum in motion.broadband:
         table = bands(spectrum)
-        # Equal fractions of a band's power, so that the density is in the places, not the weights.
-        seen = _blurred(table.place((node[:, None] + 1) / 2) * exposure)
+        # Equal fractions of the power of a band, so that the frequencies contain the density.
+        seen = _blurred_fraction(table.frequency_at((node[:, None] + 1) / 2) * exposure)
         square[AXES.index(spectrum.axis)] += weight / 2 @ seen @ table.power
     return np.sqrt(square)
 
 
 def jitter_rms(motion: Motion, exposure: float) -> Floats:
-    """How far the mean of an exposure lies from its middle, by jitter: rms over all trials.
+    """Distance between the mean of an exposure and its middle by jitter: rms over all trials.
 
-        wander^2 = Int S(f) [1 - sinc(f T)]^2 df
+        jitter_rms^2 = Int S(f) [1 - sinc(f T)]^2 df
 
     exposure  second, T
-    Returns   (3,) radian, about the camera's axes; a tone of given phase counts as if it had none
+    Returns   (3,) radian, about the camera's axes; the phase of a tone is taken as random
     Accuracy  numerical: 1e-6.
     """
     square = np.zeros(3)
@@ -87,21 +90,21 @@ def jitter_rms(motion: Motion, exposure: float) -> Floats:
     node, weight = np.polynomial.legendre.leggauss(6)
     for spectrum in motion.broadband:
         table = bands(spectrum)
-        off = (1 - np.sinc(table.place((node[:, None] + 1) / 2) * exposure)) ** 2
+        off = (1 - np.sinc(table.frequency_at((node[:, None] + 1) / 2) * exposure)) ** 2
         square[AXES.index(spectrum.axis)] += weight / 2 @ off @ table.power
     return np.sqrt(square)
 
 
-def _steady(motion: MotionRealisation, exposure: float) -> Floats:
-    """(3,) radian^2, the mean square of a known motion about its mean, however small it is."""
+def _deterministic_square(motion: MotionRealisation, exposure: float) -> Floats:
+    """(3,) radian^2, the mean square of a motion about its mean."""
     cycles = motion.frequency.max(initial=0.0) * exposure
-    start, step, weight = points(math.ceil(FEWEST_POINTS + POINTS_PER_CYCLE * cycles))
-    angle = joined(motion.over(exposure * start, exposure * step))
+    start, step, weight = lobatto_points(math.ceil(FEWEST_POINTS + POINTS_PER_CYCLE * cycles))
+    angle = join_panels(motion.over(exposure * start, exposure * step))
     return weight @ (angle - weight @ angle) ** 2
 
 
-def _blurred(cycles: Floats | float) -> Floats:
-    """Share of a line's power that blurs an exposure of so many cycles."""
+def _blurred_fraction(cycles: Floats | float) -> Floats:
+    """Fraction of the power of a line that blurs an exposure of this many cycles."""
     x = np.square(np.pi * np.asarray(cycles, float))
-    # The series, where the difference would lose its digits.
+    # The series, where the difference would lose digits.
     return np.where(x < 1e-3, x / 3 * (1 - x * (2 / 15 - x / 105)), 1 - np.sinc(cycles) ** 2)

@@ -1,4 +1,4 @@
-"""Motion within an exposure enters; its PSF, its transfer function and its MTF at Nyquist leave."""
+"""Motion within an exposure -> its PSF, its transfer function and its MTF at Nyquist."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from startrack.core import Camera, Floats, LineOfSight, positive, whole
 def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float = 1.0) -> Floats:
     """The time density of a path, as fractions in the cells of a grid around its origin.
 
-    This is the integral of eq. (14) of Krutz et al. (2011) over each cell. Its print divides by
-    v_x, which is 0 at turning points, at rest and for motion along y; time is never divided by
-    anything.
+    This is the integral of eq. (14) of Krutz et al. (2011) over each cell. As printed, it divides
+    by v_x, which is 0 at turning points, at rest and for motion along y; here time is summed.
 
     time     (m,) second, increasing
     offset   (m, 2) pixel, (x, y) at these times, joined by straight lines
-    cell     pixel, side of a cell; the grid's centre is at offset (0, 0)
-    Returns  (rows, columns) 1; sums to the fraction of the time that the path is on the grid
-    Raises    ValueError where there are no two times in order.
+    cell      pixel, side of a cell; the grid's centre is at offset (0, 0)
+    Returns   (rows, columns) 1; its sum is the fraction of the time that the path is on the grid
+    Raises    ValueError where there are fewer than two increasing times.
     Accuracy  numerical: second order in the distance of the times.
     """
     time, offset = np.asarray(time, float), np.asarray(offset, float)
@@ -43,10 +42,10 @@ def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float =
 
 @njit(cache=True, error_model="numpy")
 def _deposit(image, x, y, fraction):  # type: ignore[no-untyped-def]
-    """Give each cell that a straight piece crosses its part of the piece's time."""
+    """Add the time of each straight segment to the cells that it crosses."""
     for n in range(len(fraction)):
         dx, dy = x[n + 1] - x[n], y[n + 1] - y[n]
-        # The piece runs from 0 to 1; this is where it next crosses a line of each kind.
+        # The segment runs from 0 to 1; next crossings of a column edge and of a row edge.
         step_x, step_y = abs(1 / dx), abs(1 / dy)
         next_x = _first(x[n], dx) * step_x if dx != 0 else np.inf
         next_y = _first(y[n], dy) * step_y if dy != 0 else np.inf
@@ -65,20 +64,22 @@ def _deposit(image, x, y, fraction):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _first(place, way):  # type: ignore[no-untyped-def]
-    """Distance to the first line that lies ahead, in (0, 1]."""
-    return np.floor(place) + 1 - place if way > 0 else place - np.ceil(place) + 1
+def _first(position, velocity):  # type: ignore[no-untyped-def]
+    """Distance to the first edge ahead, in (0, 1]."""
+    if velocity > 0:
+        return np.floor(position) + 1 - position
+    return position - np.ceil(position) + 1
 
 
 NYQUIST = 0.5  # cycles per pixel
 
 
 def image_path(path: LineOfSight, camera: Camera, direction: Floats) -> Floats:
-    """Where the image of a star is, from its place at the middle of the exposure.
+    """Positions of the image of a star relative to that at the middle of the exposure.
 
     direction  (3,) in camera axes, at the middle of the exposure
     Returns    (m, 2) pixel, (x, y) at each time of the path
-    Raises     ValueError where the star gets behind the camera.
+    Raises     ValueError where the star is behind the camera at any time.
     """
     direction = np.asarray(direction, float)
     seen = Rotation.from_rotvec(path.rotation).apply(direction)
@@ -92,14 +93,14 @@ def transfer(offset: Floats, weight: Floats, frequency: Floats) -> NDArray[np.co
 
         M(f) = (1 / T) Int exp(-2 pi i f . s(t)) dt
 
-    The density of s over time takes the place of 1 / |v_x| in eq. (14) of Krutz et al. (2011),
-    so that rest, turning points and motion along y are no exceptions.
+    The integral over time replaces 1 / |v_x| in eq. (14) of Krutz et al. (2011), so that rest,
+    turning points and motion along y need no exception.
 
     offset     (m, 2) pixel, (x, y)
     weight     (m,) 1, fraction of the exposure
     frequency  (..., 2) cycles / pixel, along x and y
     Returns    (...) 1; its modulus is the modulation transfer function (MTF)
-    Accuracy   numerical: that of the path's points: 1e-6 up to the Nyquist frequency.
+    Accuracy   numerical: that of the points of the path: 1e-6 up to the Nyquist frequency.
     """
     phase = np.asarray(frequency, float) @ np.asarray(offset, float).T
     return np.exp(-2j * np.pi * phase) @ weight

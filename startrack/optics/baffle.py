@@ -1,4 +1,4 @@
-"""Light -> Light: what Sun, Moon and Earth send past the baffle becomes a veil over the frame."""
+"""Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from startrack.core import (
 )
 from startrack.optics.parameters import Optics
 
-NODES = 17  # of the veil's map along a side of the frame
+NODES = 17  # of the map of stray light along a side of the frame: 1 % between them
 
 
 @dataclass(frozen=True)
 class Baffle:
-    """How well a baffle, and the black paint behind it, keep out light from beside the field.
+    """Point-source transmittance (PST) of a baffle and the lens behind it.
 
-    The point-source transmittance is the irradiance that a distant source leaves on the
-    detector, over the one that it has at the entrance, across its rays. It is given without the
-    transmission of the glass, which the light shares with the stars' on its way.
+    The PST is the irradiance on the detector over the irradiance of a distant source at the
+    entrance, normal to its rays. It is given without the transmission of the glass, which applies
+    to stray light and stars alike.
 
-    angle          radian between the source and the line of sight, rising
-    transmittance  1, positive; straight lines between the logarithms, constant outside
+    angle          radian between the source and the line of sight, increasing
+    transmittance  1, positive; its logarithm is linear between the angles, constant outside
     """
 
     angle: Annotated[tuple[float, ...], Unit("rad", "deg")]
@@ -50,34 +50,36 @@ class Baffle:
             within(0, math.pi, angle=angle)
             positive(transmittance=value)
         if any(low >= high for low, high in pairwise(self.angle)):
-            raise ValueError(f"angle must rise, got {self.angle}")
+            raise ValueError(f"angle must increase, got {self.angle}")
 
     def __call__(self, angle: Floats) -> Floats:
-        """The transmittance at angles in radian."""
+        """Transmittance (...) at angles (...) in radian."""
         return np.exp(np.interp(angle, self.angle, np.log(self.transmittance)))
 
 
 def stray_light(
     light: Light, baffle: Baffle, optics: Optics, icrs_to_camera: Rotation, camera: Camera
 ) -> Light:
-    """The light with the veil of its glare, as a glow that would have the same irradiance.
+    """The light with stray light, as diffuse light of the same irradiance on the detector.
 
         radiance = irradiance PST(angle) focal_length^2 / area
 
-    since a sky of radiance L leaves L area / focal_length^2 on the detector.
+    since a background of radiance L has the irradiance L area / focal_length^2 on the detector.
 
-    Accuracy  model: the veil at a place of the frame depends on the angle of the source to that
-              place's line of sight alone; no ghosts. A source in the field veils it by the curve's
-              first value. numerical: 1 % between the 17 x 17 places of its map, where the curve is
-              no steeper than a decade in half a frame.
+    Accuracy  model: stray light at a point of the frame depends on the angle between the source and
+              the line of sight of that point alone; no ghosts. For a source in the field it is the
+              first value of the curve. numerical: 1 % between the 17 x 17 nodes of its map, where
+              the curve is no steeper than a decade in half a frame.
     """
     line = icrs_to_camera.inv().apply(camera.lattice(NODES))
     spread = optics.focal_length**2 / optics.area
-    veils = tuple(_glow(one, line, baffle, spread) for one in light.glare)
-    return replace(light, diffuse=light.diffuse + veils)
+    stray = tuple(_stray_light_of(one, line, baffle, spread) for one in light.stray_sources)
+    return replace(light, diffuse=light.diffuse + stray)
 
 
-def _glow(glare: StrayLightSource, line: Floats, baffle: Baffle, spread: float) -> DiffuseLight:
-    angle = np.arccos(np.clip(line @ glare.direction.T, -1, 1))
-    fraction = baffle(angle) @ glare.fraction * spread
-    return DiffuseLight(glare.photon_irradiance, fraction.reshape(NODES, NODES))
+def _stray_light_of(
+    source: StrayLightSource, line: Floats, baffle: Baffle, spread: float
+) -> DiffuseLight:
+    angle = np.arccos(np.clip(line @ source.direction.T, -1, 1))
+    fraction = baffle(angle) @ source.fraction * spread
+    return DiffuseLight(source.photon_irradiance, fraction.reshape(NODES, NODES))

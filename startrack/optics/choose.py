@@ -1,4 +1,4 @@
-"""The cheapest model of the PSF that keeps a tolerance, and why."""
+"""The cheapest model of the PSF within a tolerance, and the reason."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from startrack.core import Floats
+from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.parameters import MODELS, Optics
-from startrack.optics.pupil import cells, openness
-from startrack.optics.transfer import blur_transfer, pixel_transfer, pupil_transfer
+from startrack.optics.pupil import area_weights, pupil_grid
 from startrack.optics.wavefront import wavefront
 
 AIRY_SIGMA = math.sqrt(2) / math.pi  # wavelength * f-number: peak and energy of the Airy disk
-SAMPLES = 64  # across the pupils whose distance is taken
-STRETCH = 0.81  # greatest |v dE/dv| of the Airy disk, of its peak: 4 jinc(v) J2(v)
+SAMPLES = 64  # across the pupils that are compared; chosen by hand
+STRETCH = 0.81  # maximum of |v dE/dv| of the Airy disk, of its peak: 4 jinc(v) J2(v)
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A model, the error it makes and the reason for it.
+    """A model, its error and the reason for it.
 
     model   one of MODELS
     error   1, bound on the difference from the Kirchhoff integral, of the PSF's peak
@@ -37,25 +37,25 @@ class Choice:
 def choose(optics: Optics, pitch: float, wavelength: float, side: float | None = None) -> Choice:
     """The cheapest model within `optics.psf_tolerance`, or the one that optics names.
 
-    A model's error is its distance to the next one up, summed up to Kirchhoff. For two pupils of
-    unit energy at a distance e, the irradiance differs by at most (2 e + e^2) of the peak, and the
-    transfer function by 2 e: Cauchy and Schwarz.
+    The error of a model is the sum of the differences from model to model up to Kirchhoff. For two
+    pupils of unit energy at a distance e, the irradiance differs by at most (2 e + e^2) of the
+    peak, and the transfer function by 2 e (Cauchy-Schwarz inequality).
 
     pitch, side  metre, of a pixel and of its active square (the whole pixel if None)
     wavelength   metre, mean of the band
-    Accuracy     model: bounds on the peak-normalised difference, two to ten times the true one; of
-                 the unaberrated peak. Kirchhoff itself is scalar: no polarisation.
+    Accuracy     model: the bounds are two to ten times the true difference, as a fraction of the
+                 unaberrated peak. The Kirchhoff model is scalar: no polarisation.
     """
     kappa, gaussian = _integrals(optics, side or pitch, wavelength)
     steps = {
         "gaussian": gaussian if optics.plain else math.inf,
         "airy": 0.0 if optics.plain else math.inf,
-        "fraunhofer": kappa * _gap(optics, "fraunhofer", "fresnel", wavelength),
-        "fresnel": kappa * _gap(optics, "fresnel", "kirchhoff", wavelength),
+        "fraunhofer": kappa * _step_bound(optics, "fraunhofer", "fresnel", wavelength),
+        "fresnel": kappa * _step_bound(optics, "fresnel", "kirchhoff", wavelength),
         "kirchhoff": 0.0,
     }
     bounds = np.cumsum([steps[model] for model in reversed(MODELS)])[::-1]
-    # Each error is that of its own step and of all steps above it.
+    # Each error is the sum of this step and of all steps after it.
     errors = {model: float(bound) for model, bound in zip(MODELS, bounds, strict=True)}
     if not optics.plain:
         errors["gaussian"] = errors["airy"] = math.inf
@@ -73,10 +73,10 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
 
 
 def _integrals(optics: Optics, side: float, wavelength: float) -> tuple[float, float]:
-    """How much blur and pixel magnify a difference, and the Gaussian's difference from Airy."""
+    """Factor by which blur and pixel raise a difference; difference of Gaussian and Airy."""
     f_number = optics.working_f_number
     node, fraction = np.polynomial.legendre.leggauss(200)
-    # To the cutoff, or to where the blur leaves exp(-40).
+    # To the cutoff, or to where the transfer function of the blur is exp(-40).
     last = 1 / (wavelength * f_number)
     if optics.total_blur:
         last = min(last, 9 / (2 * math.pi * optics.total_blur))
@@ -92,18 +92,18 @@ def _integrals(optics: Optics, side: float, wavelength: float) -> tuple[float, f
     open_peak = float(fraction * frequency @ airy)
     size = np.abs(pixel).mean(axis=1)
     kappa = min(float(ring @ size), open_peak) / peak
-    # Beyond the cutoff the Gaussian goes on alone: its integral from there, in units of the ring's.
+    # Beyond the cutoff only the Gaussian is not zero: its integral from there, in the ring's units.
     sigma = AIRY_SIGMA * wavelength * f_number
     tail = math.exp(-2 * (math.pi * sigma * last) ** 2) / (2 * math.pi * sigma * last) ** 2
     tail *= 2 * float(rest[-1])
     return max(kappa, 1.0), (float(ring * np.abs(gauss - airy) @ size) + tail) / peak
 
 
-def _gap(optics: Optics, lower: str, upper: str, wavelength: float) -> float:
-    """Bound on the difference of the irradiance of two models, of the peak."""
+def _step_bound(optics: Optics, lower: str, upper: str, wavelength: float) -> float:
+    """Bound on the difference of the irradiance of two models, as a fraction of the peak."""
     a, b = wavefront(optics, lower, SAMPLES), wavefront(optics, upper, SAMPLES)
     phase = 2 * math.pi / wavelength * (b.path - a.path)
-    # Weights hold the open area once each: their product over it is the overlap of amplitudes.
+    # Each weight contains the open area: their product over it is the overlap of amplitudes.
     overlap = _overlap(a.weight, b.weight, optics, phase) / math.sqrt(a.energy * b.energy)
     distance = math.sqrt(max(2 - 2 * min(overlap, 1.0), 0.0))
     stretch = abs(math.log(a.f_number / b.f_number))
@@ -111,7 +111,7 @@ def _gap(optics: Optics, lower: str, upper: str, wavelength: float) -> float:
 
 
 def _overlap(a: Floats, b: Floats, optics: Optics, phase: Floats) -> float:
-    opened = openness(optics.pupil, *cells(SAMPLES))
+    opened = area_weights(optics.pupil, *pupil_grid(SAMPLES))
     inside = opened != 0
     product = np.zeros_like(opened)
     product[inside] = a[inside] * b[inside] / opened[inside]

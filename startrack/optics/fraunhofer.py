@@ -3,7 +3,7 @@
     U(x) = Int P(q) exp(-2 pi i q x / (lambda b)) d^2q  =  E_y P E_x^T  on two grids
 
 Source: Soummer et al. (2007), Opt. Express 15, 15935: the transform onto a small field is a product
-of matrices. Both grids lie symmetric about zero, so even and odd parts of the pupil need only
+of matrices. Both grids are symmetric about zero, so even and odd parts of the pupil need only
 cosines and sines of a quarter of the plane: real products, an eighth of the arithmetic.
 """
 
@@ -19,33 +19,34 @@ from startrack.core import Floats
 
 
 def pupil_samples(half_width: float, slope: float = 0.0) -> int:
-    """Samples across a pupil that its transform needs.
+    """Number of samples across a pupil that its transform needs.
 
-    half_width  1, half the field's width over wavelength * f-number: that many cycles across
+    half_width  1, half the width of the field over wavelength * f-number: cycles across the pupil
     slope       wave per radius, steepest slope of the wavefront
-    Returns     even
-    Accuracy    numerical: 3e-6 of the peak without aberrations, 1e-4 with the steepest wavefront
-                that the samples are meant for; it falls with the fifth power of their number.
+    Returns     1, even
+    Accuracy    numerical: 3e-6 of the peak without aberrations, 1e-4 with a wavefront of this
+                slope; it falls with the fifth power of the number of samples. The three constants
+                were chosen by hand for these errors; tests/optics checks them.
     """
     return 2 * math.ceil(max(2.4 * half_width, 6 * slope) + 14)
 
 
-def intensity(pupil: Floats, phase: Floats, place: Floats, field: Floats) -> Floats:
+def intensity(pupil: Floats, phase: Floats, coordinate: Floats, field: Floats) -> Floats:
     """The irradiance of a pupil, in its natural unit.
 
         |sum_ij pupil_ij exp(i phase_ij) exp(-i pi (x_i u + y_j v))|^2
 
-    pupil    (n, n) 1, weights of the open area times amplitude, n even, rows along y
-    phase    (n, n) radian
-    place    (n,) 1, of the samples in radii of the aperture; symmetric about zero
-    field    (m,) 1, of the points over wavelength * f-number; symmetric about zero, m odd
-    Returns  (m, m), rows along y
-    Accuracy  numerical: 1e-13 of the peak beyond the sampling; see `pupil_samples`.
+    pupil       (n, n) 1, weights of the open area times amplitude, n even, rows along y
+    phase       (n, n) radian
+    coordinate  (n,) 1, of the samples in radii of the aperture; symmetric about zero
+    field       (m,) 1, of the points over wavelength * f-number; symmetric about zero, m odd
+    Returns     (m, m), rows along y
+    Accuracy    numerical: 1e-13 of the peak, besides the sampling; see `pupil_samples`.
     """
-    cosine, sine = _waves(place.tobytes(), field.tobytes())
+    cosine, sine = _waves(coordinate.tobytes(), field.tobytes())
     parts = _fold(pupil, phase)
-    half, width = len(place) // 2, len(field) // 2 + 1
-    # After the rows: [x even or odd][re, im] over (v, x). Then the columns meet theirs.
+    half, width = len(coordinate) // 2, len(field) // 2 + 1
+    # After the rows: [x even or odd][re, im] over (v, x). Then the columns.
     shape = (2, 2, width, width)
     even = (cosine @ parts[0]).reshape(width, 2, 2, half).transpose(1, 2, 0, 3)
     odd = (sine @ parts[1]).reshape(width, 2, 2, half).transpose(1, 2, 0, 3)
@@ -55,9 +56,9 @@ def intensity(pupil: Floats, phase: Floats, place: Floats, field: Floats) -> Flo
 
 
 @lru_cache(maxsize=32)
-def _waves(place: bytes, field: bytes) -> tuple[Floats, Floats]:
+def _waves(coordinate: bytes, field: bytes) -> tuple[Floats, Floats]:
     """Cosines and sines between the positive halves of both grids: (m // 2 + 1, n // 2)."""
-    x, u = np.frombuffer(place), np.frombuffer(field)
+    x, u = np.frombuffer(coordinate), np.frombuffer(field)
     angle = np.pi * np.outer(u[len(u) // 2 :], x[len(x) // 2 :])
     return np.cos(angle), np.sin(angle)
 

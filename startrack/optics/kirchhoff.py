@@ -1,4 +1,4 @@
-"""The Kirchhoff integral over a thin lens, without a paraxial shortcut: the reference of the room.
+"""The Kirchhoff integral over a thin lens without paraxial approximation: the reference model.
 
     U(P'') = 1/(pi R^2) Int_lens  b^2 g^2 / (|r|^2 |r''|^2)  exp(i Phi) dxi deta
     Phi    = k (|r| - g) + k (|r''| - b) + lens
@@ -6,7 +6,8 @@
 with r from the object and r'' to the image point, both obliquities n.r/|r| and both 1/|r|. It is
 relative to the Fresnel amplitude in focus, pi R^2 / (lambda^2 b g): |U|^2 is 1 for a paraxial lens.
 
-Source: Krutz et al. (2011), eqs. (7) and (9), with the lens's sign and the square of eta mended.
+Source: Krutz et al. (2011), eqs. (7) and (9), in which the sign of the lens and the square
+of eta are corrected.
 """
 
 from __future__ import annotations
@@ -23,8 +24,10 @@ from startrack.core import Floats, finite, one_of, positive, whole
 Complex = NDArray[np.complex128]
 
 NODE, WEIGHT = np.polynomial.legendre.leggauss(16)
-PANEL = 2 * math.pi  # radian of phase that one panel of 16 nodes may hold: 1e-13 in error
-MOST = 400_000_000  # evaluations of the integrand that one call may take: some ten seconds
+PANEL = 2 * math.pi  # radian of phase in one panel of 16 nodes: error 1e-13
+MOST_EVALUATIONS = (
+    400_000_000  # evaluations of the integrand that one call may take: some ten seconds
+)
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ class ThinLens:
     distance      metre from the object to the lens; infinity for a star
     wavelength    metre
     lens          "parabolic": phase -pi r^2 / (lambda f), the paper's;
-                  "perfect": the phase that makes the wave converge on the image
+                  "perfect": the phase of a spherical wave that converges on the image
     """
 
     focal_length: float
@@ -74,7 +77,7 @@ def on_axis(lens: ThinLens, defocus: float = 0.0) -> complex:
     """The amplitude on the axis, eq. (9).
 
     defocus  metre by which the plane lies behind the image
-    Raises    ValueError where it would pass 4e8 evaluations.
+    Raises    ValueError where it needs more than 4e8 evaluations.
     Accuracy  numerical: 1e-12 relative. The effort is 16 evaluations per wave of phase.
     """
     plane = _plane(lens, defocus)
@@ -88,8 +91,8 @@ def profile(lens: ThinLens, radius: Floats, defocus: float = 0.0) -> Complex:
     """The amplitude off the axis, eq. (7), for an object on it.
 
     radius   (n,) metre from the axis, in the plane of the image
-    Returns  (n,) relative amplitude, of which the phase counts from the point on the axis
-    Raises    ValueError where it would pass 4e8 evaluations.
+    Returns  (n,) relative amplitude, its phase relative to the point on the axis
+    Raises    ValueError where it needs more than 4e8 evaluations.
     Accuracy  numerical: 1e-10 of the peak. Panels in r^2 follow the phase; the angle is a periodic
               trapezoid, which converges faster than any power.
     """
@@ -101,7 +104,7 @@ def profile(lens: ThinLens, radius: Floats, defocus: float = 0.0) -> Complex:
     u, weight = _panels(_equal_phase(lens, plane, far))
     turns = lens.wavenumber * far * lens.radius / math.hypot(plane, lens.radius)
     angles = 2 * math.ceil(turns / 2 + 12)
-    _refuse(len(u) * angles * len(radius))
+    _limit_effort(len(u) * angles * len(radius))
     r = lens.radius * np.sqrt(u)
     amplitude = weight * _integrand(lens, plane, r * r)
     cosine = np.cos((np.arange(angles) + 0.5) * (math.pi / angles))
@@ -114,8 +117,8 @@ def point(lens: ThinLens, image: Floats, source: Floats, samples: int) -> comple
     image    (2,) metre, (x'', y'') in the plane of the image
     source   (2,) metre, (x', y') in the plane of the object, whose distance is finite
     samples  along the radius; angles are three times as many
-    Accuracy  numerical: exponential in `samples` once there are two per wave. `profile` is the fast
-              way for an object on the axis.
+    Accuracy  numerical: exponential in `samples` above two per wave. For an object on the axis,
+              `profile` is faster.
     """
     whole(1, 10_000, samples=samples)
     if not math.isfinite(lens.distance):
@@ -152,7 +155,7 @@ def path_defect(square: Floats, image: float, distance: float) -> Floats:
 
 
 def _plane(lens: ThinLens, defocus: float) -> float:
-    """Metre from the lens to where the light is looked at."""
+    """Metre from the lens to the plane of the result."""
     finite(defocus=defocus)
     if lens.image + defocus <= 0:
         raise ValueError(
@@ -184,14 +187,14 @@ def _integrand(lens: ThinLens, plane: float, square: Floats) -> Complex:
 
 
 def _equal_phase(lens: ThinLens, plane: float, far: float) -> Floats:
-    """Edges of panels in u = (r / R)^2 that hold no more than PANEL of phase each."""
+    """Edges of panels in u = (r / R)^2 with at most PANEL of phase each."""
     u = np.linspace(0, 1, 4097)
     phase = lens.wavenumber * _path(lens, plane, u * lens.radius**2)
-    # Off the axis the linear phase k rho r / b runs on top of it, steep in u near the centre.
+    # Off the axis the linear phase k rho r / b is added, which is steep in u near the centre.
     steep = lens.wavenumber * far * lens.radius / plane
     total = np.cumsum(np.r_[0.0, np.abs(np.diff(phase))]) + steep * np.sqrt(u)
     count = math.ceil(total[-1] / PANEL) + 1
-    _refuse(16 * count)
+    _limit_effort(16 * count)
     return np.interp(np.linspace(0, total[-1], count + 1), total, u) if total[-1] else u[[0, -1]]
 
 
@@ -202,17 +205,17 @@ def _panels(edges: Floats) -> tuple[Floats, Floats]:
     return (middle + half * NODE).ravel(), (half * WEIGHT).ravel()
 
 
-def _refuse(count: int) -> None:
-    if count > MOST:
+def _limit_effort(count: int) -> None:
+    if count > MOST_EVALUATIONS:
         raise ValueError(
-            f"the Kirchhoff integral must take at most {MOST:.0e} evaluations, got {count:.1e}: "
-            "take a smaller aperture, a smaller defocus or fewer points"
+            f"the Kirchhoff integral must take at most {MOST_EVALUATIONS:.0e} evaluations, got "
+            f"{count:.1e}: take a smaller aperture, a smaller defocus or fewer points"
         )
 
 
 @njit(cache=True, error_model="numpy")
 def _off_axis(radius, r, amplitude, cosine, plane, wavenumber):  # type: ignore[no-untyped-def]
-    """Sum over the lens; by symmetry the half turn is enough."""
+    """Sum over the lens; half a turn is enough by symmetry."""
     result = np.empty(len(radius), np.complex128)
     for n in range(len(radius)):
         rho = radius[n]
@@ -224,7 +227,7 @@ def _off_axis(radius, r, amplitude, cosine, plane, wavenumber):  # type: ignore[
             for j in range(len(cosine)):
                 extra = rho * rho - 2 * rho * r[i] * cosine[j]
                 path = extra / (np.sqrt(central + extra) + root)
-                # The obliquity at the centre of the image is in `amplitude` already.
+                # `amplitude` contains the obliquity at the centre of the image.
                 weight = central / (central + extra)
                 ring_re += weight * np.cos(wavenumber * path)
                 ring_im += weight * np.sin(wavenumber * path)

@@ -1,4 +1,4 @@
-"""Optics: focal length, aperture, aberrations, blur, transmission, and which PSF stands for it."""
+"""Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF."""
 
 from __future__ import annotations
 
@@ -10,8 +10,14 @@ from startrack.core import ALL, Curve, Unit, deg, finite, non_negative, one_of, 
 from startrack.optics.pupil import Pupil
 from startrack.optics.zernike import Aberration
 
-MODELS = ("gaussian", "airy", "fraunhofer", "fresnel", "kirchhoff")  # from cheap to right
-STEEPEST_F = 0.6  # an aplanatic lens of f/0.5 takes the whole half sphere
+MODELS = (
+    "gaussian",
+    "airy",
+    "fraunhofer",
+    "fresnel",
+    "kirchhoff",
+)  # from the cheapest to the most exact
+STEEPEST_F = 0.6  # the limit of an aplanatic lens is f/0.5, a whole hemisphere
 LENSES = ("aplanatic", "perfect", "parabolic")
 
 
@@ -23,12 +29,12 @@ class Optics:
     f_number         1, focal length over the diameter of the clear aperture
     blur             metre, sigma of the Gaussian that manufacture adds to diffraction, on the
                      detector
-    psf              "gaussian": one Gaussian, the core of the next; "airy": diffraction of a
-                     circular pupil in closed form; "fraunhofer": of any pupil with aberrations;
-                     "fresnel": with the scale of a plane out of focus; "kirchhoff": with
-                     inclined rays and the lens's own phase; "auto": the cheapest of these that
-                     keeps psf_tolerance
-    psf_tolerance    1, fraction of the PSF's peak that the choice of a model may cost
+    psf              "gaussian": one Gaussian, the core of the Airy pattern; "airy": diffraction of
+                     a clear circular pupil in closed form; "fraunhofer": of any pupil with
+                     aberrations; "fresnel": with the scale of a plane out of focus; "kirchhoff":
+                     with inclined rays and the phase of the lens; "auto": the cheapest of these
+                     within psf_tolerance
+    psf_tolerance    1, largest error of the chosen model, as a fraction of the PSF's peak
     lens             "aplanatic": corrected for spherical aberration and coma, as real lenses are;
                      "perfect": one thin plane that makes a spherical wave; "parabolic": one thin
                      plane with the phase of a parabola, as in Krutz et al. The last two differ
@@ -40,7 +46,7 @@ class Optics:
     field_edge       radian, field angle at which growing aberrations have their rms
     seeing           radian, sigma of the Gaussian blur of an atmosphere per axis; 0: none
     transmission     1 over wavelength
-    principal_x, principal_y  pixel from the centre of the detector to where the axis meets it
+    principal_x, principal_y  pixel from the centre of the detector to the principal point
     k1, k2, p1, p2, k3        OpenCV's distortion coefficients
     """
 
@@ -100,7 +106,7 @@ class Optics:
         if exact and self.lens == "aplanatic" and self.working_f_number < STEEPEST_F:
             raise ValueError(
                 f"f_number must be at least {STEEPEST_F:g} at the image for an aplanatic lens in "
-                "the models kirchhoff and auto, whose outer rays would come in sideways, got "
+                "the models kirchhoff and auto, whose outer rays would miss the detector, got "
                 f"{self.working_f_number:g}"
             )
         plane_lens = exact and self.lens != "aplanatic"
@@ -138,5 +144,5 @@ class Optics:
 
     @property
     def total_blur(self) -> float:
-        """Metre, sigma of the lens's blur and of the atmosphere's together."""
+        """Metre, sigma of the blur of lens and atmosphere together."""
         return math.hypot(self.blur, self.seeing * self.image_distance)

@@ -1,4 +1,4 @@
-"""Optics enter; a Psf leaves: the fraction of light in each pixel, for any sub-pixel place."""
+"""Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from scipy.linalg import eigh_tridiagonal
 
 from startrack.core import Floats, Psf, non_negative, positive, within
 from startrack.optics.choose import AIRY_SIGMA, choose
+from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.fraunhofer import intensity, pupil_samples
 from startrack.optics.parameters import Optics
-from startrack.optics.transfer import blur_transfer, pixel_transfer, pupil_transfer
-from startrack.optics.wavefront import steepest, wavefront
+from startrack.optics.wavefront import steepest_slope, wavefront
 
 
 def gauss_band(wavelength: Floats, weight: Floats, count: int) -> tuple[Floats, Floats]:
-    """The Gaussian quadrature of a discrete band.
+    """Gaussian quadrature of a discrete band.
 
-    `count` nodes and weights give the same sum as the whole band for every polynomial of degree
-    up to 2 count - 1 in the wavelength.
+    For each polynomial in the wavelength of degree up to 2 count - 1, `count` nodes and weights
+    give the same sum as the whole band.
 
     Source: Golub and Welsch (1969), Math. Comp. 23, 221; the recurrence by Lanczos.
 
     wavelength  (k,) metre
-    weight      (k,) not negative
-    count       wanted nodes; fewer come back where the band has fewer wavelengths
-    Returns     (n,) metre; (n,) 1, that sum to one
+    weight      (k,) 1, not negative
+    count       largest number of nodes
+    Returns     (n,) metre; (n,) 1, of sum one; n is less than count for a band of fewer wavelengths
     Raises      ValueError where no weight is above zero.
     Accuracy    numerical: 1e-14 of the moments.
     """
@@ -58,11 +58,11 @@ def gauss_band(wavelength: Floats, weight: Floats, count: int) -> tuple[Floats, 
 
 GAUSSIAN_BOX = 6.0  # sigma, half width of the table: 2e-9 of the energy lies outside
 AIRY_BOX = 6.0  # wavelength * f-number, half width of the table beyond the blur
-BAND_NODES = 12  # wavelengths that stand for a band
-FINEST, COARSEST = 64, 12  # samples per pixel
-PER_SIGMA = 8.0  # samples per sigma of the image's core
-MOST_SAMPLES = 1024  # across a pupil
-MOST_POINTS = 3072  # across the field of an irradiance
+BAND_NODES = 12  # wavelengths of a band; chosen by hand: each costs one diffraction integral
+FINEST, COARSEST = 64, 12  # samples per pixel; chosen by hand: memory against the finest PSF
+PER_SIGMA = 8.0  # samples per sigma of the core: six-point interpolation errs by 1e-6 of the peak
+MOST_SAMPLES = 1024  # across a pupil; chosen by hand: seconds of computing time
+MOST_POINTS = 3072  # across the field of an irradiance; chosen by hand: 75 MB
 
 
 def pixel_psf(
@@ -73,27 +73,28 @@ def pixel_psf(
     fill_factor: float = 1.0,
     diffusion: float = 0.0,
 ) -> Psf:
-    """The pixel-integrated PSF, tabulated.
+    """Table of the pixel-integrated PSF.
 
         Psf = sum_k weight_k diffraction(wavelength_k) * blur * seeing * diffusion * pixel
 
-    where * is a convolution: of transfer functions where these are known in closed form, of an
-    irradiance computed point by point otherwise.
+    where * is a convolution. Models with a closed form multiply transfer functions; the others
+    average an irradiance that is computed point by point.
 
     Source: Krutz et al. (2011), eqs. (17)-(20).
 
     pitch        metre, side of a pixel
     wavelength   (k,) metre
-    weight       (k,) fractions of the detected photons; need not sum to one
+    weight       (k,) 1, in proportion to the detected photons
     fill_factor  1, area of the active square in the middle of a pixel over that of the pixel. The
-                 table is divided by it, because whoever counts photons has counted it already
+                 table is divided by it, because the number of detected photons contains it
     diffusion    metre, sigma of the Gaussian that charge diffusion adds per axis
-    Raises       ValueError where the wavefront needs more samples than MOST_SAMPLES.
+    Raises       ValueError where the wavefront needs more than 1024 samples across the pupil or
+                 its image more than 3072 points.
     Accuracy     model: see `choose`; the fraction outside the table is 1 - Psf.energy. numerical:
-                 1e-5 of the peak; see `pixel_response`, `pixel_average`, `stamp`. What is finer
-                 than a sigma of 1/64 pixel is blurred to that, lest shares become negative between
-                 the samples. So, where a pixel holds more than ten wavelength * f-number, a star
-                 within 1/32 pixel of its edge is divided wrongly by some of its light: 7e-4 at
+                 1e-5 of the peak; see `pixel_response`, `pixel_average`, `stamp`. A core of less
+                 than 1/64 pixel sigma is blurred to that, so that interpolation does not make
+                 fractions negative. So, if a pixel is wider than ten wavelength * f-number, the
+                 fractions of a star within 1/32 pixel of an edge are wrong: by 7e-4 at a width of
                  twenty, 0.01 at thirty, 0.08 at forty, 0.26 at 122.
     """
     positive(pitch=pitch, fill_factor=fill_factor)
@@ -106,7 +107,7 @@ def pixel_psf(
     disk = mean_wavelength * optics.working_f_number
     core = math.hypot(AIRY_SIGMA * disk, blur)
     least = pitch / FINEST
-    if core < least:  # what is finer than the samples would ring between them
+    if core < least:  # the interpolation of a finer core would oscillate between the samples
         blur, core = math.sqrt(blur**2 + least**2 - core**2), least
     model = optics.psf
     if model == "auto":
@@ -120,9 +121,9 @@ def pixel_psf(
 
 
 def _gaussian(sigma: float, side: float) -> Psf:
-    """A Gaussian of `sigma` pixel: the table is a product of differences of error functions."""
+    """A Gaussian of `sigma` pixel: its table is a product of differences of error functions."""
     oversampling = _oversampling(sigma)
-    half = _half(GAUSSIAN_BOX * sigma, oversampling)
+    half = _half_samples(GAUSSIAN_BOX * sigma, oversampling)
     x = np.arange(-half, half + 1) / oversampling
     line = special.ndtr((x + side / 2) / sigma) - special.ndtr((x - side / 2) / sigma)
     line /= side
@@ -152,31 +153,31 @@ def pixel_response(
     cusp: float = 0.0,
     side: float | None = None,
 ) -> Psf:
-    """Turn a transfer function that depends on |f| alone into a table of pixel responses.
+    """Table of pixel responses from a transfer function that depends on |f| alone.
 
-    The wings of diffraction fall with r^-3 and would fold back in a discrete transform. They come
-    from the cusp 1 - cusp |f| of the transfer function; (cusp / a) exp(-a |f|) has the same cusp
-    and wings, and its integral over a pixel is known in closed form. Only the difference is
-    transformed; a is the core's width, so that it ends where the samples do.
+    The wings of diffraction fall with r^-3; a discrete transform would alias them. They come from
+    the cusp 1 - cusp |f| of the transfer function; (cusp / a) exp(-a |f|) has the same cusp and
+    wings, and its integral over a pixel has a closed form. Only the difference is transformed. The
+    length a follows the width of the core, so that the exponential is sampled well.
 
     transfer    function of (...) cycle / metre that returns (...) 1
     pitch       metre
-    half_width  pixel, wanted reach of the table
-    finest      pixel, the scale on which the image varies; sets the sampling
+    half_width  pixel, of the table, at least
+    finest      pixel, sigma of the core of the image; sets the sampling
     cusp        metre, minus the slope of the transfer function at zero
-    side        metre, of a pixel's active square; the pitch if None
+    side        metre, of the active square of a pixel; the pitch if None
     Accuracy    numerical: 2e-6 of the peak, 1e-6 in energy.
     """
     side = side or pitch
     oversampling = _oversampling(finest)
-    half = _half(half_width, oversampling)
-    # What varies within one and a half samples has frequencies beyond theirs.
+    half = _half_samples(half_width, oversampling)
+    # A core of less than one and a half samples has frequencies above their Nyquist frequency.
     fine = 2 if finest * oversampling < 1.5 else 1
     samples = fft.next_fast_len(8 * half * fine, real=True)
     spacing = pitch / oversampling / fine
     fx, fy = fft.rfftfreq(samples, spacing), fft.fftfreq(samples, spacing)
     radius = np.hypot(fx, fy[:, None])
-    # A transfer function of one variable is costly to evaluate on the plane, cheap on a line.
+    # A transfer function of one variable costs less on a line than on the plane.
     line = np.linspace(0, radius.max(), 4 * samples)
     decay = max(cusp, 2 * math.pi * finest * pitch)
     wings = cusp / decay * np.exp(-decay * line)
@@ -203,11 +204,11 @@ def _diffraction(
     optics: Optics, model: str, pitch: float, side: float, wavelength: Floats, weight: Floats,
     blur: float, core: float, reach: float,
 ) -> Psf:  # fmt: skip
-    slope = steepest(optics, model)
+    slope = steepest_slope(optics, model)
     # A ray of slope s meets the detector 2 N s from the axis.
     reach += 2 * optics.working_f_number * slope
     oversampling = _oversampling(core / pitch)
-    half = _half(reach / pitch, oversampling)
+    half = _half_samples(reach / pitch, oversampling)
     # The irradiance has no frequency above 1 / (wavelength N): a third finer than Nyquist.
     fine = math.ceil(pitch / oversampling / (wavelength.min() * optics.working_f_number / 2.6))
     spacing = pitch / oversampling / fine
@@ -238,12 +239,12 @@ def irradiance(
 
     wavelength, weight  (k,) metre; (k,) 1
     spacing, count      metre; points along a side, odd, the axis in the middle
-    slope               metre per radius, of the wavefront, if known
-    Returns             (count, count) 1 / metre^2, of all light that passes the pupil
-    Raises              ValueError beyond MOST_SAMPLES.
+    slope               metre per radius, steepest of the wavefront; None: computed here
+    Returns             (count, count) 1 / metre^2; over the whole plane its integral is one
+    Raises              ValueError where the wavefront needs more than 1024 samples.
     Accuracy            numerical: 1e-5 of the peak.
     """
-    slope = steepest(optics, model) if slope is None else slope
+    slope = steepest_slope(optics, model) if slope is None else slope
     shortest = float(wavelength.min())
     half_width = count // 2 * spacing / (shortest * optics.working_f_number)
     samples = pupil_samples(half_width, slope / shortest)
@@ -255,7 +256,7 @@ def irradiance(
             "is clear, take the model airy"
         )
     wave = wavefront(optics, model, samples)
-    cell = wave.place[1] - wave.place[0]
+    cell = wave.coordinate[1] - wave.coordinate[0]
     grid = (np.arange(count) - count // 2) * spacing
     total = np.zeros((count, count))
     for fraction, each in zip(weight, wavelength, strict=True):
@@ -263,7 +264,7 @@ def irradiance(
         # By Parseval the integral over the whole plane is one.
         unit = fraction * cell**2 / (4 * wave.energy * disk**2)
         total += unit * intensity(
-            wave.weight, 2 * math.pi / each * wave.path, wave.place, grid / disk
+            wave.weight, 2 * math.pi / each * wave.path, wave.coordinate, grid / disk
         )
     return total
 
@@ -271,10 +272,10 @@ def irradiance(
 def pixel_average(plane: Floats, spacing: float, side: float, blur: float) -> Floats:
     """The mean of a sampled irradiance over a square around each sample, after a Gaussian blur.
 
-    plane    (m, m), without frequencies above its Nyquist's
+    plane    (m, m), without frequencies above its Nyquist frequency
     spacing  metre
-    Returns  (m, m); what lies within side / 2 + 6 blur + 24 samples of an edge has lost light
-    Accuracy  numerical: exact to 1e-6 of the peak, because the plane has no more frequencies.
+    Returns  (m, m); too small within side / 2 + 6 blur + 24 samples of an edge
+    Accuracy  numerical: 1e-6 of the peak.
     """
     size = fft.next_fast_len(plane.shape[0] + math.ceil((side / 2 + 6 * blur) / spacing), real=True)
     fx, fy = fft.rfftfreq(size, spacing), fft.fftfreq(size, spacing)
@@ -285,19 +286,19 @@ def pixel_average(plane: Floats, spacing: float, side: float, blur: float) -> Fl
 
 
 def _energy(table: Floats, oversampling: int) -> float:
-    """All light is counted once by the pixels of any sub-pixel phase; their mean is the energy."""
+    """Energy inside the table: the mean over sub-pixel positions of the sum over pixels."""
     edge = np.ones(len(table))
-    # Gregory's ends, of fourth order: the table does not vanish at its edge.
+    # Gregory's end weights, of fourth order: the table is not zero at its edge.
     edge[:3] = edge[:-4:-1] = (3 / 8, 7 / 6, 23 / 24)
     return min(float(edge @ table @ edge) / oversampling**2, 1.0)
 
 
 def _oversampling(finest: float) -> int:
-    """Samples per pixel that let six-point interpolation reach 1e-6 of the peak."""
+    """Samples per pixel for which six-point interpolation errs by 1e-6 of the peak."""
     return int(np.clip(math.ceil(PER_SIGMA / max(finest, 1e-3)), COARSEST, FINEST))
 
 
-def _half(width: float, oversampling: int) -> int:
-    """Samples from the centre to the edge of the table: the reach, half a pixel, and the taps."""
-    # Whole pixels, so that a star anywhere in its pixel keeps as many on its left as on its right.
+def _half_samples(width: float, oversampling: int) -> int:
+    """Samples from centre to edge of the table: its width, half a pixel, the interpolation."""
+    # Whole pixels, so that a star has as many pixels on its left as on its right.
     return math.ceil((math.ceil(max(width, 1.0)) + 0.5) * oversampling) + 3

@@ -14,9 +14,9 @@ from scipy import special
 from startrack.core import Floats, Unit, finite, non_negative, one_of, positive, whole, within
 
 EDGE = 0.75  # cell, width of the soft edge: 3e-6 of the peak at twice the critical sampling
-MARGIN = 3  # cells beyond the rim, where the soft edge has died out
+MARGIN = 3  # cells beyond the rim, where the soft edge is zero
 SIDES = (math.pi / 6, math.pi / 2, 5 * math.pi / 6)  # radian, normals of a hexagon's sides
-FINE = 512  # cells across the aperture in which areas are counted
+AREA_CELLS = 512  # across the aperture, for its open area: 1e-5 for shapes with corners
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,10 @@ class Segment:
             )
 
     def overlaps(self, other: Segment) -> bool:
-        """Whether it lies over another one, by more than rounding.
+        """Whether it overlaps another segment by more than rounding.
 
-        A segment of both sizes together would hold the other's centre. A circle beside the corner
-        of a hexagon is kept a little too far from it.
+        They overlap if the centre of one lies inside a segment of the sum of both sizes. For a
+        circle beside the corner of a hexagon, this is slightly too strict.
         """
         x, y = other.x - self.x, other.y - self.y
         if self.shape == other.shape == "circle":
@@ -60,13 +60,13 @@ class Segment:
 
 @dataclass(frozen=True)
 class Pupil:
-    """What the aperture lets through; the default is a clear circle.
+    """Shape of the aperture; the default is a clear circle.
 
     obscuration   1, radius of the central obscuration over that of the aperture
-    vanes         how many arms hold it, evenly spaced
+    vanes         number of evenly spaced arms that hold it
     vane_width    1, over the radius of the aperture
     vane_angle    radian, of the first arm, from +x towards +y
-    segments      the pieces of a segmented or sparse aperture, side by side; none: the whole circle
+    segments      the pieces of a segmented or sparse aperture; none: the whole circle
     """
 
     obscuration: float = 0.0
@@ -101,36 +101,37 @@ class Pupil:
 
         Accuracy  numerical: 1e-5 for shapes with corners.
         """
-        return 1.0 if self.clear else _share(self)
+        return 1.0 if self.clear else _open_fraction(self)
 
 
 @lru_cache(maxsize=64)
-def _share(pupil: Pupil) -> float:
-    x, cell = cells(FINE)
-    return float(openness(pupil, x, cell).sum()) * cell**2 / math.pi
+def _open_fraction(pupil: Pupil) -> float:
+    x, cell = pupil_grid(AREA_CELLS)
+    return float(area_weights(pupil, x, cell).sum()) * cell**2 / math.pi
 
 
-def cells(count: int) -> tuple[Floats, float]:
+def pupil_grid(count: int) -> tuple[Floats, float]:
     """The grid on which a pupil is sampled, symmetric about the axis.
 
     count    even, samples along a side
-    Returns  (count,) 1, places in radii of the aperture; 1, their distance
+    Returns  (count,) 1, coordinates in radii of the aperture; 1, their spacing
     """
     cell = 2 / (count - 2 * MARGIN)
     return (np.arange(float(count)) - (count - 1) / 2) * cell, cell
 
 
-def openness(pupil: Pupil, x: Floats, cell: float) -> Floats:
+def area_weights(pupil: Pupil, x: Floats, cell: float) -> Floats:
     """Quadrature weights of the open area on a grid: 1 inside, 0 outside, soft at the edges.
 
     A sharp mask makes a quadrature of first order. Here the mask is convolved with a kernel whose
-    moments two and four vanish, so that the sum over the grid integrates what is smooth with an
-    error of sixth order; the soft edge reaches three cells beyond the rim.
+    second and fourth moments are zero, so that the sum over the grid integrates a smooth function
+    with an error of sixth order; the soft edge reaches three cells beyond the rim.
 
-    x        (n,) 1, places in radii of the aperture, for both axes
+    x        (n,) 1, coordinates in radii of the aperture, for both axes
+    cell     1, their spacing
     Returns  (n, n) 1, rows along y
-    Accuracy  model: where edges meet in a corner the product of the two soft edges stands for the
-              convolution: an area of a tenth of a cell squared per corner.
+    Accuracy  model: in corners, the product of two soft edges replaces the convolution: an area of
+              a tenth of a squared cell per corner.
     """
     y = x[:, None]
     if pupil.segments:

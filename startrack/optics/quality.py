@@ -1,4 +1,4 @@
-"""Psf -> the numbers by which optics are judged: transfer at Nyquist, energies, widths."""
+"""Psf -> figures of merit: transfer at Nyquist, energies, widths."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ POINT = 1e-4  # fill factor of pixels so small that their table is the image its
 
 @dataclass(frozen=True)
 class Quality:
-    """What the tables of an image and of its pixels say.
+    """Figures of merit of a PSF before and after its integration over pixels.
 
     mtf_x, mtf_y    1, modulation at Nyquist, half a cycle per pixel, the pixel included
     fwhm_x, fwhm_y  pixel, full width at half maximum of the image before the pixels
     encircled       1, fraction of the star's energy within RADII pixel of its image
-    ensquared       1, fraction in BLOCKS by BLOCKS pixels, the star in the middle of one
-    energy          1, share within the table
+    ensquared       1, fraction in BLOCKS by BLOCKS pixels, the star in the middle of one of them
+    energy          1, fraction within the table
     """
 
     mtf_x: float
@@ -34,10 +34,10 @@ class Quality:
 
 
 def quality(response: Psf, image: Psf) -> Quality:
-    """Judge a design by its tables.
+    """Figures of merit from two tables of the same optics.
 
-    response  of the pixels
-    image     the same optics with `fill_factor=POINT`
+    response  table of the pixels
+    image     table with `fill_factor=POINT`
     Accuracy  numerical: 2e-3 in modulation, 1e-3 in energy; energies beyond the table are NaN.
     """
     middle = image.table.shape[0] // 2
@@ -54,13 +54,13 @@ def quality(response: Psf, image: Psf) -> Quality:
 
 
 def modulation(psf: Psf, frequency: Floats, angle: float) -> Floats:
-    """Modulus of the transfer function.
+    """Modulus of the transfer function of a table.
 
     frequency  (n,) cycle / pixel
-    angle      radian of the wave's direction, from +x towards +y
+    angle      radian, direction of the wave, from +x towards +y
     Returns    (n,) 1; at zero it is the energy within the table
-    Accuracy   the wings outside count as haze without modulation: 2e-3 from two cycles per width of
-               the table on.
+    Accuracy   the wings outside the table are left out: 2e-3 from two cycles per width of the
+               table on.
     """
     at = (np.arange(psf.table.shape[0]) - psf.table.shape[0] // 2) / psf.oversampling
     along = np.exp(-2j * np.pi * np.outer(frequency * np.cos(angle), at))
@@ -70,7 +70,7 @@ def modulation(psf: Psf, frequency: Floats, angle: float) -> Floats:
 
 
 def full_width(line: Floats, oversampling: int) -> float:
-    """Pixel between the outermost places where a line falls to half its maximum."""
+    """Pixel between the outermost points where a line falls to half its maximum."""
     half = line.max() / 2
     above = np.flatnonzero(line >= half)
     first, last = int(above[0]), int(above[-1])
@@ -82,7 +82,7 @@ def full_width(line: Floats, oversampling: int) -> float:
 
 
 def encircled(image: Psf, radius: float) -> float:
-    """Share of the energy within a circle of `radius` pixel; NaN beyond the table."""
+    """Fraction of the energy within a circle of `radius` pixel; NaN beyond the table."""
     if radius > image.half_width:
         return float("nan")
     at = np.arange(image.table.shape[0]) - image.table.shape[0] // 2
@@ -92,7 +92,7 @@ def encircled(image: Psf, radius: float) -> float:
 
 
 def ensquared(response: Psf, block: int) -> float:
-    """Share of the energy in a block of pixels, odd, around the star's; NaN beyond the table."""
+    """Fraction of the energy in `block` (odd) by `block` pixels; NaN beyond the table."""
     step, middle = response.oversampling, response.table.shape[0] // 2
     reach = block // 2 * step
     if reach > middle:

@@ -1,4 +1,4 @@
-"""Optics -> the complex pupil of a model: what each model takes the wave in the exit pupil for.
+"""Optics -> the complex pupil of each diffraction model.
 
 Every model is a Fourier integral over the pupil, which differs in amplitude, path and scale:
 
@@ -28,24 +28,24 @@ import numpy as np
 from startrack.core import Floats
 from startrack.optics.kirchhoff import path_defect
 from startrack.optics.parameters import Optics
-from startrack.optics.pupil import cells, openness
+from startrack.optics.pupil import area_weights, pupil_grid
 from startrack.optics.zernike import zernike
 
-STEEPEST = 0.999  # sine of an angle at the focus, where the soft edge beyond the rim is cut
+STEEPEST = 0.999  # largest sine of an angle at the focus; it clips the soft edge beyond the rim
 
 
 @dataclass(frozen=True, eq=False)
 class Wavefront:
     """A sampled pupil.
 
-    place     (n,) 1, of the samples in units of the rim
-    weight    (n, n) 1, open area times amplitude
-    path      (n, n) metre
-    energy    1, the sum of open area times amplitude squared
-    f_number  1, scale / (2 rim)
+    coordinate  (n,) 1, of the samples in units of the rim
+    weight      (n, n) 1, open area times amplitude
+    path        (n, n) metre
+    energy      1, the sum of open area times amplitude squared
+    f_number    1, scale / (2 rim)
     """
 
-    place: Floats
+    coordinate: Floats
     weight: Floats
     path: Floats
     energy: float
@@ -55,16 +55,16 @@ class Wavefront:
 def wavefront(optics: Optics, model: str, samples: int) -> Wavefront:
     """The pupil of a model on `samples` by `samples` cells.
 
-    Accuracy  model "kirchhoff": the phase k x^2 R^2 / b^3 of an image point x is left out; a tenth
-              of a radian at x = 0.1 sqrt(lambda b^3) / R, beyond any table here.
+    Accuracy  model "kirchhoff": without the phase k x^2 R^2 / b^3 of an image point x, a tenth of a
+              radian at x = 0.1 sqrt(lambda b^3) / R, farther out than any table reaches.
     """
-    place, cell = cells(samples)
-    opened = openness(optics.pupil, place, cell)
+    coordinate, cell = pupil_grid(samples)
+    opened = area_weights(optics.pupil, coordinate, cell)
     b, radius = optics.image_distance, optics.aperture / 2
     scale, rim = b, radius
     amplitude: Floats | float = 1.0
-    square = (place**2 + place[:, None] ** 2) * radius**2
-    in_lens = 1.0  # of the samples' places, where Zernike polynomials are counted in the lens
+    square = (coordinate**2 + coordinate[:, None] ** 2) * radius**2
+    in_lens = 1.0  # from coordinates to those in the lens, the arguments of the Zernike polynomials
     if model == "fraunhofer":
         path = -optics.defocus * square / (2 * b**2)
     elif model == "fresnel":
@@ -88,17 +88,17 @@ def wavefront(optics: Optics, model: str, samples: int) -> Wavefront:
             in_lens = (rim / radius) / cosine
         else:
             amplitude = 1 / np.sqrt(cosine)
-    x, y = place * in_lens, place[:, None] * in_lens
+    x, y = coordinate * in_lens, coordinate[:, None] * in_lens
     for each in optics.aberrations:
         if each.growth == 0 and each.rms:
             path = path + each.rms * zernike(each.noll, x, y)
     weight = opened * amplitude
-    return Wavefront(place, weight, path, float((weight * amplitude).sum()), scale / (2 * rim))
+    return Wavefront(coordinate, weight, path, float((weight * amplitude).sum()), scale / (2 * rim))
 
 
-def steepest(optics: Optics, model: str) -> float:
+def steepest_slope(optics: Optics, model: str) -> float:
     """Metre of path per radius of the aperture: the steepest slope of the wavefront."""
     wave = wavefront(optics, model, 96)
-    down, across = np.gradient(wave.path, wave.place, wave.place)
-    inside = np.hypot(wave.place, wave.place[:, None]) <= 1
+    down, across = np.gradient(wave.path, wave.coordinate, wave.coordinate)
+    inside = np.hypot(wave.coordinate, wave.coordinate[:, None]) <= 1
     return float(np.hypot(down, across)[inside].max())

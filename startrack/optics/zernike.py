@@ -41,8 +41,8 @@ def noll_to_nm(noll: int) -> tuple[int, int]:
     [(0, 0), (1, 1), (1, -1), (2, 0), (2, -2), (2, 2), (3, -1), (3, 1), (4, 0)]
     """
     n = (math.isqrt(8 * noll - 7) - 1) // 2
-    place = noll - n * (n + 1) // 2  # 1 ... n + 1 within the order
-    m = 2 * (place // 2) if n % 2 == 0 else 2 * ((place - 1) // 2) + 1
+    rank = noll - n * (n + 1) // 2  # 1 ... n + 1 within the order
+    m = 2 * (rank // 2) if n % 2 == 0 else 2 * ((rank - 1) // 2) + 1
     return n, m if noll % 2 == 0 else -m
 
 
@@ -54,7 +54,7 @@ def zernike(noll: int, x: Floats, y: Floats) -> Floats:
 
     Source: Noll (1976), eqs. (1)-(3); the Jacobi polynomials keep R stable at high orders.
 
-    x, y     (...) 1, in radii of the aperture; beyond the rim the polynomial continues
+    x, y     (...) 1, in radii of the aperture; beyond the rim the polynomial is continued
     Returns  (...) 1
     """
     n, m = noll_to_nm(noll)
@@ -62,7 +62,7 @@ def zernike(noll: int, x: Floats, y: Floats) -> Floats:
     k = (n - order) // 2
     square = x * x + y * y
     radial = (-1) ** k * special.eval_jacobi(k, order, 0, 1 - 2 * square)
-    # rho^m exp(i m theta) is a power of x + i y: no angle, no trouble at the centre.
+    # rho^m exp(i m theta) is a power of x + i y: no angle, which is undefined at the centre.
     power = (x + 1j * y) ** order
     turn = power.imag if m < 0 else power.real
     return math.sqrt((n + 1) * (2 if m else 1)) * radial * turn

@@ -37,7 +37,7 @@ LUX_OF_ZERO = 2.54e-6  # of a star of V = 0
 PHOTONS_OF_ZERO = 1.0e8  # photon / s / m^2 / nm at 550 nm, of the same
 WARM = 2700.0  # kelvin, of lamps
 DENSITY = 4000.0  # heads / km^2
-SPOT = 0.5e6  # heads that make one point
+HEADS_PER_POINT = 0.5e6  # heads that make one point
 DUSK = -6 * deg  # elevation of the Sun below which lamps are lit
 
 
@@ -51,8 +51,8 @@ def cities(earth: Earth, observer: Observer) -> tuple[Floats, Floats]:
               are left out; no air, no clouds. Places within 0.2 degree: how the Earth's axis has
               moved since 2000 is left out.
     """
-    place, heads = _spots()
-    turned = place @ _turn(observer.day).T
+    place, heads = _city_points()
+    turned = place @ _earth_to_icrs(observer.day).T
     away = EARTH_RADIUS * turned + earth.centre
     distance = np.linalg.norm(away, axis=1)
     direction = away / distance[:, None]
@@ -65,7 +65,7 @@ def cities(earth: Earth, observer: Observer) -> tuple[Floats, Floats]:
     return direction[lit], rate[lit]
 
 
-def _turn(day: float) -> Floats:
+def _earth_to_icrs(day: float) -> Floats:
     """(3, 3) from axes that turn with the Earth to ICRS ones, by the Earth rotation angle.
 
     Source: IAU 2000, resolution B1.8; 69 s of TDB - UT1 as in 2026.
@@ -76,11 +76,11 @@ def _turn(day: float) -> Floats:
 
 
 @lru_cache(maxsize=1)
-def _spots() -> tuple[Floats, Floats]:
+def _city_points() -> tuple[Floats, Floats]:
     """(n, 3) unit vectors in axes that turn with the Earth, (n,) heads that light each."""
     places, heads = [], []
     for million, latitude, longitude in CITIES:
-        count = math.ceil(million * 1e6 / SPOT)
+        count = math.ceil(million * 1e6 / HEADS_PER_POINT)
         radius = math.sqrt(million * 1e6 / DENSITY / math.pi) * 1e3 / EARTH_RADIUS
         k = np.arange(count)
         out, turn = radius * np.sqrt((k + 0.5) / count), k * GOLDEN_ANGLE

@@ -37,18 +37,18 @@ from startrack.scene.planets import PLANETS, magnitude_v
 from startrack.scene.starlight import starlight, starlight_spectrum
 from startrack.scene.zodiacal import zodiacal, zodiacal_spectrum
 
-NODES = 17  # of a glow's map along a side of the frame
-LIMB_NODES = 129  # the same where the Earth's limb is in the frame
-POINTS = 2.0  # per pixel, of a disc
+NODES = 17  # of the map of diffuse light along a side of the frame: 1 % between them
+LIMB_NODES = 129  # the same where the Earth's limb is in the frame: an edge of 1/128 of it
+POINTS_PER_PIXEL = 2.0  # of a disc; chosen by hand: fewer leave gaps, more cost time
 
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """Where a camera looks, for what of the scene depends on that.
+    """Camera and attitude of a trial, for the light that depends on them.
 
     icrs_to_camera  true attitude
     camera          the true one
-    limit_g         G of the faintest star that the catalogue renders
+    limit_g         G of the faintest star that is rendered from the catalogue
     streams         of the trial
     """
 
@@ -58,49 +58,49 @@ class Sight:
     streams: Streams
 
     def sees(self, disc: Disc) -> bool:
-        """Whether a disc may reach into the frame."""
+        """Whether a part of a disc may be in the frame."""
         boresight = self.icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
         angle = math.acos(min(max(float(boresight @ disc.direction), -1.0), 1.0))
         return angle < disc.radius + 1.1 * self.camera.half_diagonal
 
     def nodes(self, count: int) -> Floats:
-        """(count^2, 3) ICRS directions of the places of a glow's map."""
+        """(count^2, 3) ICRS directions of the nodes of a map of diffuse light."""
         return self.icrs_to_camera.inv().apply(self.camera.lattice(count))
 
 
 def illuminate(scene: Scene, stars: Stars, sight: Sight | None = None) -> Light:
-    """The light of stars, sky and bodies.
+    """The light of stars, background and bodies.
 
-    sight    where the camera looks; None: only stars and the even background, which are the same
-            everywhere
-    Raises    those of `photometry.photon_rate`, `zodiacal`, `starlight`, `planets`, `bodies`;
-              ValueError where a disc in the field has too many pixels.
-    Accuracy  model: what hides a star hides it whole; discs are those of the middle of the
-              exposure. numerical: glow 1 % between the places of its map, the Earth's limb 1/128 of
-              the frame.
+    sight     None: only stars and the uniform background, which do not depend on it
+    Raises    ValueError where a disc in the field has too many pixels. TypeError where the scene
+              draws a date or an orbit and `sight` has no streams.
+    Accuracy  model: those of `photon_irradiance`, `zodiacal`, `starlight`, `magnitude_v` and
+              `bodies`; a body hides a star completely or not at all; discs do not move during the
+              exposure. numerical: 1 % between the nodes of the maps of diffuse light; the Earth's
+              limb within 1/128 of the frame.
     """
     rate = photon_irradiance(stars.magnitude_g, colour_temperature(stars.colour))
-    light = Light(stars.direction, WAVELENGTH, rate, _even(scene.background_g))
+    light = Light(stars.direction, WAVELENGTH, rate, _uniform_background(scene.background_g))
     if sight is None or not scene.lights:
         return light
     observer = observer_of(scene, sight.streams) if scene.dated else None
     earth = earth_of(observer) if observer and "earth" in scene.lights else None
-    light = replace(light, diffuse=tuple(_glows(scene, sight, observer, earth)))
+    light = replace(light, diffuse=tuple(_diffuse_light(scene, sight, observer, earth)))
     return _with_bodies(light, scene, sight, observer, earth) if observer else light
 
 
 @lru_cache(maxsize=64)
-def _even(background_g: float | None) -> Floats:
-    """Photon / s / m^2 / sr in each bin; the sky is sunlight scattered by dust."""
+def _uniform_background(background_g: float | None) -> Floats:
+    """Photon / s / m^2 / sr in each bin, with the spectrum of the Sun."""
     if background_g is None:
         return np.zeros_like(WAVELENGTH)
     return photon_irradiance(np.array([background_g]), np.array([SUN]))[0] / arcsec**2
 
 
-def _glows(
+def _diffuse_light(
     scene: Scene, sight: Sight, observer: Observer | None, earth: Earth | None
 ) -> Iterator[DiffuseLight]:
-    """What shines over the whole field, in front of the Earth and beside it."""
+    """All light that varies over the field, in front of the Earth and beside it."""
     limb = earth is not None and sight.sees(earth.disc)
     shells = earth is not None and "airglow" in scene.lights and sight.sees(_with_air(earth))
     count = LIMB_NODES if limb or shells else NODES
@@ -126,7 +126,7 @@ def _glows(
 
 
 def _with_air(earth: Earth) -> Disc:
-    """What the Earth and its shells of airglow cover."""
+    """The disc of the Earth with its shells of airglow."""
     distance = float(np.linalg.norm(earth.centre))
     radius = math.asin(min((EARTH_RADIUS + HIGHEST) / distance, 1.0))
     return replace(earth.disc, radius=radius)
@@ -135,35 +135,35 @@ def _with_air(earth: Earth) -> Disc:
 def _with_bodies(
     light: Light, scene: Scene, sight: Sight, observer: Observer, earth: Earth | None
 ) -> Light:
-    """From the farthest to the nearest, as each hides what is behind it."""
+    """Add the bodies from the farthest to the nearest, each of which hides what is behind it."""
     if "planets" in scene.lights:
-        light = _added(light, *_planets(observer, scene))
+        light = _with_points(light, *_planets(observer, scene))
     known = ("sun", sun_of), ("moon", moon_of)
     discs = [body_of(observer) for name, body_of in known if name in scene.lights]
     for disc in discs:
         light = _with_disc(light, disc, sight)
-    light = replace(light, glare=tuple(_glares(discs, earth)))
+    light = replace(light, stray_sources=tuple(_stray_sources(discs, earth)))
     if earth is None:
         return light
-    light = _behind(light, earth.disc)
+    light = _without_hidden(light, earth.disc)
     if "cities" in scene.lights and sight.sees(earth.disc):
-        light = _added(light, *cities(earth, observer))
+        light = _with_points(light, *cities(earth, observer))
     return light
 
 
-def _glares(discs: list[Disc], earth: Earth | None) -> Iterator[StrayLightSource]:
-    """Of discs, the farthest first, and of the Earth: as much as those before them leave."""
-    before = [*discs, earth.disc] if earth else discs
+def _stray_sources(discs: list[Disc], earth: Earth | None) -> Iterator[StrayLightSource]:
+    """Discs, the farthest first, and the Earth, less what nearer bodies hide of them."""
+    bodies = [*discs, earth.disc] if earth else discs
     for n, disc in enumerate(discs):
-        fraction = math.prod(1 - nearer.hides(disc) for nearer in before[n + 1 :])
+        fraction = math.prod(1 - nearer.hides(disc) for nearer in bodies[n + 1 :])
         if fraction > 0:
-            yield disc.glare(fraction)
-    if earth and len((glare := earth.glare).fraction):
-        yield glare
+            yield disc.stray_source(fraction)
+    if earth and len((source := earth.stray_source).fraction):
+        yield source
 
 
 def _planets(observer: Observer, scene: Scene) -> tuple[Floats, Floats]:
-    """Directions and photon rates of all of them; of the Earth too, for who is far from it."""
+    """Directions and photon irradiances; with the Earth for an observer far from it."""
     names = PLANETS if scene.place is None else (*PLANETS, "earth")
     bodies = {name: observer.see(name) for name in names}
     magnitude_g = [
@@ -174,24 +174,24 @@ def _planets(observer: Observer, scene: Scene) -> tuple[Floats, Floats]:
 
 
 def _with_disc(light: Light, disc: Disc, sight: Sight) -> Light:
-    """A body before what is there already, in the field."""
-    light = _behind(light, disc)
+    """The light with a body in front of it."""
+    light = _without_hidden(light, disc)
     if not sight.sees(disc):
         return light
-    place, fraction = disc_points(disc, 1 / sight.camera.focal_length_px / POINTS)
-    return _added(light, place, np.outer(fraction, disc.photon_irradiance))
+    point, fraction = disc_points(disc, 1 / sight.camera.focal_length_px / POINTS_PER_PIXEL)
+    return _with_points(light, point, np.outer(fraction, disc.photon_irradiance))
 
 
-def _added(light: Light, direction: Floats, photon_rate: Floats) -> Light:
+def _with_points(light: Light, direction: Floats, irradiance: Floats) -> Light:
     return replace(
         light,
         direction=np.concatenate([light.direction, direction]),
-        photon_irradiance=np.concatenate([light.photon_irradiance, photon_rate]),
+        photon_irradiance=np.concatenate([light.photon_irradiance, irradiance]),
     )
 
 
-def _behind(light: Light, disc: Disc) -> Light:
-    """Without the points that a disc hides."""
+def _without_hidden(light: Light, disc: Disc) -> Light:
+    """The light without the points that a disc hides."""
     seen = ~disc.covers(light.direction)
     return replace(
         light, direction=light.direction[seen], photon_irradiance=light.photon_irradiance[seen]

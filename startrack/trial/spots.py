@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import belt
-from startrack.core import Spots, Streams, bits, drawn, inverse_normal, key, uniform
+from startrack.core import Spots, Streams, bits, inverse_normal, key, poisson_of_uniform, uniform
 from startrack.design import Case
 from startrack.trial.spot_plan import plan_of, refuse
 from startrack.trial.spot_response import PHASES, RATIOS, REACH, STEP
@@ -75,7 +75,7 @@ def _keys(start, numbers):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def false_spots(key, mean):  # type: ignore[no-untyped-def]
     """How many spots are of noise alone in the trial of a key."""
-    return int(drawn(mean, uniform(bits(key, FALSE))))
+    return int(poisson_of_uniform(mean, uniform(bits(key, FALSE))))
 
 
 @njit(cache=True, error_model="numpy")

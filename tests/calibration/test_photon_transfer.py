@@ -7,7 +7,7 @@ from scipy import stats
 from startrack.calibration.photon_transfer import NAMES, Level, sample_detector
 from startrack.core.streams import Streams
 from startrack.detector import Detector, frame_of
-from startrack.detector.background import background
+from startrack.detector.collect import background
 from startrack.optimise.ensemble import Ensembles
 
 SHORT = Ensembles(count=2, stretch=1000, most_steps=10_000)

@@ -20,7 +20,7 @@ POINT = Psf(np.ones((1, 1)), 1, 1.0)
 
 
 def glowing(*glows: DiffuseLight) -> Light:
-    return Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 2)), np.zeros(2), glow=glows)
+    return Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 2)), np.zeros(2), diffuse=glows)
 
 
 def image_of(light: Light, one: Detector):

@@ -175,7 +175,7 @@ def test_each_line_sees_its_own_part_of_the_sky():
     glow = DiffuseLight(
         np.array([4e9]), np.array([[1.0, 1.0], [3.0, 3.0]])
     )  # 1, 2, 3 on the three rows
-    light = Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 1)), np.array([6e9]), glow=(glow,))
+    light = Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 1)), np.array([6e9]), diffuse=(glow,))
     image = scanned(
         light, gaussian(), Rotation.identity(), walking(1.0), camera, lines, 4, one, THROUGHPUT
     )

@@ -70,12 +70,12 @@ def test_a_long_path_comes_in_parts(monkeypatch, rolling):
         return list(shutter.row_by_row(*view, DELAY, course) if rolling else shutter.at_once(*view))
 
     (whole,) = seen()
-    monkeypatch.setattr(shutter, "TOGETHER", 7)
+    monkeypatch.setattr(shutter, "BATCH", 7)
     parts = seen()
     assert [len(part[0]) for part in parts] == [3, 3, 3, 1]
     for one, pieces in zip(whole, zip(*parts, strict=True), strict=True):
         np.testing.assert_allclose(np.concatenate(pieces), one, rtol=1e-12)
-    monkeypatch.setattr(shutter, "TOGETHER", 1)
+    monkeypatch.setattr(shutter, "BATCH", 1)
     assert [len(part[0]) for part in seen()] == [1] * 10
 
 

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from startrack.core.scratch import Workspace
 from startrack.core.streams import Streams
 from startrack.core.values import Frame, Psf
 from startrack.detector import Defects, Detector, Hits, Pattern
-from startrack.detector.background import background, background_tables
+from startrack.detector.collect import background, background_tables
 from startrack.detector.expose import draw, frame_of
 from startrack.detector.hits import tracks
 from startrack.detector.maps import dark
@@ -16,8 +17,8 @@ from startrack.detector.windows import (
     expose_within,
     independent_pixels,
     outlier_pixels,
-    put,
     require_independent_pixels,
+    write_numbers,
 )
 
 DETECTOR = Detector(200, 150, 5e-6, 0.1, dark_current=10.0, read_noise=5.0, prnu=0.01, bits=16)
@@ -65,7 +66,7 @@ def test_windows_hold_the_numbers_of_the_frame(changes, tabled):
     windows = np.hstack([corner, corner + rng.integers(1, 14, (80, 2))])
     windows = np.clip(windows, 0, [150, 140, 150, 140])
     windows = windows[(windows[:, 2:] > windows[:, :2]).all(axis=1)]
-    part = expose_within(windows, places, star, psf, one, 100.0, Streams(3, 0)).image
+    part = expose_within(windows, places, star, psf, one, 100.0, Streams(3, 0), Workspace()).image
     seen = np.zeros(whole.shape, bool)
     for left, top, right, bottom in windows:
         seen[top:bottom, left:right] = True
@@ -79,7 +80,7 @@ def test_numbers_are_put_as_into_a_wider_frame_that_is_cut():
     image = np.zeros((7, 9), np.float32)
     pixel = np.array([0, 8, 54, 62, 3, 40, 41, 27, 35])
     numbers = np.arange(1, 136).reshape(9, 3, 5)
-    put(Frame(image), pixel, numbers)
+    write_numbers(Frame(image), pixel, numbers)
     wider = np.zeros((9, 13))
     for (row, column), some in zip(zip(*np.divmod(pixel, 9), strict=True), numbers, strict=True):
         wider[row : row + 3, column : column + 5] = some

@@ -16,15 +16,15 @@ from startrack.motion import (
     sample_jitter,
     slew,
 )
-from startrack.motion.quadrature import joined, points
+from startrack.motion.line_of_sight import join_panels, lobatto_points
 
 PIXEL = 1e-4
 ONE = Streams(1, 0)
 
 
 def place(count):
-    start, step, weight = points(count)
-    return joined(np.add.outer(start, step)), weight
+    start, step, weight = lobatto_points(count)
+    return join_panels(np.add.outer(start, step)), weight
 
 
 def smeared(path, x, sigma):
@@ -63,7 +63,7 @@ def test_a_path_starts_and_ends_with_the_exposure():
 
 @pytest.mark.parametrize("count", [3, 4, 9, 64, 65, 130])
 def test_the_points_are_exact_to_their_degree_and_not_beyond(count):
-    start, step, _ = points(count)
+    start, step, _ = lobatto_points(count)
     at, weight = place(count)
     assert weight.sum() == pytest.approx(1, rel=1e-13)
     assert len(at) == len(weight)

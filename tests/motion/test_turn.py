@@ -34,7 +34,7 @@ def test_power_is_the_integral_of_the_density(table):
     assert cut.width.sum() == pytest.approx(table.frequency[-1] - table.frequency[0], rel=1e-12)
     for fraction in (0.1, 0.5, 0.9):
         for k in (0, len(cut.low) // 2, len(cut.low) - 1):
-            top = cut.place(np.full(len(cut.low), fraction))[k]
+            top = cut.frequency_at(np.full(len(cut.low), fraction))[k]
             below, _ = integrate.quad(
                 lambda u: density(np.exp(u), table) * np.exp(u), np.log(cut.low[k]), np.log(top)
             )

@@ -71,7 +71,7 @@ def test_the_parts_of_a_body_add_up():
     [
         ((), (), "the same length of one or more, got 0 and 0"),
         ((0.1,), (1e-3, 1e-4), "the same length of one or more, got 1 and 2"),
-        ((0.2, 0.1), (1e-3, 1e-4), "angle must rise"),
+        ((0.2, 0.1), (1e-3, 1e-4), "angle must increase"),
         ((0.1, 4.0), (1e-3, 1e-4), "angle must lie in"),
         ((0.1, 0.2), (1e-3, 0.0), "transmittance must be positive"),
     ],

@@ -7,13 +7,12 @@ import pytest
 from scipy import special
 
 from startrack.optics import Aberration, Optics, Pupil, Segment
-from startrack.optics.airy import airy, airy_encircled, fresnel_peak, jinc
+from startrack.optics.closed_forms import airy, airy_encircled, fresnel_peak, gaussian, jinc
 from startrack.optics.fraunhofer import intensity, pupil_samples
 from startrack.optics.fresnel import fresnel
-from startrack.optics.gaussian import gaussian
 from startrack.optics.kirchhoff import ThinLens, profile
 from startrack.optics.pixel_psf import gauss_band, irradiance
-from startrack.optics.pupil import cells, openness
+from startrack.optics.pupil import area_weights, pupil_grid
 from startrack.optics.zernike import zernike
 
 GREEN = 550e-9
@@ -21,8 +20,8 @@ FIELD = (np.arange(155) - 77) / 5  # wavelength * f-number
 
 
 def sampled(pupil=Pupil(), count=None, field=FIELD):  # noqa: B008
-    place, cell = cells(count or pupil_samples(field.max()))
-    return place, openness(pupil, place, cell) * cell**2 / np.pi
+    place, cell = pupil_grid(count or pupil_samples(field.max()))
+    return place, area_weights(pupil, place, cell) * cell**2 / np.pi
 
 
 def by_rings(terms, points, rings=80, spokes=240):
@@ -153,8 +152,8 @@ def test_fresnel_by_chirps_is_fresnel_by_matrices(defocus):
     optics = Optics(0.05, 4.0, psf="fresnel", defocus=defocus, aberrations=(Aberration(8, 5e-8),))
     spacing, count = 0.7e-6, 101
     unit = irradiance(optics, "fresnel", np.array([GREEN]), np.ones(1), spacing, count)
-    place, cell = cells(400)
-    opened = openness(Pupil(), place, cell)
+    place, cell = pupil_grid(400)
+    opened = area_weights(Pupil(), place, cell)
     pupil = opened * np.exp(2j * np.pi / GREEN * 5e-8 * zernike(8, place, place[:, None]))
     got = fresnel(pupil, place, 0.00625, GREEN, 0.05, 0.05 + defocus, spacing, count)
     peak = np.pi / 4 / (GREEN * 4) ** 2  # of the open circle, per unit of energy
@@ -163,8 +162,8 @@ def test_fresnel_by_chirps_is_fresnel_by_matrices(defocus):
 
 def test_fresnel_along_the_axis_is_a_sinc():
     """[sin(w/2) / (w/2)]^2 with w = k d R^2 / (2 b z), times (b / z)^2 of the spreading wave."""
-    place, cell = cells(300)
-    pupil = openness(Pupil(), place, cell).astype(complex)
+    place, cell = pupil_grid(300)
+    pupil = area_weights(Pupil(), place, cell).astype(complex)
     for defocus in (1e-5, 4e-5, 1e-4, 3e-4):
         plane = 0.05 + defocus
         got = abs(fresnel(pupil, place, 0.00625, GREEN, 0.05, plane, 1e-6, 1)[0, 0]) ** 2
@@ -173,8 +172,8 @@ def test_fresnel_along_the_axis_is_a_sinc():
 
 
 def test_fresnel_refuses_a_pupil_that_is_too_coarse():
-    place, cell = cells(32)
-    pupil = openness(Pupil(), place, cell).astype(complex)
+    place, cell = pupil_grid(32)
+    pupil = area_weights(Pupil(), place, cell).astype(complex)
     with pytest.raises(ValueError, match="two samples a wave"):
         fresnel(pupil, place, 0.00625, GREEN, 0.05, 0.055, 1e-6, 11)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
-from startrack.optics.airy import airy
+from startrack.optics.closed_forms import airy
 from startrack.optics.kirchhoff import ThinLens, _equal_phase, on_axis, point, profile
 
 GREEN = 550e-9

@@ -15,8 +15,7 @@ from startrack.optics import (
     pixel_psf,
     quality,
 )
-from startrack.optics.airy import airy, airy_encircled
-from startrack.optics.transfer import blur_transfer, pupil_transfer
+from startrack.optics.closed_forms import airy, airy_encircled, blur_transfer, pupil_transfer
 
 GREEN = np.array([550e-9])
 ONE = np.ones(1)

@@ -76,7 +76,7 @@ def test_lines_and_continuum_have_their_rayleighs():
 
 def over(million, latitude, longitude, day=J2000 + 9600.3):
     """An observer straight over a city at night."""
-    from startrack.scene.cities import _turn
+    from startrack.scene.cities import _earth_to_icrs
 
     local = np.array(
         [
@@ -85,7 +85,7 @@ def over(million, latitude, longitude, day=J2000 + 9600.3):
             np.sin(latitude * deg),
         ]
     )
-    zenith = _turn(day) @ local
+    zenith = _earth_to_icrs(day) @ local
     centre = -(EARTH_RADIUS + HIGH) * zenith
     disc = Disc(-zenith, np.arcsin(EARTH_RADIUS / (EARTH_RADIUS + HIGH)), NIGHT)
     return Earth(disc, np.zeros_like(WAVELENGTH), centre, -zenith), Observer(day, centre, centre)
@@ -112,11 +112,11 @@ def test_by_day_no_lamp_is_lit():
 
 def test_the_earth_turns_under_the_stars():
     """A quarter of a sidereal day turns a city by 90 degrees; Greenwich's at J2000 is known."""
-    from startrack.scene.cities import _turn
+    from startrack.scene.cities import _earth_to_icrs
 
-    quarter = _turn(J2000 + 0.25 / 1.00273781191135448) @ _turn(J2000).T
+    quarter = _earth_to_icrs(J2000 + 0.25 / 1.00273781191135448) @ _earth_to_icrs(J2000).T
     np.testing.assert_allclose(quarter, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-8)
-    greenwich = _turn(J2000 + 69 / 86400)[:, 0]
+    greenwich = _earth_to_icrs(J2000 + 69 / 86400)[:, 0]
     assert np.degrees(np.arctan2(greenwich[1], greenwich[0])) % 360 == pytest.approx(280.4606, 1e-6)
 
 

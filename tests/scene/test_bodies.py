@@ -146,8 +146,8 @@ def test_a_far_earth_shines_as_a_lambert_sphere(phase):
     law = 2 / 3 * EARTH_ALBEDO * ((np.pi - a) * np.cos(a) + np.sin(a)) / np.pi
     sun = sunlight(at("2026-03-20").see("sun").distance)
     wanted = law * (EARTH_RADIUS / distance) ** 2 * sun.sum()
-    glare = earth.glare
-    assert glare.fraction.sum() * glare.photon_irradiance.sum() == pytest.approx(wanted, rel=0.01)
+    source = earth.stray_source
+    assert source.fraction.sum() * source.photon_irradiance.sum() == pytest.approx(wanted, rel=0.01)
 
 
 def test_under_the_sun_the_near_earth_has_its_radiance():
@@ -159,8 +159,8 @@ def test_under_the_sun_the_near_earth_has_its_radiance():
     assert nadir == pytest.approx(1, abs=1e-5)
     # The limb is 21.9 degrees of the ground away, where the Sun is as much lower.
     limb = np.arccos(EARTH_RADIUS / (EARTH_RADIUS + 500e3))
-    assert np.cos(limb) * solid_angle < earth.glare.fraction.sum() < solid_angle
+    assert np.cos(limb) * solid_angle < earth.stray_source.fraction.sum() < solid_angle
 
 
 def test_at_night_it_is_dark():
-    assert len(earth_of(near_earth(EARTH_RADIUS + 500e3, np.pi)).glare.fraction) == 0
+    assert len(earth_of(near_earth(EARTH_RADIUS + 500e3, np.pi)).stray_source.fraction) == 0

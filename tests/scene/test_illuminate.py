@@ -42,7 +42,7 @@ def seen(name: str, **scene):
 def test_what_is_absent_adds_nothing():
     light = illuminate(Scene(), stars_at([1, 0, 0]), sight_of(np.array([1.0, 0, 0])))
     assert not light.diffuse
-    assert not light.glare
+    assert not light.stray_sources
     assert not light.background.any()
     assert len(light.direction) == 1
 
@@ -72,16 +72,16 @@ def test_the_moon_hides_stars_and_fills_its_disc():
     assert (off > 8).sum() == 1  # the star beside it; the one behind it is gone
     radius = np.arcsin(1_737_400 / moon.distance) * CAMERA.focal_length_px
     assert np.sort(off)[-2] == pytest.approx(radius, rel=0.1)
-    assert light.glare[0].photon_irradiance.sum() == pytest.approx(
+    assert light.stray_sources[0].photon_irradiance.sum() == pytest.approx(
         light.photon_irradiance[1:].sum()
     )
 
 
-def test_out_of_the_field_only_its_glare_is_left():
+def test_out_of_the_field_only_its_stray_light_is_left():
     moon = seen("moon")
     light = illuminate(Scene(lights=("moon",), date=DATE), stars_at(), sight_of(-moon.direction))
     assert len(light.direction) == 0
-    np.testing.assert_allclose(light.glare[0].direction[0], moon.direction)
+    np.testing.assert_allclose(light.stray_sources[0].direction[0], moon.direction)
 
 
 def test_the_glow_follows_the_sky_between_its_places():
@@ -120,7 +120,7 @@ def test_the_earth_hides_the_sky_and_shines_itself():
     assert (earth.fraction > 0).any()
     up = illuminate(scene, stars_at(centre, zenith), sight_of(zenith))
     assert len(up.diffuse) == 1
-    assert len(up.glare) == 1  # the Earth, from below
+    assert len(up.stray_sources) == 1  # the Earth, from below
 
 
 def test_in_the_earths_shadow_there_is_no_sun():
@@ -137,7 +137,8 @@ def test_in_the_earths_shadow_there_is_no_sun():
     sun = observer_of(scenes[0], None).see("sun").direction
     dark = [
         not any(
-            one.direction[0] @ sun > 0.999 for one in illuminate(scene, stars_at(), sight).glare
+            one.direction[0] @ sun > 0.999
+            for one in illuminate(scene, stars_at(), sight).stray_sources
         )
         for scene in scenes
     ]
@@ -154,7 +155,7 @@ def test_in_the_earths_shadow_there_is_no_sun():
 
 
 @pytest.mark.parametrize("nearer", [0.9, 1.0, 1.3])
-def test_the_moon_takes_the_suns_glare(nearer):
+def test_the_moon_hides_the_suns_stray_light(nearer):
     """None in the core of the Moon's shadow, a ring beyond its tip: by the ratio of the discs."""
     observer = observer_of(Scene(lights=("sun",), date=DATE), None)
     to_sun, to_moon = (
@@ -165,13 +166,13 @@ def test_the_moon_takes_the_suns_glare(nearer):
     place = observer.position + to_moon + nearer * core * away / np.linalg.norm(away)
     covered = MOON_RADIUS / SUN_RADIUS * (np.linalg.norm(away) / (nearer * core) + 1)
     scene = Scene(lights=("sun", "moon"), date=DATE, place=tuple(place))
-    glare = illuminate(scene, stars_at(), sight_of(np.array([0.0, 1.0, 0.2]))).glare
-    assert glare[-1].fraction.sum() == 1  # the Moon's own
-    left = sum(one.fraction.sum() for one in glare[:-1])
+    sources = illuminate(scene, stars_at(), sight_of(np.array([0.0, 1.0, 0.2]))).stray_sources
+    assert sources[-1].fraction.sum() == 1  # the Moon's own
+    left = sum(one.fraction.sum() for one in sources[:-1])
     assert left == pytest.approx(max(1 - covered**2, 0), abs=1e-3)
 
 
-def test_half_a_sun_above_the_limb_has_half_its_glare():
+def test_half_a_sun_above_the_limb_has_half_its_stray_light():
     def scene(phase: float) -> Scene:
         return Scene(lights=("sun", "earth"), date=DATE, orbit=Orbit(600e3, 98 * deg, 4.0, phase))
 
@@ -183,8 +184,10 @@ def test_half_a_sun_above_the_limb_has_half_its_glare():
     phases = np.linspace(0, 2 * np.pi, 13)
     dark = int(np.argmin([above(phase) for phase in phases]))
     sunrise = brentq(above, phases[dark], phases[dark] + np.pi / 2)
-    glare = illuminate(scene(sunrise), stars_at(), sight_of(np.array([0.0, 1.0, 0.2]))).glare
-    assert glare[0].fraction.sum() == pytest.approx(0.5, abs=0.01)
+    sources = illuminate(
+        scene(sunrise), stars_at(), sight_of(np.array([0.0, 1.0, 0.2]))
+    ).stray_sources
+    assert sources[0].fraction.sum() == pytest.approx(0.5, abs=0.01)
 
 
 def test_nothing_is_drawn_for_what_is_fixed():
