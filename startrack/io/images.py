@@ -73,7 +73,11 @@ def write_fits(
         cards["HISTORY"] = line
     tables = [_truth(camera, icrs_to_camera, stars)] if camera and stars else []
     with whole(path) as draft:
-        fits.HDUList([primary, *tables]).writeto(draft, checksum=True)
+        parts = fits.HDUList([primary, *tables])
+        for part in parts:
+            # astropy's own comment is the time of writing: equal frames would be unequal files.
+            part.add_checksum(when="of this header and its data")
+        parts.writeto(draft)
 
 
 def _truth(camera: Camera, icrs_to_camera: Rotation, stars: Stars):  # type: ignore[no-untyped-def]

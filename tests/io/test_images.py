@@ -1,3 +1,5 @@
+import warnings
+
 import cv2
 import numpy as np
 import pytest
@@ -98,3 +100,17 @@ def test_pictures_keep_their_depth_and_colours_their_largest(tmp_path):
     got = read_image(tmp_path / "colour.tiff").image
     assert got.shape == (4, 5)
     assert (got[1, 2], got.sum()) == (30, 30)
+
+
+def test_equal_frames_are_equal_files_with_valid_checksums(frame_file):
+    """The time of writing is not in the file; astropy verifies the sums."""
+    with fits.open(frame_file) as parts:
+        assert len(parts) == 2
+        for part in parts:
+            assert part.header.comments["CHECKSUM"] == "of this header and its data"
+            assert part.header.comments["DATASUM"] == "of this header and its data"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with fits.open(frame_file, checksum=True) as parts:
+            assert [part.verify_checksum() for part in parts] == [1, 1]
+            assert [part.verify_datasum() for part in parts] == [1, 1]

@@ -3,7 +3,9 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 
+from startrack.core import arcsec
 from startrack.design.variables import DesignSpace, Variable
 from startrack.optimise import sensitivity as module
 from startrack.optimise.sensitivity import sensitivities
@@ -54,3 +56,30 @@ def test_a_variable_alone_has_all_of_the_variance_and_zero_no_slope(small):
 def test_base_designs_that_are_no_power_of_two_are_refused(small):
     with pytest.raises(ValueError, match="designs must be a power of two, got 65"):
         sensitivities(DesignSpace(small.case, small.campaign.variables[:2]), small.campaign, 1, 65)
+
+
+def test_the_same_seed_has_the_same_intervals_and_another_one_others(small, monkeypatch):
+    """The points are of the seed, and so are the resamples; the indices are those of scipy."""
+    box = DesignSpace(small.case, small.campaign.variables[:2])
+
+    def law(case, _=None):
+        return case.instrument.optics.focal_length * math.sqrt(case.instrument.optics.f_number)
+
+    monkeypatch.setattr(module, "forecast", law)
+    first, again, other = (sensitivities(box, small.campaign, s, designs=16) for s in (1, 1, 2))
+    assert first == again
+    assert first != other
+
+    def log_error(place):
+        return math.log(law(box.design(place)) / arcsec)
+
+    indices = scipy.stats.sobol_indices(
+        func=lambda places: np.array([log_error(place) for place in places.T])[None],
+        n=16,
+        dists=[scipy.stats.uniform()] * 2,
+        rng=np.random.default_rng(1),
+    )
+    np.testing.assert_array_equal([one.first.value for one in first], indices.first_order.ravel())
+    np.testing.assert_array_equal([one.total.value for one in first], indices.total_order.ravel())
+    spread = indices.bootstrap(confidence_level=0.95).first_order.confidence_interval
+    assert first[0].first.high == pytest.approx(np.ravel(spread.high)[0], rel=0.2)
