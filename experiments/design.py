@@ -28,7 +28,7 @@ from startrack.metrics import Interval
 from startrack.montecarlo import Sampling, pool, warm
 from startrack.optimise import Evaluation, Ledger, Optimum, TrialRunner, comparison, optimize
 from startrack.optimise.runner import FRESH
-from startrack.plots.optimise import draw_places
+from startrack.plots.optimise import draw_variables
 
 BEFORE, AFTER, MISSED = "#3567a8", "#2e7d5b", "#c0392b"
 
@@ -79,7 +79,7 @@ def draw(
     draw_shares(figure.add_subplot(grid[:, 0]), optimum, campaign, fresh)
     upper = figure.add_subplot(grid[0, 1])
     draw_path(upper, optimum)
-    draw_places(figure.add_subplot(grid[1, 1], sharex=upper), optimum)
+    draw_variables(figure.add_subplot(grid[1, 1], sharex=upper), optimum)
     branch = f", {optimum.branch}" if optimum.branch else ""
     figure.suptitle(f"{name}{branch}: better by {told_interval(optimum.factor, 2)}", fontsize=10)
     figure.savefig(path, dpi=120)

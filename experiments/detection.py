@@ -35,8 +35,8 @@ from startrack.benchmark.starfield import (
     flux_of,
     paint,
     paired,
-    places,
     snr_of,
+    spot_positions,
 )
 from startrack.core import Floats
 from startrack.detection import Detection, detect, subtract_dark
@@ -91,7 +91,7 @@ def scatter(
             paint(light, x + smear * ((k + 0.5) / count - 0.5), y, flux / count, sigma)
         frame = expose(light, streams, read_noise)
         spots = detect(frame, Detection(**options))  # type: ignore[arg-type]
-        errors.append(paired(places(spots), x, y)[1])
+        errors.append(paired(spot_positions(spots), x, y)[1])
     return np.concatenate(errors)
 
 
@@ -247,7 +247,7 @@ def completeness() -> dict[str, float]:
             fractions = {name: count / total for name, count in found.items()}
             text = ", ".join(f"{name} {fraction:.3f}" for name, fraction in fractions.items())
             best = limit(flux, sigma)
-            less = snr_of(flux, sigma, own_noise=False)
+            less = snr_of(flux, sigma, star_noise=False)
             print(f"sigma {sigma}, {flux:.0f} e-, SNR {snr} ({less:.1f}): limit {best:.3f}; {text}")
             short.append(best - fractions["detect"])
             figures[f"limit_completeness_snr{snr:g}_sigma{sigma}"] = best

@@ -118,7 +118,7 @@ def pattern(name: str) -> dict[str, Way]:
 def stamper(name: str) -> dict[str, Way]:
     found = psf_peers.present()
     draw = (found[name] if name in found else missing(name)).gauss_stamp(stamps.SIGMA, stamps.BOX)
-    return {name: lambda: [draw(x, y) for x, y in stamps.places_of_stars()]}
+    return {name: lambda: [draw(x, y) for x, y in stamps.star_positions()]}
 
 
 def missing(name: str) -> Any:

@@ -1,10 +1,10 @@
-"""How long each stage takes, and how wrong it is, on work that anyone can repeat.
+"""CPU time and error of each stage, on work that anyone can repeat.
 
-stage            Stage, Row, and ways that take turns
+stage            Stage, Row, and their measurement in turns
 psf, stamping, noise, frame, detection, identification, attitude, terrain, radiance, trials,
-optimiser        the stages
-starfield, detection_limit, skies, mountains   what they work on
-table, draw      what comes out
+optimiser        the stages, one a file
+starfield        frames of stars for several stages
+table            Markdown, plain values and a picture of the results
 """
 
 from collections.abc import Callable

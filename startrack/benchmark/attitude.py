@@ -19,7 +19,7 @@ STARS, MANY = 15, 2000
 
 
 def aligned(b: Floats, r: Floats, w: Floats) -> Rotation:
-    """`align` with the face of the textbook solvers."""
+    """`align` with the signature of the textbook solvers."""
     if b.ndim == 2:
         return align(b[None], r[None], w[None]).source_to_target[0]
     return align(b, r, w).source_to_target

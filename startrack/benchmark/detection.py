@@ -19,7 +19,7 @@ from startrack.benchmark.starfield import (
     flux_of,
     paint,
     paired,
-    places,
+    spot_positions,
     stars_at,
 )
 from startrack.core import Floats, Frame, Streams
@@ -30,7 +30,7 @@ FALSE = 0.05  # spots a frame that are allowed
 
 
 def limit(flux: float, sigma: float, false: float = FALSE) -> float:
-    """Share of stars that the best test of Neyman and Pearson finds whose place is known.
+    """Fraction of stars of known position that the best test of Neyman and Pearson finds.
 
     The ratio of likelihoods of Poisson's counts with read noise, taken for more light, is a sum
     of the pixels with the weights log(1 + flux p / (background + read noise^2)). Its tails come
@@ -75,11 +75,11 @@ SPACING = 57  # pixel between stars
 
 
 def finders(sigma: float) -> dict[str, Finder]:
-    """Frame -> places (n, 2), by two of our centroids."""
+    """Frame -> positions (n, 2), by two centroid methods of startrack."""
     psf = gaussian_psf(sigma)
 
     def find(plan: DetectionPlan, frame: Frame) -> Floats:
-        return places(detect(frame, plan))
+        return spot_positions(detect(frame, plan))
 
     settings = partial(Detection, kernel_sigma=sigma, max_spots=1000, false_per_frame=FALSE)
     return {

@@ -1,4 +1,4 @@
-"""A whole frame of stars, sky and noise, against the exact integrals of its stars."""
+"""A whole frame of stars, background and noise, against the exact integrals of its stars."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from startrack.core import Camera, Floats, Light, LineOfSight, Streams
 from startrack.detector import Detector, Exposure, expose
 from startrack.optics import pixel_psf
 
-SIZE, SKY, DARK, READ_NOISE = 1024, 20.0, 3.0, 8.0  # pixel; electron
+SIZE, BACKGROUND, DARK, READ_NOISE = 1024, 20.0, 3.0, 8.0  # pixel; electron
 EXPOSURE = 0.1  # second
 STARRY = 30.0  # electron from stars, in the pixels that are judged
 CAMERA = Detector(
@@ -26,7 +26,7 @@ CAMERA = Detector(
 
 
 class Scenery(NamedTuple):
-    """Where the stars are (n, 2), in pixels, and the electrons of each."""
+    """Positions of stars (n, 2), pixel, and the electrons of each."""
 
     pixel: Floats
     flux: Floats
@@ -43,8 +43,8 @@ def frame() -> Stage:
     stars, camera = scenery(), Camera(SIZE, SIZE, 4000.0)
     optics, pitch, wavelength, response = lens("gauss", SIGMA)
     rate = stars.flux / EXPOSURE
-    sky = np.array([SKY / EXPOSURE * camera.focal_length_px**2])
-    light = Light(camera.unproject(stars.pixel), wavelength, rate[:, None], sky)
+    background = np.array([BACKGROUND / EXPOSURE * camera.focal_length_px**2])
+    light = Light(camera.unproject(stars.pixel), wavelength, rate[:, None], background)
     psf = pixel_psf(optics, pitch, wavelength, response)
     rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 
@@ -55,7 +55,7 @@ def frame() -> Stage:
     starlight = np.zeros((SIZE, SIZE))
     paint(starlight, stars.pixel[:, 0], stars.pixel[:, 1], stars.flux, SIGMA)
     lit = starlight > STARRY
-    mean = starlight[lit] + SKY + DARK
+    mean = starlight[lit] + BACKGROUND + DARK
 
     def judge(image: NDArray[Any]) -> float:
         electrons = (image[lit].astype(float) - CAMERA.offset) * CAMERA.electrons_per_dn

@@ -17,7 +17,7 @@ from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Floats, Spots, Stars, deg
 from startrack.identification import Identification, PatternIndex, build_index, identify
 
-LIMIT_G = {8: 6.5, 12: 6.0, 20: 5.0}  # field, degree: faintest star seen
+LIMIT_G = {8: 6.5, 12: 6.0, 20: 5.0}  # field, degree: faintest detected star
 TOLERANCE = 0.01  # of the focal length
 MAGNITUDE_NOISE = 0.3
 SIZE = 1024  # pixel, of a side
@@ -36,7 +36,7 @@ class Regime(NamedTuple):
 
 @dataclass(frozen=True)
 class Seen:
-    """One sky as a tracker gets it, and the truth about it."""
+    """The spots of one random attitude, and the truth."""
 
     spots: Spots
     star: NDArray[np.int64]  # index into the catalogue, -1 for none
@@ -46,7 +46,7 @@ class Seen:
 
 @lru_cache
 def design(field: int) -> tuple[Camera, Stars, PatternIndex]:
-    """The tracker's catalogue goes one magnitude deeper than it sees."""
+    """The tracker's catalogue is one magnitude deeper than its detection limit."""
     stars = open_sky(Selection(limit_g=LIMIT_G[field] + 1)).stars
     camera = Camera.from_field_of_view(SIZE, SIZE, field * deg)
     return camera, stars, build_index(stars, field * deg)
@@ -61,7 +61,7 @@ def spots_at(pixel: Floats, flux: Floats, noise: float) -> Spots:
 
 
 def sky(rng: np.random.Generator, regime: Regime) -> Seen:
-    """A random attitude; false spots as bright as the true ones are."""
+    """Spots at a random attitude; false ones with the brightness distribution of the true ones."""
     camera, stars, _ = design(regime.field)
     icrs_to_camera = Rotation.from_quat(rng.standard_normal(4))
     direction = icrs_to_camera.apply(stars.direction)
@@ -85,7 +85,7 @@ def sky(rng: np.random.Generator, regime: Regime) -> Seen:
 def blended(
     pixel: Floats, star: NDArray[np.int64], magnitude: Floats
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Of stars that no detector tells apart the brightest alone, which is kind to every solver."""
+    """Only the brightest of stars that are too close to be resolved."""
     order = np.argsort(magnitude, kind="stable")
     apart = np.linalg.norm(pixel[order, None] - pixel[order], axis=2)
     alone = np.array([(apart[i, :i] > RESOLUTION).all() for i in range(len(order))], bool)
@@ -114,7 +114,7 @@ def skies() -> list[Seen]:
 
 
 def solver(regime: Regime) -> Callable[[Seen], Rotation | None]:
-    """One sky -> its attitude, None where it is not sure."""
+    """Function from one sky to its attitude, None where it is not identified."""
     _, stars, index = design(regime.field)
 
     def run(seen: Seen) -> Rotation | None:

@@ -43,7 +43,7 @@ def finite(score: float) -> float:
 
 
 def optimiser() -> Stage:
-    """Answers are places in the cube."""
+    """Answers are unit-cube coordinates."""
     one = hill()
     best = least(one.score, one.prospect(), Search(evaluations=LONG, last_step=1e-5)).score
     return Stage(

@@ -1,4 +1,4 @@
-"""A stage's work, done in several ways that take turns -> time and error of each."""
+"""CPU time and error of several ways to do the work of a stage, measured in turns."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 Way = Callable[[], Any]
 
 ROUNDS = 5
-ENOUGH = 6.0  # second of CPU for the rounds of a stage, after which none begins
+ENOUGH = 6.0  # second of CPU for the rounds of a stage, after which none begins; chosen by hand
 
 
 class Clocked(NamedTuple):
-    """The answer of a way that works in another process, and the CPU time that it took there."""
+    """The answer of a way that works in another process, and its CPU time there."""
 
     answer: Any
     seconds: float
@@ -23,16 +23,16 @@ class Clocked(NamedTuple):
 
 @dataclass(frozen=True)
 class Stage:
-    """One piece of work, and how its answers are judged.
+    """One task, and how its answers are judged.
 
-    work      what is done, for people
+    work      what is done, as text
     error     what its error is, with the unit
-    ways      name -> the whole work; an answer leaves
+    ways      name -> the whole work; returns an answer
     judge     an answer -> its error
-    limit     error that nothing can beat; NaN where none is known
-    limit_of  what sets it
+    limit     lower bound of the error; NaN where unknown
+    limit_of  origin of the limit
     pieces    in one call; times are for one of them
-    missing   why ways of ours are left out, or nothing
+    missing   why some ways of startrack are left out, or nothing
     """
 
     name: str
@@ -60,9 +60,10 @@ class Row(NamedTuple):
 
 
 def measure(stage: Stage, peers: Mapping[str, Way] | None = None) -> list[Row]:
-    """Every way of a stage, ours and the peers', on the same work in turns.
+    """Measure every way of a stage, of startrack and of the peers, on the same work in turns.
 
-    The first call of each fills caches and is judged; the least time of the later ones counts.
+    The first call of each fills caches, and its answer is judged; the result is the smallest time
+    of the later ones.
     """
     ways = {**stage.ways, **(peers or {})}
     least, errors = dict.fromkeys(ways, math.inf), dict[str, float]()

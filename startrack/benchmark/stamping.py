@@ -1,4 +1,4 @@
-"""Stars integrated over pixels at sub-pixel places, against the closed form."""
+"""Stars integrated over pixels at sub-pixel positions, against the closed form."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STARS = 400
 def stamping() -> Stage:
     """Gaussian stars, each in a box of its own."""
     psf = pixel_psf(*lens("gauss", SIGMA))
-    places = places_of_stars()
+    places = star_positions()
     wanted = np.array([centroid(exact("gauss", x, y, SIGMA, BOX)) for x, y in places])
     corner = np.arange(STARS) * BOX + BOX // 2
 
@@ -46,8 +46,8 @@ def stamping() -> Stage:
     )
 
 
-def places_of_stars() -> Floats:
-    """Where each star lies in its pixel, (n, 2)."""
+def star_positions() -> Floats:
+    """Position of each star in its pixel, (n, 2)."""
     return np.random.default_rng(9).uniform(-0.5, 0.5, (STARS, 2))
 
 
@@ -56,12 +56,12 @@ def lens(kind: str, size: float) -> tuple[Optics, float, Floats, Floats]:
     band = np.array([WAVELENGTH]), np.ones(1)
     if kind == "airy":
         return Optics(0.05, F_NUMBER, psf="airy"), WAVELENGTH * F_NUMBER / size, *band
-    # A wavelength of nothing: the blur alone.
+    # A negligible wavelength: only the blur.
     return Optics(0.05, F_NUMBER, 5e-6 * size, "gaussian"), 5e-6, band[0] * 1e-6, band[1]
 
 
 def exact(kind: str, x: float, y: float, size: float, box: int) -> Floats:
-    """The pixels of a star at (x, y) from the middle of a box, by its own law."""
+    """The pixels of a star at (x, y) from the middle of a box, by its closed form."""
     at = np.arange(box) - box // 2
     if kind == "gauss":
         lines = [

@@ -1,4 +1,4 @@
-"""Frames of Gaussian stars by scipy's normal law, made without the rooms that they try."""
+"""Frames of Gaussian stars by scipy's normal law, made without the code that they test."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def expose(light: Floats, streams: Streams, read_noise: float = READ_NOISE) -> F
 
 
 def field(streams: Streams, spacing: int) -> tuple[Floats, Floats]:
-    """Stars on a grid, at random places within their pixels."""
+    """Stars on a grid, at random sub-pixel positions."""
     grid = np.arange(spacing, SIDE - spacing / 2, spacing)
     x, y = (a.ravel() for a in np.meshgrid(grid, grid))
     x = x + streams("x").uniform(-0.5, 0.5, x.size)
@@ -42,7 +42,7 @@ def field(streams: Streams, spacing: int) -> tuple[Floats, Floats]:
 
 
 def stars_at(sigma: float, phases: int) -> Floats:
-    """Shares (n, 441) of a star's light at places all over a pixel."""
+    """Fractions (n, 441) of a star's light, at positions all over a pixel."""
     phase, fractions = (np.arange(phases) + 0.5) / phases - 0.5, []
     for a in phase:
         for b in phase:
@@ -52,10 +52,10 @@ def stars_at(sigma: float, phases: int) -> Floats:
     return np.array(fractions)
 
 
-def snr_of(flux: float, sigma: float, own_noise: bool = True) -> float:
-    """SNR of the best filter for a star whose place is known, with the star's own shot noise."""
+def snr_of(flux: float, sigma: float, star_noise: bool = True) -> float:
+    """SNR of the best filter for a star of known position; its own shot noise is optional."""
     light = flux * stars_at(sigma, 8)
-    noise = BACKGROUND + READ_NOISE**2 + 1 / 12 + own_noise * light
+    noise = BACKGROUND + READ_NOISE**2 + 1 / 12 + star_noise * light
     return float(np.sqrt((light**2 / noise).sum(axis=1)).mean())
 
 
@@ -65,7 +65,7 @@ def flux_of(snr: float, sigma: float) -> float:
 
 
 def paired(spots: Floats, x: Floats, y: Floats) -> tuple[NDArray[np.bool_], Floats]:
-    """Which stars have a spot near, and its error there, (n, 2)."""
+    """Which stars have a spot near them, and its error, (m, 2)."""
     if not len(spots):
         return np.zeros(len(x), bool), np.empty((0, 2))
     star = np.column_stack([x, y])
@@ -74,6 +74,6 @@ def paired(spots: Floats, x: Floats, y: Floats) -> tuple[NDArray[np.bool_], Floa
     return found, (spots[index] - star)[found]
 
 
-def places(spots: Spots) -> Floats:
+def spot_positions(spots: Spots) -> Floats:
     """(n, 2) pixel."""
     return np.column_stack([spots.x, spots.y])

@@ -1,4 +1,4 @@
-"""Rows of stages enter; a Markdown table, plain values and a picture leave."""
+"""Markdown, plain values and a picture of the rows of stages."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ UNITS = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
 
 
 def markdown(stages: Sequence[Stage], rows: Sequence[Row]) -> str:
-    """One table a stage under its work; ours are bold."""
+    """One table a stage; ways of startrack are bold."""
     text = []
     for stage in stages:
         limit = f", limit {figure(stage.limit)} ({stage.limit_of})" if stage.limit_of else ""
@@ -36,7 +36,7 @@ def markdown(stages: Sequence[Stage], rows: Sequence[Row]) -> str:
 
 
 def values(stages: Sequence[Stage], rows: Sequence[Row]) -> dict[str, Any]:
-    """What the table says, for machines; times in seconds."""
+    """The results as plain values; times in seconds."""
     return {
         stage.name: {
             "work": stage.work,
@@ -66,12 +66,12 @@ def versions(packages: Sequence[str] = ()) -> str:
 
 
 def figure(value: float) -> str:
-    """Two digits, `-` for what is unknown."""
+    """Two digits; `-` for unknown values."""
     return f"{value:.2g}" if math.isfinite(value) else "-"
 
 
 def spent(seconds: float) -> str:
-    """Three digits of the unit that suits."""
+    """Three digits in a suitable unit."""
     unit, size = next((u for u in UNITS if seconds >= u[1]), UNITS[-1])
     return f"{seconds / size:.3g} {unit}"
 
@@ -81,7 +81,7 @@ ACROSS = 3
 
 
 def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> None:
-    """One panel a stage; below and left is better, the line is what nothing can beat."""
+    """One panel a stage; lower left is better, the line is the lower bound of the error."""
     down = math.ceil(len(stages) / ACROSS)
     figure = Figure(figsize=(4.3 * ACROSS, 3.1 * down), layout="constrained", dpi=110)
     for n, stage in enumerate(stages):
@@ -96,15 +96,15 @@ def _panel(axes: Axes, stage: Stage, rows: Sequence[Row]) -> None:
     limit = stage.limit if math.isfinite(stage.limit) and stage.limit > 0 else math.nan
     known = [row.error for row in rows if row.error > 0]
     known += [limit] * math.isfinite(limit)
-    # No error at all is drawn at the foot of the panel.
-    places = [(1e3 * row.seconds, row.error or min(known, default=1.0) / 3) for row in rows]
+    # An error of zero is drawn at the lower edge of the panel.
+    points = [(1e3 * row.seconds, row.error or min(known, default=1.0) / 3) for row in rows]
     axes.set(xscale="log", yscale="log", title=stage.name)
-    first, last = _span([x for x, _ in places])
+    first, last = _span([x for x, _ in points])
     axes.set_xlim(first, last * 10 ** (0.3 * math.log10(last / first)))  # room for names
-    axes.set_ylim(*_span([y for _, y in places] + known))
-    for row, place in zip(rows, places, strict=True):
-        axes.plot(*place, "s" if row.peer else "o", color=PEER if row.peer else OURS, ms=5)
-    _name(axes, rows, places)
+    axes.set_ylim(*_span([y for _, y in points] + known))
+    for row, point in zip(rows, points, strict=True):
+        axes.plot(*point, "s" if row.peer else "o", color=PEER if row.peer else OURS, ms=5)
+    _name(axes, rows, points)
     if math.isfinite(limit):
         axes.axhline(limit, color=LIMIT, lw=1, ls="--")
         axes.annotate(
@@ -127,15 +127,15 @@ def _span(values: Sequence[float]) -> tuple[float, float]:
     )
 
 
-def _name(axes: Axes, rows: Sequence[Row], places: Sequence[tuple[float, float]]) -> None:
-    """The ways to the right of their places, one above the other where they meet."""
+def _name(axes: Axes, rows: Sequence[Row], points: Sequence[tuple[float, float]]) -> None:
+    """Names to the right of the points, stacked where points are close."""
     named: list[tuple[float, float]] = []
-    for row, place in zip(rows, places, strict=True):
-        x, y = axes.transAxes.inverted().transform(axes.transData.transform(place))
+    for row, point in zip(rows, points, strict=True):
+        x, y = axes.transAxes.inverted().transform(axes.transData.transform(point))
         above = sum(abs(x - u) < 0.25 and abs(y - v) < 0.05 for u, v in named)
         named.append((x, y))
         axes.annotate(
-            row.way, place, (4, 3 + 8 * above), textcoords="offset points", fontsize=7,
+            row.way, point, (4, 3 + 8 * above), textcoords="offset points", fontsize=7,
             color=PEER if row.peer else OURS,
         )  # fmt: skip
 

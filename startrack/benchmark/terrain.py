@@ -26,7 +26,7 @@ HEIGHT, RELIEF = 600e3, 1500.0
 
 
 def mountains(cells: int, relief: float = RELIEF) -> tuple[Grid, NDArray[np.float32]]:
-    """A square of cells in the Alps' latitude, and the heights of its vertices, metre."""
+    """A square of cells at the latitude of the Alps, and the heights of its vertices, metre."""
     grid = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, cells + 1, cells + 1)
     return grid, fractal(cells + 1, cells + 1, Streams(1, 0), relief)
 
@@ -51,7 +51,7 @@ def towards(grid: Grid, elevation: float, azimuth: NDArray[Any]) -> Floats:
 def random_rays(
     random: np.random.Generator, grid: Grid, count: int, elevation: float, fraction: float = 0.5
 ) -> Rays:
-    """From all sides, at random points of the middle of a grid."""
+    """Rays from random azimuths to random points in the middle of a grid."""
     u, v, height, azimuth = random.random((4, count))
     low = (1 - fraction) / 2
     target = cartesian(
@@ -77,7 +77,7 @@ def image_rays(grid: Grid, side: int, elevation: float) -> Rays:
 
 
 CELLS, SIDE, ELEVATION = 512, 400, 60  # cells and rays a side; degree
-JUDGED = slice(None, None, 37)  # rays that the reference is asked for
+JUDGED = slice(None, None, 37)  # rays that the reference computes
 
 
 def rays_down() -> Rays:
@@ -86,7 +86,7 @@ def rays_down() -> Rays:
 
 
 def terrain() -> Stage:
-    """The median error of the distance; a level surface is what one has without terrain."""
+    """The median error of the distance; the alternative is a surface of constant height."""
     grid, heights = mountains(CELLS)
     surface, rays = index(grid, heights), rays_down()
     reference, _ = Scan(grid, heights, HEIGHT - 3e4, HEIGHT + 3e4).meet(rays[JUDGED])

@@ -1,4 +1,4 @@
-"""Whole trials on real skies, from a random attitude to the error of the one that is found."""
+"""Whole trials on real skies, from a random attitude to the error of the solution."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FALSE = 0.5 * deg  # an attitude that is off by more is not counted
 
 
 def example() -> Case:
-    """The design that is shipped, on as many pixels as the peers' examples have."""
+    """The design that is shipped, with as many pixels as the peers' examples."""
     return sized(load_design(shipped("designs/nanosatellite.toml")).case, SIDE)
 
 
@@ -42,8 +42,8 @@ def montecarlo() -> Stage:
         return np.where(found["solved"], np.hypot(found["error_x"], found["error_y"]), np.nan)
 
     def judge(angle: NDArray[np.float64]) -> float:
-        right = angle[np.isfinite(angle) & (angle < FALSE)]
-        return float(np.sqrt(np.mean(right**2) / 2)) / arcsec if len(right) else math.nan
+        correct = angle[np.isfinite(angle) & (angle < FALSE)]
+        return float(np.sqrt(np.mean(correct**2) / 2)) / arcsec if len(correct) else math.nan
 
     return Stage(
         "montecarlo",

@@ -2,12 +2,11 @@
 
 frames    Pictures of frames, solutions and errors.
 psf       The picture of a PSF: the image of a star over its pixels, and its modulation transfer.
-earth     Pictures of Earth scenes: their geometry over the image; what a camera makes of their
-          light.
-sequence  The table of one sequence -> a picture of its errors in time.
+earth     Pictures of Earth scenes: geometry over the image; image and radiance.
+sequence  Picture of the errors of one sequence in time.
 budget    Pictures of an error budget: its causes, the sky, and the error over rate, magnitude,
           field.
-optimise  Pictures of studies: the way to an optimum, samples, fronts and sensitivities.
+optimise  Pictures of studies: convergence, samples, Pareto fronts and sensitivities.
 """
 
 from startrack.plots.budget import draw_budget, draw_curves, draw_sky

@@ -29,8 +29,8 @@ COLOURS = {
 }
 SUM = "#222222"
 RATES = np.concatenate([[0.0], np.geomspace(0.02, 2.0, 14)]) * deg
-MEDIAN = 0.6745  # of the size of a normal error, over its sigma
-TRIALS = 60  # of which the stars are looked at
+MEDIAN = 0.6745  # of the absolute value of a normal error, over its sigma
+TRIALS = 60  # whose stars are evaluated
 
 
 def draw_budget(path: Path, expected: Budget[Any], found: Budget[Any] | None, title: str) -> None:
@@ -63,13 +63,13 @@ def draw_budget(path: Path, expected: Budget[Any], found: Budget[Any] | None, ti
             axes.barh(0, 0, color=COLOURS[term], label=term.value)
     shown = axes.get_legend_handles_labels()
     figure.legend(*shown, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
-    told = f", measured below in {found.whole.spread.error.shape[0]} members" if found else ""
-    figure.suptitle(f"{title}: error by cause, analytic{told}", fontsize=10)
+    text = f", measured below in {found.whole.spread.error.shape[0]} members" if found else ""
+    figure.suptitle(f"{title}: error by cause, analytic{text}", fontsize=10)
     save_figure(path, figure)
 
 
 def draw_sky(path: Path, found: Survey, case: Case, title: str) -> None:
-    """Detected stars and errors over the sky, the boresight at each place."""
+    """Detected stars and errors over directions of the boresight."""
     figure = Figure(figsize=(9, 11), layout="constrained")
     maps = (
         (found.stars, "detected stars in the field", None),
@@ -78,12 +78,12 @@ def draw_sky(path: Path, found: Survey, case: Case, title: str) -> None:
     )
     ra, dec = np.meshgrid(np.linspace(-np.pi, np.pi, 481), np.linspace(-np.pi / 2, np.pi / 2, 241))
     u, v = (0.5 * (each[1:, 1:] + each[:-1, :-1]) for each in (ra, dec))
-    look = np.stack([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)], axis=-1)
-    _, nearest = cKDTree(found.direction).query(look)
+    direction = np.stack([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)], axis=-1)
+    _, nearest = cKDTree(found.direction).query(direction)
     for k, (values, label, top) in enumerate(maps):
         axes = figure.add_subplot(3, 1, k + 1, projection="mollweide")
         high = np.nanpercentile(values, top) if top else np.nanmax(values)
-        # East to the left, as the sky is seen from inside.
+        # East to the left, as seen from the Earth.
         shown = axes.pcolormesh(
             -ra, dec, values[nearest], cmap="viridis", vmax=high, rasterized=True
         )
@@ -96,12 +96,12 @@ def draw_sky(path: Path, found: Survey, case: Case, title: str) -> None:
         worst = np.nanargmin(values) if k == 0 else np.nanargmax(values)
         x, y, z = found.direction[worst]
         axes.plot(-np.arctan2(y, x), np.arcsin(z), "x", color="#ff4040", ms=8, mew=2)
-        told = f"{values[worst]:.2f} at ra {np.degrees(np.arctan2(y, x)) % 360:.0f}°, " \
+        text = f"{values[worst]:.2f} at ra {np.degrees(np.arctan2(y, x)) % 360:.0f}°, " \
                f"dec {np.degrees(np.arcsin(z)):+.0f}°"  # fmt: skip
-        axes.set_title(f"worst (cross): {told}", fontsize=9)
+        axes.set_title(f"worst (cross): {text}", fontsize=9)
     few = case.tracker.identification.min_matches
     figure.suptitle(
-        f"{title}: {len(found.stars)} places (ICRS), an attitude at "
+        f"{title}: {len(found.stars)} directions (ICRS), an attitude at "
         f"{100 * found.solved.mean():.2f} %; {few}, 5, 8 stars or more at "
         + ", ".join(f"{100 * found.fraction(n):.1f}" for n in (few, 5, 8))
         + " %",
@@ -111,9 +111,9 @@ def draw_sky(path: Path, found: Survey, case: Case, title: str) -> None:
 
 
 def draw_curves(path: Path, case: Case, seed: int, title: str, trials: int = TRIALS) -> None:
-    """The error over the slew rate, and that of single stars over magnitude and place.
+    """The error over slew rate, and that of single stars over magnitude and field position.
 
-    seed, trials  of the frames whose stars are looked at
+    seed, trials  of the frames whose stars are evaluated
     """
     figure = Figure(figsize=(11, 8), layout="constrained")
     (rates, stars), (place, count) = figure.subplots(2, 2)
@@ -123,9 +123,9 @@ def draw_curves(path: Path, case: Case, seed: int, title: str, trials: int = TRI
     _over_magnitude(stars, case, seen.magnitude[good], seen.error[good])
     camera = case.instrument.camera
     edges = [np.linspace(-0.5, n - 0.5, 9) for n in (camera.columns, camera.rows)]
-    x, y = seen.place[good].T
+    x, y = seen.position[good].T
     number, _, _ = np.histogram2d(x, y, edges)
-    # Against what a star of its magnitude errs by; medians, to keep out the tails of neighbours.
+    # Over the analytic error of its magnitude; medians, because neighbours cause outliers.
     star = errors(case)
     normal = np.sqrt(np.interp(seen.magnitude[good], star.magnitude, _total(star)))
     fraction = np.abs(seen.error[good]) / normal[:, None] / MEDIAN
@@ -155,7 +155,7 @@ def _over_rate(axes: Axes, case: Case) -> None:
         moving = replace(case, instrument=replace(case.instrument, motion=motion))
         try:
             budget = analytic(moving)
-        except ValueError:  # nothing is seen any more
+        except ValueError:  # no star is detected any more
             break
         across.append(budget.across / arcsec)
         about.append(budget.about / arcsec)
@@ -183,10 +183,12 @@ def _over_magnitude(axes: Axes, case: Case, magnitude: Floats, error: Floats) ->
         mine = error[(magnitude >= low) & (magnitude < low + 0.5)]
         if len(mine) > 10:
             axes.plot(low + 0.25, np.median(np.abs(mine)) / MEDIAN, "ko", ms=4, mfc="none")
-    axes.plot([], [], "ko", ms=4, mfc="none", label="trials (median of sizes)")
-    axes.set(yscale="log", xlabel="magnitude G of a sunlike star", ylabel="error (pixel per axis)")
+    axes.plot([], [], "ko", ms=4, mfc="none", label="trials (median of absolute values)")
+    axes.set(
+        yscale="log", xlabel="magnitude G of a solar-type star", ylabel="error (pixel per axis)"
+    )
     axes.set_ylim(1e-3, 1)
-    axes.set_title("of a single star over its magnitude", fontsize=9)
+    axes.set_title("error of a star over its magnitude", fontsize=9)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=7)
 

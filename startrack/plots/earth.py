@@ -1,4 +1,4 @@
-"""Pictures of Earth scenes: their geometry over the image; what a camera makes of their light."""
+"""Pictures of Earth scenes: geometry over the image; image and radiance."""
 
 from __future__ import annotations
 

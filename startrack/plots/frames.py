@@ -21,7 +21,7 @@ LABELS = 12  # brightest stars that get their magnitude written beside them
 
 
 def draw_frame(path: Path, frame: Frame, title: str = "") -> None:
-    """The image in its pixels, faint parts lifted."""
+    """The image with a non-linear scale that shows faint stars."""
     figure, axes = _image(frame)
     axes.set_title(title, fontsize=9, loc="left")
     save_figure(path, figure)
@@ -49,7 +49,7 @@ def draw_solution(
     stars: Stars,
     title: str,
 ) -> None:
-    """The image with its spots, matched and not, and where the catalogue has stars."""
+    """The image with its spots, matched and not, and stars of the catalogue."""
     figure, axes = _image(frame)
     matched = np.zeros(len(spots), bool)
     matched[matches.spot] = True
@@ -58,7 +58,7 @@ def draw_solution(
         spots.x[matched], spots.y[matched], edgecolors=FOUND, label="spot, matched", **rings
     )
     axes.scatter(
-        spots.x[~matched], spots.y[~matched], edgecolors=LOST, label="spot, unknown", **rings
+        spots.x[~matched], spots.y[~matched], edgecolors=LOST, label="spot, not matched", **rings
     )
     if icrs_to_camera is not None:
         pixel, magnitude = _predicted(matches.camera, icrs_to_camera, stars, 2 * len(spots) + 10)
@@ -87,19 +87,19 @@ def draw_solution(
 
 def draw_errors(path: Path, outcomes: NDArray[np.void], title: str) -> None:
     """The errors of many trials: across the boresight as points, about it as a histogram."""
-    right = outcomes[outcomes["solved"] & ~outcomes["false"]]
+    correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
     summary = summarise(outcomes)
     figure = Figure(figsize=(9, 4.2), layout="constrained")
     across, about = figure.subplots(1, 2)
-    x, y, z = (right[f"error_{axis}"] / arcsec for axis in "xyz")
+    x, y, z = (correct[f"error_{axis}"] / arcsec for axis in "xyz")
     across.plot(x, y, ".", ms=3, alpha=0.5, color="#3567a8")
-    if len(right):
+    if len(correct):
         turn = np.linspace(0, 2 * np.pi, 200)
         radius = summary.across.value / arcsec
         across.plot(radius * np.cos(turn), radius * np.sin(turn), color="#c0392b", lw=1,
-                    label=f"rms per axis {_told(summary.across)}")  # fmt: skip
+                    label=f"rms per axis {_interval_text(summary.across)}")  # fmt: skip
         across.legend(fontsize=8)
-        about.hist(z, 40, color="#3567a8", label=f"rms {_told(summary.about)}")
+        about.hist(z, 40, color="#3567a8", label=f"rms {_interval_text(summary.about)}")
         about.legend(fontsize=8)
     across.set_aspect("equal", "datalim")
     across.set(xlabel="error about the x axis (arcsec)", ylabel="error about the y axis (arcsec)")
@@ -156,6 +156,6 @@ def _north(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
     axes.text(*beyond, "N", color=KNOWN, fontsize=8, ha="center", va="center")
 
 
-def _told(interval: Interval) -> str:
+def _interval_text(interval: Interval) -> str:
     value, low, high = (x / arcsec for x in (interval.value, interval.low, interval.high))
     return f"{value:.2f} [{low:.2f}, {high:.2f}] arcsec"

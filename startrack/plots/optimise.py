@@ -1,4 +1,4 @@
-"""Pictures of studies: the way to an optimum, samples, fronts and sensitivities."""
+"""Pictures of studies: convergence, samples, Pareto fronts and sensitivities."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from startrack.optimise import Goals, Optimum, Point, Sensitivity, Tolerance, th
 
 
 def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
-    """The error of each design that was tried, and the path of the variables."""
+    """The error of each evaluated design, and its variables."""
     tried = optimum.evaluations
     figure = Figure(figsize=(9, 7), layout="constrained")
     error, places = figure.subplots(2, 1, sharex=True)
@@ -27,8 +27,8 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
     error.semilogy(number[feasible], found[feasible], "o", ms=4, color="#2e7d5b",
                    label="meets the requirements")  # fmt: skip
     error.semilogy(number[~feasible], found[~feasible], "x", ms=4, color="#c0392b",
-                   label="misses one")  # fmt: skip
-    # Designs that the requirements refuse may look better: the best line leaves them out.
+                   label="misses a requirement")  # fmt: skip
+    # The line of the best leaves out designs that miss a requirement.
     so_far = np.fmin.accumulate(np.where(feasible, found, np.inf))
     error.step(number, np.where(np.isfinite(so_far), so_far, np.nan), where="post", color="#2e7d5b",
                lw=1)  # fmt: skip
@@ -45,22 +45,22 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
         loc="left",
     )
     error.legend(fontsize=8)
-    draw_places(places, optimum)
+    draw_variables(places, optimum)
     save_figure(path, figure)
 
 
-def draw_places(axes: Axes, optimum: Optimum) -> None:
-    """Where each variable of each design that was tried lies between its bounds."""
+def draw_variables(axes: Axes, optimum: Optimum) -> None:
+    """Each variable of each evaluated design, scaled to its bounds."""
     cube = np.array([one.place for one in optimum.evaluations])
     for variable, line in zip(optimum.box.variables, cube.T, strict=True):
         axes.plot(np.arange(1, len(line) + 1), line, lw=1.2, label=variable.name.rpartition(".")[2])
-    axes.set(xlabel="evaluation", ylabel="place between the bounds", ylim=(-0.03, 1.25))
+    axes.set(xlabel="evaluation", ylabel="variable, scaled to its bounds", ylim=(-0.03, 1.25))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(fontsize=8, ncols=3, loc="upper right")
 
 
 def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
-    """Each pair of variables of the designs that keep the error, and each alone."""
+    """Distribution of each pair of variables, and of each, over designs within the error limit."""
     box = tolerance.box
     texts = [
         list(box.text(box.design(place)).values()) for place in thinned(tolerance.samples, 2000)
@@ -79,7 +79,7 @@ def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
 
 
 def draw_tornado(path: Path, found: Sequence[Sensitivity], objective: str) -> None:
-    """How far the error goes with each variable alone, and the Sobol indices of each."""
+    """Range of the error over each variable alone, and Sobol indices of each."""
     order = sorted(found, key=_swing)
     names = [one.name.rpartition(".")[2] for one in order]
     figure = Figure(figsize=(9, 1.5 + 0.5 * len(order)), layout="constrained")
@@ -89,7 +89,7 @@ def draw_tornado(path: Path, found: Sequence[Sensitivity], objective: str) -> No
         ends = min(one.low, one.high, one.error), max(one.low, one.high, one.error)
         swing.plot(ends, [y, y], lw=9, color="#3567a8", solid_capstyle="butt")
         for place, bound in ((one.low, "low"), (one.high, "high")):
-            if abs(place / one.error - 1) > 0.02:  # else it would stand on the line
+            if abs(place / one.error - 1) > 0.02:  # else the text would be on the line
                 swing.annotate(bound, (place, y + 0.28), fontsize=7, ha="center", va="center")
     swing.axvline(order[0].error, color="0.3", lw=0.8, label="design")
     swing.legend(fontsize=8, loc="lower right")
@@ -119,7 +119,7 @@ def _swing(one: Sensitivity) -> float:
 def draw_front(
     path: Path, points: Sequence[Point], goals: Goals, units: Sequence[str], trials: int
 ) -> None:
-    """The front as the budget has it, and the same designs on trials."""
+    """The Pareto front of the analytic budget, and the same designs in trials."""
     figure = Figure(figsize=(6.5, 4.5), layout="constrained")
     axes = figure.subplots()
     expected = np.array([one.expected for one in points])
@@ -128,13 +128,13 @@ def draw_front(
     axes.plot(*measured.T, "s", ms=5, mfc="none", color="#c0392b", label=f"{trials} trials each")
     axes.set(xscale="log", yscale="log")
     axes.set(xlabel=f"{goals.first} ({units[0]})", ylabel=f"{goals.second} ({units[1]})")
-    axes.set_title(f"{len(points)} designs that none beats in both", fontsize=9, loc="left")
+    axes.set_title(f"{len(points)} Pareto-optimal designs", fontsize=9, loc="left")
     axes.legend(fontsize=8)
     save_figure(path, figure)
 
 
 def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) -> None:
-    """Each pair of columns of samples (n, d), and each alone."""
+    """Distribution of each pair of columns of samples (n, d), and of each."""
     n = len(labels)
     figure = Figure(figsize=(2 * n + 1, 2 * n + 1), layout="constrained")
     grid = figure.subplots(n, n, squeeze=False)

@@ -56,8 +56,8 @@ def _spot(axes: Axes, image: Psf, figure: Figure) -> None:
     axes.grid(which="minor", color="white", alpha=0.35, lw=0.6)
     axes.tick_params(which="minor", length=0)
     axes.set(xlabel="x (pixel)", ylabel="y (pixel)", xlim=(-edge, edge), ylim=(edge, -edge))
-    axes.set_title("image of a star and the pixels that see it", fontsize=9)
-    figure.colorbar(shown, ax=axes, label="log10 of the peak", shrink=0.85)
+    axes.set_title("image of a star, and pixels", fontsize=9)
+    figure.colorbar(shown, ax=axes, label="log10(irradiance / peak)", shrink=0.85)
 
 
 def _modulation(axes: Axes, frequency: NDArray[np.float64], curves: Sequence[Curves]) -> None:

@@ -1,4 +1,4 @@
-"""The table of one sequence -> a picture of its errors in time."""
+"""Picture of the errors of one sequence in time."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _errors(axes: Axes, table: NDArray[np.void], axis: str, label: str) -> None:
     axes.plot(time, filtered, "-", lw=1.2, color=BLUE, label="filter")
     known = np.abs(table[f"error_{axis}"][~table["false"]] / arcsec)
     scale = float(np.nanmax([np.nanmedian(known) * 8, 1e-3])) if np.isfinite(known).any() else 1.0
-    # A coasting filter runs away by degrees; linear near zero, logarithmic beyond.
+    # A coasting filter drifts by degrees; linear near zero, logarithmic beyond.
     axes.set_yscale("symlog", linthresh=scale, linscale=2)
     axes.set_ylabel(label)
     axes.axhline(0, color=GREY, lw=0.5)
