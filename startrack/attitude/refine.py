@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude.align import turn_by
 from startrack.attitude.least_squares import invert, least_squares
-from startrack.core import Camera, Floats, rotation_of
+from startrack.core import Camera, Floats, plane_slopes, rotation_of
 
 MOST_STEPS = 10
 SMALLEST_STEP = 1e-15  # radian
@@ -117,7 +117,6 @@ def _linearise(seen, whitener, direction, matrix, scale, columns, stretch, resid
 
     The derivative by the scale is apart, and the last row is left for what is known of it.
     """
-    slope = np.empty((2, 3))
     columns[:, -1] = stretch[-1] = 0.0
     for n in range(len(seen)):
         u, v, w = direction[n]
@@ -125,12 +124,12 @@ def _linearise(seen, whitener, direction, matrix, scale, columns, stretch, resid
         py = matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2] * w
         pz = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2] * w
         x, y = px / pz, py / pz
-        _slopes(x, y, slope)
+        slope_x, slope_y = plane_slopes(x, y)
         residual[n, 0], residual[n, 1] = seen[n, 0] - scale * x, seen[n, 1] - scale * y
         a, b, c = whitener[n]
         for k in range(3):
-            columns[k, 2 * n] = scale * a * slope[0, k]
-            columns[k, 2 * n + 1] = scale * (b * slope[0, k] + c * slope[1, k])
+            columns[k, 2 * n] = scale * a * slope_x[k]
+            columns[k, 2 * n + 1] = scale * (b * slope_x[k] + c * slope_y[k])
         columns[3, 2 * n] = a * residual[n, 0]
         columns[3, 2 * n + 1] = b * residual[n, 0] + c * residual[n, 1]
         stretch[2 * n], stretch[2 * n + 1] = a * x, b * x + c * y
@@ -151,11 +150,5 @@ def tangent(plane: Floats) -> Floats:
     """How places (n, 2) in the image plane move with a small rotation, (n, 2, 3)."""
     design = np.empty((len(plane), 2, 3))
     for n in range(len(plane)):
-        _slopes(plane[n, 0], plane[n, 1], design[n])
+        design[n, 0], design[n, 1] = plane_slopes(plane[n, 0], plane[n, 1])
     return design
-
-
-@njit(cache=True, error_model="numpy")
-def _slopes(x, y, slope):  # type: ignore[no-untyped-def]
-    slope[0, 0], slope[0, 1], slope[0, 2] = -x * y, 1 + x * x, -y
-    slope[1, 0], slope[1, 1], slope[1, 2] = -1 - y * y, x * y, x

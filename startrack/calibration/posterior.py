@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.calibration.camera import Calibration, calibrate
 from startrack.calibration.psf_width import width_likelihood
-from startrack.core import Camera, Floats, Frame, Matches, Spots, non_negative, positive
+from startrack.core import Camera, Floats, Frame, Matches, Spots, distort, non_negative, positive
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
 CAMERA = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
@@ -222,10 +222,7 @@ def project(direction: Floats, values: Floats, camera: Camera) -> Floats:
     """
     f, cx, cy, k1, k2, p1, p2, k3 = (column[:, None] for column in values.T)
     x, y = direction[..., 0] / direction[..., 2], direction[..., 1] / direction[..., 2]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    u, v = distort.py_func(x, y, k1, k2, p1, p2, k3)
     middle_x, middle_y = (camera.columns - 1) / 2, (camera.rows - 1) / 2
     return np.stack([f * u + cx + middle_x, f * v + cy + middle_y], axis=-1)
 

@@ -18,7 +18,7 @@ variates   Random variates for compiled code: bits of a counter, normal and Pois
 """
 
 from startrack.core.arrays import Floats, Ints
-from startrack.core.camera import Camera
+from startrack.core.camera import Camera, distort, plane_slopes
 from startrack.core.checks import finite, non_negative, one_of, positive, whole, within
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc

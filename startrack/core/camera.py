@@ -164,3 +164,32 @@ def _pinhole(direction: Floats, focal: float, x: float, y: float) -> Floats:
             pixel[k, 0] = direction[k, 0] / direction[k, 2] * focal + x
             pixel[k, 1] = direction[k, 1] / direction[k, 2] * focal + y
     return pixel
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def distort(x, y, k1, k2, p1, p2, k3):  # type: ignore[no-untyped-def]
+    """OpenCV's distortion of a point x / z, y / z, for compiled code; `distort.py_func` for arrays.
+
+        r^2 = x^2 + y^2,   x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
+
+    and y' likewise with x and y, p1 and p2 exchanged.
+
+    Source: OpenCV, Camera calibration and 3D reconstruction, detailed description.
+    """
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return u, v
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def plane_slopes(x, y):  # type: ignore[no-untyped-def]
+    """Derivatives of x / z and y / z of a direction by a small rotation about the camera's axes.
+
+        d(x / z) = (-x y, 1 + x^2, -y) . d,   d(y / z) = (-(1 + y^2), x y, x) . d
+
+    x, y     1, the point in the image plane
+    Returns  two tuples of three, 1
+    """
+    return (-x * y, 1 + x * x, -y), (-1 - y * y, x * y, x)

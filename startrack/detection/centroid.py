@@ -13,7 +13,7 @@ from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan
-from startrack.detection.sample import Sample
+from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, Sample, X, Y
 
 SAME = 1.0  # pixel; two peaks that lead as near as this to one place are one star
 NONE_DEAD = np.empty((0, 0), np.uint8)
@@ -31,7 +31,7 @@ def centroid(
     Raises   those of the files of the four centroids.
     """
     table = measured(sample(frame, pixels, candidates, plan.settings), plan)
-    order = np.argsort(-table[:, 2], kind="stable")  # NaN goes last
+    order = np.argsort(-table[:, FLUX], kind="stable")  # NaN goes last
     return Spots(*_kept(table, order, candidates.area, plan.settings.max_spots))
 
 
@@ -67,9 +67,9 @@ def _kept(table, order, area, most):  # type: ignore[no-untyped-def]
     covariance = np.empty((len(chosen), 2, 2))
     for k in range(len(chosen)):
         row = table[chosen[k]]
-        x[k], y[k], flux[k], snr[k] = row[0], row[1], row[2], row[2] / row[3]
-        covariance[k, 0, 0], covariance[k, 1, 1] = row[4], row[6]
-        covariance[k, 0, 1] = covariance[k, 1, 0] = row[5]
+        x[k], y[k], flux[k], snr[k] = row[X], row[Y], row[FLUX], row[FLUX] / row[FLUX_SIGMA]
+        covariance[k, 0, 0], covariance[k, 1, 1] = row[XX], row[YY]
+        covariance[k, 0, 1] = covariance[k, 1, 0] = row[XY]
     return x, y, flux, covariance, snr, area[chosen]
 
 
@@ -79,12 +79,12 @@ def _apart(table: Floats, order: Ints, most: int) -> Ints:
     kept = np.empty(min(len(order), most), np.int64)
     count = 0
     for k in range(len(order)):
-        x, y, flux = table[order[k], 0], table[order[k], 1], table[order[k], 2]
+        x, y, flux = table[order[k], X], table[order[k], Y], table[order[k], FLUX]
         if count == len(kept) or np.isnan(flux):
             break
         new = True
         for other in kept[:count]:
-            dx, dy = table[order[other], 0] - x, table[order[other], 1] - y
+            dx, dy = table[order[other], X] - x, table[order[other], Y] - y
             if dx * dx + dy * dy < SAME * SAME:
                 new = False
                 break

@@ -14,6 +14,7 @@ from startrack.detection.find import Candidates
 from startrack.detection.matched import filtered
 from startrack.detection.pixels import Pixels, gain_of
 from startrack.detection.plan import DetectionPlan
+from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 from startrack.detection.threshold import highest_between, modelled, sigmas
 
 
@@ -77,8 +78,8 @@ def expect(
     # The ring about a star shows no noise here. So all that a dark pixel has is given as the
     # least noise there is, which the ring then has too.
     table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), plan)
-    covariance = table[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
-    x, y, flux, sigma = table[:, :4].T
+    covariance = table[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
+    x, y, flux, sigma = (table[:, column] for column in (X, Y, FLUX, FLUX_SIGMA))
     return Expectation(x, y, flux, sigma, covariance, height - far, spread, kept)
 
 

@@ -12,7 +12,20 @@ from numpy.typing import NDArray
 from startrack.core import Floats, Ints
 from startrack.detection.psf_table import expected
 from startrack.detection.robust import around
-from startrack.detection.sample import ROW, Sample, pixel_noise
+from startrack.detection.sample import (
+    COLUMNS,
+    FLUX,
+    FLUX_SIGMA,
+    WINDOW_X,
+    WINDOW_Y,
+    XX,
+    XY,
+    YY,
+    Sample,
+    X,
+    Y,
+    pixel_noise,
+)
 from startrack.detection.star_model import StarModel
 
 
@@ -193,11 +206,11 @@ class Model(NamedTuple):
 def fitted(sample: Sample, model: Model) -> Floats:
     """Fit the stars that touch together, and each on its own where that runs away.
 
-    Returns  (n, 9) as `gravity`; NaN where the fit runs away
+    Returns  (n, COLUMNS) as `gravity`; NaN where the fit runs away
     """
     count = len(sample.x)
-    table = np.full((count, ROW), np.nan)
-    table[:, 7], table[:, 8] = sample.x, sample.y
+    table = np.full((count, COLUMNS), np.nan)
+    table[:, WINDOW_X], table[:, WINDOW_Y] = sample.x, sample.y
     waiting = np.ones(count, np.bool_)
     for i in range(count):
         if not waiting[i]:
@@ -350,8 +363,9 @@ def _written(
             return False
     for k in range(len(group)):
         a, f, row = k * each, k * each + shapes, table[group[k]]
-        row[0], row[1], row[2], row[3] = value[a], value[a + 1], value[f], math.sqrt(matrix[f, f])
-        row[4], row[5], row[6] = matrix[a, a], matrix[a, a + 1], matrix[a + 1, a + 1]
+        row[X], row[Y], row[FLUX] = value[a], value[a + 1], value[f]
+        row[FLUX_SIGMA] = math.sqrt(matrix[f, f])
+        row[XX], row[XY], row[YY] = matrix[a, a], matrix[a, a + 1], matrix[a + 1, a + 1]
     return True
 
 

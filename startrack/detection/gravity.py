@@ -3,19 +3,34 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from startrack.core import Floats
 from startrack.detection.robust import around
-from startrack.detection.sample import ROW, Image, Sample, pixel_noise
+from startrack.detection.sample import (
+    COLUMNS,
+    FLUX,
+    FLUX_SIGMA,
+    WINDOW_X,
+    WINDOW_Y,
+    XX,
+    XY,
+    YY,
+    Image,
+    Sample,
+    X,
+    Y,
+    pixel_noise,
+)
 
 ROUNDS = 5
 STEPS = 12
 NARROW = 1  # pixel, half side of the smallest window
-PLAIN = (1.0, 0.0)  # a place that is the centre of gravity itself
-LEAST_LEFT = 0.5  # below that the window is too small for its star
+UNCORRECTED = (1.0, 0.0)  # derivatives of a position that is the centre of gravity itself
+LEAST_LEFT = 0.5  # of the variance within the window; below, it is too small for its star
 
 
 def gravity(sample: Sample, uncut: bool) -> Floats:
@@ -29,67 +44,96 @@ def gravity(sample: Sample, uncut: bool) -> Floats:
 
     Source: linear propagation of independent pixel noise.
 
-    uncut    take the window's pull back as for a Gaussian star, and widen the covariance by
-             what that costs, to first order
-    Returns  (n, 9): x, y, flux, its sigma, xx, xy, yy, window's column and row; NaN up to yy
-             where the window runs away or holds no light
+    uncut    correct for the window's pull as for a Gaussian star, and enlarge the covariance by
+             the noise of that correction, to first order
+    Returns  (n, COLUMNS), see `sample`; NaN up to YY where the window runs away or holds no light
     Accuracy  model: the pixels average a sharp star, which moves g by up to 0.0023 pixel for a
               Gaussian of sigma 0.5 pixel, 0.054 for 0.3. A star whose sigma exceeds a fifth of the
               window leaves light in the ring, which keeps up to a third of the window's pull. The
               covariance holds neither. A faint star whose window shows no light is measured in 3 x
               3 pixels.
     """
-    return _gravity(*sample, uncut)
+    return np.asarray(_gravity(sample, uncut))
+
+
+class Moments(NamedTuple):
+    """Moments of the signal in a window: its sum, centre of gravity and variance about that.
+
+    x, y                    pixel from the middle of the window
+    variance_x, variance_y  pixel^2
+    """
+
+    flux: float
+    x: float
+    y: float
+    variance_x: float
+    variance_y: float
+
+
+class PixelLaw(NamedTuple):
+    """Background and noise of the pixels about a star, digital number.
+
+    background  of an empty pixel;  error  its standard deviation
+    noise       of an empty pixel
+    shot        variance for each digital number of light
+    saturation  from which on a pixel's light is unknown
+    """
+
+    background: float
+    error: float
+    noise: float
+    shot: float
+    saturation: float
 
 
 @njit(cache=True, error_model="numpy")
-def _gravity(  # type: ignore[no-untyped-def]
-    image, dead, x, y, whole, floor, electrons_per_dn, offset, read_noise, saturation, uncut
-):
+def _gravity(sample: Sample, uncut: bool) -> Floats:
+    image, x, y = sample.image, sample.x, sample.y
     rows, columns = image.shape
-    table = np.full((len(x), ROW), np.nan)
+    table = np.full((len(x), COLUMNS), np.nan)
     for i in range(len(x)):
-        u, v, half = x[i], y[i], whole
+        u, v, half = x[i], y[i], sample.half
         lost = False
         for k in range(ROUNDS):
-            background, slope_x, slope_y, spread, count = around(image, u, v, half, floor)
-            flux, gx, gy, mx, my = moments(image, u, v, half, background, slope_x, slope_y)
-            lost = not (flux > 0 and abs(gx) <= half and abs(gy) <= half)
+            level, slope_x, slope_y, spread, count = around(image, u, v, half, sample.floor)
+            seen = moments(image, u, v, half, level, slope_x, slope_y)
+            lost = not (seen.flux > 0 and abs(seen.x) <= half and abs(seen.y) <= half)
             if lost and half > NARROW:
-                # A faint star may drown in its window's noise, and is then looked for in its core.
+                # The noise of the window may exceed a faint star, whose core is then measured.
                 u, v, half = x[i], y[i], NARROW
                 continue
-            # A star on the border of two pixels may go to and fro; either window serves.
-            if lost or (abs(gx) <= 0.5 and abs(gy) <= 0.5) or k == ROUNDS - 1:
+            # A star on the border of two pixels may alternate; either window is right.
+            if lost or (abs(seen.x) <= 0.5 and abs(seen.y) <= 0.5) or k == ROUNDS - 1:
                 break
-            u = min(max(u + round(gx), half), columns - 1 - half)
-            v = min(max(v + round(gy), half), rows - 1 - half)
+            u = min(max(u + round(seen.x), half), columns - 1 - half)
+            v = min(max(v + round(seen.y), half), rows - 1 - half)
             if abs(u - x[i]) > half or abs(v - y[i]) > half:
                 lost = True
                 break
-        table[i, 7], table[i, 8] = u, v
+        table[i, WINDOW_X], table[i, WINDOW_Y] = u, v
         if lost:
             continue
-        noise, shot = pixel_noise(background, spread, floor, electrons_per_dn, offset, read_noise)
-        error = spread / math.sqrt(count)  # of the background
-        cx, cy, answer_x, answer_y = gx, gy, PLAIN, PLAIN
+        noise, shot = pixel_noise(
+            level, spread, sample.floor, sample.electrons_per_dn, sample.offset, sample.read_noise
+        )
+        law = PixelLaw(level, spread / math.sqrt(count), noise, shot, sample.saturation)
+        cx, cy, by_x, by_y = seen.x, seen.y, UNCORRECTED, UNCORRECTED
         if uncut:
-            cx, answer_x = _uncut(gx, mx, half)
-            cy, answer_y = _uncut(gy, my, half)
-        sigma, xx, xy, yy = _errors(
-            image, u, v, gx, gy, mx, my, answer_x, answer_y, half, background, noise, error, shot,
-            saturation,
-        )  # fmt: skip
-        table[i, 0], table[i, 1], table[i, 2], table[i, 3] = u + cx, v + cy, flux, sigma
-        table[i, 4], table[i, 5], table[i, 6] = xx / flux**2, xy / flux**2, yy / flux**2
+            cx, by_x = _uncut(seen.x, seen.variance_x, half)
+            cy, by_y = _uncut(seen.y, seen.variance_y, half)
+        sigma, xx, xy, yy = _errors(image, u, v, half, seen, by_x, by_y, law)
+        flux = seen.flux
+        table[i, X], table[i, Y] = u + cx, v + cy
+        table[i, FLUX], table[i, FLUX_SIGMA] = flux, sigma
+        table[i, XX], table[i, XY], table[i, YY] = xx / flux**2, xy / flux**2, yy / flux**2
     return table
 
 
 @njit(cache=True, error_model="numpy")
 def moments(
     image: Image, u: int, v: int, half: int, background: float, slope_x: float, slope_y: float
-) -> tuple[float, float, float, float, float]:
-    """Flux, centre of gravity from (u, v), and variance along x and y, within the window."""
+) -> Moments:
+    """Moments in the window about (u, v), above a background plane."""
     flux, sx, sy, sxx, syy = 0.0, 0.0, 0.0, 0.0, 0.0
     for dy in range(-half, half + 1):
         for dx in range(-half, half + 1):
@@ -100,12 +144,12 @@ def moments(
             sxx += signal * dx * dx
             syy += signal * dy * dy
     gx, gy = sx / flux, sy / flux
-    return flux, gx, gy, sxx / flux - gx * gx, syy / flux - gy * gy
+    return Moments(flux, gx, gy, sxx / flux - gx * gx, syy / flux - gy * gy)
 
 
 @njit(cache=True, error_model="numpy")
 def _uncut(mean: float, variance: float, half: int) -> tuple[float, tuple[float, float]]:
-    """Mean of a Gaussian star along one axis, from what a window shows of it.
+    """Mean of a Gaussian star along one axis, from its moments within a window.
 
     For the standard normal law between a and b, with Z = Phi(b) - Phi(a):
 
@@ -113,7 +157,7 @@ def _uncut(mean: float, variance: float, half: int) -> tuple[float, tuple[float,
         mean = c - sigma pull,          variance = sigma^2 left
 
     solved for c and sigma by iteration, which contracts, because left is the slope of the mean.
-    A pixel's own variance 1/12 is no part of it.
+    The variance 1/12 of a pixel is subtracted first.
 
     Source: moments of the doubly truncated normal law; Johnson, Kotz and Balakrishnan,
     Continuous Univariate Distributions 1 (1994), chapter 13, section 10.1.
@@ -122,7 +166,7 @@ def _uncut(mean: float, variance: float, half: int) -> tuple[float, tuple[float,
     """
     seen = variance - 1 / 12
     if not seen > 0:
-        return mean, PLAIN
+        return mean, UNCORRECTED
     c, left = mean, 1.0
     edge = half + 0.5
     a, b, pa, pb, z, sigma = 0.0, 0.0, 0.0, 0.0, 1.0, 1.0
@@ -134,14 +178,14 @@ def _uncut(mean: float, variance: float, half: int) -> tuple[float, tuple[float,
         pull = (pb - pa) / z
         left = max(1 - (b * pb - a * pa) / z - pull**2, LEAST_LEFT)
         c = mean + sigma * pull
-    return c, _answer(a, b, pa / z, pb / z, sigma, left)
+    return c, _derivatives(a, b, pa / z, pb / z, sigma, left)
 
 
 @njit(cache=True, error_model="numpy")
-def _answer(
+def _derivatives(
     a: float, b: float, pa: float, pb: float, sigma: float, left: float
 ) -> tuple[float, float]:
-    """How c follows the mean and the variance that a window shows.
+    """Derivatives of c by the mean and the variance within the window.
 
     With the moments m1 .. m4 of the standard normal law t between a and b,
 
@@ -149,8 +193,8 @@ def _answer(
         k3 = cov(t, t^2),   k4 = var t^2,   s3 = mean (t - m1)^3
 
     as derivatives of a law exp(-(x - c)^2 / 2 sigma^2) are covariances with t and t^2; solved for
-    dc. Both fall and rise with the same pixels, so that a variance that is known from the star
-    itself takes noise away from c beside the window's middle.
+    dc. Mean and variance depend on the same pixels: off the middle of the window, an estimate of
+    the variance from the star itself removes noise from c.
     """
     m1 = pa - pb
     m2 = 1 + a * pa - b * pb
@@ -169,36 +213,26 @@ def _errors(
     image: Image,
     u: int,
     v: int,
-    gx: float,
-    gy: float,
-    mx: float,
-    my: float,
-    answer_x: tuple[float, float],
-    answer_y: tuple[float, float],
     half: int,
-    background: float,
-    noise: float,
-    error: float,
-    shot: float,
-    saturation: float,
+    seen: Moments,
+    by_x: tuple[float, float],
+    by_y: tuple[float, float],
+    law: PixelLaw,
 ) -> tuple[float, float, float, float]:
-    """Standard deviation of the flux, and sums xx, xy, yy of variance times answer squared.
+    """Standard deviation of the flux, and sums xx, xy, yy of variance times derivative squared.
 
-    gx, gy  centre of gravity from (u, v), pixel;  mx, my  variance about it, pixel^2
-    answer  of the place, to the centre of gravity and to the variance
-    noise   of an empty pixel;  error  of the background, digital number
-    shot    variance per digital number of light, digital number
+    by_x, by_y  derivatives of the position by the centre of gravity and by the variance
     """
     variance, xx, xy, yy, sum_x, sum_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(-half, half + 1):
-        y = answer_y[0] * (j - gy) + answer_y[1] * ((j - gy) ** 2 - my)
+        y = by_y[0] * (j - seen.y) + by_y[1] * ((j - seen.y) ** 2 - seen.variance_y)
         for i in range(-half, half + 1):
-            signal = image[v + j, u + i] - background
+            signal = image[v + j, u + i] - law.background
             # Negative signals stay in, or faint stars would seem to have more shot noise.
-            pixel = max(noise**2 + shot * signal, 0.0)
-            if image[v + j, u + i] >= saturation:
+            pixel = max(law.noise**2 + law.shot * signal, 0.0)
+            if image[v + j, u + i] >= law.saturation:
                 pixel = max(pixel, signal**2)  # the light is unknown, at least this much
-            x = answer_x[0] * (i - gx) + answer_x[1] * ((i - gx) ** 2 - mx)
+            x = by_x[0] * (i - seen.x) + by_x[1] * ((i - seen.x) ** 2 - seen.variance_x)
             variance += pixel
             xx += pixel * x * x
             xy += pixel * x * y
@@ -206,7 +240,7 @@ def _errors(
             sum_x += x
             sum_y += y
     # An error of the background moves all pixels of the window together.
-    whole = error**2
+    whole = law.error**2
     return (
         math.sqrt(variance + whole * (2 * half + 1) ** 4),
         xx + whole * sum_x * sum_x,

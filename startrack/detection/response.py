@@ -15,6 +15,7 @@ from startrack.detection.find import Candidates
 from startrack.detection.methods import CENTROIDS
 from startrack.detection.pixels import pixels
 from startrack.detection.plan import DetectionPlan
+from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 
 
 class Response(NamedTuple):
@@ -81,15 +82,15 @@ def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan)
             pixel = y + j, x + i
             held, step = image[pixel], sigma[pixel].astype(np.float32)
             image[pixel] = held + step
-            above = measured(stars, plan)[:, :2]
+            above = measured(stars, plan)[:, [X, Y]]
             image[pixel] = held - step
-            below = measured(stars, plan)[:, :2]
+            below = measured(stars, plan)[:, [X, Y]]
             image[pixel] = held
             slope[:, :, half + j, half + i] = (above - below) / (2 * step)[:, None]
-    xx, xy, yy = middle[:, 4], middle[:, 5], middle[:, 6]
-    covariance = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
+    covariance = middle[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
     corner = np.column_stack([x, y]) - half
-    return Response(middle[:, :2], covariance, middle[:, 2] / middle[:, 3], corner, slope)
+    snr = middle[:, FLUX] / middle[:, FLUX_SIGMA]
+    return Response(middle[:, [X, Y]], covariance, snr, corner, slope)
 
 
 def half_of(plan: DetectionPlan) -> int:

@@ -7,6 +7,7 @@ from numba import njit
 
 from startrack.core import Floats, Psf
 from startrack.detection.psf_table import expected
+from startrack.detection.sample import FLUX, FLUX_SIGMA, WINDOW_X, WINDOW_Y, XX, XY, YY, X, Y
 
 STEPS = 32  # per pixel; linear interpolation then errs by 1e-4 of the window's pull
 SIDE = 2 * STEPS + 1  # from -1 to 1 pixel
@@ -51,14 +52,14 @@ def compensate(table: Floats, curve: Floats) -> None:
     The place that would give the centre measured is found by Newton's method, one slope an axis;
     noise grows by the inverse of the slopes. A centre that no star can give stays as it is.
 
-    table  (n, 9) as `gravity` gives it
+    table  (n, COLUMNS) as `gravity` gives it
     curve  as `s_curve` gives it
     """
     step = 1 / STEPS
     for n in range(len(table)):
-        if np.isnan(table[n, 2]):
+        if np.isnan(table[n, FLUX]):
             continue
-        gx, gy = table[n, 0] - table[n, 7], table[n, 1] - table[n, 8]
+        gx, gy = table[n, X] - table[n, WINDOW_X], table[n, Y] - table[n, WINDOW_Y]
         x, y = gx, gy
         slope_x, slope_y = 1.0, 1.0
         for _ in range(ROUNDS):
@@ -71,12 +72,12 @@ def compensate(table: Floats, curve: Floats) -> None:
         if not (abs(x) < 1 - step and abs(y) < 1 - step):
             continue
         fraction = _at(curve[2], x, y)
-        table[n, 0], table[n, 1] = table[n, 7] + x, table[n, 8] + y
-        table[n, 2] /= fraction
-        table[n, 3] /= fraction
-        table[n, 4] /= slope_x * slope_x
-        table[n, 5] /= slope_x * slope_y
-        table[n, 6] /= slope_y * slope_y
+        table[n, X], table[n, Y] = table[n, WINDOW_X] + x, table[n, WINDOW_Y] + y
+        table[n, FLUX] /= fraction
+        table[n, FLUX_SIGMA] /= fraction
+        table[n, XX] /= slope_x * slope_x
+        table[n, XY] /= slope_x * slope_y
+        table[n, YY] /= slope_y * slope_y
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from startrack.core import Ints
 
 Image = NDArray[np.float32]
-ROW = 9  # x, y, flux, its sigma, xx, xy, yy, and the pixel that the window is centred on
+# Columns of the table (n, COLUMNS) in which each centroid method writes a row per star: position,
+# flux and its sigma, covariance of the position, and the pixel that the window is centred on.
+X, Y, FLUX, FLUX_SIGMA, XX, XY, YY, WINDOW_X, WINDOW_Y = range(9)
+COLUMNS = 9
 UNEVEN = 1.6  # a ring's noise exceeds the gain model's by that much never by chance
 
 

@@ -10,7 +10,18 @@ from numba import njit
 from startrack.core import Floats
 from startrack.detection.gravity import gravity
 from startrack.detection.robust import around
-from startrack.detection.sample import Sample, pixel_noise
+from startrack.detection.sample import (
+    FLUX,
+    WINDOW_X,
+    WINDOW_Y,
+    XX,
+    XY,
+    YY,
+    Sample,
+    X,
+    Y,
+    pixel_noise,
+)
 
 ROUNDS = 20
 CLOSE = 1e-5  # pixel; a last step of that length
@@ -18,7 +29,7 @@ LONGEST = 0.5  # pixel
 
 
 def weighted(sample: Sample, sigma: float) -> Floats:
-    """Solve for the place c where the weighted offsets balance, by Newton's method.
+    """Solve for the position c where the sum of the weighted offsets is zero, by Newton's method.
 
         sum(w_i s_i (r_i - c)) = 0,   w_i = exp(-|r_i - c|^2 / (2 sigma^2))
         cov(c) = sum(var_i w_i^2 (r_i - c)(r_i - c)^T) / slope^2
@@ -30,20 +41,21 @@ def weighted(sample: Sample, sigma: float) -> Floats:
     Returns  as `gravity`, whose flux it keeps
     Accuracy  model: pixels average the star, which moves c by at most what `gravity` has.
     """
-    return _weighted(*sample, gravity(sample, True), sigma)
+    return np.asarray(_weighted(sample, gravity(sample, True), sigma))
 
 
 @njit(cache=True, error_model="numpy")
-def _weighted(  # type: ignore[no-untyped-def]
-    image, dead, x, y, half, floor, electrons_per_dn, offset, read_noise, saturation, table, sigma
-):
-    for i in range(len(x)):
-        if np.isnan(table[i, 2]):
+def _weighted(sample: Sample, table: Floats, sigma: float) -> Floats:
+    image, half, floor = sample.image, sample.half, sample.floor
+    for i in range(len(sample.x)):
+        if np.isnan(table[i, FLUX]):
             continue
-        u, v = int(table[i, 7]), int(table[i, 8])
+        u, v = int(table[i, WINDOW_X]), int(table[i, WINDOW_Y])
         background, slope_x, slope_y, spread, _ = around(image, u, v, half, floor)
-        noise, shot = pixel_noise(background, spread, floor, electrons_per_dn, offset, read_noise)
-        cx, cy = table[i, 0] - u, table[i, 1] - v
+        noise, shot = pixel_noise(
+            background, spread, floor, sample.electrons_per_dn, sample.offset, sample.read_noise
+        )
+        cx, cy = table[i, X] - u, table[i, Y] - v
         settled = False
         for _ in range(ROUNDS):
             bx, by, mx, my = 0.0, 0.0, 0.0, 0.0
@@ -59,7 +71,7 @@ def _weighted(  # type: ignore[no-untyped-def]
                     mx += w * signal * (1 - ox * ox / sigma**2)
                     my += w * signal * (1 - oy * oy / sigma**2)
                     variance = max(noise**2 + shot * signal, 0.0)
-                    if value >= saturation:
+                    if value >= sample.saturation:
                         variance = max(variance, signal**2)
                     xx += variance * w * w * ox * ox
                     xy += variance * w * w * ox * oy
@@ -74,6 +86,6 @@ def _weighted(  # type: ignore[no-untyped-def]
                 break
         # Where the weight does not settle, the plain centre of gravity stays.
         if settled and max(abs(cx), abs(cy)) <= half:
-            table[i, 0], table[i, 1] = u + cx, v + cy
-            table[i, 4], table[i, 5], table[i, 6] = xx / mx**2, xy / (mx * my), yy / my**2
+            table[i, X], table[i, Y] = u + cx, v + cy
+            table[i, XX], table[i, XY], table[i, YY] = xx / mx**2, xy / (mx * my), yy / my**2
     return table

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, plane_slopes
 
 
 @njit(cache=True, error_model="numpy")
@@ -80,8 +80,10 @@ def fit(
         for i in range(len(spot)):
             px, py, pz = turned(rotation, direction[star[i]])
             x, y = px / pz, py / pz
-            row_x[0], row_x[1], row_x[2], row_x[3] = -x * y, 1 + x * x, -y, x / scale
-            row_y[0], row_y[1], row_y[2], row_y[3] = -1 - y * y, x * y, x, y / scale
+            slope_x, slope_y = plane_slopes(x, y)
+            row_x[0], row_x[1], row_x[2] = slope_x
+            row_y[0], row_y[1], row_y[2] = slope_y
+            row_x[3], row_y[3] = x / scale, y / scale
             dx = plane[spot[i], 0] / scale - x
             dy = plane[spot[i], 1] / scale - y
             w = weight[spot[i]]
@@ -105,8 +107,9 @@ def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:  #
     px, py, pz = turned(rotation, direction)
     x, y = px / pz, py / pz
     rows = np.empty((2, 4))
-    rows[0] = -x * y * scale, (1 + x * x) * scale, -y * scale, x
-    rows[1] = -(1 + y * y) * scale, x * y * scale, x * scale, y
+    slope_x, slope_y = plane_slopes(x, y)
+    rows[0] = slope_x[0] * scale, slope_x[1] * scale, slope_x[2] * scale, x
+    rows[1] = slope_y[0] * scale, slope_y[1] * scale, slope_y[2] * scale, y
     return rows
 
 

@@ -46,6 +46,15 @@ class Seen(NamedTuple):
     focal: float
 
 
+class Border(NamedTuple):
+    """Edges of the image in the image plane, x / z and y / z."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+
 def usable(spots: Spots) -> Ints:
     """Which spots are at a finite place."""
     return np.flatnonzero(np.isfinite(spots.x + spots.y))
@@ -59,22 +68,17 @@ def see(spots: Spots, chosen: Ints, camera: Camera, settings: Identification) ->
     if camera.distorted:
         direction = camera.unproject(np.column_stack([spots.x[chosen], spots.y[chosen]]))
         plane_x, plane_y = (direction[:, :2] / direction[:, 2:]).T.copy()
-    return _see(
-        plane_x,
-        plane_y,
-        spots.covariance[chosen],
-        np.asarray(spots.flux[chosen], np.float64),
-        np.asarray(spots.snr[chosen], np.float64),
-        # The border of the undistorted image; distortion moves it by a few pixels, no matter here.
+    flux, snr = (np.asarray(each[chosen], np.float64) for each in (spots.flux, spots.snr))
+    # The border of the undistorted image: distortion moves it by a few pixels, which is too little
+    # to matter here.
+    border = Border(
         (-0.5 - x) / focal,
         (-0.5 - y) / focal,
         (camera.columns - 0.5 - x) / focal,
         (camera.rows - 0.5 - y) / focal,
-        focal,
-        settings.match_radius,
-        settings.focal_tolerance,
-        settings.verify_spots,
     )
+    accuracy = settings.match_radius, settings.focal_tolerance, settings.verify_spots
+    return _see(plane_x, plane_y, spots.covariance[chosen], flux, snr, border, focal, *accuracy)
 
 
 @njit(cache=True, error_model="numpy")
@@ -84,16 +88,14 @@ def _see(
     covariance: Floats,
     flux: Floats,
     snr: Floats,
-    left: float,
-    top: float,
-    right: float,
-    bottom: float,
+    border: Border,
     focal: float,
     match_radius: float,
     tolerance: float,
     voting: int,
 ) -> Seen:  # pragma: no cover
     n = len(x)
+    left, top, right, bottom = border
     plane, direction = np.empty((n, 2)), np.empty((n, 3))
     sigma, magnitude, blur = np.empty(n), np.empty(n), np.empty(n)
     for i in range(n):
