@@ -62,7 +62,7 @@ def draw(path: Path, found: dict[str, Exclusion]) -> None:
     names = {"sun": "Sun", "moon": "full Moon", "earth": "noon Earth, 600 km (to its limb)"}
     for (name, one), colour in zip(found.items(), ("#d98b19", "#777777", "#2a6fb0"), strict=True):
         place = one.angle / deg
-        axes[0].plot(place, one.veil_g, color=colour, label=names[name])
+        axes[0].plot(place, one.stray_light_g, color=colour, label=names[name])
         axes[1].semilogy(place, one.across / arcsec, color=colour)
         axes[2].plot(place, one.availability, color=colour)
         for each in axes[1:]:

@@ -2,17 +2,15 @@
 
 causes     Causes of error, under the terms of the standard, and the case without each of them.
 budget     Budget: a line for each cause of error, their sum, and the whole; about and across.
-fields     Sky and camera -> the stars of many fields, and what errors of their places do to
+fields     Sky and camera -> the stars of many fields, and how their errors become those of
            attitudes.
-fixed      A Case and fields of stars enter; errors that do not change from frame to frame leave.
-analytic   A Case enters; its Budget leaves in milliseconds, without a trial.
-survey     Case -> how many stars it sees, how often it solves and how far it errs, over the sky.
-exclusion  Case with a baffle -> what Sun, Moon and Earth cost over their angle; exclusion angles.
+fixed      Case and fields of stars -> errors that are constant from frame to frame.
+analytic   Case -> its Budget in milliseconds, without a trial.
+survey     Case -> number of stars, availability and error over the sky.
+exclusion  Case with a baffle -> error over the angle to Sun, Moon and Earth; exclusion angles.
 indices    Simulated sequences -> the error indices of the standard, over members and times.
-measured   Case -> Budget by trials: causes switched off one by one, on the same sky and the same
-           noise.
-residuals  Case -> what single stars err by in trials: over their place in the field and their
-           magnitude.
+measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise.
+residuals  Case -> errors of single stars in trials, over their position in the field and magnitude.
 """
 
 from startrack.budget.analytic import analytic

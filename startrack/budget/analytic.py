@@ -1,4 +1,4 @@
-"""A Case enters; its Budget leaves in milliseconds, without a trial."""
+"""Case -> its Budget in milliseconds, without a trial."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from startrack.budget.fields import (
     FIELDS,
     Attitudes,
     Fields,
+    FieldStars,
     Response,
+    Solver,
     attitudes,
     fields,
     propagate,
@@ -36,7 +38,7 @@ FINE = 0.05  # magnitude between two entries
 
 
 def response(case: Case, star: Errors) -> Response:
-    """The same as a table of small steps."""
+    """Detection and errors of single stars, as a table of small steps of magnitude."""
     grid = np.arange(star.magnitude[0], star.magnitude[-1] + FINE / 2, FINE)
     return Response(
         float(grid[0]),
@@ -56,7 +58,7 @@ def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
     return np.stack([x * x, cross, cross, y * y], axis=-1).reshape(-1, 2, 2)
 
 
-LEAST = 1e-3  # chance of a star to count at all
+LEAST = 1e-3  # probability from which on a star counts; chosen by hand, far below the 1 % of fields
 BLIND = "the case must see enough stars somewhere in the sky, it does not"
 
 
@@ -77,37 +79,58 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
               that the tracker takes it for a hot pixel counts as seen. numerical: 1 % across and 3
               % about for 512 fields.
     """
-    return of_fields(case, fields(case.catalog, case.instrument.camera, attitudes, count))[0]
+    budget = budget_if_solved(case, count)
+    if budget is None:
+        raise ValueError(BLIND)
+    return budget
 
 
-def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes]:
-    """The budget over some fields, and what the errors of stars do in each of them."""
+def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[Law] | None:
+    """`analytic`, but None where no field can be solved."""
+    found = of_fields(case, fields(case.catalog, case.instrument.camera, attitudes, count))
+    return None if found is None else found[0]
+
+
+def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes] | None:
+    """The budget over some fields, and the errors in each of them; None where none is solved."""
     refuse_scans(case)
     star, gate = errors(case), case.tracker.attitude.gate
     table = response(case, star)
     if not table.fraction.any():
-        raise ValueError(BLIND)
+        return None
     faint = colour_correction(case, view.sky.stars.colour)
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), faint)
-    own = systematic_variance_of(case, view.sky.stars)[view.star[inside]]
+    systematic = systematic_variance_of(case, view.sky.stars)[view.star[inside]]
     near = displaced(case, view, inside)
-    # A star that is drawn away by more than the gate is left out, by the chance of its noise.
-    spread = np.sqrt(np.interp(magnitude, star.magnitude, _variance(star.stated)) + own)
+    # A star that neighbours move by more than the gate is left out, with the probability of that.
+    spread = np.sqrt(np.interp(magnitude, star.magnitude, _variance(star.stated)) + systematic)
     chance = ndtr(gate - np.hypot(*near.T) / spread)
     kept = chance > LEAST
-    inside, magnitude, near, own = inside[kept], magnitude[kept], near[kept], own[kept]
+    inside, magnitude, near = inside[kept], magnitude[kept], near[kept]
+    systematic = systematic[kept]
     fixed = [cause for cause in causes(case) if cause.name in OF_STARS]
     mean = np.stack([np.interp(magnitude, star.magnitude, one) for one in star.mean.T], axis=-1)
     displacement = [mean, near, *(moved(case, cause, view, inside) for cause in fixed)]
     identification = case.tracker.identification
-    found = propagate(
-        view, inside, magnitude, chance[kept], own, np.stack(displacement), table,
-        case.believed_camera.focal_length_px, identification.focal_tolerance,
-        identification.min_matches, case.tracker.detection.max_spots,
-    )  # fmt: skip
+    solver = Solver(
+        case.believed_camera.focal_length_px,
+        identification.focal_tolerance,
+        identification.min_matches,
+        case.tracker.detection.max_spots,
+    )
+    counted = FieldStars(
+        np.searchsorted(view.field[inside], np.arange(len(view.attitude) + 1)),
+        view.x[inside],
+        view.y[inside],
+        magnitude,
+        chance[kept],
+        systematic,
+        np.stack(displacement),
+    )
+    found = propagate(counted, table, solver)
     total = float(found.solved.sum())
     if not total > 0:
-        raise ValueError(BLIND)
+        return None
     weight = found.solved / total
     lines = tuple(_lines(case, found, weight, list(star.random), fixed))
     sigma = np.sqrt(np.sum([line.spread.sigma**2 for line in lines], axis=0))

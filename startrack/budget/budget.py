@@ -18,7 +18,7 @@ ACROSS, ABOUT = (0, 1), (2,)
 
 
 class Spread(Protocol):
-    """How an error about the camera's three axes is spread."""
+    """Distribution of an error about the camera's three axes."""
 
     def rms(self) -> Floats:
         """(3,) radian."""
@@ -32,7 +32,7 @@ S = TypeVar("S", bound=Spread, covariant=True)
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """A normal error in each of m fields of the sky: what a design leads to expect.
+    """A normal error in each of m fields of the sky, as the analytic budget expects it.
 
     mean, sigma  (m, 3) radian
     weight       (m,) 1, fraction of each field; sums to 1
@@ -47,7 +47,7 @@ class Law:
         return np.sqrt(self.weight @ (self.mean**2 + self.sigma**2))
 
     def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
-        """Of the mixture of all fields; with a law of time and field alike, mixed is all it knows.
+        """Of the mixture of all fields; only mixed applies, as time and field are not separate.
 
         Raises  ValueError for another interpretation.
         """
@@ -79,7 +79,7 @@ class Sample:
         return np.sqrt((self.error**2).mean(axis=(0, 1)))
 
     def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
-        """See `startrack.metrics.level`; the axes count alike, as if they were more members."""
+        """See `startrack.metrics.level`; each axis counts as further members."""
         chosen = np.concatenate([self.error[..., axis] for axis in axes])
         return level(chosen, fraction, interpretation)
 

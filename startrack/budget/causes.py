@@ -28,7 +28,7 @@ class Cause:
 
     name     of the cause
     term     that it belongs to
-    without  the case as it would be without the cause, the sky and all other draws the same
+    without  gives the case without the cause; the sky and all other draws stay the same
     """
 
     name: str
@@ -36,7 +36,7 @@ class Cause:
     without: Callable[[Case], Case]
 
 
-# What every case has, and no other case is without.
+# Causes that every case has, so that there is no case without them.
 NEIGHBOURS = "neighbours"
 ALWAYS = (
     (SHOT, Term.NOISE),
@@ -48,7 +48,7 @@ HITS = "hits"
 
 
 def causes(case: Case) -> tuple[Cause, ...]:
-    """The causes that a case has, from pixels to the spacecraft, beside those of all cases."""
+    """The causes that a case has, from pixels to the spacecraft, except those of all cases."""
     return tuple(_present(case))
 
 
@@ -83,7 +83,7 @@ def _present(case: Case) -> Iterator[Cause]:
 
 
 def refuse_scans(case: Case) -> None:
-    """Refuse a detector that scans: its frame has no one time that causes could be switched at."""
+    """Refuse a detector that scans: its frame has no single time to which an attitude refers."""
     if case.instrument.detector.scan:
         raise ValueError("detector.scan must be absent for an error budget, got one")
 

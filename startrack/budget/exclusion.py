@@ -25,20 +25,18 @@ from startrack.scene import (
 FULL_MOON_G = -12.73 + SUN_G_MINUS_V  # Krisciunas and Schaefer (1991), as `moon_of`
 DARK = 40.0  # magnitude per square arcsecond, for no background
 STEP = 1.0  # magnitude between the backgrounds of the budgets, for 1 % between them
-BRIGHTEST = (
-    4.0  # magnitude per square arcsecond, beyond which no tracker detects stars; chosen by hand
-)
+BRIGHTEST = 4.0  # magnitude per square arcsecond, of the brightest background; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)
 class Exclusion:
     """Effect of a body on a tracker, over the angle from the boresight to its centre or limb.
 
-    angle         (n,) radian, rising
-    stray_light_g  (n,) magnitude per square arcsecond of what passes the baffle
-    across        (n,) radian, error across the boresight; NaN where no star is detected, or stray
-                  light saturates the pixels
-    availability  (n,) 1
+    angle          (n,) radian, rising
+    stray_light_g  (n,) magnitude per square arcsecond of the light that passes the baffle
+    across         (n,) radian, error across the boresight; NaN where no star is detected, or stray
+                   light saturates the pixels
+    availability   (n,) 1
     """
 
     angle: Floats

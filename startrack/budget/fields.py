@@ -1,4 +1,4 @@
-"""Sky and camera -> the stars of many fields, and what errors of their places do to attitudes."""
+"""Sky and camera -> the stars of many fields, and how their errors become those of attitudes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, Sky
 from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints
-from startrack.trial import SeparableStars, rotations_from_cube, separable_stars
+from startrack.trial import index_resolution, rotations_from_cube, separated
 
 FIELDS = 512
 WIDER = 1.25  # fields are kept for all cameras that are narrower by less than this
@@ -24,7 +24,7 @@ class Fields(NamedTuple):
     """The stars of fields that lie evenly over the sky, one field after the other.
 
     sky       single stars, those too close for the camera as one
-    name      (stars,) their places in the catalogue
+    name      (stars,) their indices in the catalogue
     attitude  icrs_to_camera of the m fields
     field     (n,) which field
     x, y      (n,) 1, x / z and y / z in camera axes; brightest first in each field
@@ -52,13 +52,18 @@ def fields(
     """
     step = math.log(WIDER)
     radius = math.exp(math.ceil(math.log(camera.half_diagonal) / step) * step)
-    return _fields(separable_stars(selection, camera), min(radius, 1.5), spread, count)
+    return _fields(selection, index_resolution(camera), min(radius, 1.5), spread, count)
 
 
 @lru_cache(maxsize=8)
 def _fields(
-    stars: SeparableStars, radius: float, spread: Callable[[int], Rotation], count: int
+    selection: Selection,
+    resolution: float,
+    radius: float,
+    spread: Callable[[int], Rotation],
+    count: int,
 ) -> Fields:
+    stars = separated(selection, resolution)
     attitude = spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
     found = stars.sky.cones(boresight, radius)
@@ -92,7 +97,7 @@ def boresights(count: int) -> Rotation:
 
 
 class Response(NamedTuple):
-    """What the tracker makes of stars, over their magnitude.
+    """How the tracker detects and measures stars, over their magnitude.
 
     start, step  magnitude of the first entry, and between two
     fraction     (k,) 1, detected
@@ -111,7 +116,7 @@ class Attitudes(NamedTuple):
     """Errors of the attitudes of m fields, in camera axes.
 
     stars     (m,) 1, expected number of detected stars
-    solved    (m,) 1, chance that there are enough of them
+    solved    (m,) 1, probability that there are enough of them
     variance  (m, c, 3) radian^2, of each random cause
     shift     (m, d, 3) radian, by each displacement
     stated    (m, 3, 3) radian^-2, information as the tracker states it
@@ -124,55 +129,70 @@ class Attitudes(NamedTuple):
     stated: Floats
 
 
-def propagate(
-    view: Fields,
-    inside: Ints,
-    magnitude: Floats,
-    chance: Floats,
-    own: Floats,
-    displacement: Floats,
-    response: Response,
-    focal_length_px: float,
-    tolerance: float,
-    fewest: int,
-    most: int,
-) -> Attitudes:
+class FieldStars(NamedTuple):
+    """The n stars of all fields that count, one field after the other, brightest first in each.
+
+    first         (m + 1,) index of the first star of each field, and n
+    x, y          (n,) 1, x / z and y / z in camera axes
+    magnitude     (n,) G of the sunlike star that is as bright
+    kept          (n,) 1, probability that a detected star is kept
+    systematic    (n,) pixel^2 per axis, systematic variance that the tracker assumes
+    displacement  (d, n, 2) pixel, fixed errors of the positions
+    """
+
+    first: Ints
+    x: Floats
+    y: Floats
+    magnitude: Floats
+    kept: Floats
+    systematic: Floats
+    displacement: Floats
+
+
+class Solver(NamedTuple):
+    """What the propagation needs of the tracker's solver.
+
+    focal_length_px  pixel, as the tracker believes it
+    tolerance        1, sigma about one of the scale that the tracker fits; 0 where it fits none
+    fewest, most     detected stars that a solution needs, and the brightest that are kept
+    """
+
+    focal_length_px: float
+    tolerance: float
+    fewest: int
+    most: int
+
+
+def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes:
     """Errors of stars into errors of attitudes, by the gain of each star.
 
         e = sum_i gain_i error_i,   gain_i = I^-1 H_i^T W_i - b r_i,   I = sum_i H_i^T W_i H_i
 
-    H_i is the change of a star's place with a turn and W_i its weight. A tracker that fits its
-    focal length first moves every star p_i by r error_i p_i: hence the second term,
-    b = I^-1 sum_i H_i^T W_i p_i. Each star counts by its chance to be detected.
+    H_i is the change of a star's position with a rotation and W_i its weight. A tracker that fits
+    its focal length first moves every star p_i by r error_i p_i: hence the second term,
+    b = I^-1 sum_i H_i^T W_i p_i. Each star counts by its probability of detection.
 
-    inside        (n,) which stars of the fields count, in their order
-    magnitude     (n,) G of the sunlike star that is as bright
-    chance        (n,) 1, that a detected star is kept
-    own           (n,) pixel^2 per axis, that the tracker reckons with beside the noise
-    displacement  (d, n, 2) pixel, fixed errors of the places
-    tolerance     1, sigma about one of the scale that the tracker fits; 0 where it fits none
-    fewest, most  detected stars that a solution needs, and the brightest that are kept
-    Accuracy      model: to first order in the errors; a star that is detected at times counts as a
-                  fraction of one, which states too little error where few stars are seen.
+    Accuracy  model: to first order in the errors; a star that is not always detected counts as a
+              fraction of one, which gives too small an error where few stars are detected.
     """
-    count = len(view.attitude)
-    first = np.searchsorted(view.field[inside], np.arange(count + 1))
-    causes, shifts = len(response.causes), len(displacement)
-    stars, solved = np.zeros(count), np.zeros(count)
-    variance, shift = np.zeros((count, causes, 3)), np.zeros((count, shifts, 3))
-    stated = np.zeros((count, 3, 3))
-    _propagate(
-        first, view.x[inside], view.y[inside], magnitude, chance, own, displacement, *response,
-        focal_length_px, tolerance, fewest, most, stars, solved, variance, shift, stated,
-    )  # fmt: skip
-    return Attitudes(stars, solved, variance, shift, stated)
+    count, causes, shifts = len(seen.first) - 1, len(response.causes), len(seen.displacement)
+    found = Attitudes(
+        np.zeros(count),
+        np.zeros(count),
+        np.zeros((count, causes, 3)),
+        np.zeros((count, shifts, 3)),
+        np.zeros((count, 3, 3)),
+    )
+    _propagate(seen, response, solver, found)
+    return found
 
 
 @njit(cache=True, error_model="numpy")
-def _propagate(  # type: ignore[no-untyped-def]
-    first, x, y, magnitude, keep, own, displacement, start, step, fraction, stated, causes,
-    focal, tolerance, fewest, most, stars, solved, variance, shift, information,
-):  # fmt: skip
+def _propagate(seen, response, solver, found):  # type: ignore[no-untyped-def]
+    first, x, y, magnitude, keep, systematic, displacement = seen
+    start, step, fraction, stated, causes = response
+    focal, tolerance, fewest, most = solver
+    stars, solved, variance, shift, information = found
     last = len(fraction) - 2
     design, weight, gain = np.empty((2, 4)), np.empty((2, 2)), np.empty((3, 2))
     for f in range(len(first) - 1):
@@ -187,7 +207,7 @@ def _propagate(  # type: ignore[no-untyped-def]
             p = min(p, most - total)  # of the last, the rest of the room
             if p > 1e-4:
                 _design(x[end], y[end], focal, design)
-                _inverse(stated, k, place - k, own[end], weight)
+                _inverse(stated, k, place - k, systematic[end], weight)
                 for a in range(4):
                     left0 = design[0, a] * weight[0, 0] + design[1, a] * weight[1, 0]
                     left1 = design[0, a] * weight[0, 1] + design[1, a] * weight[1, 1]
@@ -220,7 +240,7 @@ def _propagate(  # type: ignore[no-untyped-def]
                 continue
             room -= p
             _design(x[i], y[i], focal, design)
-            _inverse(stated, k, t, own[i], weight)
+            _inverse(stated, k, t, systematic[i], weight)
             for b in range(2):
                 fitted = 0.0
                 for a in range(4):
@@ -247,16 +267,16 @@ def _propagate(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _design(x, y, focal, design):  # type: ignore[no-untyped-def]
-    """How a star's place (pixel) changes with a turn of the sky and with the scale."""
+    """How a star's position (pixel) changes with a rotation of the sky and with the scale."""
     design[0] = focal * (-x * y), focal * (1 + x * x), -focal * y, focal * x
     design[1] = -focal * (1 + y * y), focal * x * y, focal * x, focal * y
 
 
 @njit(cache=True, error_model="numpy")
-def _inverse(table, k, t, own, out):  # type: ignore[no-untyped-def]
-    """Of a covariance between two entries of a table, with a star's own variance."""
-    xx = own + table[k, 0, 0] + t * (table[k + 1, 0, 0] - table[k, 0, 0])
+def _inverse(table, k, t, systematic, out):  # type: ignore[no-untyped-def]
+    """Inverse of a covariance between two entries of a table, plus the systematic variance."""
+    xx = systematic + table[k, 0, 0] + t * (table[k + 1, 0, 0] - table[k, 0, 0])
     xy = table[k, 0, 1] + t * (table[k + 1, 0, 1] - table[k, 0, 1])
-    yy = own + table[k, 1, 1] + t * (table[k + 1, 1, 1] - table[k, 1, 1])
+    yy = systematic + table[k, 1, 1] + t * (table[k + 1, 1, 1] - table[k, 1, 1])
     scale = xx * yy - xy * xy
     out[0, 0], out[0, 1], out[1, 0], out[1, 1] = yy / scale, -xy / scale, -xy / scale, xx / scale

@@ -1,4 +1,4 @@
-"""A Case and fields of stars enter; errors that do not change from frame to frame leave."""
+"""Case and fields of stars -> errors that are constant from frame to frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from startrack.trial import blending_shift
 
 
 def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple[Ints, Floats]:
-    """Which stars of the fields lie where a window fits, and their magnitudes."""
+    """Indices of the stars of the fields around which a window fits, and their magnitudes."""
     camera, detection = case.instrument.camera, case.tracker.detection
     stars = view.sky.stars
     reach = np.tan(min(1.1 * camera.half_diagonal, 1.5))
@@ -27,38 +27,35 @@ def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple
     near = near[camera.holds(pixel, -(detection.window // 2 + detection.edge))]
     star = view.star[near]
     magnitude = stars.magnitude_g[star] + fainter[star]
-    believed = believed_place(case.catalog, case.believed_catalog)[view.name[star]]
+    believed = believed_index(case.catalog, case.believed_catalog)[view.name[star]]
     seen = (magnitude < faintest) & (believed >= 0)
     return near[seen], magnitude[seen]
 
 
 @lru_cache(maxsize=16)
-def believed_place(true: Selection, believed: Selection) -> Ints:
+def believed_index(true: Selection, believed: Selection) -> Ints:
     """For each star of the true sky its index in the believed one, -1 where it is not there."""
-    here, there = open_sky(true).stars.identifier, open_sky(believed).stars.identifier
-    order = np.argsort(there, kind="stable")
-    place = np.minimum(np.searchsorted(there, here, sorter=order), len(there) - 1)
-    found = order[place]
-    return np.where(there[found] == here, found, -1)
+    star, known = open_sky(believed).stars.find(open_sky(true).stars.identifier)
+    return np.where(known, star, -1)
 
 
-OF_STARS = ("camera model", "proper motion", "parallax", "aberration")  # what moves each its way
+OF_STARS = ("camera model", "proper motion", "parallax", "aberration")  # move single stars
 
 
 def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
     """Pixel (n, 2) by which a fixed cause moves each star of the fields."""
-    right = cause.without(case)
+    correct = cause.without(case)
     camera = case.believed_camera
     x, y = view.x[inside], view.y[inside]
-    if camera != right.believed_camera:
-        pixel = right.believed_camera.project(np.column_stack([x, y, np.ones(len(x))]))
+    if camera != correct.believed_camera:
+        pixel = correct.believed_camera.project(np.column_stack([x, y, np.ones(len(x))]))
         seen = camera.unproject(pixel)
         plane = seen[:, :2] / seen[:, 2:]
         return camera.focal_length_px * (plane - np.column_stack([x, y]))
     attitude, star = view.attitude[view.field[inside]], view.name[view.star[inside]]
     wrong, true = (
         _plane(attitude.apply(_directions(case.catalog, one.believed_catalog, star)))
-        for one in (case, right)
+        for one in (case, correct)
     )
     return camera.focal_length_px * (true - wrong)
 
@@ -75,8 +72,8 @@ def displaced(case: Case, view: Fields, inside: Ints) -> Floats:
 
 
 def _directions(true: Selection, believed: Selection, star: Ints) -> Floats:
-    """Where a believed sky has stars of the true one."""
-    return open_sky(believed).stars.direction[believed_place(true, believed)[star]]
+    """Directions in a believed sky of stars of the true one."""
+    return open_sky(believed).stars.direction[believed_index(true, believed)[star]]
 
 
 def _plane(direction: Floats) -> Floats:

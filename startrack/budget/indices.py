@@ -31,14 +31,14 @@ def indices_of(
     executor: Executor,
     progress: Callable[[int], None] | None = None,
 ) -> dict[str, Line[Sample]]:
-    """The indices of what single frames tell, over sequences of random attitudes.
+    """The indices of the attitudes of single frames, over sequences of random attitudes.
 
     window   second
     Returns  AKE, MKE, RKE and KDE (see `INDICES`), each a line whose sample has a member for each
              sequence
     Raises   ValueError where the window does not fit twice, or no sequence was solved in enough
-             frames. Frames without an attitude are left out of all sequences, for the windows of
-             members to be alike.
+             frames. Frames without an attitude are left out of all sequences, so that the windows
+             of all members are the same.
     """
     table = fly_sequences(case, sequence, members, seed, executor, progress)
     frames = len(table) // members
@@ -67,7 +67,7 @@ def indices_of(
 
 
 def _longest(good: np.ndarray) -> slice:
-    """The longest run of what is good."""
+    """The longest run of True."""
     edge = np.diff(np.concatenate([[0], good.astype(int), [0]]))
     starts, ends = np.flatnonzero(edge > 0), np.flatnonzero(edge < 0)
     if not len(starts):

@@ -1,4 +1,4 @@
-"""Case -> Budget by trials: causes switched off one by one, on the same sky and the same noise."""
+"""Case -> Budget by trials: each cause is switched off, on the same sky and noise."""
 
 from __future__ import annotations
 
@@ -27,10 +27,9 @@ from startrack.trial import (
     READ,
     SHOT,
     Record,
-    cell,
+    cell_side,
     detection_plan,
     expected_electrons,
-    images,
     line_of_sight,
     measure,
     noise_free_frame,
@@ -39,11 +38,13 @@ from startrack.trial import (
     random_attitude,
     reference_attitude,
     scale,
+    star_images,
     systematic_variance,
     throughput,
 )
 
-SAME = 0.7  # pixel, within which a spot is the same in two frames
+SAME = 0.7  # pixel, within which a spot is the same in two frames; chosen by hand, below the
+# distance of separate spots and above the noise of their centroids
 BLOCKS = 8  # of members, for each worker
 
 
@@ -60,14 +61,14 @@ def measured(
 
         contribution of a cause = error - error without it
 
-    as vectors, of one and the same sky, noise and set of stars, so that what two causes share is
-    not counted as either's scatter. The contributions of all causes add up to the error but for
-    what causes do to each other.
+    as vectors, of the same sky, noise and set of stars, so that the effect of one cause does not
+    count as scatter of another. The contributions of all causes add up to the error, except for
+    interactions of causes.
 
     members   random attitudes, each with a device and a calibration as the case has them
-    times     frames of each, with noise of their own
+    times     frames of each, with different noise
     executor  where they run
-    progress  called with the number of members that were just done
+    progress  called with the number of members that just ended
     Returns   Budget whose lines hold (members, times, 3) errors; unsolved and false frames are
               left out with their member
     Raises    ValueError where no member can be solved in all frames.
@@ -99,14 +100,14 @@ def measured(
     )
 
 
-class Look(Enum):
-    """What is in a frame."""
+class Content(Enum):
+    """Content of a frame."""
 
-    REAL = "all there is"
+    REAL = "everything"
     SHOT = "shot noise as the only noise"
     READ = "the noise of pixels and converter as the only noise"
-    QUIET = "no noise"
-    ALONE = "no noise, and each star in a frame of its own, on the boresight"
+    NOISE_FREE = "no noise"
+    SINGLE = "no noise, and each star in a separate frame, on the boresight"
 
 
 def terms(case: Case) -> tuple[tuple[str, Term], ...]:
@@ -117,28 +118,30 @@ def terms(case: Case) -> tuple[tuple[str, Term], ...]:
 def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Floats, int]:
     """The error of one trial, and what each cause adds to it.
 
-    A cause that stays is switched in frames without noise, where nothing but it changes; a kind of
-    noise is put alone into them.
+    A constant cause is switched off in frames without noise, where nothing else changes; a kind of
+    noise is added alone to them.
 
     Returns  (1 + causes, 3) radian in camera axes, the error first, then as in `terms`; NaN where
-             the trial has no right attitude; the number of stars
+             the trial has no correct attitude; the number of stars
     """
     record = observe(case, attitude, streams)
     rows = np.full((1 + len(terms(case)), 3), np.nan)
     if not record.outcome.solved or record.outcome.false:
         return rows, record.outcome.stars
     trial = _Trial(case, attitude, streams, record)
-    error, calm = trial.error(case, Look.REAL), trial.error(case, Look.QUIET)
+    error, noise_free = trial.error(case, Content.REAL), trial.error(case, Content.NOISE_FREE)
     ideal = bare(case)
     parts = {
-        SHOT: trial.error(case, Look.SHOT) - calm,
-        READ: trial.error(case, Look.READ) - calm,
-        NEIGHBOURS: trial.error(ideal, Look.QUIET) - trial.error(ideal, Look.ALONE),
-        METHOD: trial.error(ideal, Look.ALONE),
+        SHOT: trial.error(case, Content.SHOT) - noise_free,
+        READ: trial.error(case, Content.READ) - noise_free,
+        NEIGHBOURS: trial.error(ideal, Content.NOISE_FREE) - trial.error(ideal, Content.SINGLE),
+        METHOD: trial.error(ideal, Content.SINGLE),
     }
     for cause in causes(case):
-        look, whole = (Look.REAL, error) if cause.name == HITS else (Look.QUIET, calm)
-        parts[cause.name] = whole - trial.error(cause.without(case), look)
+        content, whole = (
+            (Content.REAL, error) if cause.name == HITS else (Content.NOISE_FREE, noise_free)
+        )
+        parts[cause.name] = whole - trial.error(cause.without(case), content)
     rows[0] = record.outcome.error_x, record.outcome.error_y, record.outcome.error_z
     for k, (name, _) in enumerate(terms(case)):
         rows[k + 1] = parts[name]
@@ -146,16 +149,16 @@ def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Flo
 
 
 class _Trial:
-    """One trial that is looked at again with other causes: its stars and weights stay."""
+    """One trial, rendered again with other causes; its stars and weights stay the same."""
 
     def __init__(self, case: Case, attitude: Rotation, streams: Streams, record: Record):
         self._case, self._attitude, self._streams = case, attitude, streams
         self._record, self._used = record, _used(case, record)
-        self._known = {(_imaging(case), Look.REAL): record.spots}
+        self._known = {(_imaging(case), Content.REAL): record.spots}
 
-    def error(self, case: Case, look: Look) -> Floats:
+    def error(self, case: Case, content: Content) -> Floats:
         """(3,) radian, of the attitude from a frame of the case, by the beliefs of the case."""
-        spots = self._spots(case, look)
+        spots = self._spots(case, content)
         matches, (star, direction) = self._record.matches, self._believed(case)
         chosen = replace(matches, direction=direction)
         believes = case.tracker.identification
@@ -184,45 +187,45 @@ class _Trial:
         star = matches.star
         if len(believed) != len(known) or (believed.identifier != known.identifier).any():
             star, _ = believed.find(known.identifier[star])
-        # Two stars that are taken for one have a direction of their own.
+        # Two stars that the catalogue merges have one direction between them.
         direction = matches.direction + believed.direction[star] - known.direction[matches.star]
         return star, direction / np.linalg.norm(direction, axis=1, keepdims=True)
 
-    def _spots(self, case: Case, look: Look) -> Spots:
+    def _spots(self, case: Case, content: Content) -> Spots:
         """The same stars in a frame of another case."""
         imaging = _imaging(case)
-        if (imaging, look) not in self._known:
+        if (imaging, content) not in self._known:
             case = replace(case, instrument=imaging)
-            alone = look is Look.ALONE
-            spots = self._alone(case) if alone else self._measured(self._frame(case, look))
-            self._known[imaging, look] = spots
-        return self._known[imaging, look]
+            single = content is Content.SINGLE
+            spots = self._single(case) if single else self._measured(self._frame(case, content))
+            self._known[imaging, content] = spots
+        return self._known[imaging, content]
 
-    def _frame(self, case: Case, look: Look) -> Frame:
+    def _frame(self, case: Case, content: Content) -> Frame:
         detector, size = case.instrument.detector, scale(case)
         electrons = self._electrons(case)
-        # Where one kind of noise is alone, the ripple stands for the others.
-        match look:
-            case Look.REAL:
+        # Where one kind of noise is alone, the ripple represents the others.
+        match content:
+            case Content.REAL:
                 return frame_of(electrons, detector, self._streams)
-            case Look.SHOT:
+            case Content.SHOT:
                 return noise_free_frame(
                     shot(electrons, self._streams), detector, size.noise, size.noise
                 )
-            case Look.READ:
+            case Content.READ:
                 frame = noise_free_frame(
                     electrons, detector, math.sqrt(size.background), size.noise
                 )
-                own = pixel_noise(detector, self._streams) / detector.electrons_per_dn
-                return replace(frame, image=np.rint(frame.image + own).astype(np.float32))
+                noise = pixel_noise(detector, self._streams) / detector.electrons_per_dn
+                return replace(frame, image=np.rint(frame.image + noise).astype(np.float32))
         return noise_free_frame(electrons, detector, size.pixel, size.noise)
 
     def _electrons(self, case: Case) -> Floats:
         path = line_of_sight(case.instrument, self._streams)
         return expected_electrons(case, self._record.stars, path, self._attitude, self._streams)
 
-    def _alone(self, case: Case) -> Spots:
-        """Each matched star measured in a cell of its own; a case that believes what is true."""
+    def _single(self, case: Case) -> Spots:
+        """Spots with each matched star measured in a separate cell, for a case without causes."""
         matches, stars, camera = self._record.matches, self._record.stars, case.instrument.camera
         matched = open_sky(case.believed_catalog).stars.identifier[matches.star]
         stars = stars[stars.find(matched)[0]]
@@ -231,11 +234,11 @@ class _Trial:
         rate, _ = electron_rate(light, detector, throughput(case.instrument))
         pixel = camera.project(self._attitude.apply(self._believed(case)[1]))
         old = self._record.spots
-        # A star between two pixels may be measured in the window about either: in the one that
-        # the other looks take.
+        # A star between two pixels may be measured in the window around either: use the one of
+        # the other frames.
         nearest = np.rint(np.column_stack([old.x, old.y])[matches.spot])
-        side = cell(case.instrument, case.tracker.detection)
-        shape = images(case.instrument, pixel - nearest, side)
+        side = cell_side(case.instrument, case.tracker.detection)
+        shape = star_images(case.instrument, pixel - nearest, side)
         place, _ = measure(case, (rate * detector.exposure)[:, None, None] * shape)
         x, y = old.x.copy(), old.y.copy()
         found = np.isfinite(place[:, 0])
@@ -243,7 +246,7 @@ class _Trial:
         return replace(old, x=x, y=y)
 
     def _measured(self, frame: Frame) -> Spots:
-        """All spots of the record at their places in another frame; what is lost stays."""
+        """All spots of the record, measured in another frame; lost ones stay as they are."""
         old, instrument = self._record.spots, self._case.instrument
         candidates = Candidates(
             np.rint(old.x).astype(np.int64), np.rint(old.y).astype(np.int64), old.area
@@ -261,21 +264,21 @@ class _Trial:
 
 
 def _imaging(case: Case) -> Instrument:
-    """What a frame is made by; it does not know how the camera is mounted."""
+    """The instrument without what does not change a frame: mounting and delay."""
     return replace(case.instrument, mounting=Mounting(), delay=0.0)
 
 
 def _used(case: Case, record: Record) -> Ints:
-    """Which of the matches the estimate kept: those with the smallest residuals."""
+    """Indices of the matches that the estimate used: those with the smallest residuals."""
     matches, estimate = record.matches, record.estimate
     if estimate.stars == len(matches):
         return np.arange(len(matches))
     assert estimate.icrs_to_camera is not None
     seen = matches.camera.project(estimate.icrs_to_camera.apply(matches.direction))
     spots = record.spots
-    own = systematic_variance(case)[matches.star, None, None] * np.eye(2)
+    systematic = systematic_variance(case)[matches.star, None, None] * np.eye(2)
     residual = np.column_stack([spots.x, spots.y])[matches.spot] - seen
-    inverse = np.linalg.inv(spots.covariance[matches.spot] + own)
+    inverse = np.linalg.inv(spots.covariance[matches.spot] + systematic)
     square = np.einsum("ni,nij,nj->n", residual, inverse, residual)
     return np.sort(np.argsort(square)[: estimate.stars])
 

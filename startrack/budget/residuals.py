@@ -1,4 +1,4 @@
-"""Case -> what single stars err by in trials: over their place in the field and their magnitude."""
+"""Case -> errors of single stars in trials, over their position in the field and magnitude."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ class Residuals(NamedTuple):
     """Matched stars of some trials.
 
     trial      (n,)
-    place      (n, 2) pixel, true
+    position   (n, 2) pixel, true
     magnitude  (n,) G of the sunlike star that is as bright
     error      (n, 2) pixel, measured minus true
     """
 
     trial: Ints
-    place: Floats
+    position: Floats
     magnitude: Floats
     error: Floats
 
 
 def residuals(case: Case, seed: int, trials: int) -> Residuals:
-    """Where the stars are measured, against where the true attitude and camera have them."""
+    """Measured positions of stars minus those by the true attitude and camera."""
     stars, believed = open_sky(case.catalog).stars, open_sky(case.believed_catalog).stars
-    order, faint = np.argsort(stars.identifier), colour_correction(case, stars.colour)
+    true, _ = stars.find(believed.identifier)
+    faint = colour_correction(case, stars.colour)
     parts = []
     for number in range(trials):
         streams = Streams(seed, number)
         record = observe(case, random_attitude(streams), streams)
         matches, spots = record.matches, record.spots
-        seen = believed.identifier[matches.star]
-        star = order[np.searchsorted(stars.identifier, seen, sorter=order)]
-        # Where the tracker takes two stars for one, their light has one place.
+        star = true[matches.star]
+        # Where the tracker merges two stars, their light has one position.
         pixel = case.instrument.camera.project(record.icrs_to_camera.apply(matches.direction))
         found = np.column_stack([spots.x, spots.y])[matches.spot]
         magnitude = stars.magnitude_g[star] + faint[star]

@@ -1,4 +1,4 @@
-"""Case -> how many stars it sees, how often it solves and how far it errs, over the sky."""
+"""Case -> number of stars, availability and error over the sky."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from startrack.budget.analytic import of_fields
+from startrack.budget.analytic import BLIND, of_fields
 from startrack.budget.fields import boresights, fields
 from startrack.catalog import Sky
 from startrack.core import Floats
 from startrack.design import Case
 
-PLACES = 3072
+DIRECTIONS = 3072
 
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What a design meets at m places that lie evenly over the sky.
+    """Stars, availability and error in m directions that lie evenly over the sky.
 
     direction      (m, 3) unit vectors of the boresight, ICRS axes
     stars          (m,) 1, expected number of detected stars
-    solved         (m,) 1, chance that they are enough for an attitude
+    solved         (m,) 1, probability that they are enough for an attitude
     across, about  (m,) radian, rms error across (per axis) and about the boresight; NaN where
                    there is no attitude
     """
@@ -33,14 +33,17 @@ class Survey:
     about: Floats
 
     def fraction(self, stars: float) -> float:
-        """Share of the sky that shows at least so many stars."""
+        """Fraction of the sky with at least so many stars."""
         return float((self.stars >= stars - 0.5).mean())
 
 
-def survey(case: Case, places: int = PLACES) -> Survey:
-    """The analytic budget place by place; see `analytic` for its errors."""
+def survey(case: Case, places: int = DIRECTIONS) -> Survey:
+    """The analytic budget in each direction. Raises and accuracy as `analytic`."""
     view = fields(case.catalog, case.instrument.camera, boresights, places)
-    budget, found = of_fields(case, view)
+    solved = of_fields(case, view)
+    if solved is None:
+        raise ValueError(BLIND)
+    budget, found = solved
     law = budget.whole.spread
     square = np.where(found.solved[:, None] > 0, law.mean**2 + law.sigma**2, np.nan)
     return Survey(
@@ -52,8 +55,8 @@ def survey(case: Case, places: int = PLACES) -> Survey:
     )
 
 
-def circles(sky: Sky, radius: float, places: int = PLACES) -> Floats:
-    """How many stars (m,) lie in circles spread evenly over the sky.
+def circles(sky: Sky, radius: float, places: int = DIRECTIONS) -> Floats:
+    """Number of stars (m,) in circles that lie evenly over the sky.
 
     radius  radian
     """

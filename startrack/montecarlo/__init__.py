@@ -1,23 +1,18 @@
 """Many trials: workers, store, resume, precision, variance reduction, rare events.
 
 workers      Executors: this process, a pool of processes that survives crashes, Dask, MPI.
-attitudes    Attitudes of trials: random, by Sobol points, or in turn in each region of the sky.
-estimate     Values of trials, and what is known beside them -> a mean with its standard error.
-control      Case, attitude and the image of a trial -> its linearised error, and the exact mean
-             of that.
-sampling     How a campaign draws its trials: fidelity, attitudes, with or without a control
+attitudes    Attitudes of trials: random, at Sobol points, or in each region of the sky in turn.
+estimate     Values of trials, and control variates -> a mean with its standard error.
+control      Case, attitude and image of a trial -> its linearised error, and the exact mean of it.
+sampling     Sampling: fidelity and attitudes of the trials of a campaign, and their control
              variate.
-mean_square  Outcomes of a campaign, and of cheaper ones beside it -> the mean square of its
-             errors.
-rare         How often something rare befalls trials, by looking more often where it is likelier.
+mean_square  Outcomes of a campaign, and of faster fidelities -> the mean square of its errors.
+rare         Probability of a rare event, with more trials where it is likelier.
 run          Many trials of one case over workers: the same numbers for any number of them.
-precision    When a statistic of a campaign is known well enough; quantiles with exact intervals.
-store        One SQLite file that holds a campaign: its case, seed, origin, and each block of
-             trials done.
-resume       Do what a store still lacks: the same trials, the same bytes, however often it was
-             cut short.
-watch        A store that is being filled -> how far it is and what it knows, now and then.
-export       The trials of a campaign as files that other programs read; angles in radian.
+precision    When the interval of a statistic is narrow enough; quantiles with exact intervals.
+store        One SQLite file that holds a campaign; its trials as CSV or Parquet.
+resume       Do the trials that a store lacks: the same bytes, however often it was interrupted.
+watch        A store that is being filled -> its progress and statistic, from time to time.
 """
 
 from startrack.montecarlo.attitudes import Regions, at_random, by_regions, by_sobol
@@ -29,14 +24,13 @@ from startrack.montecarlo.estimate import (
     stratified,
     two_levels,
 )
-from startrack.montecarlo.export import export
 from startrack.montecarlo.mean_square import combined, mean_square
 from startrack.montecarlo.precision import STATISTICS, Precision, half_width, quantile_interval
 from startrack.montecarlo.rare import chances, probability, where_likely
 from startrack.montecarlo.resume import resume
 from startrack.montecarlo.run import run, warm
 from startrack.montecarlo.sampling import Sampling, sample_controlled
-from startrack.montecarlo.store import Store, origin
+from startrack.montecarlo.store import Store, export, origin
 from startrack.montecarlo.watch import Watch
 from startrack.montecarlo.workers import Serial, cluster, dask_pool, mpi_pool, one_thread, pool
 

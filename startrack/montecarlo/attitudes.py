@@ -1,4 +1,4 @@
-"""Attitudes of trials: random, by Sobol points, or in turn in each region of the sky."""
+"""Attitudes of trials: random, at Sobol points, or in each region of the sky in turn."""
 
 from __future__ import annotations
 
@@ -57,18 +57,18 @@ class Regions:
         )
 
 
-REPLICATES = 16  # independent scrambles, whose scatter gives the error
+REPLICATES = 16  # independent scrambles, whose scatter gives the error; chosen by hand
 
 
 def at_random(seed: int, numbers: Sequence[int]) -> Rotation:
-    """Attitudes icrs_to_camera, independent and uniform over all rotations: those of `trial`."""
+    """Attitudes icrs_to_camera of `run_random_trial`: independent, uniform over all rotations."""
     return random_attitudes(seed, numbers)
 
 
 def by_sobol(seed: int, numbers: Sequence[int]) -> Rotation:
     """Attitudes of scrambled Sobol points, each uniform over all rotations.
 
-    Trial n takes point n // 16 of scramble n % 16, so that each of the 16 is a sample of its own.
+    Trial n is at point n // 16 of scramble n % 16, so that each of the 16 is a separate sample.
 
     Source: Owen (1998), J. Complexity 14, 466.
     """
@@ -83,7 +83,7 @@ def by_sobol(seed: int, numbers: Sequence[int]) -> Rotation:
 def by_regions(seed: int, numbers: Sequence[int], regions: Regions) -> Rotation:
     """Attitudes whose boresights lie in each region in turn, uniform within it.
 
-    Trial n looks into region n % len(regions).
+    Trial n is in region n % len(regions).
     """
     fraction = np.array([Streams(seed, number)("region").random(3) for number in numbers])
     cell = np.asarray(numbers, np.int64) % len(regions)
@@ -91,7 +91,7 @@ def by_regions(seed: int, numbers: Sequence[int], regions: Regions) -> Rotation:
 
 
 def towards(boresight: Floats, roll: Floats) -> Rotation:
-    """Attitudes icrs_to_camera with these boresights (n, 3), turned about them by (n,) radian."""
+    """Attitudes icrs_to_camera with these boresights (n, 3), rotated about them by (n,) radian."""
     x, y, z = boresight.T
     # Right ascension and declination take the camera's +z there; the roll is taken first.
     turn = np.column_stack([np.arctan2(y, x), np.arccos(np.clip(z, -1, 1)), roll])
@@ -104,6 +104,6 @@ def _points(seed: int, replicate: int, index: NDArray[np.int64]) -> Floats:
     first = int(index.min())
     if first:
         engine.fast_forward(first)
-    # A power of two, or scipy would warn of a balance that lies with the caller.
+    # A power of two, because scipy would warn otherwise; the balance is up to the caller.
     count = 1 << (int(index.max()) - first).bit_length()
     return np.asarray(engine.random(count)[index - first])

@@ -1,4 +1,4 @@
-"""Case, attitude and the image of a trial -> its linearised error, and the exact mean of that."""
+"""Case, attitude and image of a trial -> its linearised error, and the exact mean of it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from startrack.detection import Response, half_of, joined, peak_border, response
 from startrack.detector import Detector, law_of, require_independent_pixels
 from startrack.trial import detection_plan, index_of, systematic_variance
 
-FEWEST = 3  # stars
+FEWEST = 3  # stars; two observe an attitude, one more checks it
 SAME = 2.0  # pixel, between two stars that make one spot
 NEAR = 2.0  # pixel, beyond the border, where a spot's star may lie
 FULL = 0.8  # of the full well, from which on a pixel's number is no linear function of its light
@@ -46,12 +46,12 @@ def control(
 
     G the weighted least squares of the attitude, g_p the slope of a centroid by pixel p. Which
     stars take part and what weighs them depends on the attitude alone, never on the noise, so
-    that mean and variance are those of a fixed linear form of independent pixels.
+    that mean and variance are those of a fixed linear function of independent pixels.
 
     electrons  (rows, columns) expected, as `expected` gives them
     image      (rows, columns) digital numbers drawn from them
     Returns    None where fewer than three stars are bright enough
-    Raises     ValueError where pixels know of each other or the converter bends.
+    Raises     ValueError for pixels that depend on each other, or a non-linear converter.
     Accuracy   numerical: mean and variance of a number take rounding as even noise of 1/12, which
                is right to 1e-8 where the noise is over 1 digital number; saturated pixels are left
                out.
@@ -78,8 +78,8 @@ def control(
     )
     good = (answer.snr > settings.threshold) & ~_merged(answer.place)
     good &= np.isfinite(answer.slope).all(axis=(1, 2, 3))
-    answer, direction, own = _known(answer.of(good), case, icrs_to_camera)
-    weight = answer.covariance + own[:, None, None] * np.eye(2)
+    answer, direction, systematic = _known(answer.of(good), case, icrs_to_camera)
+    weight = answer.covariance + systematic[:, None, None] * np.eye(2)
     kept = _agreeing(answer.place, weight, direction, icrs_to_camera, case)
     if len(kept) < FEWEST:
         return None
@@ -100,7 +100,7 @@ def control(
 def _apart(
     pixel: Floats, distance: float, answer: Callable[[NDArray[np.bool_]], Response]
 ) -> Response:
-    """Ask for stars in turns, so that none answers to what is done to another's pixels."""
+    """Responses of stars in groups, so that none responds to changes in the pixels of another."""
     near = np.tril(np.abs(pixel[:, None] - pixel).max(axis=2) < distance, -1)
     parts, left = [], np.ones(len(pixel), bool)
     while left.any():
@@ -116,7 +116,7 @@ def _apart(
 def _agreeing(
     place: Floats, covariance: Floats, direction: Floats, start: Rotation, case: Case
 ) -> NDArray[np.int64]:
-    """The stars that the tracker's gate leaves, the worst taken out first."""
+    """The stars within the tracker's gate; the worst is removed first."""
     camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
     kept = np.arange(len(place))
     while len(kept) >= FEWEST:
@@ -129,13 +129,13 @@ def _agreeing(
 
 
 def _merged(place: Floats) -> NDArray[np.bool_]:
-    """Which stars lead to the spot of a brighter one, which comes before them."""
+    """Which stars share the spot of a brighter one, which precedes them."""
     distance = np.abs(place[:, None] - place).max(axis=2)
     return np.asarray(np.tril(distance < SAME, -1).any(axis=1))
 
 
 def _by_pixel(answer: Response, gain: Floats, columns: int) -> tuple[NDArray[np.int64], Floats]:
-    """Pixels (m,) as places in the flat image, and how each moves the attitude, (3, m)."""
+    """Pixels (m,) as indices of the flat image, and the slope of the attitude by each, (3, m)."""
     slope = np.einsum("kna,naji->knji", gain, answer.slope).reshape(3, -1)
     step = np.arange(answer.slope.shape[-1])
     rows = (answer.corner[:, 1, None] + step)[:, :, None]
@@ -149,7 +149,9 @@ def _law(detector: Detector, electrons: Floats) -> tuple[Floats, Floats]:
     """Mean and variance of the numbers of independent pixels, far from the converter's ends."""
     require_independent_pixels(detector)
     if detector.nonlinearity or detector.adc_inl or detector.hits:
-        raise ValueError("a control variate needs a detector without bend, bow and hits")
+        raise ValueError(
+            "a control variate needs a detector without nonlinearity, adc_inl and hits"
+        )
     law = law_of(detector)
     mean = electrons * law.gain + law.offset
     return mean, law.gain**2 * (electrons + law.noise**2) + 1 / 12
@@ -158,28 +160,28 @@ def _law(detector: Detector, electrons: Floats) -> tuple[Floats, Floats]:
 def _known(
     answer: Response, case: Case, icrs_to_camera: Rotation
 ) -> tuple[Response, Floats, Floats]:
-    """The spots that the tracker's catalogue explains; for each the direction and the trust there.
+    """The spots near stars of the tracker's catalogue; their directions and systematic variances.
 
-    The catalogue of the identification holds one star for those that make one spot. A spot is
-    taken for the nearest.
+    The catalogue of the identification merges the stars that make one spot. A spot belongs to
+    the nearest.
     """
     camera = case.believed_camera
     index = index_of(open_sky(case.believed_catalog).stars, camera)
     pixel, direction, star = _inside(index.faint.direction, icrs_to_camera, camera, -NEAR)
-    own = systematic_variance(case)[index.faint.member[star]]
+    systematic = systematic_variance(case)[index.faint.member[star]]
     if not len(pixel):
-        return answer.of(np.zeros(len(answer.place), bool)), direction, own
+        return answer.of(np.zeros(len(answer.place), bool)), direction, systematic
     square = ((answer.place[:, None] - pixel) ** 2).sum(axis=2)
     nearest = np.argmin(square, axis=1)
     near = square.min(axis=1) < case.tracker.identification.match_radius**2
     chosen = nearest[near]
-    return answer.of(near), direction[chosen], own[chosen]
+    return answer.of(near), direction[chosen], systematic[chosen]
 
 
 def _inside(
     direction: Floats, icrs_to_camera: Rotation, camera: Camera, border: float
 ) -> tuple[Floats, Floats, Ints]:
-    """Pixels and directions of the stars that lie so far inside the frame, and which they are."""
+    """Pixels and directions of the stars at least `border` inside the frame, and their indices."""
     boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
     reach = camera.half_diagonal + NEAR / camera.focal_length_px
     ahead = np.flatnonzero(direction @ boresight > math.cos(reach))
@@ -189,7 +191,7 @@ def _inside(
 
 
 def _gain(direction: Floats, covariance: Floats, case: Case, attitude: Rotation) -> Floats:
-    """(3, n, 2) radian per pixel: how the attitude follows its centroids.
+    """(3, n, 2) radian per pixel: slope of the attitude by its centroids.
 
     A tracker that refines its focal length fits it together with the attitude.
     """

@@ -1,4 +1,4 @@
-"""Values of trials, and what is known beside them -> a mean with its standard error."""
+"""Values of trials, and control variates -> a mean with its standard error."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from startrack.core import Floats
 from startrack.metrics import Interval
 
-FOLDS = 8  # parts, each corrected by what the others teach
+FOLDS = 8  # parts, each corrected with coefficients from the others; chosen by hand
 
 
 class Mean(NamedTuple):
@@ -20,7 +20,7 @@ class Mean(NamedTuple):
 
     value    in the unit of the values
     error    its standard error, likewise
-    freedom  degrees of freedom that the error rests on
+    freedom  degrees of freedom of the error
     """
 
     value: float
@@ -45,15 +45,15 @@ class Mean(NamedTuple):
 
 
 def plain(values: Floats) -> Mean:
-    """Of independent values (n,)."""
+    """Mean of independent values (n,)."""
     n = len(values)
     return Mean(float(values.mean()), float(values.std(ddof=1)) / math.sqrt(n), n - 1)
 
 
 def replicated(values: Floats, replicate: NDArray[np.int64]) -> Mean:
-    """Of values that are independent only between replicates (n,), all equally many.
+    """Mean of values that are independent only between replicates (n,), all equally many.
 
-    The scatter of the replicates' means holds whatever their points have to do with each other.
+    The scatter of the replicates' means is valid however their points depend on each other.
     """
     count = np.bincount(replicate)
     if len(np.unique(count[count > 0])) != 1:
@@ -62,7 +62,7 @@ def replicated(values: Floats, replicate: NDArray[np.int64]) -> Mean:
 
 
 def stratified(values: Floats, stratum: NDArray[np.int64]) -> Mean:
-    """Of values drawn independently in strata (n,) of equal probability.
+    """Mean of values drawn independently in strata (n,) of equal probability.
 
         mean = mean_k m_k,   error^2 = sum_k s_k^2 / n_k / K^2
 
@@ -87,8 +87,8 @@ def controlled(values: Floats, controls: Floats) -> Mean:
 
         mean of v - c b,   b by least squares from the other folds
 
-    With b from the same values the mean would be off by some 1 / n; from the others it is right
-    on average whatever b is.
+    With b from the same values the mean would have a bias of about 1 / n; with b from the others
+    it has none, whatever b is.
 
     Source: Glasserman (2004), Monte Carlo Methods in Financial Engineering, section 4.1.
     """
@@ -96,7 +96,7 @@ def controlled(values: Floats, controls: Floats) -> Mean:
 
 
 def explained(values: Floats, controls: Floats) -> Floats:
-    """The part (n,) of each value that the controls explain, as the other folds teach it."""
+    """The part (n,) of each value that the controls explain, with b from the other folds."""
     fold = np.arange(len(values)) % FOLDS
     part = np.empty(len(values))
     for one in range(FOLDS):
@@ -106,29 +106,29 @@ def explained(values: Floats, controls: Floats) -> Floats:
 
 
 def two_levels(fine: Floats, coarse: Floats, rest: Mean, controls: Floats | None = None) -> Mean:
-    """Of fine values (n,), by coarse ones of the same trials and the coarse mean of others.
+    """Mean of fine values (n,), by coarse ones of the same trials and the coarse mean of others.
 
         mean(fine - b (coarse - rest)),   b from the other folds
 
     Source: Giles (2015), Acta Numerica 24, 259; Peherstorfer, Willcox and Gunzburger (2016), SIAM
     J. Sci. Comput. 38, A3163, for the weight b.
 
-    rest      the mean of coarse values over trials that are none of these
+    rest      the mean of coarse values over other trials
     controls  (n, k) of the fine values, whose expectation is zero
     """
     beside = coarse[:, None] - rest.value
     if controls is not None:
         beside = np.column_stack([beside, controls])
     first = controlled(fine, beside)
-    # All folds take the same rest, whose error is common to them.
+    # All folds use the same rest, whose error is common to them.
     second = float(_slope(fine, beside)[0]) * rest.error
     error = math.hypot(first.error, second)
     freedom = error**4 / max(first.error**4 / first.freedom + second**4 / rest.freedom, 1e-300)
     return Mean(first.value, error, freedom)
 
 
-def best_share(correlation: float, cost_ratio: float) -> float:
-    """How many coarse values to make for each fine one.
+def best_ratio(correlation: float, cost_ratio: float) -> float:
+    """Best number of coarse values for each fine one.
 
         m / n = sqrt(cost_fine / cost_coarse  rho^2 / (1 - rho^2))
 

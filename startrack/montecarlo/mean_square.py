@@ -1,4 +1,4 @@
-"""Outcomes of a campaign, and of cheaper ones beside it -> the mean square of its errors."""
+"""Outcomes of a campaign, and of faster fidelities -> the mean square of its errors."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ FEWEST = 2 * FOLDS  # trials that a level needs
 
 
 def mean_square(outcomes: Outcomes, about: bool = False, sobol: bool = False) -> Mean:
-    """Radian^2, over trials with a right attitude: across the boresight per axis, or about it.
+    """Radian^2, over trials with a correct attitude: across the boresight per axis, or about it.
 
         q = sum S / sum A,   error(q) = error(S - q A) / mean A
 
-    S the square of a trial's error, or 0 without a right attitude; A whether it has one. A control
-    takes its part off S - q A.
+    S the square of a trial's error, or 0 without a correct attitude; A whether it has one. A
+    control is subtracted from S - q A.
 
     Source: Cochran (1977), Sampling Techniques, eq. (2.46), for the error of a ratio.
 
     outcomes  with `surplus_across` and `surplus_about` where trials have a control
-    sobol     whether they lie at the points of `by_sobol`: only whole rounds of all scrambles count
-    Raises    NaN where too few trials have a right attitude.
+    sobol     whether they are at the points of `by_sobol`: only whole rounds of all scrambles count
+    Raises    NaN where too few trials have a correct attitude.
     Accuracy  numerical: a ratio is biased by 1 / n of its error's square.
     """
     if sobol:
         outcomes = _whole_rounds(outcomes)
-    fraction = float(_right(outcomes).mean()) if len(outcomes) else 0.0
+    fraction = float(_correct(outcomes).mean()) if len(outcomes) else 0.0
     if len(outcomes) < FEWEST or fraction == 0:
         return Mean(math.nan, math.nan, 1.0)
     ratio = float(squares(outcomes, about).mean()) / fraction
@@ -49,21 +49,21 @@ def mean_square(outcomes: Outcomes, about: bool = False, sobol: bool = False) ->
 
 
 def combined(levels: Sequence[tuple[Outcomes, Fidelity]], about: bool = False) -> Mean:
-    """The same of the first level, helped by the cheaper ones that follow, each of more trials.
+    """`mean_square` of the first level, with the faster ones that follow, each of more trials.
 
         mean(S0 - b S1) + b (mean(S1 - c S2) + c mean(S2))
 
-    where each mean is taken over trials of its own, and b and c come from other trials, so that
-    nothing is biased whatever the cheaper levels leave out. A trial of `spots` or `covariance`
-    has errors of its own; it helps by the variance that it states for its attitude.
+    where each mean is over different trials, and b and c come from other trials, so that there is
+    no bias, whatever the faster levels leave out. A trial of `spots` or `covariance` has other
+    errors; its control is the variance that it states for its attitude.
 
     levels  outcomes at random attitudes, finest first, of the same case and seed; those with a
-            control are helped by it, too
-    Raises  ValueError where a level has fewer than 16 trials of its own, or shares fewer with the
+            control use it, too
+    Raises  ValueError where a level has fewer than 16 separate trials, or shares fewer with the
             one before.
     """
     finest = levels[0][0]
-    fraction = float(_right(finest).mean()) if len(finest) else 0.0
+    fraction = float(_correct(finest).mean()) if len(finest) else 0.0
     if fraction == 0:
         return Mean(math.nan, math.nan, 1.0)
     ratio = float(squares(finest, about).mean()) / fraction
@@ -74,14 +74,14 @@ def combined(levels: Sequence[tuple[Outcomes, Fidelity]], about: bool = False) -
 def _telescope(levels: Sequence[tuple[Outcomes, Fidelity]], ratio: float, about: bool) -> Mean:
     (fine, kind), *others = levels
     if len(fine) < FEWEST:
-        raise ValueError(f"{kind} must have at least {FEWEST} trials of its own, got {len(fine)}")
+        raise ValueError(f"{kind} must have at least {FEWEST} separate trials, got {len(fine)}")
     if not others:
         return plain(_value(fine, kind, ratio, about))
-    coarse, cheaper = others[0]
+    coarse, faster = others[0]
     _, of_fine, of_coarse = np.intersect1d(fine["trial"], coarse["trial"], return_indices=True)
     if len(of_fine) < FEWEST:
         raise ValueError(
-            f"{kind} and {cheaper} must share at least {FEWEST} trials, got {len(of_fine)}"
+            f"{kind} and {faster} must share at least {FEWEST} trials, got {len(of_fine)}"
         )
     fine = fine[of_fine]
     further = [(more[~np.isin(more["trial"], fine["trial"])], kind) for more, kind in others]
@@ -89,7 +89,7 @@ def _telescope(levels: Sequence[tuple[Outcomes, Fidelity]], ratio: float, about:
     has_control = name in (fine.dtype.names or ())
     return two_levels(
         _value(fine, kind, ratio, about),
-        _value(coarse[of_coarse], cheaper, ratio, about),
+        _value(coarse[of_coarse], faster, ratio, about),
         _telescope(further, ratio, about),
         fine[name][:, None] if has_control else None,
     )
@@ -100,14 +100,14 @@ def _value(outcomes: Outcomes, fidelity: Fidelity, ratio: float, about: bool) ->
         return _rest(outcomes, ratio, about)
     axes = "z" if about else "xy"
     stated = sum(outcomes[f"sigma_{axis}"] ** 2 for axis in axes) / len(axes)
-    return np.where(_right(outcomes), stated - ratio, 0.0)
+    return np.where(_correct(outcomes), stated - ratio, 0.0)
 
 
 def _rest(outcomes: Outcomes, ratio: float, about: bool) -> Floats:
-    return squares(outcomes, about) - ratio * _right(outcomes)
+    return squares(outcomes, about) - ratio * _correct(outcomes)
 
 
-def _right(outcomes: Outcomes) -> NDArray[np.bool_]:
+def _correct(outcomes: Outcomes) -> NDArray[np.bool_]:
     return np.asarray(outcomes["solved"] & ~outcomes["false"])
 
 

@@ -1,4 +1,4 @@
-"""When a statistic of a campaign is known well enough; quantiles with exact intervals."""
+"""When the interval of a statistic is narrow enough; quantiles with exact intervals."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from startrack.metrics import Interval, fraction_interval, level_interval, rms_i
 from startrack.montecarlo.mean_square import mean_square
 
 STATISTICS = ("across", "about", "availability", "across-99.73")
-GROWTH = 1.2, 4.0  # by which a campaign grows from one look to the next, at least and at most
+GROWTH = 1.2, 4.0  # least and largest factor from one test of the interval to the next; by hand
 
 
 @dataclass(frozen=True)
 class Precision:
-    """How well a statistic is to be known.
+    """The precision that a statistic is to reach.
 
     relative    1, half-width of its interval over its value, at most
     statistic   across, about: rms error per axis across, or about the boresight;
                 across-99.73: the angle that 99.73 % of the errors across do not exceed;
-                availability: fraction of trials with a right attitude
+                availability: fraction of trials with a correct attitude
     confidence  1, of the interval
     sobol       whether trials lie at Sobol's points. The intervals of an rms then come from the
-                scatter of their scrambles; the others take them for random, which is too wide
+                scatter of their scrambles; the others assume random trials and are too wide
     """
 
     relative: float
@@ -40,30 +40,30 @@ class Precision:
         one_of(STATISTICS, statistic=self.statistic)
 
     def interval(self, outcomes: NDArray[np.void]) -> Interval:
-        """The statistic of structured outcomes; errors over trials with a right attitude.
+        """The statistic of structured outcomes; errors over trials with a correct attitude.
 
-        An rms is helped by the controls of its trials, where they have them.
+        An rms uses the controls of its trials, where they have them.
         """
-        right = outcomes[outcomes["solved"] & ~outcomes["false"]]
+        correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
         if self.statistic == "availability":
-            return fraction_interval(len(right), len(outcomes), self.confidence)
-        squares = right["error_x"] ** 2 + right["error_y"] ** 2
+            return fraction_interval(len(correct), len(outcomes), self.confidence)
+        squares = correct["error_x"] ** 2 + correct["error_y"] ** 2
         if self.statistic == "across-99.73":
             return quantile_interval(np.sqrt(squares), 0.9973, self.confidence)
         about = self.statistic == "about"
         if self.sobol or "surplus_across" in (outcomes.dtype.names or ()):
             return mean_square(outcomes, about, self.sobol).root(self.confidence)
-        return rms_interval(right["error_z"] ** 2 if about else squares / 2, self.confidence)
+        return rms_interval(correct["error_z"] ** 2 if about else squares / 2, self.confidence)
 
     def reached(self, outcomes: NDArray[np.void]) -> bool:
         """Whether the interval is narrow enough."""
         return half_width(self.interval(outcomes)) <= self.relative
 
-    def next_look(self, outcomes: NDArray[np.void], trials: int) -> int:
-        """How many trials to have at the next look, after one at the outcomes of `trials`.
+    def next_size(self, outcomes: NDArray[np.void], trials: int) -> int:
+        """Number of trials at the next test of the interval, after one at the outcomes of `trials`.
 
         A function of outcomes alone, so that a campaign stops at the same trial however it was
-        cut short. Each look is a chance to stop too soon: there are few.
+        interrupted. Each test may stop too early by chance: there are few.
         """
         factor = (half_width(self.interval(outcomes)) / self.relative) ** 2
         factor = min(max(factor, GROWTH[0]), GROWTH[1]) if math.isfinite(factor) else GROWTH[1]
@@ -71,7 +71,7 @@ class Precision:
 
 
 def half_width(interval: Interval) -> float:
-    """Half the width of an interval over its value; infinite where it is open."""
+    """Half the width of an interval over its value; infinite where it is unbounded."""
     width = (interval.high - interval.low) / 2
     if not math.isfinite(width) or not interval.value > 0:
         return math.inf
@@ -84,8 +84,8 @@ def quantile_interval(
     """A quantile of values that are not negative, with the interval of `level_interval`.
 
     fraction  in (0, 1)
-    Returns  the least value that so many do not exceed; its interval is open above where there
-             are too few values to close it
+    Returns  the least value that this fraction does not exceed; its interval is unbounded above
+             where there are too few values
     Accuracy  NaN where there is no value. The coverage is at least the confidence.
     """
     if len(values) == 0:

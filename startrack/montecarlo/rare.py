@@ -1,4 +1,4 @@
-"""How often something rare befalls trials, by looking more often where it is likelier."""
+"""Probability of a rare event, with more trials where it is likelier."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from startrack.core import Floats, Streams
 from startrack.montecarlo.attitudes import Regions, towards
 from startrack.montecarlo.estimate import Mean, plain
 
-DEFENCE = 0.2  # fraction of the trials that look anywhere, so that no weight exceeds 5
+DEFENCE = 0.2  # fraction of the trials in all regions alike, so that no weight exceeds 5
 
 
 def chances(score: Floats) -> Floats:
-    """With what probability trials look into each region.
+    """Probability of trials in each region.
 
-    A defensive mixture: some look anywhere, the others in proportion to the scores.
+    A defensive mixture: a part uniform, the others in proportion to the scores.
 
         q_k = d / K + (1 - d) s_k / sum s
 
     Source: Hesterberg (1995), Technometrics 37(2), 185.
 
-    score    (K,) not negative: how likely the event seems there; any will do, a good one does more
+    score    (K,) not negative, rough likelihood of the event there; any is valid, a good one
+             reduces the variance
     Returns  (K,) 1, sums to 1
     """
     total = float(score.sum())
@@ -37,10 +38,10 @@ def chances(score: Floats) -> Floats:
 def where_likely(
     seed: int, numbers: Sequence[int], regions: Regions, chance: Floats
 ) -> tuple[Rotation, Floats]:
-    """Attitudes icrs_to_camera that look more often where `chance` is larger, and their weights.
+    """Attitudes icrs_to_camera, more of them where `chance` is larger, and their weights.
 
-    Returns  attitudes; (n,) 1, true over drawn density. The mean of weight times indicator is the
-             probability of the event, whatever the chances were.
+    Returns  attitudes; (n,) 1, uniform density over that drawn from. The mean of weight times
+             indicator is the probability of the event, for any chances.
     """
     fraction = np.array([Streams(seed, number)("rare").random(4) for number in numbers])
     cell = np.searchsorted(np.cumsum(chance)[:-1], fraction[:, 0], side="right")

@@ -1,4 +1,4 @@
-"""Do what a store still lacks: the same trials, the same bytes, however often it was cut short."""
+"""Do the trials that a store lacks: the same bytes, however often it was interrupted."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from startrack.montecarlo.precision import Precision
 from startrack.montecarlo.run import BLOCKS_PER_WORKER, blocks
 from startrack.montecarlo.store import Store
 
-BLOCK = 64  # trials: a second of work, milliseconds to lose, 83 bytes a trial on disk
-FIRST_LOOK = 200  # trials
+BLOCK = 64  # trials: a second of work, 83 bytes a trial on disk; chosen by hand
+FIRST_TEST = 200  # trials, at the first test of the precision; chosen by hand
 MOST_FAILURES = 10  # blocks
 
 
@@ -33,9 +33,9 @@ def resume(
     """The outcomes of the first trials of a store, after doing those that it lacks.
 
     trials     how many; with `precision` at most
-    precision  stop at the first look that finds the statistic this well known. Looks are at
-               numbers of trials that depend on the outcomes alone.
-    seconds    submit no block after this time; the one thing that makes results depend on speed
+    precision  stop at the first test that finds this precision. Tests are at numbers of trials
+               that depend on the outcomes alone.
+    seconds    submit no block after this time; only this makes results depend on speed
     progress   called with the number of trials that were just done
     block      trials that go to a worker and to disk at a time, at most
     Returns    (n,) structured array in order of trial, without those of blocks that failed
@@ -46,7 +46,7 @@ def resume(
     if seconds is not None:
         positive(seconds=seconds)
     end = None if seconds is None else time.monotonic() + seconds  # no clock jumps
-    size = min(FIRST_LOOK, trials) if precision else trials
+    size = min(FIRST_TEST, trials) if precision else trials
     while True:
         each = min(block, -(-size // (workers * BLOCKS_PER_WORKER)))
         plan = _until(_missing(store.done(), size, each), end)
@@ -58,7 +58,7 @@ def resume(
             return outcomes
         if end is not None and time.monotonic() >= end:
             return outcomes
-        size = min(precision.next_look(outcomes, size), trials)
+        size = min(precision.next_size(outcomes, size), trials)
 
 
 def _fill(

@@ -19,14 +19,14 @@ from startrack.trial import OUTCOMES
 
 __all__ = ["OUTCOMES", "Block", "Serial", "blocks", "one_thread", "pool", "run", "warm"]
 
-BLOCKS_PER_WORKER = 4  # so that no worker waits long for the last one
-UNDER_WAY = 3  # blocks per worker that are submitted ahead, so that none waits for the master
+BLOCKS_PER_WORKER = 4  # so that no worker waits long for the last one; chosen by hand
+UNDER_WAY = 3  # blocks per worker that are submitted ahead, so that none waits for the main process
 FRAMES = Sampling()
 TRIES = 3  # after which a block is given up
 
 
 class Block(NamedTuple):
-    """Some trials that were tried.
+    """A block of trials.
 
     numbers  the trials
     result   their outcomes, in order, or the error that the last try raised
@@ -48,7 +48,7 @@ def run(
 ) -> NDArray[np.void]:
     """The outcomes of trials first ... first + trials - 1.
 
-    progress  called with the number of trials that were just done
+    progress  called with the number of trials that just ended
     Returns   (trials,) structured array: `trial` and the fields of Outcome, in order of trial
     Accuracy  what a trial raises, which a sky that cannot be solved does not; BrokenExecutor where
               a block of trials kills its worker each time.
@@ -70,7 +70,7 @@ def run(
 def warm(case: Case, sampling: Sampling = FRAMES) -> None:
     """Let numba compile in this process what workers will then find in its cache on disk.
 
-    What a broken case raises here, the workers' trials raise again where it is told.
+    What a broken case raises here, the trials of the workers raise again.
     """
     with suppress(Exception):
         sampling.trials(case, 0, range(1))
@@ -87,11 +87,11 @@ def blocks(
 ) -> Iterator[Block]:
     """Blocks of trials as they end, in no order.
 
-    A block whose worker died is repeated alone, for any of those under way may have killed it;
-    the one that kills three workers when alone is given up. So is the one that raises an error
+    A block whose worker died is repeated alone, because any block then running may have ended it;
+    one that ends three workers when alone is given up. So is the one that raises an error
     in each of its `tries`.
 
-    plan  ranges of numbers of trials, taken one by one as workers become free
+    plan  ranges of numbers of trials, submitted one by one as workers become free
     """
     waiting = iter(plan)
     failed = dict[range, int]()  # how often each has failed
@@ -104,7 +104,7 @@ def blocks(
 
     try:
         while True:
-            # A suspect runs when nothing else does, so that its next victim names it.
+            # A suspect runs alone, so that a worker that dies shows which block was the cause.
             if suspects and not futures:
                 submit(suspects.popleft())
             while not suspects and len(futures) < workers * UNDER_WAY:
@@ -137,5 +137,5 @@ def blocks(
 
 
 def _exception(error: BaseException) -> Exception:
-    """An error of a worker, such that what stops the master is not among them."""
+    """An error of a worker as an Exception, so that the main process goes on."""
     return error if isinstance(error, Exception) else RuntimeError(repr(error))

@@ -1,4 +1,4 @@
-"""How a campaign draws its trials: fidelity, attitudes, with or without a control variate."""
+"""Sampling: fidelity and attitudes of the trials of a campaign, and their control variate."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def sample_controlled(
 ) -> tuple[NDArray[np.void], NDArray[np.void]]:
     """Outcomes (n,) of whole frames at chosen attitudes, and the `Control` of each.
 
-    A trial that has no control, for lack of bright stars, has one of zero with variance zero,
-    which the attitude alone decides, so that nothing is biased.
+    A trial without a control, for lack of bright stars, has one of zero with variance zero. The
+    attitude alone decides this, so that there is no bias.
     """
     outcomes = np.empty(len(numbers), OUTCOMES)
     controls = np.zeros(len(numbers), CONTROLS)
@@ -47,15 +47,15 @@ def sample_controlled(
 def squares(outcomes: NDArray[np.void], about: bool = False) -> NDArray[np.float64]:
     """Radian^2, whose mean is the square of the rms across (per axis) or about the boresight.
 
-    Trials without a right attitude count as zero; divide by the availability.
+    Trials without a correct attitude count as zero; divide by the availability.
     """
-    right = outcomes["solved"] & ~outcomes["false"]
+    correct = outcomes["solved"] & ~outcomes["false"]
     across = (outcomes["error_x"] ** 2 + outcomes["error_y"] ** 2) / 2
-    return np.where(right, outcomes["error_z"] ** 2 if about else across, 0.0)
+    return np.where(correct, outcomes["error_z"] ** 2 if about else across, 0.0)
 
 
 def surplus(controls: NDArray[np.void], about: bool = False) -> NDArray[np.float64]:
-    """Radian^2, of the linearised error: its square less the exact mean of that; zero on average.
+    """Radian^2, of the linearised error: its square minus the exact mean of it; zero on average.
 
     E |e0 + L|^2 = |e0|^2 + var L
     """
@@ -73,11 +73,11 @@ SURPLUS = [("surplus_across", float), ("surplus_about", float)]
 
 @dataclass(frozen=True)
 class Sampling:
-    """What every trial of a campaign is.
+    """How the trials of a campaign are made.
 
-    fidelity   how much of it is made
+    fidelity   of each trial
     attitudes  "random": independent; "sobol": scrambled points that fill the sphere evenly
-    control    whether it comes with its control variate, which whole frames alone have
+    control    whether each has a control variate, which needs whole frames
     """
 
     fidelity: Fidelity = Fidelity.FRAME
@@ -99,19 +99,21 @@ class Sampling:
         """`trial`, the fields of Outcome, and with a control its surplus (radian^2)."""
         return np.dtype(OUTCOMES.descr + SURPLUS) if self.control else OUTCOMES
 
-    def look(self, seed: int, numbers: Sequence[int]) -> Rotation:
+    def attitudes_of(self, seed: int, numbers: Sequence[int]) -> Rotation:
         """The attitudes icrs_to_camera of some trials."""
         return (by_sobol if self.attitudes == "sobol" else at_random)(seed, numbers)
 
     def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> NDArray[np.void]:
-        """Outcomes (n,) of some trials, each the same whichever others are asked for.
+        """Outcomes (n,) of some trials, each independent of which others are run.
 
         Raises  as `startrack.run_trials` and `control`
         """
         if not self.control:
-            look = None if self.attitudes == "random" else self.look(seed, numbers)
-            return run_trials(case, seed, numbers, self.fidelity, look)
-        outcomes, controls = sample_controlled(case, seed, numbers, self.look(seed, numbers))
+            attitudes = None if self.attitudes == "random" else self.attitudes_of(seed, numbers)
+            return run_trials(case, seed, numbers, self.fidelity, attitudes)
+        outcomes, controls = sample_controlled(
+            case, seed, numbers, self.attitudes_of(seed, numbers)
+        )
         table = np.empty(len(numbers), self.dtype)
         table[list(OUTCOMES.names or ())] = outcomes
         table["surplus_across"], table["surplus_about"] = surplus(controls), surplus(controls, True)

@@ -1,4 +1,4 @@
-"""One SQLite file that holds a campaign: its case, seed, origin, and each block of trials done."""
+"""One SQLite file that holds a campaign: its case, seed, origin, and its blocks of trials."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 import startrack
 from startrack.core import whole
 from startrack.design import Case, Fidelity
-from startrack.io import Database, Execute, FileKind, from_table, to_table
+from startrack.io import Database, Execute, FileKind, from_table, save_csv, to_table
+from startrack.io import whole as whole_file
 from startrack.montecarlo.run import FRAMES
 from startrack.montecarlo.sampling import Sampling
 
@@ -59,12 +60,12 @@ class Store:
     """A campaign on disk, open for one process at a time.
 
     Each block is committed whole to a write-ahead log before the next: a process that is killed
-    at any instant leaves a file that holds all blocks it had kept. A loss of power may cost the
-    last seconds, which are then done again, never the file.
+    at any instant leaves a file with all blocks that it had kept. A loss of power may cost the last
+    seconds, which are then repeated, never the file.
 
-    case      what was tried
+    case      of the trials
     seed      of all its random numbers
-    sampling  what a trial was
+    sampling  of the trials
     """
 
     def __init__(
@@ -119,7 +120,7 @@ class Store:
         if (version := origin()["startrack"]) != self.startrack or self.dtype != sampling.dtype:
             raise ValueError(
                 f"{self.path} holds trials of startrack {self.startrack}, which this startrack "
-                f"{version} must not mix with its own; begin another store"
+                f"{version} must not mix with others; begin another store"
             )
         held, asked = (json.loads(json.dumps(to_table(one))) for one in (self.case, case))
         other = _difference(held, asked)
@@ -128,7 +129,7 @@ class Store:
 
     @property
     def case(self) -> Case:
-        """What was tried."""
+        """The case of the trials."""
         return from_table(Case, self._table)
 
     def keep(self, first: int, outcomes: NDArray[np.void]) -> None:
@@ -213,3 +214,24 @@ def _difference(held: Any, asked: Any, place: str = "") -> str:
                 return found
         return ""
     return "" if held == asked else f"{place} is {held!r} there, {asked!r} here"
+
+
+def export(path: Path, outcomes: NDArray[np.void]) -> None:
+    """Write CSV or Parquet, as the name ends.
+
+    Raises  ValueError for another ending; ImportError for Parquet without pyarrow.
+    """
+    if path.suffix == ".csv":
+        save_csv(path, outcomes.dtype.names or (), (row.item() for row in outcomes))
+    elif path.suffix == ".parquet":
+        try:
+            import pyarrow
+            import pyarrow.parquet
+        except ImportError:
+            raise ImportError("Parquet needs pyarrow: python -m pip install pyarrow") from None
+        names = outcomes.dtype.names or ()
+        columns = {name: np.ascontiguousarray(outcomes[name]) for name in names}
+        with whole_file(path) as draft:
+            pyarrow.parquet.write_table(pyarrow.table(columns), draft)
+    else:
+        raise ValueError(f"the table's name must end in .csv or .parquet, got {path.name}")

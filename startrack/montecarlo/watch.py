@@ -1,4 +1,4 @@
-"""A store that is being filled -> how far it is and what it knows, now and then."""
+"""A store that is being filled -> its progress and statistic, from time to time."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from startrack.core import arcsec
 from startrack.montecarlo.precision import Precision, half_width
 from startrack.montecarlo.store import Store
 
-OFTEN = 1.0  # second between two looks, at least
-FRACTION = 0.01  # of the time that looks may take
+SECONDS = 1.0  # least time between two updates
+FRACTION = 0.01  # of the time that updates may take
 
 
 class Watch:
-    """Counts trials as they are done, tells the statistic with its interval, and keeps a log.
+    """Counts trials as they end, shows the statistic with its interval, and keeps a log.
 
     The log has one JSON object a line: seconds since the start, trials, trials_per_s, statistic,
     value, low, high (arcsec, or a fraction), confidence, relative_half_width, remaining_s. Numbers
-    that are not known yet are null.
+    that are not yet known are null.
     """
 
     def __init__(
@@ -35,9 +35,9 @@ class Watch:
     ):
         """Begin to watch.
 
-        precision  of which statistic; where it is wanted, remaining_s counts on it
+        precision  of which statistic; remaining_s is the time to reach it
         most       trials
-        show       called with the number of trials just done, and a sentence or nothing
+        show       called with the number of trials that just ended, and a sentence or nothing
         log        file to append to, made where it is missing
         """
         self._store, self._precision, self._most, self._show = store, precision, most, show
@@ -48,20 +48,20 @@ class Watch:
         self._log = log.open("a", encoding="utf-8") if log else None
 
     def __call__(self, trials: int) -> None:
-        """Take in that so many trials were tried; those that failed are not in the store."""
+        """Count trials that ended; those that failed are not in the store."""
         now = time.monotonic()
         if now < self._next:
             self._show(trials, "")
             return
-        values = self.look()
+        values = self.values()
         if self._log:
             self._log.write(json.dumps(values, allow_nan=False) + "\n")
             self._log.flush()
         self._show(trials, _sentence(values))
-        self._next = now + max(OFTEN, (time.monotonic() - now) / FRACTION)
+        self._next = now + max(SECONDS, (time.monotonic() - now) / FRACTION)
 
-    def look(self) -> dict[str, Any]:
-        """What is known now; None for what is not."""
+    def values(self) -> dict[str, Any]:
+        """Progress and statistic now; None for what is not known."""
         seconds = time.monotonic() - self._began
         outcomes = self._store.outcomes()
         done = len(outcomes)
@@ -91,7 +91,7 @@ class Watch:
     def close(self) -> None:
         """Log the end, and close."""
         if self._log:
-            self._log.write(json.dumps(self.look(), allow_nan=False) + "\n")
+            self._log.write(json.dumps(self.values(), allow_nan=False) + "\n")
             self._log.close()
             self._log = None
 
@@ -103,10 +103,10 @@ class Watch:
 
 
 def _sentence(values: dict[str, Any]) -> str:
-    told = {name: "?" if one is None else one for name, one in values.items()}
+    known = {name: "?" if one is None else one for name, one in values.items()}
     numbers = [
-        f"{told[name]:.3f}" if told[name] != "?" else "?" for name in ("value", "low", "high")
+        f"{known[name]:.3f}" if known[name] != "?" else "?" for name in ("value", "low", "high")
     ]
     unit = "" if values["statistic"] == "availability" else " arcsec"
-    rate = f"{told['trials_per_s']:.0f}/s, " if told["trials_per_s"] != "?" else ""
-    return f"{rate}{told['statistic']} {numbers[0]} [{numbers[1]}, {numbers[2]}]{unit}"
+    rate = f"{known['trials_per_s']:.0f}/s, " if known["trials_per_s"] != "?" else ""
+    return f"{rate}{known['statistic']} {numbers[0]} [{numbers[1]}, {numbers[2]}]{unit}"

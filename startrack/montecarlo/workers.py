@@ -21,7 +21,7 @@ class Serial(Executor):
     """The executor of one worker: this process."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call at once; what the call raises comes out of the future's result."""
+        """Call at once; the result of the future raises what the call raised."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -36,15 +36,15 @@ class Serial(Executor):
         timeout: float | None = None,
         chunksize: int = 1,
     ) -> Iterator[Any]:
-        """Call when the result is asked for, so that whoever counts results sees them come."""
+        """Call when the result is needed, so that a caller that counts results sees progress."""
         return map(fn, *iterables)
 
 
 class Lasting(Executor):
     """A pool of processes that outlives its workers.
 
-    The standard pool is dead for good after one worker died. This one fails the calls that were
-    under way, with BrokenExecutor, and takes new ones: the caller submits them again.
+    The standard pool is unusable after one worker died. This one fails the calls that were
+    running, with BrokenExecutor, and accepts new ones: the caller submits them again.
     """
 
     def __init__(self, workers: int):
@@ -86,23 +86,23 @@ def pool(workers: int) -> Iterator[Executor]:
 
 
 def one_thread() -> None:
-    """Let OpenCV use one thread: the workers share the machine between them."""
+    """Let OpenCV use one thread: the workers already use all cores."""
     cv2.setNumThreads(1)
 
 
 def _begin_worker() -> None:
     one_thread()
-    # Ctrl-C goes to all processes of the terminal; the master alone decides what it means.
+    # Ctrl-C goes to all processes of the terminal; the main process alone handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_die_with_master, daemon=True).start()
+    threading.Thread(target=_end_with_main, daemon=True).start()
 
 
-def _die_with_master() -> None:
-    # Trap: the standard pool's workers wait for ever for calls of a master that was killed,
+def _end_with_main() -> None:
+    # Trap: the standard pool's workers wait forever for calls of a main process that was killed,
     # because they hold the writing end of their own queue open.
-    master = multiprocessing.parent_process()
-    if master is not None:
-        wait([master.sentinel])
+    main = multiprocessing.parent_process()
+    if main is not None:
+        wait([main.sentinel])
         os._exit(1)
 
 
@@ -127,7 +127,7 @@ def dask_pool(address: str) -> Iterator[Executor]:
         ) from None
     with Client(address) as client:
         client.run(one_thread)
-        # Trap: by default the executor takes calls for pure and merges those that are alike.
+        # Trap: by default the executor assumes that calls are pure and merges equal ones.
         yield client.get_executor(pure=False)
 
 
@@ -137,10 +137,10 @@ def mpi_pool() -> Iterator[Executor]:
 
         mpiexec -n 9 python -m mpi4py.futures -m startrack.cli montecarlo --scheduler mpi
 
-    for one master and eight workers.
+    for one main process and eight workers.
 
     Raises  ImportError without mpi4py; ValueError where the job has no worker. A process that dies
-            ends the whole job, as MPI does; the same command then goes on from the store.
+            ends the whole job, as MPI does; the same command then continues from the store.
     """
     try:
         from mpi4py import MPI

@@ -1,4 +1,4 @@
-"""A campaign's store -> the page."""
+"""The page from a campaign's store."""
 
 from __future__ import annotations
 
@@ -16,10 +16,17 @@ from startrack.io import to_table
 from startrack.metrics import Interval, Summary, summarise
 from startrack.montecarlo import Sampling, Store, origin
 from startrack.report.causes import budget
-from startrack.report.distributions import FRACTIONS, quantiles, sizes, sky_map, spread
+from startrack.report.distributions import FRACTIONS, exceedance, quantiles, sizes, sky_map
 from startrack.report.fidelities import fidelity_comparison
 from startrack.report.page import Section, code, figure, inline, page, paragraph, table
-from startrack.report.stars import SMEARS, draw_slews, draw_stars, half_diagonal, look_again, slews
+from startrack.report.stars import (
+    SMEARS,
+    draw_slews,
+    draw_stars,
+    half_diagonal,
+    repeat_trials,
+    slews,
+)
 from startrack.report.worst import show, worst
 
 MOST_POINTS = 5000  # trials on the map
@@ -27,13 +34,13 @@ MOST_POINTS = 5000  # trials on the map
 
 @dataclass(frozen=True)
 class Depth:
-    """How many trials the page does again to look closer.
+    """Numbers of trials that the page repeats for its details.
 
-    stars  trials whose stars are looked at one by one
-    slews  trials at each slew rate
-    budget skies that the budget is measured on
-    rungs  trials that are done at each fidelity
-    worst  trials shown with their frames
+    stars                trials whose stars are evaluated one by one
+    slews                trials at each slew rate
+    budget               trials of the measured budget
+    fidelity_comparison  trials at each fidelity
+    worst                trials shown with their frames
     """
 
     stars: int = 60
@@ -60,14 +67,14 @@ def write_report(
     """The page as HTML.
 
     title     plain text
-    progress  called with the number of trials that were just done again
+    progress  called with the number of trials that were just repeated
     Raises    ValueError where the store holds no trial, or a startrack of another version made it,
-              whose trials this one must not explain.
+              whose trials this one cannot repeat.
     """
     if store.startrack != (version := origin()["startrack"]):
         raise ValueError(
             f"{store.path} holds trials of startrack {store.startrack}, which this startrack "
-            f"{version} cannot do again"
+            f"{version} cannot repeat"
         )
     outcomes = store.outcomes()
     if not len(outcomes):
@@ -86,37 +93,38 @@ def write_report(
     ]
     lead = (
         f"{len(outcomes)} trials of seed {seed}, {store.sampling}. Brackets hold "
-        "the true value with 95 % confidence; a trial is an attitude with its own noise."
+        "the true value with 95 % confidence; a trial is one random attitude with random noise."
     )
     return page(title, lead, sections)
 
 
 def _summary(outcomes: NDArray[np.void]) -> Section:
-    told = summarise(outcomes)
+    summary = summarise(outcomes)
     rows = [
-        ["error across the boresight, rms per axis", *_cells(told.across, arcsec), "arcsec"],
-        ["error about the boresight, rms", *_cells(told.about, arcsec), "arcsec"],
-        ["availability: trials with a right attitude", *_cells(told.availability, 0.01), "%"],
-        ["wrong attitudes, off by over half a degree", *_cells(told.false, 0.01), "%"],
+        ["error across the boresight, rms per axis", *_cells(summary.across, arcsec), "arcsec"],
+        ["error about the boresight, rms", *_cells(summary.about, arcsec), "arcsec"],
+        ["availability: trials with a correct attitude", *_cells(summary.availability, 0.01), "%"],
+        ["false attitudes, off by more than 0.5 deg", *_cells(summary.false, 0.01), "%"],
     ]
     head = ["", "value", "from", "to", "unit"]
     text = (
-        f"On average {told.stars:.1f} stars are matched. The squared error is {told.nees:.2f} of "
-        "the tracker's own variance; 3 would be an honest tracker."
+        f"On average {summary.stars:.1f} stars are matched. The mean squared error over the "
+        f"variance that the tracker states is {summary.nees:.2f}; 3 if its covariance is right."
     )
     return Section(
         "Summary",
-        table(f"Over {told.trials} trials", head, rows) + paragraph(text) + _verdict(told),
+        table(f"Over {summary.trials} trials", head, rows) + paragraph(text) + _verdict(summary),
     )
 
 
-def _verdict(told: Summary) -> str:
-    if told.trials == round(told.trials * told.availability.value):
-        return paragraph("All attitudes were found, and all were right.")
-    lost = told.trials * (1 - told.availability.value - told.false.value)
+def _verdict(summary: Summary) -> str:
+    if summary.trials == round(summary.trials * summary.availability.value):
+        return paragraph("Every trial gave a correct attitude.")
+    lost = summary.trials * (1 - summary.availability.value - summary.false.value)
     return paragraph(
-        f"{round(lost)} trials gave no attitude and {round(told.trials * told.false.value)} a "
-        "wrong one. Errors are taken over the others."
+        f"{round(lost)} trials gave no attitude and "
+        f"{round(summary.trials * summary.false.value)} a false one. "
+        "Errors are those of the others."
     )
 
 
@@ -126,18 +134,18 @@ def _distributions(outcomes: NDArray[np.void]) -> Section:
         [f"{100 * fraction:g} %", *_cells(one, arcsec), *_cells(other, arcsec)]
         for fraction, one, other in zip(FRACTIONS, quantiles(across), quantiles(about), strict=True)
     ]
-    head = ["share not exceeding", "across", "from", "to", "about", "from", "to"]
-    picture = inline(spread(outcomes), "spread", "Share of trials that exceed an error")
+    head = ["fraction not exceeding", "across", "from", "to", "about", "from", "to"]
+    picture = inline(exceedance(outcomes), "spread", "Fraction of trials that exceed an error")
     return Section(
         "Distributions",
-        figure(picture, f"How often an error is exceeded, over {len(across)} right attitudes.")
+        figure(picture, f"How often an error is exceeded, over {len(across)} correct attitudes.")
         + table("Angles that a fraction of the trials does not exceed, arcsec", head, rows),
     )
 
 
 def _sky(outcomes: NDArray[np.void], sampling: Sampling, seed: int) -> Section:
     shown = outcomes[:MOST_POINTS]
-    attitudes = sampling.look(seed, shown["trial"].tolist())
+    attitudes = sampling.attitudes_of(seed, shown["trial"].tolist())
     boresight = attitudes.inv().apply([0.0, 0.0, 1.0])
     picture = inline(sky_map(boresight, shown), "sky", "Maps of the error over the sky")
     return Section(
@@ -158,24 +166,33 @@ def _closer(
 ) -> list[Section]:
     case, seed = store.case, store.seed
     numbers = outcomes["trial"][: depth.stars].tolist()
-    seen = look_again(case, seed, numbers, store.sampling.look(seed, numbers), advance)
+    seen = repeat_trials(case, seed, numbers, store.sampling.attitudes_of(seed, numbers), advance)
     stars = inline(draw_stars(seen, half_diagonal(case)), "stars", "Centroid error of the stars")
     slewed = slews(case, seed, depth.slews, advance)
-    own = case.instrument.motion.rate
-    turned = inline(draw_slews(slewed, own), "slews", "Error and availability over slew rate")
+    rate = case.instrument.motion.rate
+    turned = inline(draw_slews(slewed, rate), "slews", "Error and availability over slew rate")
     rows = [
         [f"{one.rate / deg:.3f}", f"{one.smear:g}", *_cells(one.across, arcsec),
          *_cells(one.fraction, 0.01)]
         for one in slewed
     ]  # fmt: skip
-    head = ["deg / s", "smear (pixel)", "across (arcsec)", "from", "to", "right (%)", "from", "to"]
+    head = [
+        "deg / s",
+        "smear (pixel)",
+        "across (arcsec)",
+        "from",
+        "to",
+        "correct (%)",
+        "from",
+        "to",
+    ]
     return [
         Section(
             "Stars",
             figure(
                 stars,
                 f"{len(seen.magnitude)} matched stars of {seen.trials} trials, against the true "
-                "place on the detector; bars of 95 % on bins of equal numbers.",
+                "position on the detector; bars: 95 % intervals in bins of equal numbers.",
             ),
         ),
         Section(
@@ -194,10 +211,10 @@ def _worst(
 ) -> Section:
     shown = []
     for number in worst(outcomes, depth.worst).tolist():
-        look_at = store.sampling.look(store.seed, [number])[0]
+        look_at = store.sampling.attitudes_of(store.seed, [number])[0]
         shown.append(show(store.case, store.seed, number, look_at))
         advance(1)
-    return Section("Worst trials", "".join(shown) or paragraph("None was asked for."))
+    return Section("Worst trials", "".join(shown) or paragraph("None was requested."))
 
 
 def _fidelities(case: Case, seed: int, depth: Depth, advance: Callable[[int], None]) -> Section:
@@ -208,15 +225,16 @@ def _fidelities(case: Case, seed: int, depth: Depth, advance: Callable[[int], No
             continue
         rate = f"{1 / one.seconds:.0f}"
         time = f"{1e3 * one.seconds:.3g}"
-        apart = "0" if one.fidelity is Fidelity.FRAME else _digits(one.apart / arcsec)
-        rows.append([one.fidelity.value, time, rate, *_cells(one.across, arcsec), apart, ""])
-    head = ["fidelity", "ms", "trials / s", "across (arcsec)", "from", "to", "off frame", ""]
+        difference = "0" if one.fidelity is Fidelity.FRAME else _digits(one.difference / arcsec)
+        rows.append([one.fidelity.value, time, rate, *_cells(one.across, arcsec), difference, ""])
+    head = ["fidelity", "ms", "trials / s", "across (arcsec)", "from", "to", "difference", ""]
     return Section(
         "Fidelities",
         table("Speed against error, on the same trials, one core", head, rows)
         + paragraph(
-            f"{depth.fidelity_comparison} trials each, of this campaign's seed. Off frame: rms per "
-            "axis between the errors of the same trials, arcsec."
+            f"{depth.fidelity_comparison} trials each, of this campaign's seed. "
+            "Difference: rms per "
+            "axis between errors and those of the fidelity frame in the same trials, arcsec."
         ),
     )
 

@@ -1,11 +1,9 @@
 """Trials in time: tracking, loss and reacquisition.
 
-parameters  Sequence: how the platform turns, how often a frame is taken, and what the filter
-            leans on.
-flight      A profile and jitter enter; the true motion of each frame and the gyroscope's output
-            leave.
+parameters  Sequence: profile of the platform, period of the frames, and settings of the filter.
+flight      Profile and jitter -> true motion of each frame, and output of the gyroscope.
 follow      One frame's attitude and the filter's state -> the filter's next state.
-run         A case flies a sequence -> a table with a row a frame.
+run         Case and sequence -> a table with a row for each frame.
 summary     Tables of sequences -> accuracy, losses of track and reacquisitions, with intervals.
 """
 

@@ -1,4 +1,4 @@
-"""A profile and jitter enter; the true motion of each frame and the gyroscope's output leave."""
+"""Profile and jitter -> true motion of each frame, and output of the gyroscope."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def attitudes(legs: tuple[Leg, ...], start: Rotation, time: Floats) -> Rotation:
     A camera that turns at the rate w sees the sky turn back: A(t + s) = exp(-[w]x s) A(t).
 
     start  attitude at time 0
-    time   (m,) second, from 0 on; after the last leg its rate goes on
-    Accuracy  numerical: rounding alone, as each leg's turn is a closed form.
+    time   (m,) second, from 0 on; after the last leg its rate continues
+    Accuracy  numerical: rounding alone, because the rotation of a leg is a closed form.
     """
     begin, rate = _begins(legs), _rates(legs)
     corner = [start]
@@ -52,7 +52,7 @@ def _leg_of(begin: Floats, time: Floats) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """What the camera truly does.
+    """True motion of the camera.
 
     time      (m,) second, the middle of each exposure, of its middle row
     attitude  (m,) icrs_to_camera then
@@ -65,15 +65,16 @@ class Flight:
 
 
 def flight(instrument: Instrument, sequence: Sequence, start: Rotation, streams: Streams) -> Flight:
-    """Draw the jitter once for the whole sequence, so that it goes on from frame to frame.
+    """Draw the jitter once for the whole sequence, so that it continues from frame to frame.
 
     start   attitude at time 0, before the jitter
     Raises    ValueError where the frames come faster than their exposures allow, or the legs are
               shorter than one frame.
     Accuracy  model: a frame in which a leg ends moves at the rate of its middle to its end; the
-              turns of slew and jitter in one exposure are added, as in `Turn.at`. Broadband jitter
-              has the covariance of its spectrum at all times, by one line a band for the whole
-              sequence: within one long sequence a band's power does not come and go.
+              rotations of slew and jitter in one exposure are added, as in
+              `MotionRealisation.at`. Broadband jitter has the covariance of its spectrum at all
+              times, by one line a band for the whole sequence: the power of a band does not vary
+              within a long sequence.
     """
     time = _times(instrument, sequence)
     jitter = realise_motion(
@@ -112,7 +113,7 @@ def gyro_rates(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
     Source: Farrenkopf (1978), J. Guidance and Control 1(4), 282.
 
     Returns  (m - 1, 3) radian / second, camera axes
-    Accuracy  model: scale factors, misalignments and quantisation are not there; the rate is taken
+    Accuracy  model: scale factors, misalignments and quantisation are left out; the rate is taken
               as constant between two frames.
     """
     step = np.diff(flight.time)[:, None]

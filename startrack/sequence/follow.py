@@ -10,16 +10,16 @@ from startrack.attitude import Gyroscope, State, correct, predict, start
 from startrack.core import Estimate, Floats, Status
 from startrack.sequence.parameters import Sequence
 
-GATE = 30.7  # chi-square of 3 degrees of freedom, that a right prediction exceeds once in a million
+GATE = 30.7  # chi-square of 3 degrees of freedom, exceeded once in a million by noise alone
 
 
 @dataclass(frozen=True, eq=False)
 class TrackerState:
-    """What the tracker knows between two frames.
+    """State of the tracker between two frames.
 
-    state   of the filter, None where it knows nothing
+    state   of the filter, None without any attitude yet, or after a loss
     missed  frames without attitude since the last one
-    fresh   whether the last frame alone began it
+    fresh   whether the last frame started the filter
     """
 
     state: State | None = None
@@ -32,10 +32,10 @@ def predict_state(
 ) -> TrackerState:
     """Predict the state at the next frame.
 
-    Without a gyroscope the filter takes one that stands still: its bias is then minus the rate of
-    the camera, and its walk the camera's agility.
+    Without a gyroscope the filter assumes one that reads zero: its bias is then minus the rate of
+    the camera, and its random walk the angular acceleration.
 
-    shown  (3,) radian / second, what the gyroscope shows; None without one
+    shown  (3,) radian / second, output of the gyroscope; None without one
     step   second
     """
     if known.state is None:
@@ -51,10 +51,10 @@ def predict_state(
 
 
 def update_state(known: TrackerState, estimate: Estimate, sequence: Sequence) -> TrackerState:
-    """Take in the attitude of a frame, or go on without it for as long as patience lasts.
+    """Update with the attitude of a frame, or coast for at most `max_coasted_frames` frames.
 
-    An attitude that contradicts the prediction begins the filter anew: the stars are seen, the
-    prediction is only reckoned.
+    An attitude that contradicts the prediction restarts the filter, because stars were measured
+    and the prediction was not.
     """
     if estimate.status is not Status.SOLVED or estimate.icrs_to_camera is None:
         missed = known.missed + 1

@@ -1,4 +1,4 @@
-"""Sequence: how the platform turns, how often a frame is taken, and what the filter leans on."""
+"""Sequence: profile of the platform, period of the frames, and settings of the filter."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class Gyro:
-    """A gyroscope, the same on each axis; the filter knows these numbers, not what was drawn.
+    """A gyroscope, the same on each axis; the filter knows these numbers, not the drawn errors.
 
     angle_random_walk  radian / second^(1/2), white noise of the rate
     rate_random_walk   radian / second^(3/2), white noise that drives the bias
@@ -52,13 +52,13 @@ class Sequence:
     """Frames in a row.
 
     legs       of the attitude profile, one after the other; they replace the rates of the
-               design's motion, whose jitter goes on
+               design's motion, whose jitter remains
     period     second from one frame to the next; None: as fast as the detector gives them
     gyro       None: the filter estimates the rate from the attitudes alone
     angular_acceleration_psd  radian / second^(3/2), square root of the spectral density of the
                angular acceleration that a filter without gyroscope assumes
     initial_rate_sigma  radian / second, rms rate that the filter assumes at the start
-    max_coasted_frames  frames without attitude after which the prediction is given up
+    max_coasted_frames  frames without attitude after which the prediction is dropped
     """
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {
@@ -94,7 +94,7 @@ class Sequence:
 def load_sequence(path: Path) -> Sequence:
     """Read a sequence from TOML, units in strings.
 
-    Raises  ValueError, one sentence with the file, the place in it, the rule and the value.
+    Raises  ValueError, one sentence with the file, the key in it, the rule and the value.
     """
     table = read_table(path, "a sequence file")
     try:

@@ -1,4 +1,4 @@
-"""A case flies a sequence -> a table with a row a frame."""
+"""Case and sequence -> a table with a row for each frame."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ from startrack.trial import (
     throughput,
 )
 
-NUMBER_OF_FRAMES = 2**32  # by which the streams of one sequence's frames are apart
+NUMBER_OF_FRAMES = 2**32  # distance between the trial numbers of two sequences
 AXES = "xyz"
 
 
 class Mode(IntEnum):
-    """What the tracker did with a frame."""
+    """How the tracker obtained its attitude after a frame."""
 
-    SEARCHING = 0  # nothing known, nothing found
-    ACQUIRED = 1  # found without a prediction, or against it
-    TRACKED = 2  # found, as predicted
-    COASTED = 3  # not found; the prediction alone
+    SEARCHING = 0  # no prediction, not solved
+    ACQUIRED = 1  # solved without a prediction, or against it
+    TRACKED = 2  # solved, as predicted
+    COASTED = 3  # not solved; the prediction alone
 
 
 # A row of the table of a sequence: one frame.
@@ -74,7 +74,7 @@ def fly_sequences(
 ) -> NDArray[np.void]:
     """Many sequences over workers, one after the other in the table, as `run`.
 
-    progress  called with 1 for each sequence that was done
+    progress  called with 1 for each sequence that ended
     """
     whole(1, 10**6, sequences=sequences)
     tables = []
@@ -86,17 +86,17 @@ def fly_sequences(
 
 
 def run(case: Case, sequence: Sequence, seed: int, number: int) -> NDArray[np.void]:
-    """One sequence from a random attitude, by a tracker that is lost at its start.
+    """One sequence from a random attitude, by a tracker without an attitude at its start.
 
     Returns  (frames,) structured array: number of the sequence, time (second), true rate
              (radian / second), Mode, the fields of Outcome for the frame alone, and error and
              stated sigma (radian, camera axes) of the filter after it; NaN where there is none
-    Raises    those of `flight` and of the chain's rooms; ValueError for a case with a late time
-              stamp or a mounting unlike the believed one, which are not followed in time.
-    Accuracy  model: the tracker sees each frame as soon as it is exposed.
+    Raises    those of `flight` and of the chain's rooms; ValueError for a case with a time tag
+              error, or with a mounting other than the believed one: they are not modelled in time.
+    Accuracy  model: the tracker gets each frame at the end of its exposure.
     """
     if case.time_tag_error or case.instrument.mounting != case.believed_mounting:
-        raise ValueError("a sequence must have lateness 0 and the believed mounting")
+        raise ValueError("a sequence must have a time tag error of 0 and the believed mounting")
     streams = Streams(seed, number)
     true = flight(case.instrument, sequence, random_attitude(streams), streams)
     rates = gyro_rates(true, sequence.gyro, streams) if sequence.gyro else None
@@ -123,7 +123,7 @@ def run(case: Case, sequence: Sequence, seed: int, number: int) -> NDArray[np.vo
 
 
 def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]:
-    """The frames of a flight, each with noise of its own; lag carries light to the next."""
+    """The frames of a flight, each with other noise, and residual charge of the one before."""
     instrument, camera = case.instrument, case.instrument.camera
     detector, before = instrument.detector, None
     for k, turn in enumerate(true.turns):

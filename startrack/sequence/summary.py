@@ -20,12 +20,12 @@ class Tracking:
     across, about    radian, rms of the filter's error in these frames, per axis across and about
                      the boresight
     single           radian, rms per axis across the boresight of such frames alone
-    losses_per_hour  times that a known attitude was given up or contradicted, per hour; NaN where
-                     sequences of one frame tell no time
+    losses_per_hour  times that a known attitude was dropped or contradicted, per hour; NaN for
+                     sequences of one frame, which have no duration
     reacquisition    second, mean time from a loss to the next attitude of the frames; losses that
                      last to the end of their sequence are left out
-    sequences        number of sequences; the intervals of errors and shares take them, not the
-                     frames, as independent
+    sequences        number of sequences; the intervals of errors and fractions assume that they,
+                     not the frames, are independent
     """
 
     across: Interval
@@ -38,7 +38,7 @@ class Tracking:
 
 
 def summarise_sequences(table: NDArray[np.void]) -> Tracking:
-    """Statistics of a table as `run` and `fly` make it."""
+    """Statistics of a table as `run` and `fly_sequences` make it."""
     apart = [table[table["sequence"] == one] for one in np.unique(table["sequence"])]
     hours = sum(float(_span(one)) for one in apart) / 3600
     lost = [_losses(one) for one in apart]
@@ -48,7 +48,7 @@ def summarise_sequences(table: NDArray[np.void]) -> Tracking:
         rms_interval(_means(apart, "filtered_x", "filtered_y")),
         rms_interval(_means(apart, "filtered_z")),
         rms_interval(_means(apart, "error_x", "error_y")),
-        _share(apart),
+        _known_fraction(apart),
         _rate(count, hours),
         _mean(waits[np.isfinite(waits)]),
         len(apart),
@@ -78,28 +78,28 @@ def _losses(one: NDArray[np.void]) -> list[float]:
     for k in range(1, len(mode)):
         if mode[k - 1] == Mode.SEARCHING or mode[k] in (Mode.TRACKED, Mode.COASTED):
             continue
-        # The loss is felt from the last frame that was seen as predicted.
+        # The loss counts from the last frame that agreed with its prediction.
         seen = np.flatnonzero(np.isin(mode[:k], (Mode.ACQUIRED, Mode.TRACKED)))[-1]
         found = np.flatnonzero(mode[k:] == Mode.ACQUIRED)
         waits.append(float(time[k + found[0]] - time[seen]) if len(found) else np.inf)
     return waits
 
 
-def _share(apart: list[NDArray[np.void]]) -> Interval:
+def _known_fraction(apart: list[NDArray[np.void]]) -> Interval:
     """Mean fraction of frames after which the attitude is known."""
     good = np.array([float(_known(one).mean()) for one in apart])
-    if good.min() == 1 or good.max() == 0:  # no scatter to judge by: count the sequences
+    if good.min() == 1 or good.max() == 0:  # no scatter to estimate from: count the sequences
         return fraction_interval(int(good.sum()), len(good))
     return _mean(good)
 
 
 def _known(one: NDArray[np.void]) -> NDArray[np.bool_]:
     error = np.sqrt(sum(one[f"filtered_{axis}"] ** 2 for axis in "xyz"))
-    return np.asarray(error <= FALSE_ANGLE)  # NaN where it knows nothing
+    return np.asarray(error <= FALSE_ANGLE)  # NaN without an attitude
 
 
 def _mean(values: NDArray[np.float64]) -> Interval:
-    """Mean with Student's interval; open where there are fewer than two values."""
+    """Mean with Student's interval; unbounded for fewer than two values."""
     if len(values) < 2:
         value = float(values[0]) if len(values) else float("nan")
         return Interval(value, -np.inf, np.inf)
@@ -109,7 +109,7 @@ def _mean(values: NDArray[np.float64]) -> Interval:
 
 
 def _rate(count: int, hours: float) -> Interval:
-    """Of a Poisson process, with its exact interval (Garwood 1936); unknown after no time."""
+    """Of a Poisson process, with its exact interval (Garwood 1936); unbounded after no time."""
     if not hours > 0:
         return Interval(float("nan"), 0.0, np.inf)
     low = scipy.stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0

@@ -1,25 +1,23 @@
 """One trial in any fidelity: frame, window, spots, covariance.
 
-view           Case and attitude -> what stands before the detector: stars, light, PSF, path,
-               throughput.
-sweep          Case and attitude -> the image of lines that sweep over the sky, and its spots as a
-               matrix's.
+view           Case and attitude -> what the detector is exposed to: stars, light, PSF, line of
+               sight.
+sweep          Case and attitude -> the image of a line detector, and its spots as those of a
+               matrix.
 window         Case and attitude -> the spots of a frame of which only windows are rendered.
-conditions     What changes a star's error besides noise: dark current, colour, stars too close
-               together.
-star_response  A Case enters; how the tracker's centroid responds to single stars of any flux
-               leaves.
+conditions     Dark current of pixels, colours of stars, and stars too close together to be
+               separated.
+star_response  Case -> response of the tracker's centroid to single stars of any flux.
 star_errors    Case -> errors of single stars over their magnitude, cause by cause.
-neighbours     Case -> how far each star of a sky is moved by the light of those beside it.
-systematic     Case -> what the tracker reckons each star to err by, beside the noise that it
-               measures.
-spot_response  Case -> what its detection makes of a star, by the star's flux and its place in the
-               pixel.
-spot_plan      Case -> all that its drawn trials share: what can be found, how it is seen, what is
-               refused.
-spots          A Case and an attitude enter; the spots of one trial leave, drawn without an image.
-covariance     A Case enters; outcomes of trials leave, from drawn spots with identification
-               assumed perfect.
+neighbours     Case -> shift of the centroid of each star by the light of its neighbours.
+systematic     Case -> systematic variance of each star, which the tracker adds to that of the
+               noise.
+spot_response  Case -> detection and centroid of a star, over its flux and position in the pixel.
+spot_plan      Case -> plan of its statistical trials: detectable stars, their response, and what
+               is refused.
+spots          Case and attitude -> the spots of one trial, drawn without an image.
+covariance     Case -> outcomes of trials from drawn spots, with identification assumed to be
+               perfect.
 chain          One trial, one line a room, in the order in which the light goes.
 """
 
@@ -39,7 +37,9 @@ from startrack.trial.conditions import (
     SeparableStars,
     colour_correction,
     dark_currents,
+    index_resolution,
     separable_stars,
+    separated,
 )
 from startrack.trial.covariance import outcomes
 from startrack.trial.neighbours import blending_shift
@@ -47,13 +47,13 @@ from startrack.trial.spot_plan import plan_of, refuse
 from startrack.trial.spots import spots_of
 from startrack.trial.star_errors import METHOD, READ, SHOT, Errors, errors, lasting
 from startrack.trial.star_response import (
-    cell,
+    cell_side,
     detection_probability,
-    images,
     measure,
     noise_free_frame,
     pixel_noise,
     scale,
+    star_images,
 )
 from startrack.trial.systematic import systematic_variance, systematic_variance_of
 from startrack.trial.view import (

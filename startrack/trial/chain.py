@@ -54,7 +54,7 @@ from startrack.trial.window import spots_in_windows
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Everything that one trial made, for those who want to look at more than its outcome.
+    """Everything that one trial made.
 
     icrs_to_camera  true attitude at the middle of the exposure
     path            true motion around it; its first and last points are the start and the end
@@ -81,11 +81,11 @@ def run_trials(
     fidelity: Fidelity = Fidelity.FRAME,
     icrs_to_camera: Rotation | None = None,
 ) -> NDArray[np.void]:
-    """The outcomes of some trials of a seed, each the same whichever others are asked for.
+    """The outcomes of some trials of a seed, each independent of which others are run.
 
-    icrs_to_camera  a true attitude for each; None: the random ones of `trial`
+    icrs_to_camera  a true attitude for each; None: the random ones of `run_random_trial`
     Returns  (n,) structured array: `trial` and the fields of Outcome
-    Raises   as `trial`, with a note that names it.
+    Raises   as `run_trial`, with a note that names the trial.
     """
     outcomes = np.empty(len(numbers), OUTCOMES)
     outcomes["trial"] = numbers
@@ -94,9 +94,9 @@ def run_trials(
         return outcomes
     for n, number in enumerate(numbers):
         streams = Streams(seed, number)
-        look_at = random_attitude(streams) if icrs_to_camera is None else icrs_to_camera[n]
+        attitude = random_attitude(streams) if icrs_to_camera is None else icrs_to_camera[n]
         try:
-            outcomes[n] = (number, *run_trial(case, look_at, streams, fidelity))
+            outcomes[n] = (number, *run_trial(case, attitude, streams, fidelity))
         except Exception as error:
             error.add_note(f"in trial {number} of seed {seed}")
             raise
@@ -108,7 +108,7 @@ def run_random_trial(
 ) -> Outcome:
     """The outcome of trial `number` of a seed: random attitude, random noise.
 
-    Raises  ValueError where the case contradicts itself, or has what the fidelity lacks.
+    Raises  ValueError where the case contradicts itself, or needs a finer fidelity.
     """
     streams = Streams(seed, number)
     return run_trial(case, random_attitude(streams), streams, fidelity)
@@ -117,7 +117,7 @@ def run_random_trial(
 def run_trial(
     case: Case, icrs_to_camera: Rotation, streams: Streams, fidelity: Fidelity = Fidelity.FRAME
 ) -> Outcome:
-    """The outcome of a trial at a chosen attitude; errors as `trial`."""
+    """The outcome of a trial at a given attitude. Raises as `run_random_trial`."""
     if fidelity is Fidelity.FRAME:
         return observe(case, icrs_to_camera, streams).outcome
     if fidelity is Fidelity.COVARIANCE:
@@ -185,27 +185,30 @@ def lost_in_space(
 
 
 def identify_and_solve(
-    spots: Spots, camera: Camera, stars: Stars, tracker: Tracker, own: Floats | None = None
+    spots: Spots, camera: Camera, stars: Stars, tracker: Tracker, systematic: Floats | None = None
 ) -> tuple[Matches, Estimate]:
-    """What the flight software does with its spots; arguments as `track` takes them.
+    """What the flight software does with its spots; arguments as of `lost_in_space`.
 
-    own  (n,) pixel^2, what each star of the catalogue errs by beside its noise, as `trust` gives it
+    systematic  (n,) pixel^2 per axis, of each star of the catalogue, as `systematic_variance`
     """
     matches = identify(spots, camera, stars, index_of(stars, camera), tracker.identification)
-    return matches, solve_matches(spots, matches, tracker, own)
+    return matches, solve_matches(spots, matches, tracker, systematic)
 
 
 def solve_matches(
-    spots: Spots, matches: Matches, tracker: Tracker, own: Floats | None = None
+    spots: Spots, matches: Matches, tracker: Tracker, systematic: Floats | None = None
 ) -> Estimate:
-    """The attitude that the tracker makes of its matches; arguments as `recognise` takes them."""
+    """The attitude from matched stars; arguments as of `identify_and_solve`."""
     tolerance = tracker.identification.focal_tolerance
-    known = None if own is None else own[matches.star]
+    known = None if systematic is None else systematic[matches.star]
     return solve(spots, matches, tracker.attitude, tolerance, known)
 
 
 def index_of(stars: Stars, camera: Camera) -> PatternIndex:
-    """The pattern index of a catalogue; cameras of nearly the same field share one."""
+    """The pattern index of a catalogue; cameras of nearly the same field share one.
+
+    The 16 last are kept, by the object of the stars: `open_sky` gives one for each selection.
+    """
     return _index(stars, indexed_field(camera))
 
 

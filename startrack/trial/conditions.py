@@ -1,4 +1,4 @@
-"""What changes a star's error besides noise: dark current, colour, stars too close together."""
+"""Dark current of pixels, colours of stars, and stars too close together to be separated."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def dark_currents(detector: Detector) -> tuple[float, float]:
         d = max(N(m, s), 0) + hot,   mean d = m Phi(m/s) + s phi(m/s) + p h
         var d = (m^2 + s^2) Phi + m s phi - (m Phi + s phi)^2 + (2 p - p^2) h^2
 
-    of normal currents that are nowhere below zero, and hot pixels with the chance p and an
-    exponential law of mean h.
+    of normal currents, clipped at zero, and hot pixels with the probability p and an exponential
+    distribution of mean h.
     """
     m, defects = detector.dark_current, detector.defects
     if not defects:
@@ -41,18 +41,18 @@ def dark_currents(detector: Detector) -> tuple[float, float]:
     return mean + p * h, math.sqrt(max(square - mean**2, 0.0) + (2 * p - p * p) * h * h)
 
 
-def dark(detector: Detector) -> tuple[float, float]:
-    """The same in an exposure, electron in a pixel of the image."""
+def dark_electrons(detector: Detector) -> tuple[float, float]:
+    """`dark_currents` in an exposure, electron in a pixel of the image."""
     growth = detector.thermal.growth if detector.thermal else 1.0
     mean, spread = (growth * detector.exposure * one for one in dark_currents(detector))
     return mean * detector.binning**2, spread * detector.binning
 
 
-COLOURS = np.linspace(-0.6, 4.0, 24)  # BP - RP
+COLOURS = np.linspace(-0.6, 4.0, 24)  # BP - RP, from the hottest stars to the reddest
 
 
 def colour_correction(case: Case, known: Floats) -> Floats:
-    """Magnitude by which stars of these colours (n,) are fainter here than sunlike ones of their G.
+    """Magnitude (n,) by which stars are fainter for this camera than sunlike stars of the same G.
 
     known  BP - RP, NaN where it is not known
     """
@@ -67,10 +67,10 @@ def colour_correction(case: Case, known: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class SeparableStars:
-    """Stars, those too close for the tracker's index as one.
+    """Stars of a catalogue; those too close for the tracker's index count as one.
 
     sky   brightest first
-    name  (n,) which star of the catalogue each is; of several, the brightest
+    name  (n,) index of each in the catalogue; of several, that of the brightest
     """
 
     sky: Sky
@@ -78,12 +78,18 @@ class SeparableStars:
 
 
 def separable_stars(selection: Selection, camera: Camera) -> SeparableStars:
-    """The stars of a catalogue as the tracker's index takes them."""
-    return _separate(selection, indexed_field(camera) / POINTS)
+    """The stars of a catalogue as the tracker's index merges them."""
+    return separated(selection, index_resolution(camera))
+
+
+def index_resolution(camera: Camera) -> float:
+    """Radian, within which the index merges stars; the same for cameras of similar field."""
+    return indexed_field(camera) / POINTS
 
 
 @lru_cache(maxsize=8)
-def _separate(selection: Selection, resolution: float) -> SeparableStars:
+def separated(selection: Selection, resolution: float) -> SeparableStars:
+    """`separable_stars` by resolution; kept for the 8 last pairs."""
     stars, name = merged(open_sky(selection).stars, resolution)
     order = np.argsort(stars.magnitude_g, kind="stable")
     return SeparableStars(Sky(stars[order]), name[order])

@@ -1,8 +1,9 @@
-"""A Case enters; outcomes of trials leave, from drawn spots with identification assumed perfect."""
+"""Case -> outcomes of trials from drawn spots, with identification assumed to be perfect."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -11,14 +12,14 @@ from scipy import special
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Alignment, Observability, align, scale_unknown
-from startrack.core import Floats, Streams
+from startrack.core import Floats, Ints, Streams
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
 from startrack.trial.spot_plan import Plan, plan_of, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
 from startrack.trial.view import random_attitudes, reference_attitude
 
-SURPRISE = 1e-3  # chance below which residuals are too large to be the noise alone
+SURPRISE = 1e-3  # probability below which noise alone does not explain the residuals; as `solve`
 
 
 def fitted(
@@ -29,11 +30,11 @@ def fitted(
     noise: Floats,
     there: NDArray[np.bool_],
 ) -> tuple[Alignment, Floats]:
-    """Attitudes of m trials with up to n stars each, and their covariances as the tracker has them.
+    """Attitudes of m trials with up to n stars each, and the covariances that the tracker states.
 
-    matrix     (m, 3, 3) true icrs_to_camera, by which the identification knows its stars
+    matrix     (m, 3, 3) true icrs_to_camera, at which the identification predicts its stars
     seen       (m, n, 2) pixel;  reference  (m, n, 3) directions;  noise  (m, n) pixel^2
-    there      (m, n) which of them are there
+    there      (m, n) which of the n exist
     """
     camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
     if tolerance:
@@ -73,10 +74,10 @@ def _turned(matrix, direction):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _scales(seen, predicted, noise, there, tolerance):  # type: ignore[no-untyped-def]
-    """By how much the identification takes the focal length for longer, (m,) 1.
+    """Relative error of the focal length that the identification fits, (m,) 1.
 
-    It fits the scale together with the attitude, to stars weighted by their noise and with the
-    tolerance as its standard deviation beforehand.
+    It fits the scale together with the attitude, to stars weighted by their noise, with a normal
+    prior of the tolerance as standard deviation.
     """
     scale = np.zeros(len(seen))
     for n in range(len(seen)):
@@ -105,20 +106,20 @@ TOGETHER = 64  # trials that are solved together
 def outcomes(
     case: Case, seed: int, numbers: Sequence[int], icrs_to_camera: Rotation | None = None
 ) -> NDArray[np.void]:
-    """The outcomes of some trials, matches taken as known.
+    """The outcomes of some trials, with identification assumed to be perfect.
 
-        place = projection + bias + root N(0, 1),   found with the probability kept Phi(above)
+        centroid = projection + bias + root N(0, 1),   found with the probability kept Phi(above)
 
-    All these come from the detection itself, which measures stars of half-magnitude steps at 36
-    places in the pixel, rendered without noise but with smear and with the response of the pixels.
+    These come from the detection itself, which measures stars in steps of half a magnitude at 36
+    positions in the pixel, rendered without noise but with smear and the response of the pixels.
 
     icrs_to_camera  a true attitude for each; None: those of the same trials of other fidelities
-    Returns  (n,) structured array, as `judge_all` gives it, in the order asked for
+    Returns  (n,) structured array, as `judge_all` gives it, in the order of `numbers`
     Raises    ValueError that names what in the case needs an image.
-    Accuracy  model: normal errors, as small as the noise is beside the star; each star alone, with
-              the smear of the field's centre; false spots are counted and never matched. On the
-              example the rms of the attitude's error is that of frames within 5 %; in crowded
-              fields less by a tenth, for stars that merge err more than these.
+    Accuracy  model: normal errors, to first order in the noise; single stars with the smear of the
+              field's centre and shifts by companions; false spots are counted and never matched.
+              On the example the rms of the attitude's error is that of frames within 5 %; in
+              crowded fields it is a tenth less, because the errors of merged stars are larger.
     """
     refuse(case)
     plan = plan_of(case)
@@ -133,31 +134,52 @@ def outcomes(
     return np.concatenate(parts) if parts else np.empty(0, JUDGED)
 
 
+class Drawn(NamedTuple):
+    """What is drawn of m trials, up to n stars each.
+
+    pixel     (m, n, 2) x and y of the centroids
+    star      (m, n) index into the field of the plan
+    variance  (m, n) pixel^2 per axis, of the noise
+    matched   (m,) how many of the n are there
+    spots     (m,) how many spots, false ones among them
+    """
+
+    pixel: Floats
+    star: Ints
+    variance: Floats
+    matched: Ints
+    spots: Ints
+
+
+def _empty(many: int, most: int) -> Drawn:
+    matched, spots = np.empty((2, many), np.int64)
+    pixel, variance = np.empty((many, most, 2)), np.empty((many, most))
+    return Drawn(pixel, np.empty((many, most), np.int64), variance, matched, spots)
+
+
 def _tried(
     case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: Rotation
 ) -> NDArray[np.void]:
     """Draw, solve and judge a block of trials."""
-    many, most = len(numbers), case.tracker.detection.max_spots
-    matrix = attitude.as_matrix()
+    many, matrix = len(numbers), attitude.as_matrix()
     keys = trial_keys(seed, np.array(numbers, np.uint64))
-    place = np.empty((many, most, 2))
-    star, variance = np.empty((many, most), np.int64), np.empty((many, most))
-    matched, spots = np.empty((2, many), np.int64)
-    _draw(matrix, keys, *plan, place, star, variance, matched, spots)
+    drawn = _empty(many, case.tracker.detection.max_spots)
+    _draw(matrix, keys, plan, drawn)
+    matched, spots = drawn.matched, drawn.spots
     truth = attitude
     if case.time_tag_error or case.instrument.mounting != case.believed_mounting:
         truth = Rotation.concatenate(
             [reference_attitude(case, attitude[n], Streams(seed, numbers[n])) for n in range(many)]
         )
     judged = np.empty(many, JUDGED)
-    # Trials of about as many stars go together, so that few places of the arrays stay empty.
+    # Trials of about as many stars go together, so that few elements of the arrays stay empty.
     for part in np.array_split(np.argsort(matched, kind="stable"), -(-many // TOGETHER)):
         used = max(int(matched[part[-1]]), 1)
         there = np.arange(used) < matched[part, None]
-        stars = np.where(there, star[part, :used], 0)
+        stars = np.where(there, drawn.star[part, :used], 0)
         reference = plan.field.believed[stars]
-        noise = np.where(there, variance[part, :used], 1.0) + plan.field.own[stars]
-        seen = np.where(there[..., None], place[part, :used], 0.0)
+        noise = np.where(there, drawn.variance[part, :used], 1.0) + plan.field.systematic[stars]
+        seen = np.where(there[..., None], drawn.pixel[part, :used], 0.0)
         found, covariance = fitted(case, matrix[part], seen, reference, noise, there)
         solved = (matched[part] >= case.tracker.identification.min_matches) & (
             found.observability == Observability.OBSERVED
@@ -169,19 +191,17 @@ def _tried(
 
 
 @njit(cache=True, error_model="numpy")
-def _draw(  # type: ignore[no-untyped-def]
-    attitude, keys, response, pull, field, companions, view, gate, false,
-    place, star, variance, matched, spots,
-):  # fmt: skip
-    """Write the found stars of each trial: place, index, variance; how many matches and spots."""
-    most = place.shape[1]
+def _draw(attitude, keys, plan, drawn):  # type: ignore[no-untyped-def]
+    """Write the detected stars of each trial, and how many matches and spots it has."""
+    response, pull, field, companions, view, gate, false = plan
+    most = drawn.star.shape[1]
     flux = np.empty(most)
     for n in range(len(attitude)):
         count = others = 0
         for seen in sights(attitude[n], keys[n], response, pull, field, companions, view):
             i = seen.star
             spread = (seen.xx * seen.xx + seen.yx * seen.yx + seen.yy * seen.yy) / 2
-            reach = gate * gate * 2 * (spread + field.own[i])
+            reach = gate * gate * 2 * (spread + field.systematic[i])
             if not field.known[i] or seen.dx * seen.dx + seen.dy * seen.dy > reach:
                 others += 1
                 continue
@@ -192,7 +212,7 @@ def _draw(  # type: ignore[no-untyped-def]
                     continue
             else:
                 count += 1
-            place[n, at, 0], place[n, at, 1] = seen.x + seen.dx, seen.y + seen.dy
-            star[n, at], variance[n, at], flux[at] = i, spread, field.flux[i]
-        matched[n] = count
-        spots[n] = min(count + others + false_spots(keys[n], false), most)
+            drawn.pixel[n, at, 0], drawn.pixel[n, at, 1] = seen.x + seen.dx, seen.y + seen.dy
+            drawn.star[n, at], drawn.variance[n, at], flux[at] = i, spread, field.flux[i]
+        drawn.matched[n] = count
+        drawn.spots[n] = min(count + others + false_spots(keys[n], false), most)

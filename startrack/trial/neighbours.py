@@ -1,4 +1,4 @@
-"""Case -> how far each star of a sky is moved by the light of those beside it."""
+"""Case -> shift of the centroid of each star by the light of its neighbours."""
 
 from __future__ import annotations
 
@@ -8,44 +8,43 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import cKDTree
 
-from startrack.catalog import Selection, Sky
+from startrack.catalog import Selection
 from startrack.core import Floats, Ints
 from startrack.design import Case
-from startrack.trial.conditions import colour_correction, separable_stars
-from startrack.trial.star_response import RING, cell, images, measure, phases, scale
+from startrack.trial.conditions import colour_correction, index_resolution, separated
+from startrack.trial.star_response import RING, cell_side, measure, phases, scale, star_images
 
 CONTRAST = np.arange(-2.0, 6.0)  # magnitude, of the neighbour less that of the star
 STEP = 0.5  # pixel
 MERGED = 1.5  # pixel beyond the window's half side, within which two stars are one spot
 TILT = math.radians(30)  # of the line from the star to its neighbour against the columns
-LOST = 1e4  # pixel, the pull of a neighbour beside which a star is not found
+LOST = 1e4  # pixel, shift of a star that is not detected beside its neighbour
 SNR = 100.0  # of the brightest pixel of the star in the chart
 
 
 @lru_cache(maxsize=8)
 def blending_shift(case: Case, catalog: Selection) -> Floats:
-    """By how much the light of its neighbours moves each separate star of a catalogue.
+    """Shift of each separable star of a catalogue by the light of its neighbours.
 
     A shift along the line to the neighbour, by its distance and contrast, measured on a chart of
-    pairs; those of several neighbours are added. Of two stars in one window the brighter has the
-    spot, and the other is LOST. Stars that the tracker takes for one are one here: their spot is
-    where their light is.
+    pairs; shifts by several neighbours are added. Of two stars in one window the brighter has the
+    spot, and the other is LOST. Stars that the tracker's index merges are one here: their spot is
+    at the centre of their light.
 
     catalog  the true one, or that of the tracker
-    Returns  (n, 3) pixel, ICRS axes, in the order of `separate`
-    Accuracy  model: pairs at one angle to the columns stand for all, and smear and scale are those
+    Returns  (n, 3) pixel, ICRS axes, in the order of `separable_stars`
+    Accuracy  model: pairs at one angle to the columns represent all, and smear and scale are those
               of the boresight.
     """
     camera = case.instrument.camera
-    stars = separable_stars(catalog, camera).sky.stars
+    resolution = index_resolution(camera)
+    stars = separated(catalog, resolution).sky.stars
     magnitude = stars.magnitude_g + colour_correction(case, stars.colour)
-    star, other = _pairs(
-        separable_stars(catalog, camera).sky, _reach(case) / camera.focal_length_px
-    ).T
+    star, other = _pairs(catalog, resolution, _reach(case) / camera.focal_length_px).T
     apart = stars.direction[other] - stars.direction[star]
     angle = np.linalg.norm(apart, axis=1)
     distance, contrast = angle * camera.focal_length_px, magnitude[other] - magnitude[star]
-    pull = _pull(case, distance, contrast)
+    pull = _shift(case, distance, contrast)
     merged = distance < case.tracker.detection.window // 2 + MERGED
     pull[merged & (contrast < 0)] = LOST
     moved = np.zeros((len(stars), 3))
@@ -53,8 +52,8 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
     return moved
 
 
-def _pull(case: Case, distance: Floats, contrast: Floats) -> Floats:
-    """Pixel towards the neighbour (k,), zero where it is too far or too faint."""
+def _shift(case: Case, distance: Floats, contrast: Floats) -> Floats:
+    """Shift (k,) towards the neighbour, pixel; zero where it is too far."""
     table = _table(case)
     u = np.clip(distance / STEP, 0, table.shape[1] - 1.001)
     v = np.clip((contrast - CONTRAST[0]) / (CONTRAST[1] - CONTRAST[0]), 0, len(CONTRAST) - 1.001)
@@ -62,23 +61,23 @@ def _pull(case: Case, distance: Floats, contrast: Floats) -> Floats:
     s, t = v - i, u - j
     pull = (1 - s) * ((1 - t) * table[i, j] + t * table[i, j + 1])
     pull += s * ((1 - t) * table[i + 1, j] + t * table[i + 1, j + 1])
-    # A fainter neighbour pulls by its fraction of the light.
+    # A fainter neighbour shifts by its fraction of the light.
     pull *= 10 ** (-0.4 * np.maximum(contrast - CONTRAST[-1], 0))
     return np.where(distance < _reach(case), pull, 0.0)
 
 
 @lru_cache(maxsize=8)
 def _table(case: Case) -> Floats:
-    """Pull by contrast and distance, pixel; large where the star is lost at any of its places."""
+    """Shift by contrast and distance, pixel; LOST where the star is lost at any position."""
     instrument, detection = case.instrument, case.tracker.detection
     reach = _reach(case)
     distance = np.arange(0, reach + STEP, STEP)
-    side = cell(instrument, detection) + 2 * math.ceil(reach)
-    place = phases()[::4]  # a diagonal pattern of nine
-    star, size = images(instrument, place, side), scale(case)
+    side = cell_side(instrument, detection) + 2 * math.ceil(reach)
+    place = phases()[::4]  # nine positions on a diagonal pattern
+    star, size = star_images(instrument, place, side), scale(case)
     light = SNR * size.pixel / float(star.max())
     line = np.array([math.cos(TILT), math.sin(TILT)])
-    other = np.stack([images(instrument, place + far * line, side) for far in distance])
+    other = np.stack([star_images(instrument, place + far * line, side) for far in distance])
     ratio = 10 ** (-0.4 * CONTRAST[:, None, None, None, None])
     shape = len(CONTRAST), len(distance), len(place)
     both = light * (star + ratio * other)
@@ -89,13 +88,13 @@ def _table(case: Case) -> Floats:
 
 
 def _reach(case: Case) -> float:
-    """Pixel, from where on a neighbour does not matter."""
+    """Pixel, beyond which a neighbour does not matter."""
     return case.tracker.detection.window // 2 + RING + 2.0
 
 
 @lru_cache(maxsize=8)
-def _pairs(sky: Sky, radius: float) -> Ints:
-    """All pairs (k, 2) of stars within an angle, radian, each both ways round."""
-    tree = cKDTree(sky.stars.direction)
+def _pairs(catalog: Selection, resolution: float, radius: float) -> Ints:
+    """All pairs (k, 2) of separable stars within a radius, radian, each in both orders."""
+    tree = cKDTree(separated(catalog, resolution).sky.stars.direction)
     pair = tree.query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
     return np.concatenate([pair, pair[:, ::-1]])

@@ -1,4 +1,4 @@
-"""Case -> all that its drawn trials share: what can be found, how it is seen, what is refused."""
+"""Case -> plan of its statistical trials: detectable stars, their response, and what is refused."""
 
 from __future__ import annotations
 
@@ -16,24 +16,31 @@ from startrack.design import Case
 from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
 from startrack.scene import Scene, illuminate
-from startrack.trial.spot_response import RATIOS, REACH, Grid, Response, pull_of, response_of
+from startrack.trial.spot_response import (
+    RATIOS,
+    REACH,
+    Grid,
+    Response,
+    companion_shift,
+    response_of,
+)
 from startrack.trial.systematic import systematic_variance
 from startrack.trial.view import detection_plan, psf_of, throughput
 
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
-LEAST = 0.5  # sigma, where the threshold is so low that all stars would count
-MOST_ROLL = 0.5  # pixel of smear in the corner, by a turn about the boresight
-TYPICAL = 5.0  # faintest stars' flux: that of the stars whose companions are tried
+LEAST = 0.5  # sigma, for thresholds so low that all stars would count; chosen by hand
+MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
+TYPICAL = 5.0  # times the faintest flux: star for which shifts by companions are measured
 
 
 class Field(NamedTuple):
-    """The stars that can be found, in order of the last coordinate of their directions.
+    """The stars that can be detected, in order of the last coordinate of their directions.
 
     direction, believed  (n, 3) unit vectors, true and in the tracker's catalogue
     known                (n,) whether they are in that
     flux                 (n,) logarithm of electrons
     number               (n,) index into the sky, which names a star in the draws
-    own                  (n,) pixel^2, that the tracker reckons with beside the noise
+    systematic           (n,) pixel^2 per axis, systematic variance that the tracker assumes
     """
 
     direction: Floats
@@ -41,7 +48,7 @@ class Field(NamedTuple):
     known: NDArray[np.bool_]
     flux: Floats
     number: NDArray[np.uint64]
-    own: Floats
+    systematic: Floats
 
 
 class Companions(NamedTuple):
@@ -57,10 +64,10 @@ class Companions(NamedTuple):
 
 
 class View(NamedTuple):
-    """A camera and what of it the search looks at, for the kernel.
+    """A camera and the part of its frame that is searched, for the kernels.
 
     focal .. k3   as in Camera; centre_x, centre_y of the principal point, pixel
-    border        pixel, that a star must stay from the edge
+    border        pixel, least distance of a star from the edge
     cosine        of the angle from the boresight to the farthest corner
     """
 
@@ -79,7 +86,7 @@ class View(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """All that the trials of a case share."""
+    """What the trials of a case have in common; gate as in the solver, false spots per frame."""
 
     response: Response
     pull: Floats
@@ -91,7 +98,7 @@ class Plan(NamedTuple):
 
 
 def refuse(case: Case) -> None:
-    """Refuse what spots alone cannot show.
+    """Refuse what needs an image.
 
     Raises  ValueError that names it.
     """
@@ -119,7 +126,7 @@ def refuse(case: Case) -> None:
 
 @lru_cache(maxsize=8)
 def plan_of(case: Case) -> Plan:
-    """Measure the stars of a design, once."""
+    """Measure the stars of a case; kept for the 8 last cases."""
     instrument, settings = case.instrument, case.tracker.detection
     detector, camera, psf = instrument.detector, instrument.camera, psf_of(instrument)
     stars = open_sky(case.catalog).stars
@@ -133,7 +140,9 @@ def plan_of(case: Case) -> Plan:
     faintest = (
         max(threshold - FAINTEST, LEAST) * noise / float(star_profile(psf, detection.kernel)[0])
     )
-    found = np.flatnonzero(flux >= min(faintest, flux.max()))  # one at least, to have arrays
+    found = np.flatnonzero(
+        flux >= min(faintest, flux.max())
+    )  # at least one, so that arrays are not empty
     found = found[np.argsort(stars.direction[found, 2])]
     believed = open_sky(case.believed_catalog).stars
     there, known = believed.find(stars.identifier[found])
@@ -148,7 +157,7 @@ def plan_of(case: Case) -> Plan:
     radius = (REACH + 1) / camera.focal_length_px
     return Plan(
         response_of(grid, faintest, brightest),
-        pull_of(grid, TYPICAL * faintest),
+        companion_shift(grid, TYPICAL * faintest),
         Field(
             np.ascontiguousarray(stars.direction[found]),
             np.ascontiguousarray(believed.direction[there]), known,
@@ -163,12 +172,12 @@ def plan_of(case: Case) -> Plan:
 
 @lru_cache(maxsize=2)
 def _light(catalog: Selection, scene: Scene) -> Light:
-    """The light of all stars of a sky."""
+    """The light of all stars of a sky; kept for the 2 last pairs."""
     return illuminate(scene, open_sky(catalog).stars)
 
 
 def _companions(directions: Floats, flux: Floats, found: Ints, radius: float) -> Companions:
-    """The stars within an angle of each of the found ones, none of them much fainter."""
+    """The stars within an angle of each of these, except those that are much fainter."""
     pairs = cKDTree(directions[found]).query_ball_tree(cKDTree(directions), radius)
     lists = [
         [k for k in near if k != i and flux[k] > flux[i] * math.exp(RATIOS[0])]

@@ -1,4 +1,4 @@
-"""Case -> what its detection makes of a star, by the star's flux and its place in the pixel."""
+"""Case -> detection and centroid of a star, over its flux and position in the pixel."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from startrack.core import Floats, Streams
 from startrack.design import Case
 from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
+from startrack.trial.star_response import PHASES, phases
 from startrack.trial.view import detection_plan, line_of_sight, psf_of
 
-PHASES = 6  # places in the pixel, along either axis
 STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
-REACH = 7  # pixel, from which a companion pulls at a star
+REACH = 7  # pixel, within which a companion shifts a star; chosen by hand, a window and its ring
 RATIOS = np.arange(-4, 4) * 0.8  # logarithm of a companion's flux over the star's
 
 
 class Response(NamedTuple):
-    """What the detection makes of a star, by its flux and its place in the pixel.
+    """Detection and centroid of a star, over its flux and position in the pixel.
 
     first  logarithm of the least flux in electron; the others follow in equal steps
-    bias   (l, p, p, 2) pixel x and y, by row and column of the place
+    bias   (l, p, p, 2) pixel x and y, by row and column of the position
     root   (l, p, p, 3) pixel electron, triangular root xx, yx, yy of the covariance, times flux
-    light  (l, p, p, 2) digital number, flux that is measured, over electron; its noise over itself
+    light  (l, p, p, 2) measured flux (digital number) over electron; its relative noise
     above  (l, p, p) sigma, by which a star passes the threshold
-    kept   (l, p, p) 1, chance that it is not taken for a hot pixel then
+    kept   (l, p, p) 1, probability that it is not rejected as a hot pixel then
     least  (5,) flux in digital number, its sigma, covariance xx, xy, yy of a star at the threshold
     """
 
@@ -45,7 +45,7 @@ class Response(NamedTuple):
 
 @dataclass(frozen=True)
 class Grid:
-    """Stars laid out for the detection to measure, and what of it they share."""
+    """Stars of a case on a grid of cells, which the detection measures."""
 
     case: Case
     sky: float
@@ -65,14 +65,10 @@ class Grid:
 
 
 def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
-    """The detection's answer to stars of all fluxes at all places in the pixel."""
+    """The response of the detection to stars of all fluxes and positions in the pixel."""
     count = math.ceil(math.log(brightest / faintest) / STEP) + 2
     flux = faintest * np.exp(STEP * np.arange(count))
-    at = (np.arange(PHASES) + 0.5) / PHASES - 0.5
-    y, x = np.meshgrid(at, at, indexing="ij")
-    stars = np.column_stack(
-        [np.tile(x.ravel(), count), np.tile(y.ravel(), count), np.repeat(flux, PHASES**2)]
-    )
+    stars = np.column_stack([np.tile(phases(), (count, 1)), np.repeat(flux, PHASES**2)])
     seen, place = grid.expect(stars, np.zeros_like(stars), PHASES**2)
     shape = (count, PHASES, PHASES)
     bias = np.column_stack([seen.x, seen.y]) - place
@@ -96,7 +92,7 @@ def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
 
 
 def _at_threshold(seen: Expectation, good: NDArray[np.bool_]) -> Floats:
-    """`Response.least`, between the levels of flux (l, places) in the middle of all places."""
+    """`Response.least`: interpolated over flux (l, positions), the median of all positions."""
     xx, xy, yy = (seen.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
     each = np.stack([seen.above, seen.flux, seen.sigma, xx, xy, yy]).reshape(6, *good.shape)
     above, *rest = np.median(each[:, good.all(axis=1)], axis=2)
@@ -105,10 +101,10 @@ def _at_threshold(seen: Expectation, good: NDArray[np.bool_]) -> Floats:
     return np.array([np.interp(0.0, above, one) if len(above) else np.nan for one in rest])
 
 
-def pull_of(grid: Grid, flux: float) -> Floats:
-    """How far a companion pulls a centroid, pixel: (r, d, d, 2) by its flux and place.
+def companion_shift(grid: Grid, flux: float) -> Floats:
+    """Shift of a centroid by a companion, pixel: (r, d, d, 2) over its flux and position.
 
-    NaN where only the companion is found.
+    NaN where only the companion is detected.
     """
     offset = np.arange(-REACH, REACH + 1.0)
     y, x = np.meshgrid(offset, offset, indexing="ij")

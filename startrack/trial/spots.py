@@ -1,4 +1,4 @@
-"""A Case and an attitude enter; the spots of one trial leave, drawn without an image."""
+"""Case and attitude -> the spots of one trial, drawn without an image."""
 
 from __future__ import annotations
 
@@ -10,19 +10,29 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import belt
-from startrack.core import Spots, Streams, bits, inverse_normal, key, poisson_of_uniform, uniform
+from startrack.core import (
+    Spots,
+    Streams,
+    bits,
+    distort,
+    inverse_normal,
+    key,
+    poisson_of_uniform,
+    uniform,
+)
 from startrack.design import Case
 from startrack.trial.spot_plan import plan_of, refuse
-from startrack.trial.spot_response import PHASES, RATIOS, REACH, STEP
+from startrack.trial.spot_response import RATIOS, REACH, STEP
+from startrack.trial.star_response import PHASES
 
 FALSE = np.uint64(2**63)  # number of the draws of false spots; those of stars are less
 
 
-# What the detection makes of a star in one trial:
+# The spot of a star in one trial:
 # star        index into the field
-# x, y        pixel, true place;  dx, dy  from it to the centroid
+# x, y        pixel, true position;  dx, dy  from it to the centroid
 # xx, yx, yy  pixel, triangular root of the centroid's covariance
-# flux        digital number, that is to be expected;  blur  1, its standard deviation over itself
+# flux        digital number, expected;  blur  1, its relative standard deviation
 # surplus     sigma, by which noise makes the star brighter
 SIGHT = np.dtype([
     ("star", np.int64),
@@ -33,7 +43,7 @@ SIGHT = np.dtype([
 
 @njit(cache=True, error_model="numpy")
 def sights(a, key, response, pull, field, companions, view):  # type: ignore[no-untyped-def]
-    """The stars (k,) that are found in the trial of a key, by a camera whose attitude is `a`."""
+    """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
     near = in_view(a, field.direction, view)
     found = np.empty(len(near), SIGHT)
     count = 0
@@ -60,7 +70,7 @@ def sights(a, key, response, pull, field, companions, view):  # type: ignore[no-
 
 
 def trial_keys(seed: int, numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """The keys of what is drawn in some trials of a seed."""
+    """The keys of the draws of some trials of a seed."""
     return _keys(key(Streams(seed, 0), "covariance"), numbers)
 
 
@@ -74,13 +84,13 @@ def _keys(start, numbers):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def false_spots(key, mean):  # type: ignore[no-untyped-def]
-    """How many spots are of noise alone in the trial of a key."""
+    """Number of false spots in the trial of a key."""
     return int(poisson_of_uniform(mean, uniform(bits(key, FALSE))))
 
 
 @njit(cache=True, error_model="numpy")
 def in_view(a, direction, view):  # type: ignore[no-untyped-def]
-    """Which stars (k,) lie in the cone about the frame, of those in order of height (n, 3)."""
+    """Which stars (k,) of directions (n, 3), in order of z, lie in the cone around the frame."""
     first, last = belt(direction, a[2, 2], math.acos(view.cosine))
     found = np.empty(last - first, np.int64)
     count = 0
@@ -98,16 +108,13 @@ def _project(a, d, view):  # type: ignore[no-untyped-def]
     z = a[2, 0] * d[0] + a[2, 1] * d[1] + a[2, 2] * d[2]
     u = (a[0, 0] * d[0] + a[0, 1] * d[1] + a[0, 2] * d[2]) / z
     v = (a[1, 0] * d[0] + a[1, 1] * d[1] + a[1, 2] * d[2]) / z
-    r = u * u + v * v
-    radial = 1 + r * (view.k1 + r * (view.k2 + r * view.k3))
-    x = u * radial + 2 * view.p1 * u * v + view.p2 * (r + 2 * u * u)
-    y = v * radial + view.p1 * (r + 2 * v * v) + 2 * view.p2 * u * v
+    x, y = distort(u, v, view.k1, view.k2, view.p1, view.p2, view.k3)
     return view.centre_x + view.focal * x, view.centre_y + view.focal * y
 
 
 @njit(cache=True, error_model="numpy")
 def _measure(x, y, column, row, flux, start, response, seen):  # type: ignore[no-untyped-def]
-    """Whether a star alone, at a place in a pixel, is found; writes how it is measured."""
+    """Whether a single star is detected at a position in a pixel; writes its measurement."""
     i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
     j = min(int((y - row + 0.5) * PHASES), PHASES - 1)
     at = (flux - response.first) / STEP
@@ -138,7 +145,7 @@ def _between(table, k, t, j, i, c):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _pulled(dx, dy, ratio, pull):  # type: ignore[no-untyped-def]
-    """How far a companion pulls a centroid; NaN where it swallows the star."""
+    """Shift of a centroid by a companion; NaN where only the companion is detected."""
     r, q = (ratio - RATIOS[0]) / (RATIOS[1] - RATIOS[0]), len(RATIOS) - 1
     if not (abs(dx) < REACH and abs(dy) < REACH) or r < 0:
         return 0.0, 0.0
@@ -160,15 +167,15 @@ ROW = 7  # x, y, flux, its sigma, xx, xy, yy
 
 
 def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
-    """What the tracker finds, for its identification to name: stars, and false spots among them.
+    """The spots of one trial: detected stars, and false spots among them.
 
         s = 1 + blur N(0, 1),   flux = s expected flux
-        place = projection + (bias + root N(0, 1)) / s,   covariance = root root^T / s^2
+        centroid = projection + (bias + root N(0, 1)) / s,   covariance = root root^T / s^2
 
-    Stars are those of `outcomes`, those among them that the tracker does not know. What lets a star
-    pass the threshold makes it brighter, and what is divided by the brighter flux smaller. False
-    spots lie anywhere and look like stars at the threshold, which they pass as seldom as the tail
-    of a normal law has it.
+    Stars are those of `outcomes`, also those that the tracker's catalogue lacks. The noise by which
+    a star passes the threshold makes it brighter too, and its error, divided by the flux, smaller.
+    False spots are distributed uniformly, with the covariance of stars at the threshold, and exceed
+    it by the tail of a normal distribution.
 
     icrs_to_camera  true attitude at the middle of the exposure
     Returns         Spots, brightest first; their areas are not known, 0
@@ -186,20 +193,22 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 
 @njit(cache=True, error_model="numpy")
 def _draw(a, key, response, pull, field, companions, view, gate, false):  # type: ignore[no-untyped-def]
-    """The table of all that is found, stars first; the gate is the tracker's matter."""
+    """The table of all spots, stars first; the gate is applied by the solver."""
     stars = sights(a, key, response, pull, field, companions, view)
     noise = false_spots(key, false)
     table = np.empty((len(stars) + noise, ROW))
     for n in range(len(stars)):
         _write(table[n], stars[n])
     for n in range(noise):
-        _strew(table[len(stars) + n], bits(key, FALSE + np.uint64(1 + n)), response.least, view)
+        _write_false(
+            table[len(stars) + n], bits(key, FALSE + np.uint64(1 + n)), response.least, view
+        )
     return table
 
 
 @njit(cache=True, error_model="numpy")
 def _write(row, seen):  # type: ignore[no-untyped-def]
-    """A star, whose noise moves it the less, the brighter noise makes it."""
+    """Write a star; noise that makes it brighter makes its error smaller."""
     fraction = max(1 + seen.blur * seen.surplus, seen.blur)
     row[0], row[1] = seen.x + seen.dx / fraction, seen.y + seen.dy / fraction
     row[2], row[3] = seen.flux * fraction, seen.flux * seen.blur
@@ -209,8 +218,8 @@ def _write(row, seen):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _strew(row, start, least, view):  # type: ignore[no-untyped-def]
-    """Write a false spot: anywhere, and as bright as the tail of a normal law has it."""
+def _write_false(row, start, least, view):  # type: ignore[no-untyped-def]
+    """Write a false spot: anywhere, its flux from the tail of a normal distribution."""
     across, down = view.columns - 2 * view.border, view.rows - 2 * view.border
     row[0] = view.border - 0.5 + across * uniform(bits(start, np.uint64(0)))
     row[1] = view.border - 0.5 + down * uniform(bits(start, np.uint64(1)))

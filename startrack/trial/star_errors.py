@@ -10,10 +10,10 @@ import numpy as np
 
 from startrack.core import Floats
 from startrack.design import Case
-from startrack.trial.conditions import dark
-from startrack.trial.star_response import chart, lone, magnitudes, pattern
+from startrack.trial.conditions import dark_electrons
+from startrack.trial.star_response import chart, magnitudes, pattern, point_images
 
-TYPICAL = 4.5  # G of a star that counts much in most trackers
+TYPICAL = 4.5  # G of a star of high weight in most trackers; chosen by hand
 SHOT, READ, METHOD = "shot noise", "read noise", "centroid method"
 
 
@@ -21,10 +21,10 @@ class Errors(NamedTuple):
     """Of single stars.
 
     magnitude  (m,) G of a sunlike star
-    kept       (m,) fraction of the places at which the tracker keeps a star
+    kept       (m,) fraction of the positions in the pixel at which the tracker keeps a star
     stated     (m, 2, 2) pixel^2, by the tracker
-    random     (m, 2, 2) pixel^2 by cause, scatter over places, times and devices
-    mean       (m, 2) pixel, over the places, of the centroid's method
+    random     (m, 2, 2) pixel^2 by cause, covariance over positions, times and devices
+    mean       (m, 2) pixel, over the positions, of the centroid's method
     """
 
     magnitude: Floats
@@ -36,12 +36,12 @@ class Errors(NamedTuple):
 
 @lru_cache(maxsize=8)
 def errors(case: Case) -> Errors:
-    """What single stars of each magnitude err by, cause by cause."""
+    """Errors of single stars of each magnitude, cause by cause; kept for the 8 last cases."""
     detector = case.instrument.detector
     magnitude = magnitudes(case, case.believed_catalog.limit_g)
     plain = chart(case, magnitude)
     method = _mean(plain.offset)
-    # The tracker states too much of a saturated star, on purpose.
+    # The tracker overstates the covariance of a saturated star on purpose.
     bold = replace(case.tracker, detection=replace(case.tracker.detection, saturation=None))
     noise, shot = (
         _mean(chart(replace(case, tracker=bold), magnitude, noisy=noisy).covariance)
@@ -52,11 +52,11 @@ def errors(case: Case) -> Errors:
         READ: noise - shot,
         METHOD: _moment(plain.offset - method[:, None]),
     }
-    shape = (len(magnitude), *lone(case).shape)
+    shape = (len(magnitude), *point_images(case).shape)
     if detector.prnu:
         gain = 1 + detector.prnu / detector.binning * pattern("photo response", shape)
         random["PRNU"] = _moment(chart(case, magnitude, gain=gain).offset - plain.offset)
-    _, spread = dark(detector)
+    _, spread = dark_electrons(detector)
     if spread:
         extra = spread * pattern("dark current", shape)
         random["DSNU"] = _moment(chart(case, magnitude, extra=extra).offset - plain.offset)
@@ -65,10 +65,10 @@ def errors(case: Case) -> Errors:
 
 
 def _mean(values: Floats) -> Floats:
-    """Over the places (second axis) at which a star was kept.
+    """Mean over the positions (second axis) at which a star was kept.
 
-    Where none was, of the nearest magnitude that has some, for what lies between two magnitudes
-    is read from both; zero where no star of any magnitude was kept, which counts nowhere.
+    Where none was, that of the nearest magnitude with some, because values between two magnitudes
+    are interpolated; zero where no star of any magnitude was kept, where it is never used.
     """
     kept = np.isfinite(values)
     total, count = np.where(kept, values, 0).sum(axis=1), kept.sum(axis=1)
@@ -86,12 +86,12 @@ def _moment(offset: Floats) -> Floats:
 
 
 def lasting(star: Errors, magnitude: Floats | float = TYPICAL) -> Floats:
-    """Pixel per axis that stars of a magnitude err by without noise: what stays in their pixels.
+    """Rms error per axis (pixel) of stars without noise: what is constant at their pixels.
 
     magnitude  (...) G of sunlike stars
-    Returns    (...) root mean square over places in the pixel and over devices
+    Returns    (...) root mean square over positions in the pixel and over devices
     """
     still = sum(one for name, one in star.random.items() if name not in (SHOT, READ))
     variance = np.trace(still, axis1=1, axis2=2) / 2
-    # Dark current counts for more the fainter a star is, by powers of its light.
+    # The error by dark current grows with a power of magnitude: interpolate its logarithm.
     return np.exp(np.interp(magnitude, star.magnitude, np.log(np.maximum(variance, 1e-16)) / 2))

@@ -1,4 +1,4 @@
-"""A Case enters; how the tracker's centroid responds to single stars of any flux leaves."""
+"""Case -> response of the tracker's centroid to single stars of any flux."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ from startrack.detector import (
 )
 from startrack.motion import blur, slew
 from startrack.scene import illuminate
-from startrack.trial.conditions import dark
+from startrack.trial.conditions import dark_electrons
 from startrack.trial.view import detection_plan, psf_of, throughput
 
 
 def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise: float) -> Frame:
-    """A frame in which the tracker's background is what it is among noise.
+    """A noise-free frame in which the tracker estimates the background as it does with noise.
 
-    Where the ring about a star is even, its clipping and its slopes are what they never are in a
-    real frame. So the pixels alternate by their noise, like a chessboard: the ring has the right
-    spread, and the moments of a star do not move.
+    In a ring of equal pixels the tracker would clip, and fit slopes, as in no real frame. So the
+    pixels alternate by their noise, like a chessboard: the ring has the correct spread, and the
+    moments of a star do not change.
 
     electrons  (rows, columns) expected
     ripple     electron, by which pixels alternate
-    noise      electron rms, that the tracker believes a pixel to have of its own
+    noise      electron rms, of a pixel without light, as the tracker believes
     Returns    Frame of numbers that are not rounded
     """
     largest = 2.0**detector.bits - 1
@@ -84,15 +84,15 @@ def pixel_noise(detector: Detector, streams: Streams) -> Floats:
     return noise / detector.em_gain
 
 
-PHASES = 6  # sub-pixel places per axis
+PHASES = 6  # sub-pixel positions per axis
 STEP = 0.5  # magnitude between two rows of the chart
 BRIGHTEST = -1.5
-RING = 3  # pixel, from the window to the outside of the ring that its background is taken from
-FAINTEST_SNR = 3.0  # below this nothing is detected
+RING = 3  # pixel, width of the ring around the window that gives the background
+FAINTEST_SNR = 3.0  # below this no star is detected
 
 
 class Chart(NamedTuple):
-    """Stars of m magnitudes, each at p sub-pixel places, as the tracker measures them.
+    """Stars of m magnitudes, each at p sub-pixel positions, as the tracker measures them.
 
     magnitude   (m,) G of a sunlike star
     offset      (m, p, 2) pixel, measured minus true; NaN where the tracker drops the star
@@ -105,12 +105,12 @@ class Chart(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """What light makes of the detector: electrons in an exposure.
+    """Signal levels of a detector: electrons in an exposure.
 
     star        of a sunlike star of G = 0
-    background  in a pixel, of sky and dark current
-    noise       rms of a pixel's own noise, the converter's steps included
-    largest     in a pixel, that its well holds and the converter tells
+    background  in a pixel, of the sky's light and dark current
+    noise       rms of a pixel without light, with that of the quantisation
+    largest     in a pixel, within full-well capacity and range of the converter
     """
 
     star: float
@@ -134,7 +134,7 @@ def scale(case: Case) -> Scale:
     solid_angle = case.instrument.camera.focal_length_px**-2
     return Scale(
         float(star[0]) * detector.exposure,
-        float(sky) * solid_angle * detector.exposure + dark(detector)[0],
+        float(sky) * solid_angle * detector.exposure + dark_electrons(detector)[0],
         math.hypot(detector.noise, detector.electrons_per_dn / math.sqrt(12)),
         min(
             detector.full_well,
@@ -152,16 +152,16 @@ def chart(
 ) -> Chart:
     """Measure stars without noise, as the tracker would.
 
-    A star without noise has the error of its centroid's method alone, and the covariance that the
-    tracker states of it is that of its noise.
+    The error of a star without noise is that of the centroid method alone; the covariance that
+    the tracker states is that of the noise.
 
     magnitude  (m,) G
-    gain       (m, p, side, side) 1, response of the pixels about each star; None for all alike
-    extra      (m, p, side, side) electron in them; None for none
-    noisy      whether the tracker believes the pixels to have noise of their own
+    gain       (m, p, side, side) 1, response of the pixels around each star; None: uniform
+    extra      (m, p, side, side) electron to add to them; None: none
+    noisy      whether the tracker believes that pixels without light have noise
     """
     light = scale(case).star * 10 ** (-0.4 * magnitude[:, None, None, None])
-    electrons = light * lone(case)
+    electrons = light * point_images(case)
     if gain is not None:
         electrons = electrons * gain
     if extra is not None:
@@ -173,7 +173,7 @@ def chart(
 
 
 def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, Floats]:
-    """The tracker's centroid of stars that have a cell each.
+    """The tracker's centroids of stars, each in a separate cell.
 
     electrons  (n, side, side) of the star in the pixels of its cell, side odd
     Returns    (n, 2) pixel from the middle of the cell, (n, 2, 2) pixel^2 as stated; NaN for a
@@ -182,12 +182,12 @@ def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, 
     size, detection = scale(case), case.tracker.detection
     side, across = electrons.shape[-1], math.gcd(len(electrons), PHASES**2)
     cells = electrons.reshape(-1, across, side, side).transpose(0, 2, 1, 3)
-    own = size.noise if noisy else 0.0
+    noise = size.noise if noisy else 0.0
     frame = noise_free_frame(
         cells.reshape(-1, across * side) + size.background,
         case.instrument.detector,
-        math.hypot(own, math.sqrt(size.background)),
-        own,
+        math.hypot(noise, math.sqrt(size.background)),
+        noise,
     )
     row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
     every = replace(detection, max_spots=2**20)
@@ -204,19 +204,19 @@ def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, 
 
 
 def detection_probability(case: Case, magnitude: Floats) -> Floats:
-    """Share of the stars (m,) of a magnitude whose filtered peak passes the threshold.
+    """Fraction of the stars (m,) of a magnitude whose filtered peak passes the threshold.
 
-        share = mean over places of Phi(peak / noise - threshold)
+        fraction = mean over positions of Phi(peak / noise - threshold)
 
-    None is where the sky alone fills the pixels.
+    Zero where the background alone saturates the pixels.
 
-    Accuracy  model: the noise of the peak is that of an empty sky; neighbours, and the tests that
-              tell a star from a hot pixel, are left out.
+    Accuracy  model: the noise of the peak is that of the background; neighbours, and the tests
+              against hot pixels, are left out.
     """
     size, detection = scale(case), case.tracker.detection
     if size.background >= size.largest:
         return np.zeros(len(magnitude))
-    point = lone(case)
+    point = point_images(case)
     plan = detection_plan(case.instrument, detection)
     kernel = plan.kernel
     middle = point.shape[-1] // 2
@@ -230,7 +230,7 @@ def detection_probability(case: Case, magnitude: Floats) -> Floats:
 
 def magnitudes(case: Case, faintest: float) -> Floats:
     """The magnitudes of a chart: from the brightest stars to those that are hardly detected."""
-    size, point = scale(case), lone(case)
+    size, point = scale(case), point_images(case)
     sharpness = math.sqrt(float((point**2).sum()) / len(point))
     limit = 2.5 * math.log10(size.star * sharpness / size.pixel / FAINTEST_SNR)
     end = max(min(faintest, limit) + STEP, BRIGHTEST + 2 * STEP)
@@ -239,36 +239,36 @@ def magnitudes(case: Case, faintest: float) -> Floats:
 
 @lru_cache(maxsize=8)
 def pattern(cause: str, shape: tuple[int, ...]) -> Floats:
-    """Fixed normal numbers: what one copy of a detector has, the same in all designs."""
+    """Fixed normal numbers for the pattern of one device, the same in all designs."""
     draw = Streams(0, 0)(cause).standard_normal(shape)
     draw.flags.writeable = False
     return draw
 
 
-def lone(case: Case) -> Floats:
-    """A star's light in the pixels about each of its sub-pixel places (p, side, side)."""
-    return _lone(case.instrument, case.tracker.detection)
+def point_images(case: Case) -> Floats:
+    """Fraction of a star's light in the pixels around its sub-pixel positions (p, side, side)."""
+    return _point_images(case.instrument, case.tracker.detection)
 
 
 @lru_cache(maxsize=8)
-def _lone(instrument: Instrument, detection: Detection) -> Floats:
-    return images(instrument, phases(), cell(instrument, detection))
+def _point_images(instrument: Instrument, detection: Detection) -> Floats:
+    return star_images(instrument, phases(), cell_side(instrument, detection))
 
 
-def cell(instrument: Instrument, detection: Detection) -> int:
-    """Pixel, odd side of the cell that a star with its ring needs for itself."""
-    _, _, _, run = _shaken(instrument)
+def cell_side(instrument: Instrument, detection: Detection) -> int:
+    """Pixel, odd, side of the cell that a star with its ring needs."""
+    _, _, _, run = _smeared(instrument)
     ring = detection.window // 2 + RING + math.ceil(run)
     return 2 * (max(ring, math.ceil(psf_of(instrument).half_width)) + RING) + 1
 
 
-def images(instrument: Instrument, place: Floats, side: int) -> Floats:
-    """The light of stars in an exposure, at the boresight.
+def star_images(instrument: Instrument, place: Floats, side: int) -> Floats:
+    """Fraction of the light of stars in each pixel, with the smear of the boresight.
 
     place    (n, 2) pixel from the middle of a cell
     Returns  (n, side, side) 1
     """
-    psf, weight, offset, _ = _shaken(instrument)
+    psf, weight, offset, _ = _smeared(instrument)
     strip = np.zeros((side, len(place) * side))
     middle = np.arange(len(place)) * side + side // 2
     for fraction, (x, y) in zip(weight, offset, strict=True):
@@ -281,10 +281,10 @@ def images(instrument: Instrument, place: Floats, side: int) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def _shaken(instrument: Instrument) -> tuple[Psf, Floats, Floats, float]:
-    """PSF with the blur of the jitter to expect; weight (k,) and place (k, 2), pixel, of the smear.
+def _smeared(instrument: Instrument) -> tuple[Psf, Floats, Floats, float]:
+    """PSF with the blur of expected jitter; weights (k,), points (k, 2) and extent of the smear.
 
-    The last is how far the smear reaches, pixel.
+    Points and extent in pixel.
     """
     camera, detector, motion = instrument.camera, instrument.detector, instrument.motion
     pixel = 1 / camera.focal_length_px

@@ -1,4 +1,4 @@
-"""Case and attitude -> the image of lines that sweep over the sky, and its spots as a matrix's."""
+"""Case and attitude -> the image of a line detector, and its spots as those of a matrix."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) 
 def straighten(
     spots: Spots, scanned: Scan, exposure: float, motion: Motion, camera: Camera
 ) -> Spots:
-    """Where the stars of these spots would be in the frame of a matrix at time zero.
+    """The spots that a matrix would have at time zero.
 
-    A star was at its line's row when its own row of the image was made; from there it is turned
-    back with the rates that the tracker believes.
+    A star was on the line when its row of the image was exposed; from there it is rotated back
+    with the rates that the tracker believes.
 
         time = (y - (rows - 1) / 2 + delay) exposure
 
@@ -51,8 +51,8 @@ def straighten(
     exposure  second, of a line
     motion    as the tracker believes it; its rates count
     camera    of a matrix of as many rows as the image, as the tracker believes it
-    Returns   the same spots elsewhere; the covariance along a line shrinks with its sampling
-    Accuracy  model: all lines count as their mean, which is right where image and charge keep step;
+    Returns   the spots at other positions; the covariance along a line shrinks with its sampling
+    Accuracy  model: all lines count as their mean, correct where image and charge move together;
               jitter is unknown to the tracker.
     """
     row, delay = scanned.middle
@@ -69,12 +69,12 @@ def straighten(
 
 
 def duration(detector: Detector) -> float:
-    """Second that an image takes."""
+    """Second, exposure of all rows of an image."""
     return detector.exposure * detector.rows
 
 
 def _lines(detector: Detector) -> tuple[Detector, tuple[Line, ...]]:
-    """The lines as a detector of their own, and where they look on it."""
+    """The lines as a detector of as many rows, and their positions on it."""
     assert detector.scan
     lines = detector.scan.all_lines
     middle = (len(lines) - 1) / 2

@@ -1,4 +1,4 @@
-"""Case and attitude -> what stands before the detector: stars, light, PSF, path, throughput."""
+"""Case and attitude -> what the detector is exposed to: stars, light, PSF, line of sight."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def random_attitude(streams: Streams) -> Rotation:
 
 
 def random_attitudes(seed: int, numbers: Sequence[int]) -> Rotation:
-    """Those of some trials of a seed."""
+    """`random_attitude` of some trials of a seed."""
     return Rotation.from_quat([_quaternion(Streams(seed, number)) for number in numbers])
 
 
 def rotations_from_cube(cube: NDArray[np.float64]) -> Rotation:
-    """Rotations of points (n, 3) in the unit cube, which are as evenly spread as the points.
+    """Rotations of points (n, 3) in the unit cube, which are distributed as evenly as the points.
 
     Source: Shoemake (1992), Uniform random rotations, Graphics Gems III, 124.
     """
@@ -55,14 +55,14 @@ def stars_in_field(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
 
 
 def nearby(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Ints:
-    """Which they are."""
+    """Indices in the sky of the stars that can reach the frame, brightest first."""
     boresight = icrs_to_camera.as_matrix()[2]
     return sky.cone(boresight, camera.half_diagonal + math.radians(EDGE))
 
 
 @lru_cache(maxsize=4)
 def electrons_of(case: Case) -> Floats:
-    """Electrons of each star of the sky in an exposure, computed once per design."""
+    """Electrons (n,) of each star of the sky in an exposure; kept for the 4 last cases."""
     stars, instrument = open_sky(case.catalog).stars, case.instrument
     camera, detector, through = instrument.camera, instrument.detector, throughput(instrument)
     # In parts, for their spectra take hundreds of bytes a star.
@@ -72,7 +72,7 @@ def electrons_of(case: Case) -> Floats:
 
 
 def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Streams) -> Light:
-    """What arrives at the entrance, with the veil of what the baffle lets through."""
+    """Light at the entrance pupil, with the stray light that passes the baffle."""
     instrument = case.instrument
     sight = Sight(icrs_to_camera, instrument.camera, case.catalog.limit_g, streams)
     light = illuminate(case.scene, stars, sight)
@@ -85,7 +85,7 @@ def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Stream
 
 @lru_cache(maxsize=8)
 def psf_of(instrument: Instrument) -> Psf:
-    """The PSF for sunlike stars, computed once per design."""
+    """The PSF for sunlike stars; kept for the 8 last instruments."""
     detector = instrument.detector
     return pixel_psf(
         instrument.optics,
@@ -104,7 +104,7 @@ def detection_plan(instrument: Instrument, detection: Detection) -> DetectionPla
 
 
 def detected_spectrum(instrument: Instrument) -> NDArray[np.float64]:
-    """Electrons per second of a sunlike star in each spectral bin, on a scale of no meaning."""
+    """Electrons per second of a sunlike star in each spectral bin, on an arbitrary scale."""
     sunlike = blackbody_photons(WAVELENGTH, np.array([SUN]))[0]
     electrons = sunlike * throughput(instrument)
     electrons = electrons * instrument.detector.quantum_efficiency(WAVELENGTH)
@@ -126,7 +126,7 @@ def line_of_sight(instrument: Instrument, streams: Streams) -> LineOfSight:
 
 
 def motion_function(instrument: Instrument, streams: Streams) -> MotionFunction | None:
-    """The same motion at any time, which only a rolling shutter asks for."""
+    """The motion of `line_of_sight` at any time; None except for a rolling shutter."""
     detector = instrument.detector
     if not detector.row_delay:
         return None
@@ -200,7 +200,7 @@ def residual_charge(
 def motion_before(
     instrument: Instrument, path: LineOfSight, streams: Streams
 ) -> tuple[LineOfSight, MotionFunction]:
-    """The path in the exposure of the frame before, and the same motion at any time."""
+    """The line of sight in the exposure of the frame before, and its motion at any time."""
     detector = instrument.detector
     motion, late = (
         realise_motion(instrument.motion, detector.exposure, streams),
@@ -216,10 +216,10 @@ def throughput(instrument: Instrument) -> NDArray[np.float64]:
 
 
 def reference_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
-    """The attitude icrs_to_camera that a tracker must report for the spacecraft to have its own.
+    """The attitude icrs_to_camera that a tracker must report, so that the spacecraft's is correct.
 
-    Its time stamp may be late, and the camera may not sit as the tracker believes: the truth is
-    the spacecraft's attitude at the time stated, taken back into the believed camera.
+    Its time tag may be late, and the mounting may differ from the believed one: the reference is
+    the spacecraft's attitude at the time tag, in the axes of the believed camera.
     """
     truth = icrs_to_camera
     if case.time_tag_error:

@@ -13,40 +13,40 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Sky, open_sky
-from startrack.core import Floats, Ints, Psf, Spots, Streams
+from startrack.core import Floats, Ints, Psf, Spots, Streams, Workspace
 from startrack.design import Case, Instrument
 from startrack.detection import (
+    DetectionPlan,
     Ground,
     detect_within,
     grown_mask,
-    kernel_half,
     margin,
     measure_ground,
     peak_border,
-    star_filter,
     star_profile,
-    threshold_of,
 )
 from startrack.detector import (
     Detector,
-    Numbers,
-    Rates,
-    Tilt,
+    NumberDistributions,
+    ProposalRates,
+    TiltedLaw,
+    are_rare,
     arriving,
     expose_within,
     frame_of,
     independent_pixels,
-    numbers_of,
+    number_distributions,
     outlier_pixels,
-    put,
-    rates_for,
+    proposal_rates,
     require_independent_pixels,
     seen,
     threshold_crossings,
-    tilt_for,
+    tilted_law,
+    write_numbers,
 )
 from startrack.scene import illuminate
 from startrack.trial.view import (
+    detection_plan,
     electrons_of,
     expected_electrons,
     light_of,
@@ -60,24 +60,24 @@ from startrack.trial.view import (
     throughput,
 )
 
-SAMPLES = 16  # frames, whose background and noise stand for those of all
+SAMPLES = 16  # frames, whose background and noise represent those of all
 SAMPLE_SEED = 2**63 - 1
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
 DARKEST = 0.1  # sigma of the filtered frame; a star that adds less moves no false spot
-LEAST_HALF = 3  # pixel
-# Standard deviations of a pixel, by which an odd pixel's expectation lies off. Each costs a window;
-# those that are no odd ones make noise pass the level more often, and so cost more tries.
-ODD = (4.0, 0.6)
+LEAST_HALF = 3  # pixel, least half side of a star's window; chosen by hand
+# Standard deviations of a pixel, by which the expectation of an outlier deviates. Each outlier
+# costs a window; the other pixels make noise pass the level more often: more proposals are drawn.
+# Chosen by hand: the first serves detectors of few hot pixels, the second those of many.
+OUTLIER_LIMITS = (4.0, 0.6)
 
 
 def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
-    """What the tracker finds in a frame, from the pixels alone that it could look at.
+    """The spots of a frame, of which only windows are rendered and searched.
 
-    Around each star that it may find, and around each pixel unlike the others, the very numbers
-    of the frame are rendered and searched. Elsewhere noise alone makes spots: where it passes
-    the level of the search is drawn, with the numbers there, from their exact law. What the
-    search compares with, background and noise of the frame, is that of one of sixteen whole
-    frames of the design.
+    Around each star that may be detected, and around each outlier pixel, the same numbers as in
+    the frame are rendered. Elsewhere noise alone makes spots: the pixels where it passes the level
+    of the search are drawn, with the numbers around them, from their exact law. Background and
+    noise, which the search compares with, are those of one of sixteen whole frames of the design.
 
     icrs_to_camera  true attitude at the middle of the exposure
     Returns         Spots, brightest first
@@ -86,29 +86,31 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     plan, instrument = plan_of(case), case.instrument
     detector, sky, psf, settings = plan.detector, plan.sky, plan.psf, case.tracker.detection
     direction, star = arrive(case, plan, icrs_to_camera, streams)
-    weight, x, y = places_of(instrument, direction, icrs_to_camera, streams)
+    weight, x, y = path_points(instrument, direction, icrs_to_camera, streams)
     noise = plan.noise
     ground, rates = noise.grounds[int(streams("sample of the sky").integers(SAMPLES))]
     half = reach_of(star / detector.electrons_per_dn, ground.noise, plan)
     size = detector.columns, detector.rows
     regions = around_paths(x, y, half, *size)
-    odd = independent_pixels(detector, noise.odd, streams)
-    if len(odd):
-        regions = np.concatenate([regions, around_pixels(odd, plan.spread, *size)])
+    apart = independent_pixels(detector, noise.outliers, streams)
+    if len(apart):
+        regions = np.concatenate([regions, around_pixels(apart, plan.spread, *size)])
     pixel, numbers = threshold_crossings(
         noise.numbers, noise.tilt, rates, ground.sky.mesh, plan.border, regions, streams
     )
-    lone = around_pixels(pixel, 0, *size)
-    every = np.concatenate([regions, lone])
+    noisy = around_pixels(pixel, 0, *size)
+    every = np.concatenate([regions, noisy])
     windows = grown_mask(every, plan.far, *size)
-    frame = expose_within(windows, (weight, x, y), star, psf, detector, sky, streams)
+    frame = expose_within(
+        windows, (weight, x, y), star, psf, detector, sky, streams, plan.workspace
+    )
     # Numbers of noise must not be written over those about a star, which are searched first then.
-    if separate(grown_mask(lone, plan.spread, *size), windows[: len(regions)]):
-        put(frame, pixel, numbers)
-        return detect_within(frame, every, ground, settings, psf)
-    spots = detect_within(frame, regions, ground, settings, psf)
-    put(frame, pixel, numbers)
-    return merged(spots, detect_within(frame, lone, ground, settings, psf), settings.max_spots)
+    if separate(grown_mask(noisy, plan.spread, *size), windows[: len(regions)]):
+        write_numbers(frame, pixel, numbers)
+        return detect_within(frame, every, ground, plan.detection)
+    spots = detect_within(frame, regions, ground, plan.detection)
+    write_numbers(frame, pixel, numbers)
+    return merged(spots, detect_within(frame, noisy, ground, plan.detection), settings.max_spots)
 
 
 def arrive(
@@ -129,12 +131,12 @@ def arrive(
     return light.direction, arriving(light, camera, detector, throughput(case.instrument))[0]
 
 
-def places_of(
+def path_points(
     instrument: Instrument, direction: Floats, icrs_to_camera: Rotation, streams: Streams
 ) -> tuple[Floats, Floats, Floats]:
     """Weights (m,), x and y (m, n) of the points of the stars' paths.
 
-    What the frame before left is a fainter star, where the star was then.
+    The residual charge of the frame before is a fainter star, where the star was then.
     """
     path, lag = line_of_sight(instrument, streams), instrument.detector.lag
     views = [(1 - lag, path, motion_function(instrument, streams))]
@@ -153,32 +155,34 @@ def places_of(
 
 
 class Noise(NamedTuple):
-    """Where noise alone passes the level of the search.
+    """The distribution of noise that passes the level of the search.
 
-    odd      (k,) row * columns + column of the pixels that no law of these holds for
-    numbers  the laws of the numbers of a frame without stars
-    tilt     those in which the detection's filter passes its level
-    grounds  what some frames compare with, and how often noise is to be tried there
+    outliers  (k,) row * columns + column of the pixels to which none of these laws applies
+    numbers   distributions of the numbers of a frame without stars
+    tilt      the same, given that the filtered number passes the level
+    grounds   levels of some frames, and the rates of proposals there
     """
 
-    odd: Ints
-    numbers: Numbers
-    tilt: Tilt
-    grounds: tuple[tuple[Ground, Rates], ...]
+    outliers: Ints
+    numbers: NumberDistributions
+    tilt: TiltedLaw
+    grounds: tuple[tuple[Ground, ProposalRates], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """All that the trials of a case share.
+    """What the trials of a case have in common.
 
-    detector   without its lag, which stars alone show: it leaves an even sky as it is
-    catalog    the sky;  star  (n,) electron of each in it, None where a scene holds more light
+    detector   without its lag, which changes stars only, not a uniform background
+    catalog    the sky;  star  (n,) electron of each in it, None for a scene with other lights
     sky        electron in a pixel of mean response
     noise      what makes false spots
     threshold  sigma
     fraction   (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
-    spread     pixel, that the filter reaches;  far  that the detection looks from a peak
-    border     pixel, that a peak keeps from the frame's border
+    spread     pixel, that the filter reaches;  far  to which the detection reads from a peak
+    border     pixel, least distance of a peak from the frame's border
+    detection  of the tracker
+    workspace  of the frames
     """
 
     detector: Detector
@@ -192,57 +196,72 @@ class Plan:
     spread: int
     far: int
     border: int
+    detection: DetectionPlan
+    workspace: Workspace
 
 
 @lru_cache(maxsize=8)
 def plan_of(case: Case) -> Plan:
-    """Render and measure some frames, once per design."""
+    """Render and measure some frames of a case; kept for the 8 last cases."""
     instrument, settings = case.instrument, case.tracker.detection
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
     require_independent_pixels(detector)
     light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
     _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]
-    border = peak_border(settings)
+    border, detection = peak_border(settings), detection_plan(instrument, settings)
+    kernel = detection.kernel
     return Plan(
         detector,
         open_sky(case.catalog),
         None if case.scene.lights else electrons_of(case),
         sky,
         psf,
-        noise_of(detector, sky, grounds, star_filter(settings, psf), border),
-        threshold_of(settings, detector.columns, detector.rows, psf),
-        star_profile(psf, settings),
-        kernel_half(settings, psf),
-        margin(settings, psf),
+        noise_of(detector, sky, grounds, kernel.whole.astype(float), border),
+        detection.threshold(detector.columns * detector.rows),
+        star_profile(psf, kernel),
+        kernel.half,
+        margin(detection),
         border,
+        detection,
+        Workspace(),
     )
 
 
 def noise_of(
     detector: Detector, sky: float, grounds: Sequence[Ground], weight: Floats, border: int
 ) -> Noise:
-    """The widest laws that serve: of noise that is seldom looked at, and of few odd pixels.
+    """Laws with as few outlier pixels as possible, such that noise seldom passes the level.
 
-    weight, border  as `tilt_for` takes them
-    Raises          ValueError where noise passes the level so often that whole frames are cheaper.
+    weight, border  as `tilted_law` takes them
+    Raises          ValueError where noise passes the level so often that whole frames take less
+                    time, or spans too many digital numbers.
     """
     level, mesh = float(np.median([one.lowest for one in grounds])), grounds[0].sky.mesh
-    for limit in ODD:
-        odd = outlier_pixels(detector, sky, limit)
-        try:
-            numbers = numbers_of(detector, sky, odd.tobytes())
-            tilt = tilt_for(numbers, weight, level, mesh, border)
-            rates = [rates_for(numbers, tilt, one.lowest) for one in grounds]
-        except ValueError as reason:
-            refusal = reason
+    refusal = ""
+    for limit in OUTLIER_LIMITS:
+        outliers = outlier_pixels(detector, sky, limit)
+        numbers = number_distributions(detector, sky, outliers)
+        if numbers is None:
+            refusal = (
+                "windows need noise that spans fewer than 4096 digital numbers, and the detector "
+                "has more; choose the fidelity frame or fewer bits"
+            )
             continue
-        return Noise(odd, numbers, tilt, tuple(zip(grounds, rates, strict=True)))
-    raise refusal
+        tilt = tilted_law(numbers, weight, level, mesh, border)
+        rates = [proposal_rates(numbers, tilt, one.lowest) for one in grounds]
+        frequent = [one.total for one in rates if not are_rare(numbers, one)]
+        if not frequent:
+            return Noise(outliers, numbers, tilt, tuple(zip(grounds, rates, strict=True)))
+        refusal = (
+            "windows need a detection threshold that noise seldom passes, and here it passes "
+            f"{frequent[0]:.0f} times a frame; choose the fidelity frame"
+        )
+    raise ValueError(refusal)
 
 
 def ground_of(case: Case, streams: Streams) -> Ground:
-    """What the search of one frame of the design compares with; its stars raise that a little."""
+    """Background and noise of one frame of the design, which its stars raise a little."""
     case = replace(case, scene=replace(case.scene, lights=()))
     instrument, attitude = case.instrument, random_attitude(streams)
     stars = stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
@@ -250,7 +269,7 @@ def ground_of(case: Case, streams: Streams) -> Ground:
         case, stars, line_of_sight(instrument, streams), attitude, streams
     )
     frame = frame_of(electrons, instrument.detector, streams)
-    return measure_ground(frame, case.tracker.detection, psf_of(instrument))
+    return measure_ground(frame, detection_plan(instrument, case.tracker.detection))
 
 
 @njit(cache=True, error_model="numpy")
@@ -275,7 +294,7 @@ def merged(spots: Spots, more: Spots, most: int) -> Spots:
 
 
 def reach_of(flux: Floats, noise: float, plan: Plan) -> Ints:
-    """How far from each star its light matters to the search, pixel; -1 where it never does.
+    """Distance from each star within which its light matters to the search, pixel; -1: nowhere.
 
     flux   (n,) digital number
     noise  digital number, of the filtered frame
@@ -299,22 +318,22 @@ def _reach(flux, fraction, least, dark, more):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def around_paths(x: Floats, y: Floats, half: Ints, columns: int, rows: int) -> Ints:
-    """Regions (w, 4) that hold the paths of stars, and so many pixel more on each side.
+    """Regions (w, 4) that hold the paths of stars, and a margin on each side.
 
     x, y  (m, n) pixel, of the points of the paths
-    half  (n,) pixel; stars with -1 are left out
+    half  (n,) pixel, margin; stars with -1 are left out
     """
     regions = np.empty((len(half), 4), np.int64)
     count = 0
     for n in range(len(half)):
         left, top = x[:, n].min() - half[n], y[:, n].min() - half[n]
         right, bottom = x[:, n].max() + half[n] + 1, y[:, n].max() + half[n] + 1
-        # Not NaN either.
+        # False for NaN too.
         if half[n] >= 0 and left < columns and top < rows and right > 0 and bottom > 0:
             regions[count, 0], regions[count, 1] = max(math.floor(left), 0), max(math.floor(top), 0)
             regions[count, 2] = min(math.ceil(right), columns)
             regions[count, 3] = min(math.ceil(bottom), rows)
-            # A star beside a brighter one often has no region of its own.
+            # A star beside a brighter one often needs no separate region.
             count += not _held(regions[count], regions[:count])
     return regions[:count]
 
@@ -330,7 +349,7 @@ def _held(region, others):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def around_pixels(pixel: Ints, half: int, columns: int, rows: int) -> Ints:
-    """Regions (w, 4) that hold pixels and so many more on each side."""
+    """Regions (w, 4) that hold pixels and `half` more on each side."""
     regions = np.empty((len(pixel), 4), np.int64)
     for k in range(len(pixel)):
         y, x = pixel[k] // columns, pixel[k] % columns

@@ -1,4 +1,4 @@
-"""Exclusion angles: veils by hand, and what they cost the tracker."""
+"""Exclusion angles: stray light by hand, and its effect on the tracker."""
 
 from dataclasses import replace
 
@@ -22,17 +22,19 @@ def found():
     return case, exclusions(case, ANGLES)
 
 
-def test_the_suns_veil_by_hand(found):
+def test_the_suns_stray_light_by_hand(found):
     """G -26.90 times 1e-6 f^2 / A on a square arcsecond of 2.35e-11 sr, at 30 degrees."""
     case, curves = found
     optics = case.instrument.optics
     spread = 1e-6 * optics.focal_length**2 / optics.area * 2.3504e-11
-    assert curves["sun"].veil_g[3] == pytest.approx(-26.90 - 2.5 * np.log10(spread), abs=1e-3)
+    assert curves["sun"].stray_light_g[3] == pytest.approx(
+        -26.90 - 2.5 * np.log10(spread), abs=1e-3
+    )
 
 
 def test_the_sun_is_a_million_times_worse_than_the_moon(found):
     _, curves = found
-    gap = curves["moon"].veil_g - curves["sun"].veil_g
+    gap = curves["moon"].stray_light_g - curves["sun"].stray_light_g
     np.testing.assert_allclose(gap, gap[0])
     assert gap[0] == pytest.approx(14.03, abs=0.01)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.budget.fields import Fields, Response, attitudes, propagate
+from startrack.budget.fields import Fields, FieldStars, Response, Solver, attitudes, propagate
 from startrack.catalog import Sky
 from startrack.core.units import deg
 from startrack.core.values import Stars
@@ -14,7 +14,7 @@ FOCAL = 2000.0
 SIGMA = 0.1
 
 
-def strewn(count: int, stars: int, fov: float, seed: int = 1) -> Fields:
+def scattered(count: int, stars: int, fov: float, seed: int = 1) -> Fields:
     """Fields of stars that lie evenly on the sphere."""
     rng = np.random.default_rng(seed)
     plane = np.empty((0, 2))
@@ -37,10 +37,11 @@ def response(sigma: float, fraction: float = 1.0) -> Response:
 
 
 def spread(view: Fields, displacement: np.ndarray, table: Response, **changes: object):  # type: ignore[no-untyped-def]
-    inside = np.arange(len(view.x))
     options = {"tolerance": 0.0, "fewest": 4, "most": 100} | changes
-    ones = np.ones(len(inside))
-    return propagate(view, inside, ones, ones, 0 * ones, displacement, table, FOCAL, **options)
+    first = np.searchsorted(view.field, np.arange(len(view.attitude) + 1))
+    ones = np.ones(len(view.x))
+    stars = FieldStars(first, view.x, view.y, ones, ones, 0 * ones, displacement)
+    return propagate(stars, table, Solver(FOCAL, **options))
 
 
 NONE = np.zeros((0, 1, 2))
@@ -48,7 +49,7 @@ NONE = np.zeros((0, 1, 2))
 
 def test_even_stars_meet_the_closed_form():
     """`attitude_bound` is within 0.5 % of trials at 12 stars; 4000 fields scatter by 1 %."""
-    view = strewn(4000, 12, 14 * deg)
+    view = scattered(4000, 12, 14 * deg)
     found = spread(view, NONE, response(SIGMA))
     rms = np.sqrt(found.variance[:, 0].mean(axis=0))
     np.testing.assert_allclose(
@@ -62,7 +63,7 @@ def test_even_stars_meet_the_closed_form():
 @pytest.mark.parametrize("tolerance", [0.0, 1.0])
 def test_trials_of_the_gain(tolerance):
     """The variance is that of errors that are drawn and moved through as displacements."""
-    view = strewn(3, 7, 20 * deg)
+    view = scattered(3, 7, 20 * deg)
     drawn = SIGMA * np.random.default_rng(2).standard_normal((4000, len(view.x), 2))
     found = spread(view, drawn, response(SIGMA), tolerance=tolerance)
     # 4000 draws: 1.1 % of each rms, 9 of them: 4 sigma is a false alarm in 1700.
@@ -72,7 +73,7 @@ def test_trials_of_the_gain(tolerance):
 
 @pytest.mark.parametrize("tolerance", [0.0, 1.0])
 def test_a_turn_of_all_stars_is_that_turn(tolerance):
-    view = strewn(5, 9, 16 * deg)
+    view = scattered(5, 9, 16 * deg)
     turn = np.array([2e-6, -1e-6, 5e-6])
     x, y = view.x, view.y
     change = np.stack(
@@ -87,7 +88,7 @@ def test_a_turn_of_all_stars_is_that_turn(tolerance):
 
 
 def test_a_fitted_focal_length_takes_the_scale_up():
-    view = strewn(6, 8, 16 * deg)
+    view = scattered(6, 8, 16 * deg)
     scale = 1e-4 * FOCAL * np.column_stack([view.x, view.y])[None]
     free, held = (
         np.abs(spread(view, scale, response(SIGMA), tolerance=on).shift).max() for on in (1.0, 0.0)
@@ -98,13 +99,13 @@ def test_a_fitted_focal_length_takes_the_scale_up():
 
 def test_the_chance_of_enough_stars_is_binomial():
     """8 stars of which each shows up with 0.6: at least 4 with 0.8263 (binomial table)."""
-    found = spread(strewn(2, 8, 16 * deg), NONE, response(SIGMA, 0.6))
+    found = spread(scattered(2, 8, 16 * deg), NONE, response(SIGMA, 0.6))
     np.testing.assert_allclose(found.solved, 0.8263, atol=1e-4)
     np.testing.assert_allclose(found.stars, 4.8)
 
 
 def test_a_field_of_too_few_stars_is_not_solved():
-    assert spread(strewn(2, 3, 16 * deg), NONE, response(SIGMA)).solved.max() == 0
+    assert spread(scattered(2, 3, 16 * deg), NONE, response(SIGMA)).solved.max() == 0
 
 
 def test_attitudes_are_even():

@@ -99,7 +99,7 @@ def test_interpretations_are_ordered(case):
 
 
 def test_a_still_cause_stays_over_time(case):
-    """A camera that stands still sees the same PRNU in each frame, and other noise."""
+    """A camera at rest sees the same PRNU in each frame, and other noise."""
     still = replace(
         case, instrument=replace(case.instrument, motion=type(case.instrument.motion)())
     )

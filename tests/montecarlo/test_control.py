@@ -1,4 +1,4 @@
-"""The control variate of a real trial: zero on average, and nearly the trial's own error."""
+"""The control variate of a real trial: zero on average, and nearly the error of the trial."""
 
 import dataclasses
 

@@ -6,7 +6,7 @@ from scipy import stats
 
 from startrack.montecarlo.estimate import (
     Mean,
-    best_share,
+    best_ratio,
     controlled,
     plain,
     replicated,
@@ -97,7 +97,7 @@ def test_the_share_of_two_levels_is_the_cheapest():
     rho, ratio = 0.99, 5.0
     fraction = np.geomspace(1, 100, 4001)
     cost = (1 + fraction / ratio) * (1 - rho**2 + rho**2 / fraction)
-    assert best_share(rho, ratio) == pytest.approx(fraction[np.argmin(cost)], rel=0.01)
+    assert best_ratio(rho, ratio) == pytest.approx(fraction[np.argmin(cost)], rel=0.01)
 
 
 def test_the_root_of_a_mean_square_is_an_rms():

@@ -26,15 +26,15 @@ def test_the_log_and_the_summary_agree(tmp_path, capsys):
     log = tmp_path / "log.jsonl"
     arguments = ["--trials", "40", "--workers", "1", "--fidelity", "window", "--json"]
     assert main(["montecarlo", *arguments, "--log", str(log)]) == 0
-    told = json.loads(capsys.readouterr().out)
+    shown = json.loads(capsys.readouterr().out)
     last = json.loads(log.read_text().splitlines()[-1])
-    assert last["trials"] == told["trials"] == 40
-    assert last["value"] == pytest.approx(told["across_rms_arcsec"])
-    assert [last["low"], last["high"]] == pytest.approx(told["across_rms_arcsec_95"])
+    assert last["trials"] == shown["trials"] == 40
+    assert last["value"] == pytest.approx(shown["across_rms_arcsec"])
+    assert [last["low"], last["high"]] == pytest.approx(shown["across_rms_arcsec_95"])
 
 
 @pytest.mark.slow
-def test_two_processes_on_one_store_are_told_apart(tmp_path):
+def test_two_processes_on_one_store_are_shown_apart(tmp_path):
     """The second ends with one sentence, the first with all of its trials."""
     store = tmp_path / "campaign.sqlite"
     command = [*COMMAND, "--store", str(store), "--trials", "300", "--workers", "1"]
@@ -136,12 +136,12 @@ def test_ctrl_c_ends_clearly_and_nothing_is_lost(tmp_path):
         while not done(store):
             time.sleep(0.1)
         os.killpg(process.pid, signal.SIGINT)
-        _, told = process.communicate(timeout=60)
+        _, shown = process.communicate(timeout=60)
     finally:
         process.kill()
     assert process.returncode == 1
-    assert told.strip().endswith("stopped; what is on disk is whole")
-    assert "Traceback" not in told
+    assert shown.strip().endswith("stopped; what is on disk is whole")
+    assert "Traceback" not in shown
     with Store(store) as held:
         outcomes = held.outcomes()
         again = run(held.case, 20, held.seed, Serial(), fidelity=held.sampling.fidelity)

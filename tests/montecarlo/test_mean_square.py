@@ -36,7 +36,7 @@ def outcomes(variance, noise, lost, fields=OUTCOMES):
 
 
 def campaigns(rng, frames=200, windows=2000, drawn=4000):
-    """Frames with controls, windows that are off by a tenth, and covariance with its own noise."""
+    """Frames with controls, windows that are off by a tenth, and covariance with separate noise."""
     variance, noise = skies(rng, drawn), rng.standard_normal((3, drawn))
     lost = rng.random(drawn) < LOST
     linear = 0.95 * noise + math.sqrt(1 - 0.95**2) * rng.standard_normal((3, drawn))
@@ -44,8 +44,8 @@ def campaigns(rng, frames=200, windows=2000, drawn=4000):
     across = variance * ((linear[:2] ** 2).mean(axis=0) - 1)
     fine["surplus_across"], fine["surplus_about"] = across, 9 * variance * (linear[2] ** 2 - 1)
     window = outcomes(variance, 1.1 * noise, lost)
-    cheap = outcomes(0.8 * variance, rng.standard_normal((3, drawn)), lost)
-    return fine[:frames], window[:windows], cheap
+    fast = outcomes(0.8 * variance, rng.standard_normal((3, drawn)), lost)
+    return fine[:frames], window[:windows], fast
 
 
 def by_ratio(rng):
@@ -62,18 +62,18 @@ def by_windows(rng):
 
 
 def by_covariance(rng):
-    fine, _, cheap = campaigns(rng)
-    return combined([(fine, FRAME), (cheap, COVARIANCE)], about=True), 9.0
+    fine, _, fast = campaigns(rng)
+    return combined([(fine, FRAME), (fast, COVARIANCE)], about=True), 9.0
 
 
 def by_spots(rng):
-    fine, _, cheap = campaigns(rng)
-    return combined([(fine, FRAME), (cheap, SPOTS)]), 1.0
+    fine, _, fast = campaigns(rng)
+    return combined([(fine, FRAME), (fast, SPOTS)]), 1.0
 
 
 def by_all(rng):
-    fine, window, cheap = campaigns(rng)
-    levels = [(fine, FRAME), (window, WINDOW), (cheap, COVARIANCE)]
+    fine, window, fast = campaigns(rng)
+    levels = [(fine, FRAME), (window, WINDOW), (fast, COVARIANCE)]
     return combined(levels), 1.0
 
 
@@ -122,12 +122,12 @@ def test_sobol_takes_its_error_from_the_scrambles():
 
 
 def test_levels_that_share_too_little_are_refused():
-    fine, window, cheap = campaigns(np.random.default_rng(2))
+    fine, window, fast = campaigns(np.random.default_rng(2))
     with pytest.raises(ValueError, match="frame and window must share at least 16 trials, got 10"):
         combined([(fine, FRAME), (window[:10], WINDOW)])
-    with pytest.raises(ValueError, match="window must have at least 16 trials of its own, got 0"):
+    with pytest.raises(ValueError, match="window must have at least 16 separate trials, got 0"):
         combined([(fine, FRAME), (window[:200], WINDOW)])
     nothing = fine.copy()
     nothing["solved"] = False
-    assert math.isnan(combined([(nothing, FRAME), (cheap, COVARIANCE)]).value)
+    assert math.isnan(combined([(nothing, FRAME), (fast, COVARIANCE)]).value)
     assert math.isnan(mean_square(nothing).value)

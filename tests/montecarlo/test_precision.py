@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from startrack.montecarlo.precision import Precision, half_width, quantile_interval
-from startrack.montecarlo.resume import FIRST_LOOK
+from startrack.montecarlo.resume import FIRST_TEST
 
 REPETITIONS = 400
 
@@ -42,9 +42,9 @@ def test_stopping_keeps_the_coverage(outcomes, statistic):
     hits, sizes = 0, []
     for seed in range(200):
         table = outcomes(40_000, seed)
-        n = FIRST_LOOK
+        n = FIRST_TEST
         while not precision.reached(table[:n]):
-            n = min(precision.next_look(table[:n], n), len(table))
+            n = min(precision.next_size(table[:n], n), len(table))
         interval = precision.interval(table[:n])
         sizes.append(n)
         assert half_width(interval) <= precision.relative

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from startrack.montecarlo.precision import Precision, half_width
-from startrack.montecarlo.resume import FIRST_LOOK, MOST_FAILURES, resume
+from startrack.montecarlo.resume import FIRST_TEST, MOST_FAILURES, resume
 from startrack.montecarlo.store import Store
 from startrack.montecarlo.workers import Serial
 
@@ -59,7 +59,7 @@ def test_a_campaign_that_was_cut_short_stops_at_the_same_trial(case, store, outc
     precision = Precision(0.03)
     once = resume(store, Fake(table), 1, 20_000, precision)
     assert half_width(precision.interval(once)) <= 0.03
-    assert FIRST_LOOK < len(once) < 5000
+    assert FIRST_TEST < len(once) < 5000
     with Store(None, case, 3) as other:
         while True:
             try:

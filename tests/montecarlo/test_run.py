@@ -36,7 +36,7 @@ def test_another_seed_gives_other_numbers(small, alone):
     assert not np.isin(other["error_x"], alone["error_x"]).any()
 
 
-def test_the_tracker_is_right_and_honest(alone):
+def test_the_tracker_is_correct_and_states_its_error(alone):
     """All attitudes found, within some arcseconds; the stated covariance within a factor."""
     summary = summarise(alone)
     assert summary.availability.value == 1

@@ -12,9 +12,8 @@ import pytest
 
 from startrack.design.case import Fidelity
 from startrack.io.tables import to_table
-from startrack.montecarlo.export import export
 from startrack.montecarlo.sampling import Sampling
-from startrack.montecarlo.store import Store
+from startrack.montecarlo.store import Store, export
 from startrack.trial.chain import OUTCOMES
 
 
@@ -133,7 +132,7 @@ def test_files_that_are_no_store_are_refused_and_left_alone(tmp_path, case):
 
 def test_two_processes_on_one_store_are_refused(path, case):
     code = (
-        "import pathlib\nfrom startrack.montecarlo.store import Store\n"
+        "import pathlib\nfrom startrack.montecarlo.store import Store, export\n"
         f"Store(pathlib.Path({str(path)!r}))"
     )
     with Store(path, case, 3):

@@ -24,11 +24,11 @@ def clock(monkeypatch):
 
 
 def test_it_tells_rate_statistic_and_remaining_time(case, outcomes, tmp_path, clock):
-    table, told, log = outcomes(1000, sigma=2 * arcsec), [], tmp_path / "new" / "log.jsonl"
+    table, shown, log = outcomes(1000, sigma=2 * arcsec), [], tmp_path / "new" / "log.jsonl"
     precision = Precision(0.02)
     with (
         Store(None, case, 3) as store,
-        Watch(store, precision, 5000, lambda n, text: told.append((n, text)), log) as watch,
+        Watch(store, precision, 5000, lambda n, text: shown.append((n, text)), log) as watch,
     ):
         for first in (0, 500):
             store.keep(first, table[first : first + 500])
@@ -45,9 +45,9 @@ def test_it_tells_rate_statistic_and_remaining_time(case, outcomes, tmp_path, cl
     assert last["low"] < 2 < last["high"]
     # 1.96 / (2 sqrt(n)) of an rms of two axes: 2 % takes 2401 trials, of which 1000 are done.
     assert last["remaining_s"] == pytest.approx(1400 / 50, rel=0.15)
-    assert told[1] == (500, f"50/s, across {last['value']:.3f} "
+    assert shown[1] == (500, f"50/s, across {last['value']:.3f} "
                             f"[{last['low']:.3f}, {last['high']:.3f}] arcsec")  # fmt: skip
-    assert told[2] == (0, "")
+    assert shown[2] == (0, "")
 
 
 def test_trials_that_failed_are_not_counted_as_done(case, outcomes, clock):
@@ -60,7 +60,7 @@ def test_trials_that_failed_are_not_counted_as_done(case, outcomes, clock):
         store.keep_failure(range(50, 100), "why")
         watch(50)
         clock.now += 10
-        values = watch.look()
+        values = watch.values()
     assert values["trials"] == 50
     assert values["trials_per_s"] == pytest.approx(5)
 
@@ -74,6 +74,6 @@ def test_what_is_not_known_yet_is_null(case, outcomes, clock):
         Watch(store, Precision(0.1), 10, lambda *_: None) as watch,
     ):
         store.keep(0, table)
-        values = watch.look()
+        values = watch.values()
     assert values["value"] is values["relative_half_width"] is None
     json.dumps(values, allow_nan=False)

@@ -131,7 +131,7 @@ def test_stars_are_looked_at_where_the_campaign_looked(case):
         text = write_report(store, TITLE, Depth(3, 1, 2, 2, 0))
     matched = [
         len(observe(case, look, Streams(SEED, number)).matches)
-        for number, look in zip(numbers, sampling.look(SEED, numbers), strict=True)
+        for number, look in zip(numbers, sampling.attitudes_of(SEED, numbers), strict=True)
     ]
     assert f"{sum(matched)} matched stars of 3 trials" in text
 

@@ -68,7 +68,7 @@ def test_a_gyroscope_bridges_the_slew(small):
     assert np.abs(blind["filtered_y"]).max() < 60 * arcsec
 
 
-def test_the_filter_is_better_than_a_frame_and_honest(small):
+def test_the_filter_is_better_than_a_frame_and_states_its_error(small):
     """20 flights of 16 frames; its errors over its stated sigmas follow chi-square, 1e-4.
 
     What the pixels do to a star is alike in frames that follow each other, and the filter takes
@@ -119,7 +119,7 @@ def test_frames_have_noise_of_their_own_and_workers_do_not_matter(small):
 def test_corrections_that_are_not_followed_are_refused(small):
     tracker = dataclasses.replace(small.case.tracker, delay=-0.1)
     late = dataclasses.replace(small.case, tracker=tracker)
-    with pytest.raises(ValueError, match="lateness 0"):
+    with pytest.raises(ValueError, match="time tag error of 0"):
         run(late, Sequence((CALM,)), 1, 0)
 
 

@@ -65,16 +65,16 @@ def test_a_planet_is_a_false_star_that_is_not_taken():
 
 
 def test_nearer_the_sun_there_are_fewer_stars():
-    """The veil drowns the faint ones; with no baffle named, no light gets in."""
+    """Stray light hides the faint stars; without a baffle there is none."""
     sun = body("sun").direction
     scene = Scene(lights=("sun",), date=DATE)
     found, level = [], []
     for angle in (25, 45, 80):
         attitude = beside(sun, angle * deg)
-        veiled = observe(case_with(scene, BAFFLE), attitude, Streams(2, 0))
+        lit = observe(case_with(scene, BAFFLE), attitude, Streams(2, 0))
         clear = observe(case_with(scene), attitude, Streams(2, 0))
-        found.append(veiled.outcome.stars / clear.outcome.stars)
-        level.append(float(np.median(veiled.frame.image)))
+        found.append(lit.outcome.stars / clear.outcome.stars)
+        level.append(float(np.median(lit.frame.image)))
     assert found[0] < found[1] <= found[2]
     assert found[2] > 0.9
     assert level[0] > level[1] > level[2]

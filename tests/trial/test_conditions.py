@@ -8,9 +8,9 @@ import pytest
 from startrack.core.streams import Streams
 from startrack.design.files import load_design
 from startrack.detector import Defects
-from startrack.detector.defects import dark_response
+from startrack.detector.nonuniformity import dark_response
 from startrack.io import shipped
-from startrack.trial.conditions import dark, dark_currents
+from startrack.trial.conditions import dark_currents, dark_electrons
 
 SENSOR = load_design(shipped("designs/nanosatellite.toml")).case.instrument.detector
 
@@ -32,4 +32,4 @@ def test_it_is_that_of_a_million_pixels(mean, defects):
 
 
 def test_an_even_sensor_has_no_spread():
-    assert dark(SENSOR) == (pytest.approx(60 * SENSOR.exposure), 0.0)
+    assert dark_electrons(SENSOR) == (pytest.approx(60 * SENSOR.exposure), 0.0)

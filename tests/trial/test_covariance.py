@@ -1,4 +1,4 @@
-"""Spots drawn from bias and covariance, against rendered ones and the camera's own projection."""
+"""Spots drawn from bias and covariance, against rendered ones and the projection of the camera."""
 
 import dataclasses
 

@@ -26,7 +26,7 @@ def drawn(case, number, seed=4):
 
 
 def counts(outcomes):
-    """Trials with a right attitude, and those without."""
+    """Trials with a correct attitude, and those without."""
     right = int((outcomes["solved"] & ~outcomes["false"]).sum())
     return right, len(outcomes) - right
 
@@ -127,7 +127,7 @@ def test_as_many_are_right_as_of_rendered_trials():
 
 
 def test_an_attitude_of_other_stars_counts_as_wrong(monkeypatch):
-    """Spots of another sky than the one that is asked for are identified, and wrongly so."""
+    """Spots of another sky are identified, and wrongly so."""
 
     def elsewhere(case, _, streams):
         return spots_of(case, random_attitude(Streams(99, 0)), streams)

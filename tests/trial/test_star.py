@@ -1,4 +1,4 @@
-"""A drawn star against the camera's own projection, and the pull of its companions."""
+"""A drawn star against the projection of the camera, and its shift by companions."""
 
 import numpy as np
 import pytest

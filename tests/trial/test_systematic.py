@@ -1,4 +1,4 @@
-"""What a tracker reckons its stars to err by, beside what they do err by."""
+"""Systematic variance that a tracker assumes, against the errors of its stars."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def test_a_sharper_star_is_trusted_less():
 
 
 def test_a_star_beside_another_is_trusted_less():
-    """Within two pixels of a star of its own brightness: tenths of a pixel, others hundredths."""
+    """Within two pixels of a star of equal brightness: tenths of a pixel, others hundredths."""
     case = tracker("designs/nanosatellite.toml")
     stars, pixel = open_sky(case.catalog).stars, 1 / case.instrument.camera.focal_length_px
     distance, _ = np.array(
@@ -56,10 +56,10 @@ def test_a_star_beside_another_is_trusted_less():
             for one in stars.direction[:500]
         ]
     ).T
-    own = np.sqrt(systematic_variance(case)[:500])
-    alone = own[distance > 20 * pixel]
+    sigma = np.sqrt(systematic_variance(case)[:500])
+    alone = sigma[distance > 20 * pixel]
     assert np.median(alone) < 0.1
-    near = np.flatnonzero(own > 0.2)
+    near = np.flatnonzero(sigma > 0.2)
     assert len(near)
     assert (distance[near] < 8 * pixel).mean() > 0.9
 

@@ -53,7 +53,7 @@ def both(case, number, seed=5):
     ids=lambda changes: "-".join(changes) or "plain",
 )
 def test_spots_are_those_of_the_frame(changes):
-    """The stars' pixels have the frame's own noise; what is not marginal is found in both."""
+    """The stars' pixels have the noise of the frame; what is not marginal is found in both."""
     case = with_detector(**changes)
     for number in range(3):
         whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, number))
