@@ -1,13 +1,12 @@
 """A campaign as one HTML page.
 
-page           Sections and figures enter; one self-contained HTML page leaves.
-causes         A case -> what its error is made of, expected and measured, as a part of the page.
-stars          Some trials again, star by star -> error against magnitude, field position and slew
-               rate.
-fidelities     The same trials at each fidelity -> speed against error.
-distributions  Errors of many trials enter; their distributions, quantiles and sky maps leave.
-worst          The trials that went worst, with their frames.
-write          A campaign's store -> the page.
+page           One self-contained HTML page from sections and figures.
+causes         Section: the error budget, analytic and measured.
+stars          Section: errors of single stars, and of the attitude against slew rate.
+fidelities     CPU time and error of the same trials at each fidelity.
+distributions  Distributions, quantiles and sky maps of the errors of many trials.
+worst          The trials with the largest errors, with their frames.
+write          The page from a campaign's store.
 """
 
 from startrack.report.write import Depth, write_report

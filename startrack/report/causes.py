@@ -1,4 +1,4 @@
-"""A case -> what its error is made of, expected and measured, as a part of the page."""
+"""The error budget of a design, analytic and measured, as a section of the page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TITLE = "Error budget"
 
 
 def budget(case: Case, seed: int, members: int, advance: Callable[[int], None]) -> Section:
-    """Each cause in the terms of ECSS-E-ST-60-20C, by formula and by trials; or why there is none.
+    """Each cause in the terms of ECSS-E-ST-60-20C, analytic and measured; or why there is none.
 
     A detector that scans has no budget, nor has a design that finds no attitude.
     """
@@ -38,9 +38,10 @@ def budget(case: Case, seed: int, members: int, advance: Callable[[int], None]) 
         TITLE,
         table("Rms per axis, arcsec", head, rows)
         + paragraph(
-            f"By formula the attitude is available in {100 * expected.availability:.2f} % of the "
-            f"sky with {expected.stars:.1f} stars; over {members} skies, measured by taking each "
-            f"cause away, {100 * found.availability:.2f} % with {found.stars:.1f}."
+            "By the analytic budget an attitude is available in "
+            f"{100 * expected.availability:.2f} % of the sky with {expected.stars:.1f} stars; "
+            f"over {members} trials, in which each cause is switched off in turn, "
+            f"in {100 * found.availability:.2f} % with {found.stars:.1f}."
         ),
     )
 

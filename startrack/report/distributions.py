@@ -1,4 +1,4 @@
-"""Errors of many trials enter; their distributions, quantiles and sky maps leave."""
+"""Distributions, quantiles and sky maps of the errors of many trials."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ POINTS = 300  # of a curve
 
 
 def sizes(outcomes: NDArray[np.void]) -> tuple[Floats, Floats]:
-    """Radian, of the trials with a right attitude: angle across, size about the boresight."""
-    right = outcomes[outcomes["solved"] & ~outcomes["false"]]
-    return np.hypot(right["error_x"], right["error_y"]), np.abs(right["error_z"])
+    """Radian, of the trials with a correct attitude: angle across, size about the boresight."""
+    correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
+    return np.hypot(correct["error_x"], correct["error_y"]), np.abs(correct["error_z"])
 
 
 def quantiles(size: Floats) -> list[Interval]:
-    """Radian, the sizes that the fractions do not exceed, with 95 % intervals free of any law."""
+    """Radian, the quantiles of the sizes, with distribution-free 95 % intervals."""
     return [quantile_interval(size, fraction) for fraction in FRACTIONS]
 
 
-def spread(outcomes: NDArray[np.void]) -> Figure:
-    """Share of trials that exceed an error, with its interval, and the normal law beside it."""
+def exceedance(outcomes: NDArray[np.void]) -> Figure:
+    """Fraction of trials that exceed an error, with its interval, and the normal distribution."""
     across, about = sizes(outcomes)
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
@@ -48,7 +48,7 @@ def spread(outcomes: NDArray[np.void]) -> Figure:
 def _exceedance(axes: Axes, size: Floats, law) -> None:  # type: ignore[no-untyped-def]
     n = len(size)
     if n == 0:
-        axes.text(0.5, 0.5, "no right attitude", ha="center", transform=axes.transAxes)
+        axes.text(0.5, 0.5, "no correct attitude", ha="center", transform=axes.transAxes)
         return
     ordered = np.sort(size)
     rank = np.unique(np.round(np.geomspace(1, n, POINTS)).astype(int))  # from the largest down
@@ -59,7 +59,9 @@ def _exceedance(axes: Axes, size: Floats, law) -> None:  # type: ignore[no-untyp
                       label="95 % interval")  # fmt: skip
     axes.plot(at, beyond, color=BLUE, lw=1.3, label=f"{n} trials")
     grid = np.linspace(0, ordered[-1], POINTS)
-    axes.plot(grid / arcsec, law.sf(grid), "--", color=GREY, lw=1, label="normal law of this rms")
+    axes.plot(
+        grid / arcsec, law.sf(grid), "--", color=GREY, lw=1, label="normal distribution of this rms"
+    )
     axes.set_yscale("log")
     axes.set_ylim(0.3 / n, 1.2)
     axes.set_xlim(0, None)
@@ -70,30 +72,30 @@ def _rms(size: Floats) -> float:
     return float(np.sqrt(np.mean(size**2))) if len(size) else 1.0
 
 
-FEWEST = 5  # trials in a region, below which it stays blank
+FEWEST = 5  # trials in a region, below which it stays blank; chosen by hand
 FINE = 12  # pieces along each border of a region
 
 
 def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> Figure:
-    """The error of each trial where it looked, and its rms over regions of equal area.
+    """The error of each trial at its boresight, and its rms over regions of equal area.
 
     boresight  (n, 3) unit vectors, ICRS axes, of the outcomes
     """
     figure = Figure(figsize=(9, 7.5), layout="constrained")
     each, mean = figure.subplots(2, 1, subplot_kw={"projection": "mollweide"})
-    right = outcomes["solved"] & ~outcomes["false"]
+    correct = outcomes["solved"] & ~outcomes["false"]
     square = (outcomes["error_x"] ** 2 + outcomes["error_y"] ** 2) / 2
     error = np.sqrt(square) / arcsec
-    scale = _scale(error[right])
+    scale = _scale(error[correct])
     x, y = _plane(boresight)
-    points = each.scatter(x[right], y[right], c=error[right], s=9, norm=scale, cmap="viridis",
+    points = each.scatter(x[correct], y[correct], c=error[correct], s=9, norm=scale, cmap="viridis",
                           rasterized=len(outcomes) > 3000)  # fmt: skip
-    each.scatter(x[~right], y[~right], marker="x", s=30, color=RED, label="no right attitude")
-    if not right.all():
+    each.scatter(x[~correct], y[~correct], marker="x", s=30, color=RED, label="no correct attitude")
+    if not correct.all():
         each.legend(loc="lower right", fontsize=8)
-    each.set_title(f"each of {len(outcomes)} trials where it looked", fontsize=9)
+    each.set_title(f"each of {len(outcomes)} trials at its boresight", fontsize=9)
     regions = Regions()
-    rms = _cell_rms(regions, regions.of(boresight[right]), square[right])
+    rms = _cell_rms(regions, regions.of(boresight[correct]), square[correct])
     _regions(mean, regions, rms / arcsec, scale)
     mean.set_title(f"rms per axis in {len(regions)} regions of equal area; blank: fewer than "
                    f"{FEWEST} trials", fontsize=9)  # fmt: skip
@@ -123,7 +125,7 @@ def _cell_rms(regions: Regions, cell: NDArray[np.int64], square: Floats) -> Floa
 
 
 def _regions(axes: Axes, regions: Regions, value: Floats, scale: LogNorm) -> None:
-    # From 12 h over 0 h to 12 h, as the map's edge runs; drawn finely, because borders are bent.
+    # From 12 h over 0 h to 12 h, edge to edge; drawn finely, because borders are curved.
     cells = np.roll(value.reshape(regions.bands, regions.sectors), regions.sectors // 2, axis=1)
     fine = cells.repeat(FINE, axis=0).repeat(FINE, axis=1)
     ra, dec = Regions(regions.bands * FINE, regions.sectors * FINE).corners()

@@ -1,4 +1,4 @@
-"""The same trials at each fidelity -> speed against error."""
+"""CPU time and error of the same trials at each fidelity."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from startrack.metrics import Interval, Summary, summarise
 from startrack.trial import run_trials
 
 
-class Rung(NamedTuple):
+class FidelityResult(NamedTuple):
     """One fidelity, on some trials.
 
-    fidelity  its name
-    seconds   of CPU for a trial; the first one, which fills the caches, is not counted
-    summary   of its trials; None where it refused the design
-    apart     radian, rms per axis across between its errors and those of the frames
-    refusal   why it refused, or nothing
+    fidelity    its name
+    seconds     of CPU for a trial; the first one, which fills the caches, is not counted
+    summary     of its trials; None where it cannot simulate the design
+    difference  radian, rms per axis of its errors across minus those of the fidelity `frame`
+    refusal     why it cannot, or nothing
     """
 
     fidelity: Fidelity
     seconds: float
     summary: Summary | None
-    apart: float
+    difference: float
     refusal: str
 
     @property
@@ -38,15 +38,15 @@ class Rung(NamedTuple):
 
 def fidelity_comparison(
     case: Case, seed: int, numbers: Sequence[int], advance: Callable[[int], None]
-) -> list[Rung]:
-    """Every fidelity on the same skies; `frame`, the reference, comes first."""
-    made: list[Rung] = []
+) -> list[FidelityResult]:
+    """Every fidelity on the same trials; `frame`, the reference, is the first."""
+    made: list[FidelityResult] = []
     frames = None
     for fidelity in Fidelity:
         try:
             run_trials(case, seed, numbers[:1], fidelity)
         except ValueError as error:
-            made.append(Rung(fidelity, math.nan, None, math.nan, str(error)))
+            made.append(FidelityResult(fidelity, math.nan, None, math.nan, str(error)))
             advance(len(numbers))
             continue
         began = time.process_time()
@@ -55,7 +55,7 @@ def fidelity_comparison(
         frames = outcomes if frames is None else frames
         both = outcomes["solved"] & frames["solved"] & ~outcomes["false"] & ~frames["false"]
         between = [outcomes[name][both] - frames[name][both] for name in ("error_x", "error_y")]
-        apart = float(np.sqrt(np.mean(np.square(between)))) if both.any() else math.nan
-        made.append(Rung(fidelity, seconds, summarise(outcomes), apart, ""))
+        difference = float(np.sqrt(np.mean(np.square(between)))) if both.any() else math.nan
+        made.append(FidelityResult(fidelity, seconds, summarise(outcomes), difference, ""))
         advance(len(numbers))
     return made

@@ -1,4 +1,4 @@
-"""Sections and figures enter; one self-contained HTML page leaves."""
+"""One self-contained HTML page from sections and figures."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ BLUE, RED, GREEN, GREY = "#3567a8", "#c0392b", "#2e7d5b", "#777777"
 
 
 def inline(figure: Figure, name: str, alternative: str) -> str:
-    """SVG whose identifiers are its own, though many of its like stand on one page.
+    """SVG with identifiers that no other figure of the page has.
 
     name         letters that no other figure of the page has
-    alternative  what a reader who does not see it must know
+    alternative  text for readers who cannot see the figure
     """
     text = io.StringIO()
     # Letters stay text, which a reader can search and a screen reader can read.
@@ -107,7 +107,7 @@ def paragraph(text: str) -> str:
 
 
 def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Plain text in cells; columns of numbers are set right. Wide tables scroll, by keys too."""
+    """Plain text in cells; numbers are right-aligned. Wide tables scroll, also by keys."""
     cells = [list(row) for row in rows]
     right = {i for row in cells[:1] for i, text in enumerate(row) if _numeric(text)}
     body = "".join(f"<tr>{_row('td', row, right)}</tr>" for row in cells)
@@ -127,7 +127,7 @@ def figure(picture: str, caption: str) -> str:
 
 
 def code(title: str, text: str) -> str:
-    """Plain text as it is, folded away under its title."""
+    """Preformatted plain text, collapsed under its title."""
     return (
         f"<details><summary>{escape(title)}</summary>"
         f'<pre class="scroll" tabindex="0">{escape(text)}</pre></details>\n'

@@ -1,4 +1,4 @@
-"""Some trials again, star by star -> error against magnitude, field position and slew rate."""
+"""Errors of stars against magnitude and field position; of the attitude against slew rate."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from startrack.report.page import BLUE, RED
 from startrack.trial import Record, observe
 
 BINS = 8
-FEWEST = 8  # stars in a bin
+FEWEST = 8  # stars in a bin, at least; chosen by hand
 SMEARS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # pixel in an exposure
 
 
-class Seen(NamedTuple):
+class StarErrors(NamedTuple):
     """Matched stars of some trials.
 
     magnitude  (n,) G
     radius     (n,) pixel, from the middle of the frame
-    error      (n, 2) pixel, centroid minus true place at the middle of the exposure
+    error      (n, 2) pixel, centroid minus true position at the middle of the exposure
     trials     from how many trials
     """
 
@@ -41,12 +41,12 @@ class Seen(NamedTuple):
 
 
 class Slew(NamedTuple):
-    """What a slew rate does.
+    """Error and availability at one slew rate.
 
-    rate     radian / second
-    smear    pixel
-    across   radian, rms per axis
-    fraction  of trials with a right attitude
+    rate      radian / second
+    smear     pixel
+    across    radian, rms per axis
+    fraction  of trials with a correct attitude
     """
 
     rate: float
@@ -55,14 +55,14 @@ class Slew(NamedTuple):
     fraction: Interval
 
 
-def look_again(
+def repeat_trials(
     case: Case,
     seed: int,
     numbers: Sequence[int],
     icrs_to_camera: Rotation,
     progress: Callable[[int], None],
-) -> Seen:
-    """Do trials once more, and keep what `Outcome` does not: each star's own error.
+) -> StarErrors:
+    """Repeat trials, and keep what `Outcome` does not: the error of each star.
 
     icrs_to_camera  the true attitude of each
     """
@@ -71,27 +71,28 @@ def look_again(
         rows.append(_stars(case, observe(case, attitude, Streams(seed, number))))
         progress(1)
     magnitude, radius, x, y = np.concatenate(rows).T
-    return Seen(magnitude, radius, np.column_stack([x, y]), len(numbers))
+    return StarErrors(magnitude, radius, np.column_stack([x, y]), len(numbers))
 
 
 def _stars(case: Case, record: Record) -> Floats:
-    """(m, 4): magnitude, radius and error of the stars matched, at the mean of the path."""
+    """(m, 4): magnitude, radius and error of the matched stars, at the mean line of sight."""
     if not record.outcome.solved or record.outcome.false:
         return np.empty((0, 4))
     camera, matches = case.instrument.camera, record.matches
-    # A centroid marks the mean of the smear, which the path knows.
+    # A centroid measures the mean position in the exposure, so the true one is at the mean line of
+    # sight.
     mean = stability(record.path).mean
     turned = record.icrs_to_camera.apply(matches.direction)
-    place = camera.project(turned + np.cross(mean, turned))
+    position = camera.project(turned + np.cross(mean, turned))
     spots = np.column_stack([record.spots.x, record.spots.y])[matches.spot]
-    # Directions of the tracker's catalogue, so the magnitudes are looked up by place.
+    # Directions of the tracker's catalogue, so the magnitudes are looked up by direction.
     near = np.argmax(matches.direction @ record.stars.direction.T, axis=1)
-    radius = np.hypot(*(place - camera.centre).T)
-    return np.column_stack([record.stars.magnitude_g[near], radius, spots - place])
+    radius = np.hypot(*(position - camera.centre).T)
+    return np.column_stack([record.stars.magnitude_g[near], radius, spots - position])
 
 
 def slews(case: Case, seed: int, trials: int, progress: Callable[[int], None]) -> list[Slew]:
-    """The same trials at other rates of slew, across the rows, all else as the design has it."""
+    """The same trials at other slew rates, about x, all else as in the design."""
     instrument, result = case.instrument, []
     pixel = 1 / instrument.camera.focal_length_px
     for smear in SMEARS:
@@ -103,7 +104,7 @@ def slews(case: Case, seed: int, trials: int, progress: Callable[[int], None]) -
     return result
 
 
-def draw_stars(seen: Seen, half_diagonal: float) -> Figure:
+def draw_stars(seen: StarErrors, half_diagonal: float) -> Figure:
     """Rms centroid error per axis against magnitude and against field position."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
@@ -119,36 +120,36 @@ def _binned(axes: Axes, at: Floats, error: Floats) -> None:
     order = np.argsort(at)
     count = min(BINS, len(order) // FEWEST)
     for part in np.array_split(order, count) if count else []:
-        told = rms_interval((error[part] ** 2).mean(axis=1))
-        bars = [[max(told.value - told.low, 0)], [told.high - told.value]]
-        axes.errorbar(float(at[part].mean()), told.value, yerr=bars, fmt="o", ms=4, color=BLUE)
-    # Rasterised, as thousands of points would make a heavy page.
+        rms = rms_interval((error[part] ** 2).mean(axis=1))
+        bars = [[max(rms.value - rms.low, 0)], [rms.high - rms.value]]
+        axes.errorbar(float(at[part].mean()), rms.value, yerr=bars, fmt="o", ms=4, color=BLUE)
+    # Rasterised, because thousands of points would make a large file.
     axes.plot(at, np.sqrt((error**2).mean(axis=1)), ".", ms=2, alpha=0.25, color=BLUE, zorder=0,
               rasterized=True)  # fmt: skip
     axes.grid(lw=0.3)
 
 
-def draw_slews(slewed: Sequence[Slew], own: float) -> Figure:
-    """Error and availability against the rate; `own` is the design's, radian / second."""
+def draw_slews(slewed: Sequence[Slew], design_rate: float) -> Figure:
+    """Error and availability against the rate; `design_rate` in radian / second."""
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     error, fraction = figure.subplots(1, 2)
     rate = np.array([one.rate for one in slewed]) / deg
-    for axes, name, unit in ((error, "across", arcsec), (fraction, "share", 0.01)):
+    for axes, name, unit in ((error, "across", arcsec), (fraction, "fraction", 0.01)):
         value, low, high = (
             np.array([getattr(getattr(one, name), part) for one in slewed]) / unit
             for part in ("value", "low", "high")
         )
-        # One trial, or none, bounds no error.
+        # One trial, or none, gives no interval.
         bars = [np.where(np.isfinite(end), end, 0) for end in (value - low, high - value)]
         axes.errorbar(rate, value, yerr=bars, fmt="o-", ms=4, color=BLUE)
-        axes.axvline(own / deg, color=RED, lw=0.8, label="of the design")
+        axes.axvline(design_rate / deg, color=RED, lw=0.8, label="of the design")
         axes.set_xlabel("slew rate (deg / s)")
         axes.set_xscale("symlog", linthresh=max(rate[1], 1e-9))
         axes.set_xlim(-0.2 * rate[1], 1.3 * rate[-1])
         axes.grid(lw=0.3)
     solved = any(one.across.value > 0 for one in slewed)
     error.set(ylabel="error across, rms per axis (arcsec)", yscale="log" if solved else "linear")
-    fraction.set(ylabel="trials with a right attitude (%)", ylim=(-3, 103))
+    fraction.set(ylabel="trials with a correct attitude (%)", ylim=(-3, 103))
     error.legend(fontsize=8)
     return figure
 

@@ -1,4 +1,4 @@
-"""The trials that went worst, with their frames."""
+"""The trials with the largest errors, with their frames."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from startrack.trial import observe
 
 
 def worst(outcomes: NDArray[np.void], count: int) -> NDArray[np.int64]:
-    """Numbers of the worst trials: wrong attitudes, then none, then the largest errors."""
+    """Numbers of the worst trials: false attitudes, then none, then the largest errors."""
     size = np.hypot(outcomes["error_x"], outcomes["error_y"])
     badness = np.where(outcomes["solved"], size, math.pi)
     badness = np.where(outcomes["false"], 2 * math.pi, badness)
@@ -30,17 +30,17 @@ def worst(outcomes: NDArray[np.void], count: int) -> NDArray[np.int64]:
 
 
 def show(case: Case, seed: int, number: int, icrs_to_camera: Rotation) -> str:
-    """A trial done once more, as a picture with its story (HTML)."""
+    """A trial, repeated, as a picture with its result as the caption (HTML)."""
     record = observe(case, icrs_to_camera, Streams(seed, number))
     outcome = record.outcome
     ra, dec, _ = celestial(record.icrs_to_camera)
     where = f"Trial {number}, boresight at RA {ra:.1f} deg, dec {dec:+.1f} deg"
     if not outcome.solved:
-        told = f"no attitude: {record.estimate.reason}"
+        result = f"no attitude: {record.estimate.reason}"
     else:
         error = math.hypot(outcome.error_x, outcome.error_y) / arcsec
-        told = (
-            f"{'WRONG, ' if outcome.false else ''}{error:.2f} arcsec off across, "
+        result = (
+            f"{'FALSE, ' if outcome.false else ''}{error:.2f} arcsec across, "
             f"{abs(outcome.error_z) / arcsec:.1f} about the boresight, {outcome.stars} stars"
         )
     with tempfile.TemporaryDirectory() as folder:
@@ -56,4 +56,4 @@ def show(case: Case, seed: int, number: int, icrs_to_camera: Rotation) -> str:
         )
         jpeg = base64.b64encode(path.read_bytes()).decode()
     picture = f'<img alt="{escape(where)}" src="data:image/jpeg;base64,{jpeg}">'
-    return figure(picture, f"{where}: {told}.")
+    return figure(picture, f"{where}: {result}.")
