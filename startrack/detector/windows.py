@@ -1,4 +1,4 @@
-"""Stars and regions -> a Frame that holds the right numbers around these regions alone."""
+"""Stars and windows -> a Frame whose numbers are valid inside these windows alone."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ NO_HITS = np.empty(0, np.int64), np.empty(0)
 
 
 class PixelMaps(NamedTuple):
-    """What pixels do with light, for the kernels; maps of one element are those of all pixels.
+    """Maps of the pixels, for the kernels; a map of one element applies to all pixels.
 
-    sky        electron in a pixel of mean response
+    sky        electron of the uniform background in a pixel of mean response
     gain       (rows, columns) 1, response
     crosstalk  1, fraction that goes to each of the four sides
     dark       (rows, columns) electron
@@ -43,7 +43,7 @@ class PixelMaps(NamedTuple):
 class StarPaths(NamedTuple):
     """Stars along their paths, for the kernels.
 
-    shape   of their images
+    shape   table of the PSF
     weight  (m,), x and y (m, n), of the points of the paths
     star    (n,) electron
     """
@@ -56,7 +56,7 @@ class StarPaths(NamedTuple):
 
 
 def require_independent_pixels(detector: Detector) -> None:
-    """Refuse a detector whose pixels know of each other, or of the frame before.
+    """Refuse a detector whose pixels depend on each other or on the frame before.
 
     Raises  ValueError that names the effect.
     """
@@ -72,7 +72,7 @@ def require_independent_pixels(detector: Detector) -> None:
     named = [name for name, there in effects.items() if there]
     if named or in_steps(detector):
         raise ValueError(
-            "windows need pixels that know nothing of each other, so that the detector must be "
+            "windows need independent pixels, so that the detector must be "
             f"without {' and '.join(named)}; choose the fidelity frame"
         )
 
@@ -87,9 +87,9 @@ def expose_within(
     streams: Streams,
     workspace: Workspace,
 ) -> Frame:
-    """The numbers that `expose` gives, in windows; elsewhere the mean of an even sky.
+    """The same numbers as `expose` in windows; elsewhere the mean of the uniform background.
 
-    windows  (w, 4) left, top, right, bottom, the last two not in it; they may overlap
+    windows  (w, 4) left, top, right, bottom, the last two exclusive; they may overlap
     places   weights (m,), x and y (m, n) of the points of the stars' paths
     star     (n,) electron in the exposure
     sky      electron in a pixel of mean response
@@ -108,7 +108,7 @@ def expose_within(
 
 @lru_cache(maxsize=4)
 def _device(detector: Detector, sky: float) -> tuple[float, PixelMaps, Law, Tables]:
-    """What all exposures under an even sky share; first the digital number of an empty pixel."""
+    """What all exposures of one background share; first the mean digital number without stars."""
     gain, electrons = response(detector), np.atleast_2d(dark(detector)) * detector.exposure
     empty = (sky + detector.dark_rate * detector.exposure) / detector.electrons_per_dn
     pixels = PixelMaps(sky, UNIT_GAIN if gain is None else gain, detector.crosstalk, electrons)
@@ -116,30 +116,30 @@ def _device(detector: Detector, sky: float) -> tuple[float, PixelMaps, Law, Tabl
 
 
 def write_numbers(frame: Frame, pixel: Ints, numbers: Ints) -> None:
-    """Write numbers (k, 2 m + 1, 2 n + 1) about pixels into a frame of `expose_within`.
+    """Write numbers (k, 2 m + 1, 2 n + 1) around pixels into a frame of `expose_within`.
 
     pixel  (k,) row * columns + column
     """
     _put(frame.image, pixel, numbers)
 
 
-def independent_pixels(detector: Detector, odd: Ints, streams: Streams) -> Ints:
-    """The pixels that a trial looks at wherever they are: odd ones, and those that are hit.
+def independent_pixels(detector: Detector, outliers: Ints, streams: Streams) -> Ints:
+    """The pixels that a trial always searches: outliers, and those with hits.
 
     Returns  (k,) row * columns + column
     """
     if not detector.hits:
-        return odd
+        return outliers
     shape = (detector.rows, detector.columns)
     pixel, _ = tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)
-    return np.concatenate([odd, pixel])
+    return np.concatenate([outliers, pixel])
 
 
 @lru_cache(maxsize=8)
 def outlier_pixels(detector: Detector, sky: float, limit: float) -> Ints:
-    """The pixels unlike most others, (k,) row * columns + column: hot, dead, or far off the mean.
+    """Outlier pixels (hot, dead, or far from the median), (k,) row * columns + column.
 
-    limit  standard deviations of a pixel, by which an odd pixel's expectation lies off
+    limit  standard deviations of a pixel between its expectation and the median
     """
     level = background(detector, sky)
     middle = float(np.median(level[:: max(1, level.shape[0] // 256)]))
@@ -149,7 +149,7 @@ def outlier_pixels(detector: Detector, sky: float, limit: float) -> Ints:
 
 @njit(cache=True, error_model="numpy")
 def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables):  # type: ignore[no-untyped-def]
-    """Each window by itself, in memory that the processor holds close."""
+    """One window after the other, in memory that stays in the cache of the processor."""
     rows, columns = image.shape
     ends = _path_bounds(points.x, points.y)
     room, work = np.empty((2, columns), np.uint32), work_array(points.shape)
@@ -170,12 +170,12 @@ def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables)
 
 @njit(cache=True, error_model="numpy")
 def _window_electrons(window, rows, columns, pixels, points, ends, work):  # type: ignore[no-untyped-def]
-    """Electrons of an even sky and of the stars near a window, in the order of a frame.
+    """Electrons of the background and of the stars near a window, summed in the order of a frame.
 
-    The map of `ground` is not read beside that of the response: memory is far off.
+    The map of `background` is not read besides that of the response: access to memory is slow.
     """
     left, top, right, bottom = window
-    # Where electrons diffuse, those of one more pixel on each side count.
+    # With crosstalk, one more pixel on each side contributes.
     beyond = 1 if pixels.crosstalk > 0 else 0
     first, last = max(left - beyond, 0), min(right + beyond, columns)
     upper, lower = max(top - beyond, 0), min(bottom + beyond, rows)
@@ -199,7 +199,7 @@ def _window_electrons(window, rows, columns, pixels, points, ends, work):  # typ
 
 @njit(cache=True, error_model="numpy")
 def _diffused(electrons, fraction):  # type: ignore[no-untyped-def]
-    """As `crosstalk.diffuse`; at a border, none leaves."""
+    """As `effects.diffuse`; no electron crosses the border of the array."""
     rows, columns = electrons.shape
     after = (1 - 4 * fraction) * electrons
     for y in range(rows):
@@ -212,7 +212,7 @@ def _diffused(electrons, fraction):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _crop(of, left, top, right, bottom):  # type: ignore[no-untyped-def]
-    """A window of a map; one element stands for all pixels."""
+    """A window of a map; a map of one element applies to all pixels."""
     return of if of.size == 1 else of[top:bottom, left:right]
 
 
