@@ -125,7 +125,7 @@ def draw_path(axes: Axes, optimum: Optimum) -> None:
               label="misses one on its trials")  # fmt: skip
     axes.plot(number[spared], expected[spared], ".", ms=4, color="0.6",
               label="cannot lead: no trials, as the budget expects")  # fmt: skip
-    axes.axhline(optimum.promised / arcsec, color="0.4", lw=0.8, ls=":")
+    axes.axhline(optimum.tuning_error / arcsec, color="0.4", lw=0.8, ls=":")
     axes.set(ylabel="rms error (arcsec)", yscale="log")
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter(ScalarFormatter())

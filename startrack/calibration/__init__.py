@@ -1,11 +1,10 @@
 """Camera and detector from data: least squares and emcee.
 
-camera           Identified frames of one camera enter; the camera that explains them all leaves.
-psf_width        Frames and the spots in them enter; how likely each width of the PSF is leaves.
-posterior        Identified spots of one camera enter; samples of what that camera may be leave
+camera           Identified frames of one camera -> the camera model that fits them all.
+psf_width        Frames, spots -> the likelihood of each width of the PSF.
+posterior        Identified spots of one camera -> samples of its camera model (emcee).
+photon_transfer  Frames of even light and dark frames -> samples of the detector's constants
                  (emcee).
-photon_transfer  Frames of even light and of darkness enter; samples of the detector's constants
-                 leave (emcee).
 """
 
 from startrack.calibration.camera import UNKNOWNS, Calibrated, Calibration, calibrate

@@ -1,4 +1,4 @@
-"""Identified frames of one camera enter; the camera that explains them all leaves."""
+"""Identified frames of one camera -> the camera model that fits them all."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Calibration:
     steps         of Gauss-Newton
 
     The sigmas are those of Gaussian priors, so that what the frames leave open stays where it
-    was, with an honest covariance: one narrow frame hardly tells the principal point from the
+    was, with a covariance that shows it: one narrow frame hardly tells the principal point from the
     attitude, nor the distortion from either.
     """
 

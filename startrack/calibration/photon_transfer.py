@@ -1,4 +1,4 @@
-"""Frames of even light and of darkness enter; samples of the detector's constants leave (emcee)."""
+"""Frames of even light and dark frames -> samples of the detector's constants (emcee)."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def sample_detector(
     dark = {level.exposure for level in levels if not level.lit}
     if len(dark) < 2 or not any(level.lit for level in levels):
         raise ValueError("levels must hold a lit one and dark ones of two exposures")
-    law = _Law([_told(level) for level in levels])
+    law = _Law([_statistics(level) for level in levels])
     middle = law.guess()
 
     def start(rng: np.random.Generator, n: int) -> Floats:
@@ -98,8 +98,8 @@ def sample_detector(
     return DetectorPosterior(draw(law, start, seed, settings, ledger))
 
 
-class _Told(NamedTuple):
-    """What a level says.
+class _LevelStatistics(NamedTuple):
+    """Statistics of the frames of a level.
 
     mean, temporal, spatial  digital number, and squared: of all pixels, of a pixel over the
                              frames, and of the pixels' means
@@ -114,10 +114,10 @@ class _Told(NamedTuple):
     spatial: float
 
 
-def _told(level: Level) -> _Told:
+def _statistics(level: Level) -> _LevelStatistics:
     frames = np.asarray(level.frames, float)
     means = frames.mean(axis=0)
-    return _Told(
+    return _LevelStatistics(
         level.lit,
         level.exposure,
         len(frames),
@@ -131,7 +131,7 @@ def _told(level: Level) -> _Told:
 class _Law:
     """The logarithm of the posterior at places (w, 6)."""
 
-    def __init__(self, levels: list[_Told]) -> None:
+    def __init__(self, levels: list[_LevelStatistics]) -> None:
         self.levels = levels
         one = next(level for level in levels if not level.lit)
         self.scale = np.array([SPREAD] * 5 + [math.sqrt(one.spatial / one.pixels)])

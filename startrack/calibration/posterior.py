@@ -1,4 +1,4 @@
-"""Identified spots of one camera enter; samples of what that camera may be leave (emcee)."""
+"""Identified spots of one camera -> samples of its camera model (emcee)."""
 
 from __future__ import annotations
 

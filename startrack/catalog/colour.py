@@ -1,4 +1,4 @@
-"""Magnitudes of older bands enter; Gaia's G and BP - RP leave.
+"""Magnitudes of older bands -> Gaia's G and BP - RP.
 
 Every relation is a polynomial in c = BP - RP, so a colour of older bands is a difference of two of
 them: it is solved for c first, and then G follows from the one magnitude.

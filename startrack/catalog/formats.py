@@ -1,4 +1,4 @@
-"""A catalogue file enters; its format is recognised and its Catalog leaves."""
+"""Catalogue file of any known format, recognised by its first bytes -> Catalog."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from startrack.catalog.readers import (
 )
 from startrack.core import one_of
 
-# What `read` is told; `auto` looks into the file.
+# Values of `format` of `read`; `auto` recognises the format from the file.
 FORMATS: tuple[str, ...] = (
     "auto",
     "bright",

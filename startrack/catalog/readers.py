@@ -1,4 +1,4 @@
-"""Hipparcos, Tycho-2, Bright Star Catalogue or HYG files enter; a Catalog leaves."""
+"""Hipparcos, Tycho-2, Bright Star Catalogue or HYG files -> Catalog."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A selection enters; a sky that can be asked for the stars around a direction leaves."""
+"""Selection -> Sky, which finds the stars around a direction."""
 
 from __future__ import annotations
 

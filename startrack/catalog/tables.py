@@ -1,4 +1,4 @@
-"""A catalogue's file enters (fixed width, separated, CSV, FITS, VOTable); its columns leave."""
+"""Catalogue file (fixed width, separated, CSV, FITS, VOTable) -> its columns."""
 
 from __future__ import annotations
 

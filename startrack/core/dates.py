@@ -1,4 +1,4 @@
-"""A date as text enters; a time leaves, converted with the tables that are installed.
+"""Date as text -> astropy Time, converted with the installed tables.
 
 Earth orientation, leap seconds and ephemerides are those installed with astropy and its package
 astropy-iers-data, also at dates beyond their end. Nothing is downloaded, and no result depends on

@@ -1,4 +1,4 @@
-"""A seed, a trial and a cause enter; a generator leaves, the same for any number of workers."""
+"""Seed, trial, cause -> random generator, the same for any number of workers."""
 
 from __future__ import annotations
 

@@ -4,13 +4,12 @@ epoch         Scene, Selection -> the catalogue's epoch and orbital velocity, wh
               contradict it.
 case          Case: what is true and what the tracker believes, kept apart; how faithful a trial
               is to it.
-products      A table of a design enters; it leaves with the values of the detector that it names.
+products      Table of a design -> the same with the values of the detector product that it names.
 parameter     Dotted name, case -> the value there, its unit, or a case with other values.
 variables     Variable, Link, DesignSpace: named parameters of a case as points of a unit cube.
 choice        Case, choices -> branches: the cases with each combination of the values of the
               choices.
-objective     Outcomes of trials enter; the error that is to be made small leaves, and ratios of
-              it.
+objective     Outcomes of trials -> the error that is minimised, and ratios of it.
 requirements  Requirements: what a design must meet before its accuracy counts.
 campaign      Campaign: what a study of a design is asked.
 files         Design files: a case, and optionally a campaign on it, as TOML with units in

@@ -29,10 +29,11 @@ class Campaign:
     most_trials    of each design at last; the number doubles between
     evaluations    designs that an optimiser may try, in all branches together; each branch has two
                    and one a round of their race at least
-    prospects      designs that the analytic budget is asked about before; 0 to begin at the design
+    analytic_evaluations  designs that the analytic budget evaluates before the first trial; 0 to
+                   begin at the design
     sample_trials  trials for each design that the tolerance region is computed from
     fresh_trials   frames on which start and best are compared at the end
-    margin         share by which the error may grow in the tolerance region of `sample`
+    margin         fraction by which the error may grow in the tolerance region of `sample`
     span           half the width of that region's box, as a fraction of each variable's range
     """
 

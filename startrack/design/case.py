@@ -20,14 +20,14 @@ from startrack.scene import Scene
 
 
 class Fidelity(StrEnum):
-    """How much of a trial is made; each is a cheaper way to the law of the one before.
+    """How much of a trial is computed; each is a cheaper approximation of the one before.
 
     frame       the whole image is rendered and searched
     window      only the pixels that the detection could look at: around stars, and where noise
                 alone passes the threshold
     spots       spots are drawn from the centroids' bias and covariance, without an image, and are
                 identified and solved as those of a frame
-    covariance  they are drawn, and which star each of them is is taken as known
+    covariance  spots are drawn as in `spots`; identification is assumed to be perfect
     """
 
     FRAME = "frame"

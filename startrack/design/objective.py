@@ -1,4 +1,4 @@
-"""Outcomes of trials enter; the error that is to be made small leaves, and ratios of it."""
+"""Outcomes of trials -> the error that is minimised, and ratios of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A table of a design enters; it leaves with the values of the detector that it names."""
+"""Table of a design -> the same with the values of the detector product that it names."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ class Requirements:
     is far below the telescopes that it rests on, so that only ratios mean something.
 
     max_volume, max_data_rate, max_cost  None where there is no such limit
-    min_stars         stars above the detection threshold that `sky_share` of the sky must show
+    min_stars         stars above the detection threshold that `sky_fraction` of the sky must show
     min_availability  fraction of trials with a right attitude; `optimize` shows it by a lower bound
     """
 

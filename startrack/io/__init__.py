@@ -1,13 +1,12 @@
 """Files: design tables, images, WCS, SQLite, atomic writes, shipped data.
 
-shipped       A name enters; where startrack keeps that piece of shipped data leaves.
+shipped       Name of shipped data -> its path on this computer.
 saving        Files that are written whole or not at all.
 sqlite        SQLite file of one kind -> its tables, open for one process at a time; errors as
               sentences.
 tables        Frozen dataclasses to tables of TOML and back, units in strings, each error with its
               place.
-checked_fits  FITS file -> its parts, with their checksums looked at, or a sentence that says what
-              is wrong.
+checked_fits  FITS file -> its parts with verified checksums, or a sentence that says what is wrong.
 wcs           Camera and attitude as a FITS world coordinate system, and back to pixels by any
               reader.
 images        Image files to frames, and frames to FITS with their WCS and their truth.

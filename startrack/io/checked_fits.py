@@ -1,4 +1,4 @@
-"""FITS file -> its parts, with their checksums looked at, or a sentence that says what is wrong."""
+"""FITS file -> its parts with verified checksums, or a sentence that says what is wrong."""
 
 from __future__ import annotations
 

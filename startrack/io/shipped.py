@@ -1,4 +1,4 @@
-"""A name enters; where startrack keeps that piece of shipped data leaves."""
+"""Name of shipped data -> its path on this computer."""
 
 from __future__ import annotations
 

@@ -1,20 +1,17 @@
 """Better designs: search, Pareto front, sensitivity, tolerances.
 
-search       A function over the unit cube enters; the place where it is least leaves (nlopt).
-ledger       One SQLite file that remembers what was tried, so that no trial is done twice.
-runner       Bench: where designs are tried; it remembers each trial, so that none is done twice.
-margins      A Case enters; how far it meets the requirements that need no trials leaves.
-evaluate     A place in a box enters; how good its design is leaves.
+search       Function over the unit cube -> the point of its least value (nlopt).
+ledger       One SQLite file with the outcomes of all trials, so that no trial is repeated.
+runner       TrialRunner: trials of any design; it keeps each outcome, so that no trial is repeated.
+margins      Case -> its margins to the requirements that need no trials.
+evaluate     Point of a DesignSpace -> the score of its design.
 steps        The steps of the optimiser: prospect, reach, correction, refine, race, assure.
-optimise     A campaign and a bench enter; the best design that was found, and how good it is,
-             leaves.
-pareto       A box and two objectives enter; the designs that none beats in both leave.
-sensitivity  A box enters; how much the error depends on each variable, alone and with others,
-             leaves.
-ensemble     A log-probability enters; samples leave, with what tells whether to believe them
-             (emcee).
-tolerance    A design enters; how far each parameter may vary leaves, by emcee on a quadratic
-             surface.
+optimise     Campaign, TrialRunner -> the best design that was found, and how good it is.
+pareto       DesignSpace, two objectives -> the designs that no other design beats in both.
+sensitivity  DesignSpace -> how much the error depends on each variable, alone and together with
+             others.
+ensemble     Log-probability -> samples and their convergence diagnostics (emcee).
+tolerance    Design -> how far each parameter may vary, by emcee on a quadratic surface.
 tables       The results of studies as CSV, JSON lines and Markdown.
 """
 

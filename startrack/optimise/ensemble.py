@@ -1,4 +1,4 @@
-"""A log-probability enters; samples leave, with what tells whether to believe them (emcee)."""
+"""Log-probability -> samples and their convergence diagnostics (emcee)."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def draw(
     """Sample by the stretch move (Goodman and Weare 2010) in independent ensembles.
 
     log_probability  (n, d) -> (n,), minus infinity where there is none
-    start            places (n, d) of n walkers; spread wider than the law for an honest R-hat
+    start            places (n, d) of n walkers; spread wider than the density, as split R-hat needs
     ledger           keeps each stretch, so that sampling goes on where it was cut short
     Raises           ValueError where the log-probability is NaN, minus infinity at all starts, or
                      is itself drawn with a standard deviation above 1. emcee never asks again for

@@ -1,4 +1,4 @@
-"""A place in a box enters; how good its design is leaves."""
+"""Point of a DesignSpace -> the score of its design."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def missed(margins: dict[str, float]) -> float:
 def expected_error(objective: Objective, budget: Budget) -> float:
     """Radian, the same statistic of the errors that a budget expects.
 
-        sum_i weight_i P(k / 2, L^2 / (2 square_i)) = share,   P the regularised incomplete
+        sum_i weight_i P(k / 2, L^2 / (2 square_i)) = fraction,   P the regularised incomplete
         gamma function, k = 2, 1, 3 axes, square_i the mean square per axis in field i
 
     Accuracy  model: errors that are normal and alike about the axes, in each field.

@@ -1,4 +1,4 @@
-"""One SQLite file that remembers what was tried, so that no trial is done twice."""
+"""One SQLite file with the outcomes of all trials, so that no trial is repeated."""
 
 from __future__ import annotations
 

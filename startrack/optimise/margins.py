@@ -1,4 +1,4 @@
-"""A Case enters; how far it meets the requirements that need no trials leaves."""
+"""Case -> its margins to the requirements that need no trials."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def limiting_magnitude(case: Case) -> float:
 
 
 def needed_magnitude(case: Case, stars: int, fraction: float) -> float:
-    """The G that must be seen so that `share` of the sky shows `stars` stars in the field.
+    """The G that must be seen so that `fraction` of the sky shows `stars` stars in the field.
 
     Accuracy  numerical: 0.02 magnitudes between the focal lengths at which the sky is counted.
     """

@@ -1,4 +1,4 @@
-"""A campaign and a bench enter; the best design that was found, and how good it is, leaves."""
+"""Campaign, TrialRunner -> the best design that was found, and how good it is."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Optimum:
     evaluations  all that were tried, in order
     fresh        summaries of start and best on frames that neither was tuned on
     factor       error of the start over that of the best, on these trials
-    promised     radian, error of the best on the trials that it was tuned on
-    optimism     error of the best on fresh frames over the promised one
+    tuning_error  radian, error of the best on the trials that it was tuned on
+    optimism     error of the best on fresh frames over that on the tuning trials
     availability  of the best on fresh trials, with bounds that hold with 95 % confidence
     margins      of the best; that of the availability is the lower bound's
     ending       one sentence: why the search stopped
@@ -44,7 +44,7 @@ class Optimum:
     evaluations: tuple[Evaluation, ...]
     fresh: tuple[Summary, Summary]
     factor: Interval
-    promised: float
+    tuning_error: float
     optimism: Interval
     availability: Interval
     margins: dict[str, float]
@@ -91,7 +91,7 @@ def optimize(
     }
     tried = list[Evaluation]()
 
-    def told(done: Evaluation) -> None:
+    def record(done: Evaluation) -> None:
         tried.append(done)
         if watch:
             watch(done)
@@ -101,12 +101,12 @@ def optimize(
     if starts:
         possible = {label: boxes[label] for label in starts}
         for label, box in possible.items() if campaign.analytic_evaluations else ():
-            starts[label] = _better(box, starts[label], campaign, bench, told)
-        label, start = race(possible, starts, _left(campaign, tried), bench, told)
-        finalists, ending = refine(boxes[label], start, _left(campaign, tried), bench, told)
+            starts[label] = _better(box, starts[label], campaign, bench, record)
+        label, start = race(possible, starts, _left(campaign, tried), bench, record)
+        finalists, ending = refine(boxes[label], start, _left(campaign, tried), bench, record)
     else:
         label = min(nearest, key=lambda label: nearest[label].short)
-        told(evaluate(boxes[label], campaign, nearest[label].place, bench))
+        record(evaluate(boxes[label], campaign, nearest[label].place, bench))
         finalists, ending = tried, "no design of the box meets what needs no trials"
     box = boxes[label]
     first = _fresh(case, campaign, bench, watch_fresh)

@@ -1,4 +1,4 @@
-"""A box and two objectives enter; the designs that none beats in both leave."""
+"""DesignSpace, two objectives -> the designs that no other design beats in both."""
 
 from __future__ import annotations
 

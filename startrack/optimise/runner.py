@@ -1,4 +1,4 @@
-"""Bench: where designs are tried; it remembers each trial, so that none is done twice."""
+"""TrialRunner: trials of any design; it keeps each outcome, so that no trial is repeated."""
 
 from __future__ import annotations
 

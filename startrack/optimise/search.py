@@ -1,4 +1,4 @@
-"""A function over the unit cube enters; the place where it is least leaves (nlopt)."""
+"""Function over the unit cube -> the point of its least value (nlopt)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from startrack.core import Floats, positive, whole, within
 
-REFUSED = 1e6  # what nlopt is told of a place that has no score
+REFUSED = 1e6  # score for nlopt of a point that has none: above all others
 REPEATS = 10  # calls for each evaluation, after which a search that repeats itself is ended
 
 

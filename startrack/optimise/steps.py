@@ -79,7 +79,7 @@ def reach(box: DesignSpace, requirements: Requirements) -> Reached:
     return Reached(found.place, found.score, margins)
 
 
-PRIOR = 0.3  # standard deviation of ln(measured / expected)
+PRIOR = 0.3  # standard deviation of ln(measured / expected), chosen by hand
 PRIOR_SLOPE = 1.0  # of its slope over the cube; 0.9 was found along the blur of the example
 SCATTER = 0.5  # variance of ln(measured) from one trial; 1/4 for two axes and 1/2 for one, at least
 
@@ -90,7 +90,7 @@ class Correction:
 
     The error of n trials is known to 1 / sqrt(4 n) at best, which is more than what neighbouring
     designs differ by. The budget has no noise, but is wrong by a factor that changes slowly;
-    that, all designs that were tried tell together.
+    all designs that were tried together show by which.
 
     middle      (d,) place
     terms       (d + 1,) the value there, and the slope
@@ -126,20 +126,20 @@ def correct(tried: Sequence[Evaluation], middle: Floats, reach: float) -> Correc
     ]
     terms = np.array([[1.0, *(np.array(one.place) - middle)] for one in near])
     terms = terms.reshape(-1, len(middle) + 1)
-    told = np.array([math.log(one.error / one.expected) for one in near])
+    ratio = np.array([math.log(one.error / one.expected) for one in near])
     weight = np.array([one.trials / SCATTER for one in near])
     prior = np.full(len(middle) + 1, PRIOR_SLOPE)
     prior[0] = PRIOR
     normal = (terms.T * weight) @ terms + np.diag(prior**-2.0)
     covariance = np.asarray(np.linalg.inv(normal), np.float64)
-    return Correction(middle, covariance @ (terms.T @ (weight * told)), covariance)
+    return Correction(middle, covariance @ (terms.T @ (weight * ratio)), covariance)
 
 
 FIRST_STEP = 0.15  # of each range; each pass starts with half the step of the one before
 NEAR = 4.0  # first steps around the start of a pass, within which the budget is corrected
-PATIENCE = 3  # designs for each variable, and once more, without a gain beyond the noise
-FRACTION = 0.6  # of the evaluations left that a pass may take, unless it is the last
-LEAST_GAIN = 2e-3  # of ln(error), less than which is no gain
+PATIENCE = 3  # designs for each variable and one more, without a gain above the noise; by hand
+FRACTION = 0.6  # of the evaluations left that a pass may take, unless it is the last; by hand
+LEAST_GAIN = 2e-3  # of ln(error), less than which is no gain; chosen by hand
 
 Watch = Callable[[Evaluation], None]
 
@@ -173,7 +173,7 @@ def refine(
             tried: list[Evaluation] = tried,
             correction: Correction = correction,
         ) -> float:
-            # The first designs of a pass, one a term of the plane, are tried whatever they promise.
+            # The first designs of a pass, one a term of the plane, are always tried.
             tell = sum(one.trials > 0 for one in tried) < len(correction.terms)
             lead = math.inf if tell else min(one.score for one in tried)
             done = evaluate(box, campaign, place, bench, trials, correction, True, lead)
@@ -225,7 +225,7 @@ ROUND = 4  # evaluations for each variable, and once more, that a branch has in 
 RACE_FRACTION = (
     2 / 3
 )  # of the evaluations that all rounds together may take; the rest refine the winner
-SURE = 0.997  # confidence at which a branch is worse than the leader
+SURE = 0.997  # confidence at which a branch is worse than the leader: 3 sigma
 
 
 @dataclass
@@ -311,10 +311,10 @@ def availability(
 ) -> Interval:
     """The fraction of trials with a right attitude, known as well as the requirement asks.
 
-    Where the interval holds the required share, the trials are doubled, up to three times, with
-    the campaign's own fidelity, for it has the law of frames at a tenth of their time. Each bound
-    is one of Clopper and Pearson (1934) with a tail of 0.05 / 4, so that it is wrong at most once
-    in twenty designs, however many looks there were (Bonferroni).
+    Where the interval holds the required fraction, the trials are doubled, up to three times, with
+    the campaign's own fidelity, which has the distribution of frames at a tenth of their time. Each
+    bound is one of Clopper and Pearson (1934) with a tail of 0.05 / 4, so that it is wrong at most
+    once in twenty designs, however many looks there were (Bonferroni).
 
     outcomes  of the fresh frames that are there already
     Returns   the fraction of all that were tried, and its bounds

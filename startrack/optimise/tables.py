@@ -53,11 +53,11 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     for name in ("across", "about"):
         lines.append(
             f"| rms error {name} the boresight (arcsec) "
-            f"| {_told(getattr(start, name))} | {_told(getattr(best, name))} |"
+            f"| {_written(getattr(start, name))} | {_written(getattr(best, name))} |"
         )
     lines.append(
-        f"| availability (%) | {_told(start.availability, 0.01)} "
-        f"| {_told(best.availability, 0.01)} |"
+        f"| availability (%) | {_written(start.availability, 0.01)} "
+        f"| {_written(best.availability, 0.01)} |"
     )
     lines.append(f"| matched stars | {start.stars:.1f} | {best.stars:.1f} |")
     needs = campaign.requirements
@@ -78,13 +78,13 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     )
     factor, optimism, fraction = optimum.factor, optimum.optimism, optimum.availability
     designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
-    promised = optimum.promised / arcsec
+    tuning = optimum.tuning_error / arcsec
     lines += [
         "",
         f"Better by a factor of {factor.value:.2f} [{factor.low:.2f}, {factor.high:.2f}] in the "
         f"{Objective.read(campaign.objective)}, on {start.trials} fresh frames, paired. {designs} "
         f"designs were tried, with {campaign.trials} to {campaign.most_trials} trials each. The "
-        f"tuning trials promised {promised:.{_digits(promised)}f} arcsec; fresh frames show "
+        f"error on the tuning trials was {tuning:.{_digits(tuning)}f} arcsec; fresh frames show "
         f"{optimism.value:.3f} [{optimism.low:.3f}, {optimism.high:.3f}] of that. {trials} trials "
         f"were done in all. The availability is at least {100 * fraction.low:.2f} % "
         f"(asked: {100 * needs.min_availability:g} %), a wrong attitude comes in at most "
@@ -111,7 +111,7 @@ def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
         "surface_error": tolerance.surface_error,
         "check_error": tolerance.check_error,
         "checks": tolerance.checks,
-        "promised": tolerance.promised,
+        "promised": tolerance.expected,
         "kept": tolerance.kept,
         **chain_values(tolerance.chains),
         "designs": len(tolerance.evaluations),
@@ -161,7 +161,7 @@ def tolerance_table(tolerance: Tolerance) -> str:
         f"is off by {100 * tolerance.surface_error:.1f} % leaving one out, by "
         f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs "
         f"({len(tolerance.evaluations)} designs in all); it gave them a probability of "
-        f"{tolerance.promised:.2f} to belong, and {tolerance.kept:.2f} of them did.",
+        f"{tolerance.expected:.2f} to belong, and {tolerance.kept:.2f} of them did.",
     ]
     return "\n".join(lines)
 
@@ -183,7 +183,7 @@ def _errors(one: Evaluation) -> tuple[float, float, float]:
     )
 
 
-def _told(interval: Interval, unit: float = arcsec) -> str:
+def _written(interval: Interval, unit: float = arcsec) -> str:
     value, low, high = (x / unit for x in (interval.value, interval.low, interval.high))
     digits = _digits(value)
     return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"

@@ -1,4 +1,4 @@
-"""A design enters; how far each parameter may vary leaves, by emcee on a quadratic surface."""
+"""Design -> how far each parameter may vary, by emcee on a quadratic surface."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Tolerance:
     surface_error  ln(error), leave-one-out error of the response surface
     check_error    ln(error), rms difference to Monte Carlo at designs of the region that the
                    surface has not seen
-    promised       1, mean probability of those designs to keep the limit and the requirements, by
+    expected       1, mean probability of those designs to keep the limit and the requirements, by
                    the surface
     kept           1, fraction of them that did by Monte Carlo
     checks         how many of these designs there were
@@ -91,7 +91,7 @@ class Tolerance:
     limit: float
     surface_error: float
     check_error: float
-    promised: float
+    expected: float
     kept: float
     checks: int
     evaluations: tuple[Evaluation, ...]

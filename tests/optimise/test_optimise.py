@@ -37,7 +37,7 @@ def test_the_best_is_the_best_feasible_one_of_the_last_pass(optimum, small):
     best = min((one for one in last if one.feasible), key=lambda one: one.score)
     box = DesignSpace(small.case, small.campaign.variables)
     np.testing.assert_allclose(box.place(optimum.best), best.place, atol=1e-12)
-    assert optimum.promised == best.error
+    assert optimum.tuning_error == best.error
     assert len(optimum.evaluations) <= small.campaign.evaluations
 
 
@@ -48,7 +48,7 @@ def test_the_trials_grow(optimum, small):
 
 def test_the_optimism_compares_fresh_frames_with_the_promise(optimum):
     fresh = optimum.fresh[1].across.value
-    assert optimum.optimism.value == pytest.approx(fresh / optimum.promised)
+    assert optimum.optimism.value == pytest.approx(fresh / optimum.tuning_error)
     assert optimum.optimism.low < optimum.optimism.value < optimum.optimism.high
 
 
