@@ -1,6 +1,6 @@
 """Numbers into spots: a Frame becomes Spots (OpenCV).
 
-parameters   Detection: how spots are told from noise, and how they are measured.
+parameters   Detection: how spots are distinguished from noise, and how they are measured.
 pixels       A Frame enters, with its dark frame and flat field; calibrated pixels as float32
              leave.
 psf_table    Psf -> the fraction of a star's light in each pixel of a window, and how it moves with
@@ -28,7 +28,7 @@ s_curve      Psf -> how far the centre of gravity in a window is wrong, and its 
              right.
 methods      Sample and Psf -> a row per star, by each of the centroid methods that a design can
              name.
-centroid     Pixels and Candidates -> Spots, by the centroid that the settings ask for.
+centroid     Pixels and Candidates -> Spots, by the centroid method of the settings.
 detect       A Frame enters; Spots leave, brightest first: of the whole frame, or near predicted
              places.
 within       Frame that is known in regions alone, and the Sky of such frames -> Spots of these

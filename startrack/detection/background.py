@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.detection.robust import plane
-from startrack.detection.threshold import HEAVINESS, MILD
+from startrack.detection.threshold import KURTOSIS_RATIO, MILD_SKEWNESS
 
 Image = NDArray[np.float32]
 MOST_SKEWNESS = 1.5
@@ -68,13 +68,13 @@ def sky(filtered: Image, mesh: int, floor: float) -> Sky:
     around = cv2.medianBlur(skewness, side)
     skewness = np.where(around > SKEWED, around, np.median(skewness) / SHOWN_SKEWNESS)
     skewness = _wider(np.clip(skewness, 0, MOST_SKEWNESS))
-    mild = np.minimum(skewness, np.float32(MILD))
+    mild = np.minimum(skewness, np.float32(MILD_SKEWNESS))
     mean = mean + np.float32(0.05) * mild * noise
     noise = noise * (np.float32(1.007) + mild * (np.float32(0.03) + np.float32(0.06) * mild))
-    return Sky(mean, noise, skewness, np.float32(HEAVINESS) * skewness**2, mesh)
+    return Sky(mean, noise, skewness, np.float32(KURTOSIS_RATIO) * skewness**2, mesh)
 
 
-def believed(ground: Sky, model: tuple[Image, Image, Image]) -> Sky:
+def with_gain_noise(ground: Sky, model: tuple[Image, Image, Image]) -> Sky:
     """The law that the gain model tells, where the tiles show no more noise than that."""
     rms, skewness, kurtosis = model
     kept = ground.rms <= MORE_THAN_MODEL * rms

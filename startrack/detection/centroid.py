@@ -1,4 +1,4 @@
-"""Pixels and Candidates -> Spots, by the centroid that the settings ask for."""
+"""Pixels and Candidates -> Spots, by the centroid method of the settings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan
 from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, Sample, X, Y
 
-SAME = 1.0  # pixel; two peaks that lead as near as this to one place are one star
+SAME = 1.0  # pixel; peaks whose centroids are closer than that are one star
 NONE_DEAD = np.empty((0, 0), np.uint8)
 
 

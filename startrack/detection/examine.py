@@ -17,13 +17,13 @@ Image = NDArray[np.float32]
 # The ring's pixels are correlated and tell its noise to 15 %, its mean to a third of the noise.
 # A ring that differs by less than this may do so by chance, and the tile knows better.
 UNEVEN = 1.5
-HIGHER = 1.0  # sigma
-PATTERNS = 400
-SURE = 0.5  # sigma; more lets hot columns pass, and finds no more faint stars
+HIGHER = 1.0  # sigma, chosen by hand: less would raise the level by chance, more let halos pass
+PATTERNS = 400  # of noise: their count errs by 0.015 at a chance of 0.9
+SURE = 0.5  # sigma, chosen by hand: more lets hot columns pass, and finds no more faint stars
 
 
 @njit(cache=True, error_model="numpy")
-def alone(
+def stands_out(
     image: Image,
     filtered: Image,
     filters: Floats,
@@ -50,7 +50,7 @@ def alone(
     good = np.empty(len(x), np.bool_)
     far_off = 2 * reach + 4
     for i in range(len(x)):
-        # Where trees begin, their own tile is the better witness.
+        # At the edge of trees, their own tile describes them better than its neighbours do.
         v, u = y[i] // mesh + 1, x[i] // mesh + 1
         level = between(mean, mesh, x[i], y[i])
         noise = max(between(rms, mesh, x[i], y[i]), rms[v, u])
@@ -79,7 +79,7 @@ def _stands_out(
 
 
 @njit(cache=True, error_model="numpy")
-def sharp(image: Image, x: Ints, y: Ints, reach: int, fraction: float) -> NDArray[np.bool_]:
+def is_hot(image: Image, x: Ints, y: Ints, reach: int, fraction: float) -> NDArray[np.bool_]:
     """Whether a peak is sharper than the sharpest star: a hot pixel, row or column.
 
     The four neighbours of a hot pixel hold less than the sharpest star puts there; a hot row's
@@ -102,7 +102,7 @@ def _core(image, x, y, background):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _is_sharp(core, noise, fraction):  # type: ignore[no-untyped-def]
-    # Of `most - share * sum`: three pixels count 1 - share, six -share.
+    # Sigma of `most - fraction * sum`: three pixels count 1 - fraction, six -fraction.
     chance = math.sqrt(3 * (1 - fraction) ** 2 + 6 * fraction**2)
     sides = core[0, 1] + core[1, 0] + core[1, 2] + core[2, 1]
     most = max(core.sum(axis=0).max(), core.sum(axis=1).max())
@@ -113,13 +113,13 @@ def _is_sharp(core, noise, fraction):  # type: ignore[no-untyped-def]
 def chance_to_pass(
     image: Image, x: Ints, y: Ints, level: float, noise: float, shot: float, fraction: float
 ) -> Floats:
-    """By which chance `sharp` does not take peaks for hot pixels, rows or columns, (n,) 1.
+    """Probability that `is_hot` does not take peaks for hot pixels, rows or columns, (n,) 1.
 
     Noise may give the middle pixel more, and its sides less, than the star puts there.
 
     image  expected digital numbers;  level  of those where no star is
     noise  digital number, of an empty pixel;  shot  variance for each digital number of light
-    fraction  as `sharp` takes it
+    fraction  as `is_hot` takes it
     Accuracy  model: normal noise, whatever else is asked of the peak. numerical: counted on 400
               patterns of noise, the same for all peaks: 0.015 at 0.9.
     """
@@ -139,7 +139,7 @@ def _passing(image, x, y, level, noise, shot, fraction, patterns):  # type: igno
 
 
 @njit(cache=True, error_model="numpy")
-def spoilt(dead: NDArray[np.uint8], x: Ints, y: Ints, reach: int) -> NDArray[np.bool_]:
+def has_dead_pixel(dead: NDArray[np.uint8], x: Ints, y: Ints, reach: int) -> NDArray[np.bool_]:
     """Whether a peak has a dead pixel in a square of that half side about it."""
     verdict = np.empty(len(x), np.bool_)
     for i in range(len(x)):
@@ -148,6 +148,6 @@ def spoilt(dead: NDArray[np.uint8], x: Ints, y: Ints, reach: int) -> NDArray[np.
     return verdict
 
 
-def largest_share(sigma: float) -> float:
-    """Share of a Gaussian star's light that falls on one row of pixels at most."""
+def largest_fraction(sigma: float) -> float:
+    """Fraction of a Gaussian star's light that falls on one row of pixels at most."""
     return math.erf(0.5 / (sigma * math.sqrt(2)))

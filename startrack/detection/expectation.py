@@ -9,13 +9,13 @@ from numba import njit
 
 from startrack.core import Floats, Frame
 from startrack.detection.centroid import measured, sample
-from startrack.detection.examine import chance_to_pass, largest_share
+from startrack.detection.examine import chance_to_pass, largest_fraction
 from startrack.detection.find import Candidates
 from startrack.detection.matched import filtered
 from startrack.detection.pixels import Pixels, gain_of
 from startrack.detection.plan import DetectionPlan
 from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
-from startrack.detection.threshold import highest_between, modelled, sigmas
+from startrack.detection.threshold import equivalent_sigmas, highest_between, noise_from_gain
 
 
 class Expectation(NamedTuple):
@@ -62,8 +62,8 @@ def expect(
     image = np.ascontiguousarray(frame.image, np.float32)
     known = Pixels(image, 0.0, 1.0, None, gain)
     column, row = _peaks(filtered(image, kernel), np.rint(place).astype(np.int64))
-    rms, skewness, kurtosis = modelled(np.array([level], np.float32), gain, 1.0, kernel)
-    far = sigmas(plan.threshold(area), skewness, kurtosis)
+    rms, skewness, kurtosis = noise_from_gain(np.array([level], np.float32), gain, 1.0, kernel)
+    far = equivalent_sigmas(plan.threshold(area), skewness, kurtosis)
     height = _heights(image, column, row, level, plan.filters) / rms
     # The star's own photons add to the noise of what the filter makes of it.
     light = _light(image, column, row, level, kernel.whole)
@@ -72,7 +72,7 @@ def expect(
     height = np.where(height > 0, np.sqrt(height**2 + 2 * spread**2), height)
     dark, kept = float(rms[0]) / kernel.noise, np.ones(len(row))
     if settings.sharpest_sigma > 0:
-        shot, fraction = 1 / gain.electrons_per_dn, largest_share(settings.sharpest_sigma)
+        shot, fraction = 1 / gain.electrons_per_dn, largest_fraction(settings.sharpest_sigma)
         kept = chance_to_pass(image, column, row, level, dark, shot, fraction)
     seen = sample(frame, known, Candidates(column, row, np.ones_like(row)), settings)
     # The ring about a star shows no noise here. So all that a dark pixel has is given as the

@@ -10,19 +10,19 @@ from numba import njit
 from numpy.typing import NDArray
 
 from startrack.core import Ints
-from startrack.detection.background import Sky, believed, sky
+from startrack.detection.background import Sky, sky, with_gain_noise
 from startrack.detection.connect import lit, peaks, split
-from startrack.detection.examine import alone, largest_share, sharp, spoilt
+from startrack.detection.examine import has_dead_pixel, is_hot, largest_fraction, stands_out
 from startrack.detection.matched import Kernel, filtered
 from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan
-from startrack.detection.threshold import modelled, sigmas
+from startrack.detection.threshold import equivalent_sigmas, noise_from_gain
 
 Image = NDArray[np.float32]
 # A star between the pixels shows less of its peak, so pixels are looked at from here on.
-LOOK = np.float32(0.75)  # of the threshold
+EXAMINED = np.float32(0.75)  # of the threshold
 KERNEL_TAIL = 2  # pixel; the outer pixels of a filtered star are too faint to matter
 
 
@@ -44,8 +44,8 @@ def find(pixels: Pixels, plan: DetectionPlan, mesh: int | None = None) -> Candid
     settings, kernel = plan.settings, plan.kernel
     image = filtered(pixels.value, kernel)
     ground = ground_of(pixels, image, kernel, mesh or settings.mesh)
-    far = reach_of_noise(ground, plan.threshold(image.size))
-    bright = lit(image, look_level(ground, far), ground.mesh)
+    far = threshold_grid(ground, plan.threshold(image.size))
+    bright = lit(image, examination_level(ground, far), ground.mesh)
     return choose(pixels, image, bright, ground, far, plan)
 
 
@@ -54,20 +54,20 @@ def ground_of(pixels: Pixels, image: Image, kernel: Kernel, mesh: int) -> Sky:
     ground = sky(image, mesh, rounding(pixels, kernel))
     if not pixels.gain.known:
         return ground
-    return believed(ground, modelled(ground.mean, pixels.gain, pixels.step, kernel))
+    return with_gain_noise(ground, noise_from_gain(ground.mean, pixels.gain, pixels.step, kernel))
 
 
-def reach_of_noise(ground: Sky, threshold: float) -> Image:
+def threshold_grid(ground: Sky, threshold: float) -> Image:
     """How many sigma a star must exceed the background by, on the Sky's grid.
 
     threshold  sigma of normal noise
     """
-    return sigmas(threshold, ground.skewness, ground.kurtosis)
+    return equivalent_sigmas(threshold, ground.skewness, ground.kurtosis)
 
 
-def look_level(ground: Sky, far: Image) -> Image:
+def examination_level(ground: Sky, far: Image) -> Image:
     """The level from which on pixels are looked at, on the grid of the Sky, digital number."""
-    return np.asarray(ground.mean + LOOK * far * ground.rms, np.float32)
+    return np.asarray(ground.mean + EXAMINED * far * ground.rms, np.float32)
 
 
 def choose(
@@ -81,8 +81,8 @@ def choose(
 ) -> Candidates:
     """The peaks among the bright pixels of a filtered image that look like stars.
 
-    bright   (n,) row * columns + column of the pixels above `look_level`
-    far      as from `reach_of_noise`
+    bright   (n,) row * columns + column of the pixels above `examination_level`
+    far      as from `threshold_grid`
     regions  (w, 4) left, top, right, bottom that peaks must lie in, None for all of the frame
     """
     settings, kernel = plan.settings, plan.kernel
@@ -97,15 +97,15 @@ def choose(
     if regions is not None:
         inside = _inside(x, y, regions)
         x, y, area = x[inside], y[inside], area[inside]
-    good = alone(
+    good = stands_out(
         pixels.value, image, plan.filters, x, y, ring, far, ground.mean, ground.rms,
         ground.mesh, rounding(pixels, kernel),
     )  # fmt: skip
     if settings.sharpest_sigma > 0:
-        good &= ~sharp(pixels.value, x, y, ring, largest_share(settings.sharpest_sigma))
+        good &= ~is_hot(pixels.value, x, y, ring, largest_fraction(settings.sharpest_sigma))
     if pixels.dead is not None:
         beside = 0 if CENTROIDS[settings.centroid].skips_dead else 1
-        good &= ~spoilt(pixels.dead, x, y, beside)
+        good &= ~has_dead_pixel(pixels.dead, x, y, beside)
     return Candidates(x[good], y[good], area[good])
 
 

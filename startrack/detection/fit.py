@@ -149,7 +149,7 @@ def solved(matrix: Floats, right: Floats) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def gaussian_star(x: float, y: float, sigma: float, star: Floats) -> None:
-    """Share of the light in each pixel, and its slopes by x, y and sigma: (4, rows, columns)."""
+    """Fraction of the light in each pixel, and its slopes by x, y and sigma: (4, rows, columns)."""
     _, rows, columns = star.shape
     across, down = np.empty((3, columns)), np.empty((3, rows))
     _line(x, sigma, across)

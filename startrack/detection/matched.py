@@ -38,12 +38,12 @@ class Kernel:
 
     @property
     def noise(self) -> float:
-        """Share of white noise that the filter leaves."""
+        """Rms of the filtered image over that of the image, for white noise."""
         return float(np.linalg.norm(self.whole))
 
     @property
     def light(self) -> float:
-        """Share of a star's flux that is its peak in the filtered image."""
+        """Fraction of a star's flux that is its peak in the filtered image."""
         return float(np.sum(self.whole**2))
 
 
@@ -61,7 +61,7 @@ def filtered(image: Image, kernel: Kernel) -> Image:
 
 
 def kernel_of(settings: Detection, psf: Psf) -> Kernel:
-    """The matched filter that the settings ask for."""
+    """The matched filter that the settings name."""
     if settings.kernel == "psf" or settings.smear_x or settings.smear_y:
         return psf_kernel(psf)
     return gaussian_kernel(settings.kernel_sigma)

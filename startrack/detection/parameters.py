@@ -1,4 +1,4 @@
-"""Detection: how spots are told from noise, and how they are measured."""
+"""Detection: how spots are distinguished from noise, and how they are measured."""
 
 from __future__ import annotations
 

@@ -19,9 +19,9 @@ DEVIATION_TO_SIGMA = 1.2533  # mean absolute deviation of a normal law: sqrt(pi 
 # A normal law cut at 3 sigma again and again settles at 0.984 of its sigma.
 CLIPPED_TO_SIGMA = 1.016
 SLOPES = 4  # how often a plane is made better
-# Share of the variance; a plane that explains less may be chance, as a ring of correlated noise
+# Fraction of the variance; a plane that explains less may be chance, as a ring of correlated noise
 # holds no more than some twenty independent values.
-LEAST_SHARE = 0.3
+LEAST_FRACTION = 0.3
 NOBODY = np.empty(0, np.int64)
 MOST_LEFT_OUT = 0.85  # of a ring; where more spots crowd, it is their light that counts
 
@@ -111,7 +111,7 @@ def plane(
     mean, rms = clipped(values, floor)
     for _ in range(SLOPES):
         gx, gy, fraction = _slopes(values, dx, dy, mean, rms)
-        if not fraction > LEAST_SHARE:
+        if not fraction > LEAST_FRACTION:
             break
         values -= np.float32(gx) * dx + np.float32(gy) * dy
         slope_x, slope_y = slope_x + gx, slope_y + gy

@@ -16,7 +16,7 @@ Image = NDArray[np.float32]
 # flux and its sigma, covariance of the position, and the pixel that the window is centred on.
 X, Y, FLUX, FLUX_SIGMA, XX, XY, YY, WINDOW_X, WINDOW_Y = range(9)
 COLUMNS = 9
-UNEVEN = 1.6  # a ring's noise exceeds the gain model's by that much never by chance
+UNEVEN = 1.6  # chosen by hand: chance never makes the noise of a ring exceed the gain model by more
 
 
 class Sample(NamedTuple):

@@ -15,13 +15,17 @@ from startrack.detection.pixels import Gain
 from startrack.detection.psf_table import expected
 
 Grid = NDArray[np.float32]
-MILD = 0.5  # skewness up to which the expansion's second-order terms are small beside the first
+MILD_SKEWNESS = (
+    0.5  # skewness up to which the expansion's second-order terms are small beside the first
+)
 # Kurtosis over skewness^2 is 9/8 for a Gaussian kernel on photons alone, and grows as one over
 # the photons' fraction of the variance. Where the gain is unknown, they may have three fifths.
-HEAVINESS = 9 / 8 / 0.6
+KURTOSIS_RATIO = 9 / 8 / 0.6
 
 
-def modelled(level: Grid, gain: Gain, step: float, kernel: Kernel) -> tuple[Grid, Grid, Grid]:
+def noise_from_gain(
+    level: Grid, gain: Gain, step: float, kernel: Kernel
+) -> tuple[Grid, Grid, Grid]:
     """Noise of a filtered image by the gain model: Poisson's photons and normal read noise.
 
         rms^2 = v K2,   skewness = l K3 / (v K2)^1.5,   kurtosis = l K4 / (v K2)^2,
@@ -41,22 +45,22 @@ def modelled(level: Grid, gain: Gain, step: float, kernel: Kernel) -> tuple[Grid
     return rms, light * cubes / variance**1.5, light * fourths / variance**2
 
 
-def sigmas(threshold: float, skewness: Grid, kurtosis: Grid) -> Grid:
-    """How many sigma this noise passes as often as normal noise passes `threshold`.
+def equivalent_sigmas(threshold: float, skewness: Grid, kurtosis: Grid) -> Grid:
+    """Level in sigma that this noise exceeds as often as normal noise exceeds `threshold`.
 
         z + skewness (z^2 - 1) / 6 + kurtosis (z^3 - 3 z) / 24 - skewness^2 (2 z^3 - 5 z) / 36
 
     Source: Cornish and Fisher (1937), z = threshold; no less than z.
 
-    The terms of second order stay what they are at a skewness of 0.5, beyond which the next
-    ones would have to be told too.
+    The terms of second order are kept at their values for a skewness of 0.5: beyond, terms of
+    third order would be needed too.
 
     Accuracy  numerical: too much by 0.08 sigma at 5.5 sigma and a skewness of 0.24, by 0.6 at 0.46.
     """
     z = threshold
     more = skewness * (z**2 - 1) / 6
-    more = more + np.minimum(kurtosis, HEAVINESS * MILD**2) * (z**3 - 3 * z) / 24
-    more = more - np.minimum(skewness, MILD) ** 2 * (2 * z**3 - 5 * z) / 36
+    more = more + np.minimum(kurtosis, KURTOSIS_RATIO * MILD_SKEWNESS**2) * (z**3 - 3 * z) / 24
+    more = more - np.minimum(skewness, MILD_SKEWNESS) ** 2 * (2 * z**3 - 5 * z) / 36
     return np.asarray(z + np.maximum(more, 0), np.float32)
 
 
@@ -84,7 +88,7 @@ def offset_filters(psf: Psf, kernel: Kernel) -> Floats:
 
 @njit(cache=True, error_model="numpy")
 def highest_between(image: Image, x: int, y: int, level: float, filters: Floats) -> float:
-    """What the best of the filters makes of a peak, above a level; beyond the border is nothing."""
+    """Largest response of the filters at a peak, above a level; zero beyond the border."""
     count, height, width = filters.shape
     rows, columns = image.shape
     left, top = x - width // 2, y - height // 2

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from startrack.core import Floats, Frame, Ints, Psf, Spots
 from startrack.detection.background import Sky, between
 from startrack.detection.centroid import centroid
-from startrack.detection.find import choose, ground_of, look_level, reach_of_noise, ring_half
+from startrack.detection.find import choose, examination_level, ground_of, ring_half, threshold_grid
 from startrack.detection.matched import Kernel, filtered
 from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
@@ -44,8 +44,8 @@ def measure_ground(frame: Frame, plan: DetectionPlan) -> Ground:
     """Background and noise of a whole frame, as `detect` measures them."""
     image, kernel = pixels(frame), plan.kernel
     sky = ground_of(image, filtered(image.value, kernel), kernel, plan.settings.mesh)
-    far = reach_of_noise(sky, plan.threshold(frame.image.size))
-    look = look_level(sky, far)
+    far = threshold_grid(sky, plan.threshold(frame.image.size))
+    look = examination_level(sky, far)
     lowest = cv2.erode(look, np.ones((3, 3), np.uint8))[1:-1, 1:-1].astype(float)
     return Ground(sky, far, look, lowest, float(np.median(sky.rms)))
 
@@ -79,7 +79,7 @@ def margin(plan: DetectionPlan) -> int:
 
 
 def peak_border(settings: Detection) -> int:
-    """How far a peak must stay from the border of the frame, pixel."""
+    """Least distance of a peak from the border of the frame, pixel."""
     return settings.window // 2 + settings.edge
 
 

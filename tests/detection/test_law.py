@@ -9,7 +9,7 @@ from startrack.core.values import Frame
 from startrack.detection import Detection, detect, false_alarms, threshold_of
 from startrack.detection.matched import Kernel
 from startrack.detection.pixels import Gain
-from startrack.detection.threshold import modelled, sigmas
+from startrack.detection.threshold import equivalent_sigmas, noise_from_gain
 
 SIDE = 1024
 LINE = np.array([1, 2, 1])
@@ -31,8 +31,8 @@ def exact_tail(mean, level):
 def test_the_level_is_passed_as_often_as_normal_noise_passes_it(mean):
     kernel = Kernel((np.outer(LINE, LINE) / 16).astype(np.float32), None, None)
     gain = Gain(0.5, 100.0, 0.0)
-    rms, skewness, kurtosis = modelled(np.float64(100 + 2 * mean), gain, 0.0, kernel)
-    level = mean + 0.5 * rms * sigmas(5.0, skewness, kurtosis)
+    rms, skewness, kurtosis = noise_from_gain(np.float64(100 + 2 * mean), gain, 0.0, kernel)
+    level = mean + 0.5 * rms * equivalent_sigmas(5.0, skewness, kurtosis)
     # The sum moves in steps of 1/16, so the law is known between two of them only.
     low, high = (exact_tail(mean, 16 * level + half) for half in (0.5, -0.5))
     assert 0.9 * low < norm.sf(5.0) < 1.1 * high
