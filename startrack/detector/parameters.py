@@ -1,4 +1,4 @@
-"""Detector: pixels, exposure, noise, converter, and what else a design may name."""
+"""Detector: pixels, exposure, noise, converter, and optional effects."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class RegionOfInterest:
 class Detector:
     """A matrix of pixels, or lines of them, in the terms of EMVA 1288 (release 4.0).
 
-    What is zero, one or None here costs nothing and draws nothing.
+    An effect that is absent (zero, one or None) costs no time and draws no random number.
 
     columns, rows       pixel, of the image
     pixel_pitch         metre, of a pixel of the array
@@ -50,29 +50,29 @@ class Detector:
     bits                of the converter; its largest number is the full well over `gain`
     offset              digital number of an empty pixel
     pixel_rate          pixel / second of the read-out, which sets the update rate
-    device_seed         names the copy of the detector: its maps
+    device_seed         seed of the maps of one device
 
     binning             pixels of the array on a side of a pixel of the image, added as charge;
                         dark_current, prnu and defects are those of a pixel of the array
-    region              what part of the array the image is, None for all
+    region              part of the array that is the image, None for all
     row_delay           second by which each row's exposure starts after the one before: 0 for a
                         global shutter
-    thermal             temperature; None where dark_current holds as it stands
+    thermal             temperature; None: dark_current is that of the operating temperature
     defects             hot and dead pixels
     diffusion           metre, sigma per axis of the Gaussian by which charge spreads before it is
                         collected
     crosstalk           1, fraction of a pixel's electrons that diffuses to each of its four sides
-    lag                 1, fraction of the charge that a frame leaves to the next
+    lag                 1, fraction of the charge that remains for the next frame
     hits                cosmic rays and protons
-    blooming            whether charge beyond the full well runs along the column, or is lost
-    multiplication      gain of an EMCCD's register
-    bend                1, share by which the signal of a full pixel falls short of a straight line
+    blooming            whether charge above the full well flows along the column, or is lost
+    em_gain             1, gain of the multiplication register of an EMCCD
+    nonlinearity        1, fraction by which the signal of a full pixel is too small
     pattern             noise of rows and columns
-    settling            1, fraction of a pixel's signal that the read-out channel leaves in the next
+    settling            1, fraction of the signal of a pixel that remains for the next one read
     read_noise_spread   1, rms of the logarithm of the read noise over the pixels of a CMOS array,
                         whose median is `read_noise`
     gain                1, of the amplifier before the converter
-    bow                 digital number, integral non-linearity of the converter at half scale
+    adc_inl             digital number, integral non-linearity of the converter at half scale
     scan                lines that sweep over the sky; None for a matrix
     """
 
@@ -188,15 +188,15 @@ class Detector:
 
     @property
     def dark_rate(self) -> float:
-        """Electron / second of a pixel of the image at its temperature, defects left out."""
+        """Electron / second of a pixel of the image at its temperature, without defects."""
         growth = self.thermal.growth if self.thermal else 1.0
         return self.dark_current * growth * self.binning**2
 
     @property
     def noise(self) -> float:
-        """Electron rms of a pixel without light and dark current, the converter's steps left out.
+        """Electron rms of a pixel without light and dark current, without quantisation.
 
-        Before a multiplication register, if there is one.
+        Referred to the charge before a multiplication register.
         """
         after = self.read_noise * math.exp(self.read_noise_spread**2)
         if self.pattern:
@@ -212,20 +212,22 @@ class Detector:
     def electrons_per_dn(self) -> float:
         """Electron per digital number, the inverse of EMVA 1288's system gain K.
 
-        Before a multiplication register, if there is one. Source: Krutz et al. (2011), eq. (5).
+        Referred to the charge before a multiplication register.
+
+        Source: Krutz et al. (2011), eq. (5).
         """
         return self.full_well / self.gain / (2**self.bits - 1) / self.em_gain
 
     @property
     def integration(self) -> float:
-        """Second that a pixel of the image sees a star: of an exposure, or of the lines' sum."""
+        """Second of exposure of a pixel of the image: with lines, the sum of theirs."""
         if not self.scan:
             return self.exposure
         return self.exposure * sum(line.gain for line in self.scan.all_lines) / self.scan.phases
 
     @property
     def update_rate(self) -> float:
-        """Frames per second, exposure and read-out one after the other; lines do both at once."""
+        """Frames per second: exposure, then read-out; a detector of lines does both at once."""
         if self.scan:
             return 1 / (self.exposure * self.rows)
         return 1 / (self.exposure + self.rows * self.columns / self.pixel_rate)

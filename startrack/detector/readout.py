@@ -1,4 +1,4 @@
-"""Expected electrons -> digital numbers: charge, signal, image."""
+"""Expected electrons -> digital numbers with all effects: charge, signal, image."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def read_out(
 ) -> Image:
     """The digital image of expected electrons.
 
-    Pixels that know nothing of each other take their numbers at once. A design in which charge
-    or signal passes from pixel to pixel, or that multiplies it, goes through all steps.
+    Independent pixels take their numbers in one step. Where charge or signal passes from pixel to
+    pixel, or is multiplied, charge and signal are computed step by step.
 
     electrons  (rows, columns) expectation of photo- and dark electrons
     tables     as `digitise` takes them
     Returns    (rows, columns) digital numbers, in 16 bits or, where these do not hold them, 32
-    Raises     as `digitise` and the effects.
+    Accuracy   that of `digitise` and of the effects
     """
     law = law_of(detector)
     if in_steps(detector):
@@ -42,7 +42,7 @@ def read_out(
 
 
 def in_steps(detector: Detector) -> bool:
-    """Whether a pixel's number depends on other pixels, or on more than one law."""
+    """Whether the number of a pixel depends on other pixels, or pixels differ in read noise."""
     return bool(
         detector.blooming
         or detector.em_gain > 1
@@ -53,7 +53,7 @@ def in_steps(detector: Detector) -> bool:
 
 
 def _charge(electrons: Floats, detector: Detector, streams: Streams) -> Floats:
-    """What the pixels hold when the exposure ends, electron."""
+    """Charge of the pixels at the end of the exposure, electron."""
     charge = shot(electrons, streams)
     if detector.hits:
         pixel, extra = _tracks(electrons, detector, streams)
@@ -64,7 +64,7 @@ def _charge(electrons: Floats, detector: Detector, streams: Streams) -> Floats:
 
 
 def _signal(charge: Floats, law: Law, detector: Detector, streams: Streams) -> Floats:
-    """What the converter sees, electron."""
+    """Signal at the input of the converter, electron."""
     shape = charge.shape
     if detector.em_gain > 1:
         fraction = streams("multiplication").random(shape)

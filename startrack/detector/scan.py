@@ -1,4 +1,4 @@
-"""Lines, staggered lines and TDI: Light and a turning camera -> an image that grows in time."""
+"""Light and the motion of a camera -> the image of a detector of lines."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from startrack.detector.parameters import Detector
 from startrack.detector.shutter import Turn
 from startrack.detector.stamp import stamp
 
-NODES = 8  # per exposure of a line, Gauss-Legendre: 1e-6 of the flux for one pixel of smear
+NODES = 8  # of Gauss-Legendre in the exposure of a line: 1e-6 of the flux at one pixel of smear
 
 
 def scan(
@@ -29,22 +29,21 @@ def scan(
     throughput: Floats,
     streams: Streams,
 ) -> Frame:
-    """One image of `count` rows, each read once the lines that add to it were exposed.
+    """One image of `count` rows, each the sum of the lines that add to it.
 
         electrons_i = sum over lines: gain integral of the line's electron rate,
                       from (i - count / 2 + delay) exposure, for one exposure
 
-    Each line looks in its own direction at its own time, so that a star that does not walk in
-    step with the charge is smeared as nature would.
+    Each line has its own direction and time, so that a star is smeared if it does not move with
+    the charge.
 
     icrs_to_camera  attitude at time zero
     turn            seconds (m,) -> rotation vectors (m, 3) as in Path
-    camera          the true one; its rows hold the lines
+    camera          the true one; lines lie at its rows
     detector        as many rows as there are lines; `exposure` is that of one line
-    Raises          ValueError where sizes differ, or where a map of the pixels' read noise is asked
-                    for.
-    Accuracy        model: blooming, hits and channel act on the image as on a matrix; the sky's
-                    glow is that of time zero.
+    Raises          ValueError where sizes differ, or for a `read_noise_spread`.
+    Accuracy        model: blooming, hits and settling act on the image as on a matrix; diffuse
+                    light is that of time zero.
     """
     electrons = scanned(
         light, psf, icrs_to_camera, turn, camera, lines, count, detector, throughput
@@ -76,49 +75,49 @@ def scanned(
         )
     star_rate, sky_rate = electron_rate(light, detector, throughput)
     sky = sky_rate * camera.focal_length_px**-2 * detector.exposure
-    glow = diffuse_electrons(light, camera, detector, throughput)
+    diffuse = diffuse_electrons(light, camera, detector, throughput)
     phases = 1 + max(line.phase for line in lines)
     image = np.zeros((phases, count, detector.columns))
     gain = response(detector)
     for number, line in enumerate(lines):
         start = (np.arange(count) - count / 2 + line.delay) * detector.exposure
-        seen = np.full((count, detector.columns), sky)
-        if glow is not None:
-            seen += glow[number]
+        expected = np.full((count, detector.columns), sky)
+        if diffuse is not None:
+            expected += diffuse[number]
         for row, x, y, electrons in _star_positions(
             light.direction, star_rate, psf, icrs_to_camera, turn, camera, line, start, detector
         ):
-            stamp(seen[row : row + 1], psf, x, y, electrons)
+            stamp(expected[row : row + 1], psf, x, y, electrons)
         if gain is not None:
-            seen *= gain[number]
-        image[line.phase] += line.gain * (seen + detector.dark_rate * detector.exposure)
+            expected *= gain[number]
+        image[line.phase] += line.gain * (expected + detector.dark_rate * detector.exposure)
     return image.transpose(1, 2, 0).reshape(count, -1)
 
 
 def _star_positions(  # type: ignore[no-untyped-def]
     direction, star_rate, psf, icrs_to_camera, turn, camera, line, start, detector
 ):
-    """For each row of the image that stars reach, their places over its exposure.
+    """For each row of the image with stars, their positions during its exposure.
 
     Yields  row; x, y (k,) pixel from the line's first; electrons (k,)
     """
     here = icrs_to_camera.apply(direction)
 
-    def place(time: Floats, towards: Floats) -> Floats:
+    def position(time: Floats, towards: Floats) -> Floats:
         pixel = camera.project(Rotation.from_rotvec(turn(time)).apply(towards))
         return pixel - (line.shift, line.row)
 
     ends = np.append(start, start[-1] + detector.exposure)
     all_ends = np.repeat(ends, len(here)), np.tile(here, (len(ends), 1))
-    across = place(*all_ends)[:, 1].reshape(len(ends), len(here))
-    # A star's image can touch the line in an exposure if it comes near at the start or the end,
-    # or passes between.
+    across = position(*all_ends)[:, 1].reshape(len(ends), len(here))
+    # The image of a star can touch the line in an exposure if it is near at the start or the end,
+    # or passes the line between them.
     low, high = np.minimum(across[:-1], across[1:]), np.maximum(across[:-1], across[1:])
     near = (low < psf.half_width + 1) & (high > -psf.half_width - 1)
     row, star = np.nonzero(near)
     node, weight = np.polynomial.legendre.leggauss(NODES)
     time = start[row, None] + (node + 1) / 2 * detector.exposure
-    pixel = place(time.ravel(), np.repeat(here[star], NODES, axis=0))
+    pixel = position(time.ravel(), np.repeat(here[star], NODES, axis=0))
     electrons = np.outer(star_rate[star], weight / 2 * detector.exposure).ravel()
     edge = np.searchsorted(row, np.arange(len(start) + 1)) * NODES
     for each in np.unique(row):

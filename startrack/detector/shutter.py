@@ -1,4 +1,4 @@
-"""Where stars are while the rows of a frame are exposed, by a global or a rolling shutter."""
+"""Positions of stars during the exposure, with a global or a rolling shutter."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, LineOfSight
 
-Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in Path
+Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in LineOfSight
 MotionFunction = Callable[
     [Floats, Floats], Floats
 ]  # starts (p,), steps (j,) -> those of all sums (p, j, 3)
 Places = tuple[Floats, Floats, Floats]
 
-BATCH = 2**16  # places that are projected at a time
+BATCH = 2**16  # positions that are projected at a time; chosen by hand: memory against calls
 MIDDLE = np.zeros(1)
 ITERATIONS = (
     4  # to find the time of a star's row; each leaves row_delay * rows per second of the error
@@ -61,7 +61,7 @@ def row_by_row(
     """
     here = icrs_to_camera.apply(direction)
 
-    def place(start: Floats, step: Floats) -> Floats:
+    def position(start: Floats, step: Floats) -> Floats:
         turned = Rotation.from_rotvec(motion_function(start, step).reshape(-1, 3))
         towards = turned.apply(np.repeat(here, len(step), axis=0))
         return camera.project(towards).reshape(len(start), len(step), 2)
@@ -70,10 +70,10 @@ def row_by_row(
         inside = np.clip(np.nan_to_num(row), 0, camera.rows - 1)
         return row_delay * (inside - (camera.rows - 1) / 2)
 
-    late = np.zeros(len(direction))
+    delays = np.zeros(len(direction))
     for _ in range(ITERATIONS):
-        late = delay(place(late, MIDDLE)[:, 0, 1])
+        delays = delay(position(delays, MIDDLE)[:, 0, 1])
     together = max(BATCH // max(len(direction), 1), 1)
     for start in range(0, len(path.time), together):
         some = slice(start, start + together)
-        yield path.weight[some], *np.ascontiguousarray(place(late, path.time[some]).T)
+        yield path.weight[some], *np.ascontiguousarray(position(delays, path.time[some]).T)

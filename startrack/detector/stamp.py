@@ -1,4 +1,4 @@
-"""Stars onto pixels: each PSF at its sub-pixel place, read from the table by six-point Lagrange."""
+"""Stars onto pixels: six-point Lagrange interpolation of the table of the PSF."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ PRODUCT_TOLERANCE = (
 
 
 class PsfTable(NamedTuple):
-    """The table of a PSF as the kernels read it.
+    """The table of a PSF, arranged for the kernels.
 
-    A pixel is one stride of the table, so that a star is the sum of 36 images, one for each
-    weight, whose pixels lie side by side where the table is sorted by its strides.
+    The pixels of a star are `oversampling` samples apart. So a star is the sum of 36 images, one
+    for each interpolation weight, whose pixels are neighbours when the table is sorted by strides.
 
-    strides       (oversampling, oversampling, k) 1, of each row and column that one starts from:
-                  its pixels row by row, `across` of them in a row
-    line, column  (m,) along x and along y, whose product is the table; empty where it is none
-    samples       of a side of the table
+    strides       (oversampling, oversampling, k) 1, for each first row and column of samples: the
+                  pixels row by row, `across` of them in a row
+    line, column  (m,) along x and along y, whose product is the table; empty for other tables
+    samples       along a side of the table
     oversampling  samples per pixel
     across        pixels of a side of the table, rounded up
     """
@@ -49,12 +49,12 @@ def stamp(
 ) -> None:
     """Add the images of points to `image`, in place.
 
-    A table that is the product of a line and a column, as a Gaussian's, costs two lines a star.
+    If the table is the product of a line and a column, as a Gaussian's, only these are read.
 
     image      (rows, columns) electron
-    x, y       (n,) pixel; what falls outside the image is left out
+    x, y       (n,) pixel; light outside the image is lost
     electrons  (n,) electron
-    gain       (rows, columns) 1, response of each pixel, None where all are one
+    gain       (rows, columns) 1, response of each pixel, None: all are one
     Accuracy   numerical: 4e-6 of the peak, 1e-5 pixel in the centroid, with the sampling that
                optics gives its tables; Gaussians 4e-7 of the peak, 1e-7 pixel.
     """
@@ -70,7 +70,7 @@ def stamp_paths(
     electrons: Floats,
     gain: Floats | None = None,
 ) -> None:
-    """The same for points that move: each path in turn, for its pixels are at hand then.
+    """As `stamp`, for points that move along paths.
 
     weight  (m,) 1, fraction of the electrons at each point of a path
     x, y    (m, n) pixel
@@ -79,14 +79,14 @@ def stamp_paths(
 
 
 def psf_table(psf: Psf) -> PsfTable:
-    """The table of a PSF, sorted once."""
+    """The arranged table of a PSF, made once."""
     if psf not in _shapes:
         step, side = psf.oversampling, len(psf.table)
         across = -(-side // step)
         padded = np.zeros((across * step, across * step))
         padded[:side, :side] = psf.table
         strides = padded.reshape(across, step, across, step).transpose(1, 3, 0, 2)
-        # Whole rows are read, also from the last pixels on.
+        # Kernels read whole rows, also from the last pixels on.
         room = np.zeros((step, step, across * (across + 2)))
         room[..., : across**2] = strides.reshape(step, step, -1)
         _shapes[psf] = PsfTable(room, *_separate(psf.table), side, step, across)
@@ -114,13 +114,13 @@ def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-unty
 
 @njit(cache=True, error_model="numpy")
 def work_array(shape):  # type: ignore[no-untyped-def]
-    """What `add` needs to work in."""
+    """Work array for `add_star`."""
     return np.empty(2 * TAPS + shape.across * (shape.across + 1))
 
 
 @njit(cache=True, error_model="numpy")
 def add_star(image, shape, x, y, electrons, gain, room):  # type: ignore[no-untyped-def]
-    """Add the image of one point; a gain of one element is that of all pixels."""
+    """Add the image of one point; a gain of one element applies to all pixels."""
     rows, columns = image.shape
     step = shape.oversampling
     reach = (shape.samples // 2 - 3) // step
@@ -148,7 +148,7 @@ def add_star(image, shape, x, y, electrons, gain, room):  # type: ignore[no-unty
 
 @njit(cache=True, error_model="numpy")
 def _place(centre, pixels, samples, oversampling, weight):  # type: ignore[no-untyped-def]
-    """Along one axis: the nearest pixel, the first and last around it, and where they read.
+    """Along one axis: the nearest pixel, the first and last around it, and their first sample.
 
     Pixel p + i reads the samples from `start` + i * oversampling on, with the six weights: one
     pixel is one stride of the table, so all pixels of a star share them.
@@ -166,14 +166,14 @@ def _place(centre, pixels, samples, oversampling, weight):  # type: ignore[no-un
 
 @njit(cache=True, error_model="numpy")
 def _sum(star, shape, x, y, wx, wy):  # type: ignore[no-untyped-def]
-    """The sum of the weighted images, all rows in one straight loop."""
+    """The sum of the weighted images, all rows in one loop."""
     step = shape.oversampling
     star[:] = 0.0
     for b in range(TAPS):
         for a in range(TAPS):
             weight = wy[b] * wx[a]
             start = (y + b) // step * shape.across + (x + a) // step
-            # A part of its own, or the compiler would look for indices below zero.
+            # A slice, because the compiler would check the index for values below zero.
             part = shape.strides[(y + b) % step, (x + a) % step][start : start + len(star)]
             for k in range(len(star)):
                 star[k] += weight * part[k]

@@ -1,4 +1,4 @@
-"""A detector, a PSF, stars and companions -> one Frame with a cell for each star, without noise."""
+"""Stars and companions -> one noise-free Frame with a cell for each star."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ def star_grid(
     detector: Detector,
     sky: float,
 ) -> tuple[Frame, Floats]:
-    """Expected numbers of stars, each in the middle of a cell of its own.
+    """Expected digital numbers of stars, each in the middle of its cell.
 
-    Stars that stand under one another see the same pixels, of a response drawn for their column.
+    Cells in the same column have pixels of the same random response.
 
     stars       (n, 3) x and y (pixel) from the middle of the cell, electron
     companions  (n, 3) x and y (pixel) from the star, electron, of another star in the cell
     across      cells in a row; n is a multiple of it
     side        pixel, odd, of a cell
     smear       (m, 3) weight, x and y (pixel) of the points of a star's path
-    sky         electron in a pixel of mean response
-    Returns     Frame of real numbers, and (n, 2) pixel where the stars are
+    sky         electron of the uniform background in a pixel of mean response
+    Returns     Frame of numbers that are not rounded, and (n, 2) pixel, positions of the stars
     """
     gain = np.ones((side, across * side))
     if detector.prnu:
@@ -42,12 +42,12 @@ def star_grid(
     gain = np.tile(gain, (len(stars) // across, 1))
     electrons = sky * gain
     row, column = np.divmod(np.arange(len(stars)), across)
-    place = np.column_stack([column, row]) * side + side // 2 + stars[:, :2]
+    position = np.column_stack([column, row]) * side + side // 2 + stars[:, :2]
     for weight, dx, dy in smear:
         for each in (stars, companions):
-            at = place if each is stars else place + companions[:, :2]
+            at = position if each is stars else position + companions[:, :2]
             stamp(electrons, psf, at[:, 0] + dx, at[:, 1] + dy, weight * each[:, 2], gain)
     if detector.crosstalk:
         electrons = diffuse(electrons, detector.crosstalk)
     electrons += detector.dark_rate * detector.exposure
-    return to_frame(mean_numbers(electrons, law_of(detector)), detector), place
+    return to_frame(mean_numbers(electrons, law_of(detector)), detector), position

@@ -1,12 +1,11 @@
-"""Tables of the exact law of a pixel's number, one for each level of expected electrons.
+"""Tables of the exact distribution of digital numbers, one for each level of expected electrons.
 
-A level's law is Poisson's, through the signal chain, with the read noise, cut into digital
-numbers: P(number <= d) = sum_n P(n) Phi((edge_d - signal_n) / noise). A uniform number then picks
-the digital number. The first bits of the uniform number choose a cell of the table, which almost
-always settles the matter; where it does not, all of its 48 bits are compared.
+For a level it is P(number <= d) = sum_n P(n) Phi((edge_d - signal_n) / noise), with P(n) of a
+Poisson distribution. A uniform number selects the digital number: its first bits choose a cell of
+the table, which is nearly always sufficient; otherwise all of its 48 bits are compared.
 
-Levels lie 1/64 of a standard deviation apart. A pixel between two levels takes one of them, with
-the probability that makes its mean exact.
+Levels are 1/64 of a standard deviation apart. A pixel between two levels takes one of them at
+random, with the probability that makes its mean exact.
 """
 
 from __future__ import annotations
@@ -24,24 +23,25 @@ from startrack.detector.law import Law, converted, nonlinear_signal, upper_edge
 
 STEPS = 128  # levels per electron of standard deviation; their spacing is 2 / STEPS of it
 BITS = 48  # of the uniform number
-UNSETTLED = 0xFFFF  # in an entry: the cell does not settle the number
-FARTHEST = 8.2  # standard deviations; what lies beyond has less than 2^-48
-SKEW = 25.0  # electrons by which Poisson's upper tail reaches farther than a normal one
-BLOCK = 16  # levels, to which a table is rounded up, so that like frames share one
+UNSETTLED = 0xFFFF  # in an entry: the cell does not determine the number
+FARTHEST = 8.2  # standard deviations; the probability beyond is less than 2^-48
+SKEW = 25.0  # electrons by which the upper tail of a Poisson distribution exceeds a normal one
+# Chosen by hand, for time and memory; the numbers of a frame hardly depend on them.
+BLOCK = 16  # levels, multiple to which tables are rounded up, so that similar frames share one
 MOST_LEVELS = 512
 MOST_NUMBERS = 4096
 MOST_TERMS = 100_000_000  # of the sums behind a table, a tenth of a second
 
 
 class Tables(NamedTuple):
-    """The laws of a run of levels.
+    """The distributions of consecutive levels.
 
-    entry    (levels << cells,) and one more that is open: threshold << 16 | number - lowest
-    cells    bits that choose a cell
+    entry    (levels << cells,) and one unsettled at the end: threshold << 16 | number - lowest
+    cells    number of bits that choose a cell
     limit    (levels, d) P(number <= lowest + d) of each level, in units of 2^-48
     lowest   digital number of the first column of `limit`
     first    number of the first level
-    levels   how many
+    levels   number of levels
     """
 
     entry: NDArray[np.uint32]
@@ -56,15 +56,15 @@ EMPTY = Tables(np.full(1, UNSETTLED, np.uint32), 1, np.zeros((1, 1), np.uint64),
 
 
 def level_mean(level: NDArray[Any], noise: float) -> NDArray[np.float64]:
-    """Expected electrons of a level: sqrt(mean + noise^2) rises by 1 / STEPS from one on."""
+    """Expected electrons of a level: sqrt(mean + noise^2) grows by 1 / STEPS a level."""
     step = level / STEPS
     return step * (2 * noise + step)
 
 
 def levels_between(mean: NDArray[np.float64], noise: float) -> NDArray[np.float64]:
-    """Where expectations lie between the levels: that of level k is k.
+    """Fractional level of expected electrons: that of level k is k.
 
-    A fraction of the place beyond a level is the probability by which `digitise` takes the next.
+    Its fractional part is the probability with which `digitise` takes the next level.
     """
     level = np.floor((np.sqrt(mean + noise**2) - noise) * STEPS)
     low, high = level_mean(level, noise), level_mean(level + 1, noise)
@@ -72,17 +72,17 @@ def levels_between(mean: NDArray[np.float64], noise: float) -> NDArray[np.float6
 
 
 def tables_for(mean: NDArray[np.float64], law: Law, wings: float = 0.1) -> Tables:
-    """The tables that serve most pixels of a frame; empty where they would not pay.
+    """The tables for most pixels of a frame; empty where they would cost more than they save.
 
-    They follow from the frame alone, so that a frame is the same whatever was drawn before it.
+    They depend on the frame alone, so that a frame does not depend on those before it.
 
     mean   (rows, columns) electron
-    wings  standard deviations above the highest level that are served too
+    wings  standard deviations above the highest level that are included
     """
     sample = mean.ravel()[:: mean.size // 4096 | 1]  # odd, to visit all columns
     low, middle, high = np.quantile(np.maximum(sample, 0.0), [0.002, 0.5, 0.99])
     spread = math.sqrt(middle + law.noise**2)
-    # Wide enough for what a sample leaves out, but no wider than stars are worth.
+    # Wider than the sample, but not so wide that it includes stars.
     first = max(_level(low - 0.1 * spread, law.noise), _level(middle, law.noise) - MOST_LEVELS // 2)
     last = min(_level(high + wings * spread, law.noise) + 1, first + MOST_LEVELS)
     first, last = first // BLOCK, -(-last // BLOCK)
@@ -98,7 +98,7 @@ def _level(mean: float, noise: float) -> int:
 
 @lru_cache(maxsize=4)
 def build(law: Law, first: int, count: int) -> Tables:
-    """The tables of some levels, or empty ones where the numbers spread too far."""
+    """The tables of some levels; empty where the numbers spread too far."""
     mean = level_mean(np.arange(first, first + count), law.noise)
     electrons = np.arange(
         max(math.floor(mean[0] - FARTHEST * math.sqrt(mean[0])), 0.0),
@@ -125,7 +125,7 @@ def build(law: Law, first: int, count: int) -> Tables:
     log = special.xlogy(electrons, mean[:, None]) - special.gammaln(electrons + 1) - mean[:, None]
     probability = np.exp(log)
     lower, upper = _sums(probability, start, end, special.ndtr(z), special.ndtr(-z))
-    # The smaller of the two keeps its digits.
+    # The smaller of the two has no cancellation.
     limit = np.where(lower < 0.5, lower * 2.0**BITS, 2.0**BITS - upper * 2.0**BITS)
     limit = np.rint(limit).astype(np.uint64)
     limit[:, -1] = 2**BITS
@@ -139,22 +139,22 @@ def build(law: Law, first: int, count: int) -> Tables:
 
 @njit(cache=True, error_model="numpy")
 def _sums(probability, start, end, below, above):  # type: ignore[no-untyped-def]
-    """P(number <= d) and P(number > d) of each level, each summed by itself to keep its digits."""
+    """P(number <= d) and P(number > d) of each level, each summed separately to keep its digits."""
     levels, electrons = probability.shape
     lower = np.empty((levels, len(start)))
     upper = np.empty((levels, len(start)))
     head, tail = np.zeros(electrons + 1), np.zeros(electrons + 1)
     for level in range(levels):
-        fraction = probability[level]
+        chance = probability[level]
         for n in range(electrons):
-            head[n + 1] = head[n] + fraction[n]
+            head[n + 1] = head[n] + chance[n]
             back = electrons - 1 - n
-            tail[back] = tail[back + 1] + fraction[back]
+            tail[back] = tail[back + 1] + chance[back]
         for d in range(len(start)):
             less, more = head[start[d]], tail[end[d]]
             for k in range(end[d] - start[d]):
-                less += fraction[start[d] + k] * below[d, k]
-                more += fraction[start[d] + k] * above[d, k]
+                less += chance[start[d] + k] * below[d, k]
+                more += chance[start[d] + k] * above[d, k]
             lower[level, d], upper[level, d] = less, more
     return lower, upper
 
@@ -162,7 +162,7 @@ def _sums(probability, start, end, below, above):  # type: ignore[no-untyped-def
 def _entries(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:
     """The entries of one level.
 
-    A cell in which one limit lies holds its next 16 bits; one in which several lie is open.
+    A cell with one limit contains its next 16 bits; one with several limits is unsettled.
     """
     start = np.arange(2**cells, dtype=np.uint64) << np.uint64(BITS - cells)
     lower = np.searchsorted(limit, start, side="right")

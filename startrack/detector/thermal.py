@@ -1,4 +1,4 @@
-"""Temperature: how the dark current grows, and the noise that resetting a capacitor leaves."""
+"""Thermal: growth of the dark current with temperature, reset noise."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ ELEMENTARY_CHARGE = 1.602176634e-19  # coulomb, exact in the SI of 2019
 
 @dataclass(frozen=True)
 class Thermal:
-    """The temperature of the detector, and the law of its dark current.
+    """Temperature of the detector, growth of its dark current, reset noise.
 
-    By its doubling, where `activation` is zero:
+    Where `activation` is zero, the dark current doubles in steps of temperature:
 
         I(T) = I(reference) 2^((T - reference) / doubling)
 
-    or by an activation energy (diffusion: the gap, 1.12 eV; generation: half of it):
+    Otherwise it has an activation energy (diffusion: the band gap, 1.12 eV; generation: half):
 
         I(T) = I(reference) (T / reference)^(3/2) exp(-E / k (1 / T - 1 / reference))
 
-    Resetting a capacitor leaves the noise sqrt(k T C) / q, unless it is sampled and subtracted.
+    The reset noise is sqrt(k T C) / q, unless correlated double sampling removes it.
 
     Source: EMVA 1288 release 4.0, on the dark current, for the doubling; Widenhorn et al. (2002),
     Proc. SPIE 4669, 193, for the activation energy.
 
     temperature  kelvin
-    reference    kelvin, at which the detector's dark_current holds
+    reference    kelvin, of the dark_current of the detector
     doubling     kelvin
     activation   joule
-    capacitance  farad, of the sense node that is reset without correlated double sampling
+    capacitance  farad, of the sense node; 0 with correlated double sampling
     """
 
     temperature: Annotated[float, Unit("K")]

@@ -1,14 +1,14 @@
-"""A filter, its levels -> where noise alone passes them, and the numbers of the pixels there.
+"""Filter and thresholds -> where noise alone exceeds them, and the numbers of the pixels there.
 
-A pixel of the filtered frame that passes a high level is too rare to wait for. So the numbers
-under the filter are drawn from a law in which it is common, each pixel's own law times
-exp(theta weight number), and what is drawn is kept with the probability that makes up for it:
+Noise rarely exceeds a high level in the filtered frame. So the numbers under the filter are drawn
+from a law in which it often does, the law of each pixel times exp(theta weight number), and these
+proposals are accepted with a probability that restores the law:
 
     rate of proposals   exp(K(theta) - theta level)
-    kept with           exp(-theta (filtered - level)),   filtered > level
+    accepted with       exp(-theta (filtered - level)),   filtered > level
 
-where K is the logarithm of the expectation of exp(theta filtered). What is kept has exactly the
-law of the numbers, given that the filtered pixel passes the level, and comes at exactly its rate.
+where K is the logarithm of the expectation of exp(theta filtered). What is accepted
+has exactly the law of the numbers given that the filtered pixel exceeds the level, and its rate.
 
 Source: Siegmund (1976), Importance sampling in the Monte Carlo study of sequential tests, Annals
 of Statistics 4, 673, for the tilted law; here with rejection in place of weights.
@@ -29,8 +29,8 @@ from startrack.detector.law import law_of
 from startrack.detector.parameters import Detector
 from startrack.detector.tables import BITS, build, levels_between
 
-LEAST_CUMULANT = -1e9  # of K, where no pixel of a tile is asked for
-MOST_PROPOSALS = 0.05  # of the pixels; beyond, the whole frame is cheaper
+LEAST_CUMULANT = -1e9  # K of tiles without pixels
+MOST_PROPOSALS = 0.05  # of the pixels; above, the whole frame takes less time; chosen by hand
 BISECTIONS = 30  # of the search for theta
 
 
@@ -67,14 +67,14 @@ def number_distributions(
 
 
 class TiltedLaw(NamedTuple):
-    """What the drawing of excesses needs of a frame, a filter and a typical level.
+    """The tilted law of a frame, a filter and a typical level.
 
     theta   1 / digital number
     most    (tiles,) the largest K of a pixel in each tile, row by row
     among   (tiles, mesh^2) sums of exp(K - most) over the pixels of a tile up to each, row by row;
-            rounding them moves an excess by a pixel once in some thousand times
+            rounding them moves a crossing by a pixel in one of some thousand cases
     weight  (2 m + 1, 2 n + 1) of the filter
-    kind    (2 m + 1, 2 n + 1) which of the weights that differ each is
+    kind    (2 m + 1, 2 n + 1) index of each weight in the different weights
     sums    (kinds, levels, n) of the tilted law, of the numbers up to the lowest, lowest + 1, ...
     """
 
@@ -89,12 +89,12 @@ class TiltedLaw(NamedTuple):
 def tilted_law(
     numbers: NumberDistributions, weight: Floats, level: float, mesh: int, border: int
 ) -> TiltedLaw:
-    """The theta that makes the level typical, and K of each pixel, whatever is about it.
+    """The theta whose mean is the level, and K of each pixel with its neighbours.
 
     weight  of the filter, which is mirrored at the frame's border
     level   digital number, in the filtered frame
     mesh    pixel, side of a tile
-    border  pixel; nearer to the frame's border no excess is asked for
+    border  pixel; nearer to the frame's border no crossing is drawn
     """
     middle = float(np.median(numbers.place))
     theta = _theta(numbers, weight, level - numbers.lowest * weight.sum(), middle)
@@ -110,10 +110,10 @@ def tilted_law(
 
 
 class ProposalRates(NamedTuple):
-    """How often the tilted law is to be tried in each tile, (tiles,) row by row.
+    """Expected number of proposals in each tile, (tiles,) row by row.
 
     level  digital number to be passed, above that of numbers that are all the lowest
-    fraction  1, of all tries, those of the tiles before among them
+    fraction  1, of all proposals, cumulated over the tiles
     total  tries in a frame
     """
 
@@ -123,7 +123,7 @@ class ProposalRates(NamedTuple):
 
 
 def proposal_rates(numbers: NumberDistributions, tilt: TiltedLaw, level: Floats) -> ProposalRates:
-    """What the levels of tiles ask for.
+    """Rates of proposals for the levels of tiles.
 
     level  (down, across) digital number, of each tile
     """
@@ -147,12 +147,12 @@ def threshold_crossings(
     regions: Ints,
     streams: Streams,
 ) -> tuple[Ints, Ints]:
-    """Draw where the noise of a frame passes the levels of its tiles.
+    """Draw where the noise of a frame exceeds the levels of its tiles.
 
-    regions  (w, 4) left, top, right, bottom, the last two not in it: where none is asked for
+    regions  (w, 4) left, top, right, bottom, the last two exclusive: no crossings there
     Returns  (k,) row * columns + column, and (k, 2 m + 1, 2 n + 1) the digital numbers about it
-    Accuracy  model: excesses are strewn as if each knew nothing of the others, which they do where
-              they lie a filter's width apart; two that overlap come as often as chance has it.
+    Accuracy  model: crossings are independent, which is exact if they are a filter's width apart;
+              those that overlap have the frequency of independent ones.
     """
     count = int(streams("false spots").poisson(rates.total))
     start = key(streams, "numbers of false spots")
@@ -162,7 +162,7 @@ def threshold_crossings(
 
 
 def _theta(numbers: NumberDistributions, weight: Floats, level: float, middle: float) -> float:
-    """Where K'(theta) is the level: there, half of what is drawn passes it."""
+    """Theta with K'(theta) = level: about half of the proposals exceed it."""
     low, high = 0.0, 1.0
     law = numbers.probability
 
@@ -196,7 +196,7 @@ def _moment(probability, place, tilt):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _cumulant(probability, place, tilts):  # type: ignore[no-untyped-def]
-    """K of a filter whose pixels are all of one level."""
+    """K of a filter whose pixels all have one level."""
     total = 0.0
     for tilt in tilts.ravel():
         total += math.log(_moment(probability, place, tilt))
@@ -205,7 +205,7 @@ def _cumulant(probability, place, tilts):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _folded_weights(weight, x, y, shape):  # type: ignore[no-untyped-def]
-    """The weights about a pixel, those beyond the border added to the pixels that mirror them."""
+    """The weights around a pixel, those beyond the border added to the mirrored pixels."""
     rows, columns = shape
     down, across = weight.shape[0] // 2, weight.shape[1] // 2
     folded = np.zeros_like(weight)
@@ -221,11 +221,11 @@ def _folded_weights(weight, x, y, shape):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _cumulants(probability, place, theta, weight, kind, sums, mesh, border):  # type: ignore[no-untyped-def]
-    """K of each pixel, (tiles, mesh^2); minus infinity where none is asked for."""
+    """K of each pixel, (tiles, mesh^2); minus infinity where none is drawn."""
     rows, columns = place.shape
     down, across = -(-rows // mesh), -(-columns // mesh)
     tiles = np.full((down * across, mesh * mesh), -np.inf)
-    # Moments over those of a middling level, so that their product stays within numbers.
+    # Moments over those of a middle level, so that their product does not overflow.
     middle = probability.shape[0] // 2
     moment, usual = sums[:, :, -1].copy(), 0.0
     for j in range(len(moment)):
@@ -244,7 +244,7 @@ def _cumulants(probability, place, theta, weight, kind, sums, mesh, border):  # 
 
 @njit(cache=True, error_model="numpy")
 def _product(x, y, moment, kind, place):  # type: ignore[no-untyped-def]
-    """The product of the moments (kinds, levels) of the pixels about one."""
+    """The product of the moments (kinds, levels) of the pixels around one."""
     height, width = kind.shape
     product = 1.0
     for j in range(height):
@@ -258,7 +258,7 @@ def _product(x, y, moment, kind, place):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _at_border(probability, place, x, y, tilts):  # type: ignore[no-untyped-def]
-    """K of a pixel, whose filter ends where the frame does."""
+    """K of a pixel near the border of the frame."""
     rows, columns = place.shape
     total = 0.0
     for j in range(tilts.shape[0]):
@@ -271,7 +271,7 @@ def _at_border(probability, place, x, y, tilts):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probability, place):  # type: ignore[no-untyped-def]
-    """Write the proposals that are kept; returns how many."""
+    """Write the accepted proposals; returns their number."""
     rows, columns = place.shape
     across = -(-columns // mesh)
     size = np.uint64(3 + tilt.weight.size)
@@ -319,14 +319,14 @@ def _in_region(x, y, regions):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _inside(x, y, place, weight):  # type: ignore[no-untyped-def]
-    """Whether all that the filter sees about a pixel lies in the frame."""
+    """Whether the filter around a pixel lies in the frame."""
     down, across = weight.shape[0] // 2, weight.shape[1] // 2
     return down <= y < place.shape[0] - down and across <= x < place.shape[1] - across
 
 
 @njit(cache=True, error_model="numpy")
 def _draw_by_sums(numbers, start, at, x, y, tilt, place):  # type: ignore[no-untyped-def]
-    """As `_draw`, by the sums that are known already where no weight is folded."""
+    """As `_draw`, by the sums computed before, for weights that are not folded."""
     height, width = tilt.weight.shape
     filtered = 0.0
     for j in range(height):
@@ -351,7 +351,7 @@ def _draw_by_sums(numbers, start, at, x, y, tilt, place):  # type: ignore[no-unt
 
 @njit(cache=True, error_model="numpy")
 def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type: ignore[no-untyped-def]
-    """Write numbers of the tilted law about a pixel; returns the filtered number."""
+    """Write numbers of the tilted law around a pixel; returns the filtered number."""
     rows, columns = place.shape
     down, across = folded.shape[0] // 2, folded.shape[1] // 2
     filtered = 0.0

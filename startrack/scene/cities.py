@@ -1,4 +1,4 @@
-"""The Earth at a date -> the lights of its large cities by night, as points."""
+"""Earth and date -> the lights of its large cities at night, as points."""
 
 from __future__ import annotations
 
@@ -30,43 +30,43 @@ CITIES = (
     (6.1, 33.7, -84.4), (5.9, 29.8, -95.4), (4.9, -33.9, 151.2), (4.8, 52.5, 13.4),
     (3.1, 25.2, 55.3), (2.2, 36.2, -115.1),
 )  # fmt: skip
-# Garstang (1986), PASP 98, 364: 1000 lumen a head, of which 0.15 goes up at once and 0.15 of the
-# rest after the ground.
+# Garstang (1986), PASP 98, 364: 1000 lumen a head, of which 0.15 is emitted upwards and 0.15 of
+# the rest is reflected by the ground.
 UPWARDS = 1000 * (0.15 + 0.15 * 0.85)  # lumen a head
 LUX_OF_ZERO = 2.54e-6  # of a star of V = 0
 PHOTONS_OF_ZERO = 1.0e8  # photon / s / m^2 / nm at 550 nm, of the same
-WARM = 2700.0  # kelvin, of lamps
-DENSITY = 4000.0  # heads / km^2
-HEADS_PER_POINT = 0.5e6  # heads that make one point
-DUSK = -6 * deg  # elevation of the Sun below which lamps are lit
+LAMP = 2700.0  # kelvin, warm white; chosen by hand
+DENSITY = 4000.0  # heads / km^2; chosen by hand: sets the size of a city
+HEADS_PER_POINT = 0.5e6  # chosen by hand: shape of a city against the number of points
+DUSK = -6 * deg  # elevation of the Sun at the end of civil twilight, when lamps are lit
 
 
 def cities(earth: Earth, observer: Observer) -> tuple[Floats, Floats]:
-    """What is lit and in sight.
+    """The cities that are lit and visible.
 
         V = -2.5 log10(lumen cos(a) / pi / distance^2 / 2.54e-6 lux),  a from the zenith
 
     Returns  (n, 3) unit vectors, ICRS axes, and (n, k) photon / s / m^2 in each bin
-    Accuracy  model: a factor of three for a city, which is an even disc; towns below two million
-              are left out; no air, no clouds. Places within 0.2 degree: how the Earth's axis has
-              moved since 2000 is left out.
+    Accuracy  model: a factor of three for a city, which is a uniform disc; towns below two million
+              are left out; no atmosphere, no clouds. Positions within 0.2 degree: precession and
+              nutation since 2000 are left out.
     """
-    place, heads = _city_points()
-    turned = place @ _earth_to_icrs(observer.day).T
+    point, heads = _city_points()
+    turned = point @ _earth_to_icrs(observer.day).T
     away = EARTH_RADIUS * turned + earth.centre
     distance = np.linalg.norm(away, axis=1)
     direction = away / distance[:, None]
     cosine = -np.einsum("ij,ij->i", direction, turned)
     lit = (cosine > 0) & (turned @ earth.sun < math.sin(DUSK))
     lux = heads * UPWARDS / math.pi * np.maximum(cosine, 0) / distance**2
-    warm = blackbody_photons(WAVELENGTH, np.array([WARM]))[0]
-    white = blackbody_photons(np.array([550 * nm]), np.array([WARM]))[0, 0]
-    rate = np.outer(lux / LUX_OF_ZERO, PHOTONS_OF_ZERO * BIN / nm * warm / white)
+    lamp = blackbody_photons(WAVELENGTH, np.array([LAMP]))[0]
+    at_550 = blackbody_photons(np.array([550 * nm]), np.array([LAMP]))[0, 0]
+    rate = np.outer(lux / LUX_OF_ZERO, PHOTONS_OF_ZERO * BIN / nm * lamp / at_550)
     return direction[lit], rate[lit]
 
 
 def _earth_to_icrs(day: float) -> Floats:
-    """(3, 3) from axes that turn with the Earth to ICRS ones, by the Earth rotation angle.
+    """(3, 3) from axes fixed to the Earth to ICRS axes, by the Earth rotation angle.
 
     Source: IAU 2000, resolution B1.8; 69 s of TDB - UT1 as in 2026.
     """
@@ -77,8 +77,8 @@ def _earth_to_icrs(day: float) -> Floats:
 
 @lru_cache(maxsize=1)
 def _city_points() -> tuple[Floats, Floats]:
-    """(n, 3) unit vectors in axes that turn with the Earth, (n,) heads that light each."""
-    places, heads = [], []
+    """(n, 3) unit vectors in axes fixed to the Earth, (n,) inhabitants of each point."""
+    points, heads = [], []
     for million, latitude, longitude in CITIES:
         count = math.ceil(million * 1e6 / HEADS_PER_POINT)
         radius = math.sqrt(million * 1e6 / DENSITY / math.pi) * 1e3 / EARTH_RADIUS
@@ -87,6 +87,6 @@ def _city_points() -> tuple[Floats, Floats]:
         north = latitude * deg + out * np.cos(turn)
         east = longitude * deg + out * np.sin(turn) / math.cos(latitude * deg)
         flat = np.cos(north)
-        places.append(np.stack([flat * np.cos(east), flat * np.sin(east), np.sin(north)], -1))
+        points.append(np.stack([flat * np.cos(east), flat * np.sin(east), np.sin(north)], -1))
         heads.append(np.full(count, million * 1e6 / count))
-    return np.concatenate(places), np.concatenate(heads)
+    return np.concatenate(points), np.concatenate(heads)

@@ -1,4 +1,4 @@
-"""Scene, Streams -> where the bodies of the solar system are, seen by the observer."""
+"""Scene, Streams -> observer, and positions of the bodies of the solar system seen from there."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ J2000 = 2451545.0  # Julian day
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body as the observer sees it.
+    """A body, seen by the observer.
 
-    direction     (3,) unit vector, ICRS axes
-    distance      metre from the observer
-    sun           (3,) metre from the body to the Sun
+    direction  (3,) unit vector, ICRS axes
+    distance   metre from the observer
+    sun        (3,) metre from the body to the Sun
     """
 
     direction: Floats
@@ -38,14 +38,14 @@ class Body:
 
     @property
     def phase_angle(self) -> float:
-        """Radian between the Sun and the observer, seen from the body."""
+        """Radian, angle between the Sun and the observer, seen from the body."""
         cosine = float(-self.direction @ self.sun) / self.sun_distance
         return math.acos(min(max(cosine, -1.0), 1.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Observer:
-    """When and where the sky is looked at.
+    """Date and position of the observer.
 
     day       Julian day, TDB
     position  (3,) metre from the solar system's barycentre, ICRS axes
@@ -62,9 +62,9 @@ class Observer:
         return 2000 + (self.day - J2000) / 365.25
 
     def see(self, name: str) -> Body:
-        """A body, or the Sun, where it was when its light left it.
+        """A body, or the Sun, at the time when its light was emitted.
 
-        name    "sun", "moon", or a planet
+        name      "sun", "moon", or a planet
         Accuracy  model: no aberration (21 arcsec), no light deflection. numerical: astropy's
                   built-in ephemeris: Sun 1 arcsec, Moon 10 arcsec, planets 40 arcsec between 1900
                   and 2100.
@@ -82,7 +82,8 @@ class Observer:
 def observer_of(scene: Scene, streams: Streams | None) -> Observer:
     """The observer of one trial.
 
-    streams  of the trial; needed only where the scene draws a date or a place in the orbit
+    streams  of the trial; needed only where the scene draws a date or a phase of the orbit
+    Raises   TypeError where they are needed and missing.
     """
     day = _start_day(scene)
     if scene.days:
@@ -144,8 +145,8 @@ def _barycentric(name: str, day: float) -> Floats:
 
     with installed_tables():
         date = Time(day, format="jd", scale="tdb")
-        place = get_body_barycentric(name, date, ephemeris="builtin")
-    metre = np.array(place.xyz.to_value(units.m))
+        position = get_body_barycentric(name, date, ephemeris="builtin")
+    metre = np.array(position.xyz.to_value(units.m))
     metre.flags.writeable = False
     return metre
 

@@ -1,4 +1,4 @@
-"""The Earth's bright limb: a table of radiance over tangent height and Sun, and its light."""
+"""The Earth's bright limb: table of radiance over tangent height and Sun, and its light."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from startrack.scene.ephemeris import EARTH_RADIUS
 from startrack.scene.photometry import WAVELENGTH
 
 FORMAT = 1  # of the file
-DARK = 1e-12  # 1 / sr over the Sun's irradiance, below which the air counts as dark
+DARK = 1e-12  # 1 / sr, least radiance over the Sun's irradiance: its logarithm must be finite
 
 
 @dataclass(frozen=True, eq=False)
 class Limb:
-    """Radiance along lines that miss the ground, over the Sun's irradiance.
+    """Radiance along lines of sight above the ground, over the Sun's irradiance.
 
     albedo      1, of the ground below
     wavelength  (k,) metre
@@ -43,13 +43,13 @@ class Limb:
         """Radiance of n lines of sight.
 
         wavelength  (k,) metre, inside the table's
-        tangent     (n,) metre; above the table's the air is dark, below it the ground is hit
-        sun         (n,) radian; past the table's the air is dark
+        tangent     (n,) metre; zero radiance above the table
+        sun         (n,) radian; zero radiance beyond the table
         azimuth     (n,) radian
         Returns     (n, k) 1 / sr, over the Sun's irradiance
         Raises      ValueError where a tangent height lies under the table or is not a number.
         Accuracy    model: clear air without aerosol, straight rays; no twilight with the Sun below
-                    the horizon. numerical: straight lines in the logarithm, 3 % between the nodes.
+                    the horizon. numerical: 3 % between the nodes, linear in the logarithm.
         """
         from scipy.interpolate import RegularGridInterpolator  # 0.1 s; few scenes have an Earth
 
@@ -58,16 +58,16 @@ class Limb:
                 f"tangent must be at least {self.tangent[0]:g} m, got {np.min(tangent)}"
             )
         axes = np.log(self.wavelength), self.tangent, self.sun, self.azimuth
-        look = RegularGridInterpolator(axes, np.log(np.maximum(self.radiance, DARK)))
+        logarithm = RegularGridInterpolator(axes, np.log(np.maximum(self.radiance, DARK)))
         turned = np.arccos(np.cos(azimuth))
-        places = (
+        nodes = (
             np.clip(tangent, *self.tangent[[0, -1]]),
             np.clip(sun, *self.sun[[0, -1]]),
             np.clip(turned, *self.azimuth[[0, -1]]),
         )
         found = np.stack(
             [
-                np.exp(look(np.stack([np.full(len(tangent), one), *places], -1)))
+                np.exp(logarithm(np.stack([np.full(len(tangent), one), *nodes], -1)))
                 for one in np.log(wavelength)
             ],
             -1,
@@ -106,8 +106,8 @@ def limb_light(earth: Earth, line: Floats) -> Iterator[tuple[Floats, Floats]]:
     """The sunlit air above the horizon.
 
     line     (n, 3) unit vectors, ICRS axes
-    Yields   (k,) photon / s / m^2 in each bin and (n,) 1 / sr, of which the products add up: one
-             for each wavelength of the table, which stands for the bins nearest to it
+    Yields    (k,) photon / s / m^2 in each bin and (n,) 1 / sr; the light is the sum of their
+              products. One pair for each wavelength of the table, which applies to the nearest bins
     Accuracy  model: that of `Limb`, over a ground of albedo 0.3; the Earth is a sphere.
     """
     table = _table()
@@ -125,11 +125,11 @@ def limb_light(earth: Earth, line: Floats) -> Iterator[tuple[Floats, Floats]]:
     azimuth = np.arccos(np.clip(towards / np.maximum(np.linalg.norm(level, axis=1), 1e-12), -1, 1))
     found = table(table.wavelength, height[through], np.arccos(cosine), azimuth)
     sunlight = earth.light * np.pi / EARTH_ALBEDO
-    stands_for = np.argmin(np.abs(WAVELENGTH - table.wavelength[:, None]), axis=0)
+    nearest_wavelength = np.argmin(np.abs(WAVELENGTH - table.wavelength[:, None]), axis=0)
     for i in range(len(table.wavelength)):
         fraction = np.zeros(len(line))
         fraction[through] = found[:, i]
-        yield np.where(stands_for == i, sunlight, 0.0), fraction
+        yield np.where(nearest_wavelength == i, sunlight, 0.0), fraction
 
 
 @lru_cache(maxsize=1)

@@ -1,4 +1,4 @@
-"""Scene: what there is to see besides the stars, when and from where."""
+"""Scene: date, observer, background and bodies besides the stars."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ class Orbit:
 
 @dataclass(frozen=True)
 class Scene:
-    """The sky between the stars, and the bodies in front of them.
+    """Background and bodies besides the stars, date and observer.
 
-    What is absent costs nothing and draws nothing.
+    What is absent costs no time and draws no random number.
 
-    background_g  magnitude per square arcsecond in Gaia's G of an even sky, None for a black one.
-                  It stands for the zodiacal light, which is near V 23.3 at high ecliptic latitude
+    background_g  magnitude per square arcsecond in Gaia's G of a uniform background, None for none.
+                  It replaces the zodiacal light, which is near V 23.3 at high ecliptic latitude
                   and near 22.1 on the ecliptic at 90 degrees from the Sun.
-    lights        which of LIGHTS there are beside it: "zodiacal" light; "starlight" of stars
+    lights        which of LIGHTS are present: "zodiacal" light; "starlight" of stars
                   below the catalogue's limit and of the dust that they light; "planets", the
                   "sun" and the "moon", in the field and through the baffle; the "earth" under an
-                  orbit, its "airglow" and its "cities" by night. Sun, Moon and Earth hide the
+                  orbit, its "airglow" and its "cities" at night. Sun, Moon and Earth hide the
                   stars behind them, and each other's light
     date          UTC, as "2026-03-20T12:00:00"
     days          each trial draws its date within so many days after `date`

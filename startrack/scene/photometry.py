@@ -21,7 +21,7 @@ GAIA_APERTURE = 0.7278  # m^2
 SUN = 5772.0  # K, IAU 2015 nominal effective temperature
 SUN_G_MINUS_V = -0.14  # Casagrande & VandenBerg (2018), MNRAS 479, L102
 UNKNOWN_COLOUR = SUN
-COOLEST, HOTTEST = 1500.0, 50000.0  # K, outside which a colour is clipped
+COOLEST, HOTTEST = 1500.0, 50000.0  # K, limits to which a colour is clipped
 
 
 def blackbody_photons(wavelength: Floats, temperature: Floats) -> Floats:
@@ -40,12 +40,12 @@ def blackbody_photons(wavelength: Floats, temperature: Floats) -> Floats:
 def photon_irradiance(magnitude_g: Floats, temperature: Floats) -> Floats:
     """Photons of stars in the bins of WAVELENGTH.
 
-    The blackbody's shape, scaled so that Gaia would count the electrons of its zero point:
-    aperture * sum(rate * passband) = 10**(0.4 (zero point - G)).
+    The spectrum of a blackbody, scaled so that Gaia would count the electrons of its zero point:
+    aperture * sum(irradiance * passband) = 10**(0.4 (zero point - G)).
 
     magnitude_g, temperature  (n,) mag, kelvin
     Returns                   (n, k) photon / s / m^2 in each bin
-    Accuracy                  model: no lines or bands, which cost some per cent for cool stars.
+    Accuracy                  model: no lines or bands, some per cent for cool stars.
                               numerical: 2e-4, from bins of 10 nm.
     """
     shape = blackbody_photons(WAVELENGTH, temperature)
@@ -56,7 +56,7 @@ def photon_irradiance(magnitude_g: Floats, temperature: Floats) -> Floats:
 def colour_temperature(colour: Floats) -> Floats:
     """Temperature of the blackbody that has the colour BP - RP.
 
-    colour   (n,) mag; NaN, for unknown, is taken as the Sun's
+    colour   (n,) mag; NaN (unknown) is replaced by the Sun's
     Returns  (n,) kelvin, within [1500, 50000]
     """
     colours, temperatures = _colour_table()

@@ -19,17 +19,17 @@ POLE = {"saturn": (40.589 * deg, 83.537 * deg), "uranus": (257.311 * deg, -15.17
 
 
 def magnitude_v(name: str, body: Body, year: float) -> float:
-    """The V magnitude of a planet, in the mean of its rotation.
+    """The V magnitude of a planet, averaged over its rotation.
 
         V = 5 log10(r d) + f(phase angle),   r, d in astronomical units
 
     Source: Mallama and Hilton (2018), Astronomy and Computing 25, 10.
 
     name    one of PLANETS, or "earth"
-    body    where it is
-    year    Julian year; Neptune has brightened
-    Accuracy  model: 0.05 mag, Mars 0.1 mag, as it turns; Saturn's rings are left out where it is
-              seen from elsewhere than the Earth, at phase angles beyond 6.5 degrees.
+    body    its position
+    year    Julian year; Neptune has become brighter
+    Accuracy  model: 0.05 mag, Mars 0.1 mag by its rotation; Saturn's rings are left out at phase
+              angles beyond 6.5 degrees, which the Earth never sees.
     """
     distances = 5 * math.log10(body.sun_distance * body.distance / AU**2)
     return distances + _PHASE[name](body.phase_angle / deg, body, year)
@@ -68,7 +68,7 @@ def _jupiter(phase: float, body: Body, year: float) -> float:
 
 
 def _saturn(phase: float, body: Body, year: float) -> float:
-    """Globe and rings, whose tilt is the mean of what the Sun and the observer see."""
+    """Globe and rings; the tilt is the mean of those towards the Sun and the observer."""
     if phase > 6.5:
         return float(polyval(phase, [-8.94, 2.446e-4, 2.672e-4, -1.506e-6, 4.767e-9]))
     lit, seen = _latitudes("saturn", body)
@@ -83,7 +83,7 @@ def _uranus(phase: float, body: Body, year: float) -> float:
 
 
 def _latitudes(name: str, body: Body) -> tuple[float, float]:
-    """Radian, of the places under the Sun and under the observer."""
+    """Radian, latitudes of the Sun and of the observer."""
     right_ascension, declination = POLE[name]
     pole = np.array(
         [

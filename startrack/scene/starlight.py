@@ -1,4 +1,4 @@
-"""Directions, faintest magnitude of the catalogue -> light of the stars below it."""
+"""Directions, faintest magnitude of the catalogue -> light of fainter stars."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ POLE = np.array(
 # Journal Supplement 44, 73, eq. (B1).
 FIRST, LAST = 0.0, 24.0
 COUNTED = (1.5, 2.0, 2.6, 3.0, 3.56, 4.55, 5.44, 4.90, 4.84, 4.32)
-# Sine of the latitude below which dust keeps the plane from getting brighter, so that the counts
-# of all belts of latitude come out.
+# Sine of the latitude below which dust limits the brightness of the plane; fitted to the counts of
+# all belts of latitude.
 DUST = 0.2
 # Starlight that dust scatters, over the starlight: Leinert et al. (1998), A&A Supplement Series
 # 127, 1, section 11.2.
@@ -36,12 +36,12 @@ TEMPERATURE = 4800.0  # kelvin, of a blackbody with the mean star's colour
 
 
 def starlight(direction: Floats, limit_g: float) -> Floats:
-    """Brightness of what a catalogue leaves out: faint stars, and the dust that all stars light.
+    """Brightness of faint stars that a catalogue leaves out, and of dust in the light of all stars.
 
         light(G, b) = light(G + 5 log10 s, pole) / s,   s^2 = sin(b)^2 + 0.2^2
 
-    which is exact for a plane layer of stars without dust, where it is seen through more of them
-    at a low latitude b, and farther ones.
+    which is exact for a plane layer of stars without dust: at a low latitude b, more and farther
+    stars are seen.
 
     direction  (n, 3) unit vectors, ICRS axes
     limit_g    G of the faintest star of the catalogue
@@ -72,6 +72,6 @@ def _fainter() -> tuple[Floats, Floats]:
 
 
 def _growth(magnitude: float) -> float:
-    """Logarithm to base ten by which the disk's stars grow from a magnitude to the next."""
+    """Decimal logarithm of the growth of the number of disk stars from a magnitude to the next."""
     x = 10 ** (-0.132 * (magnitude - 15.75))
     return 0.035 + 0.132 * 3.0 * x / (1 + x)

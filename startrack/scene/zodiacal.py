@@ -11,7 +11,7 @@ from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_ir
 
 # Leinert et al. (1998), A&A Supplement Series 127, 1, table 17: seen from the Earth at 500 nm, in
 # 1e-8 W / m^2 / sr / um; the pole is that of section 8.3. Zero where the table has nothing.
-S10 = 1.28  # of these, one star of V = 10 and the Sun's colour per square degree; the same
+S10 = 1.28  # of these units: one star of V = 10 and the Sun's colour per square degree
 LONGITUDE = (0, 5, 10, 15, 20, 25, 30, 35, 40, 45, 60, 75, 90, 105, 120, 135, 150, 165, 180)
 LATITUDE = (0, 5, 10, 15, 20, 25, 30, 45, 60, 75, 90)
 TABLE = (
@@ -39,7 +39,7 @@ REFERENCE = 500e-9  # metre
 # The same, section 8.5: colour at an elongation of 90 degrees, per decade of wavelength.
 BLUE, RED = 0.9, 0.6
 # The same, section 8.2: brightness falls with the distance from the Sun, and towards it rises with
-# elongation^-2.3, which here goes on inside the table's innermost ring.
+# elongation^-2.3, which here is continued inside the innermost ring of the table.
 FALL = 2.3
 INNER, INNERMOST = 15 * deg, 2.5 * deg
 OBLIQUITY = 23.43928 * deg  # of the ecliptic, J2000
@@ -53,10 +53,9 @@ def zodiacal(direction: Floats, sun: Floats, sun_distance: float = 1.0) -> Float
     sun           (3,) unit vector to the Sun
     sun_distance  astronomical unit from the observer to the Sun
     Returns       (n,) stars of V = 10 and the Sun's colour per square degree (S10)
-    Accuracy      model: 10 % beyond 30 degrees from the Sun, where the plane of symmetry, which is
-                  inclined by 2 degrees, is taken for the ecliptic; a factor of two inside 15
-                  degrees; constant inside 2.5. numerical: straight lines between the logarithms of
-                  the table.
+    Accuracy      model: 10 % beyond 30 degrees from the Sun; the ecliptic replaces the plane of
+                  symmetry, which is inclined by 2 degrees; a factor of two inside 15 degrees;
+                  constant inside 2.5. numerical: linear interpolation of the table's logarithm.
     """
     elongation = np.arccos(np.clip(direction @ sun, -1, 1))
     latitude = np.arcsin(np.clip(np.abs(direction @ POLE), 0, 1))
@@ -86,7 +85,7 @@ def _longitude(direction: Floats, sun: Floats) -> Floats:
 
 
 def _beyond(longitude: Floats, latitude: Floats) -> Floats:
-    """The table, degrees in."""
+    """The table, interpolated; arguments in degrees."""
     column = np.clip(np.searchsorted(LATITUDE, latitude, "right") - 1, 0, len(LATITUDE) - 2)
     row = np.clip(np.searchsorted(LONGITUDE, longitude, "right") - 1, 0, len(LONGITUDE) - 2)
     high, low = np.array(LATITUDE), np.array(LONGITUDE)
@@ -100,7 +99,7 @@ def _beyond(longitude: Floats, latitude: Floats) -> Floats:
 
 @lru_cache(maxsize=1)
 def _logarithms() -> Floats:
-    """Logarithms of the table, its empty corner filled by the rise towards the Sun."""
+    """Logarithms of the table, its empty corner filled by the power law towards the Sun."""
     table = np.array(TABLE, float)
     for row, column in np.argwhere(table == 0):
         turn = np.arctan2(LATITUDE[column], LONGITUDE[row])
@@ -112,7 +111,7 @@ def _logarithms() -> Floats:
 def _ring(turn: Floats) -> Floats:
     """Brightness at 15 degrees from the Sun, over the angle from the ecliptic.
 
-    From those seven values of the table that lie about it.
+    From the seven values of the table near this distance.
     """
     near = [(15, 0), (15, 5), (15, 10), (10, 10), (10, 15), (5, 15), (0, 15)]
     angle = [np.arctan2(b, a) for a, b in near]

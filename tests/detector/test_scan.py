@@ -168,14 +168,16 @@ def test_a_stages_gain_and_the_dark_current_count():
 
 
 def test_each_line_sees_its_own_part_of_the_sky():
-    """Radiance by solid angle by time, the glow of the line's row, dark current, times its gain."""
+    """Radiance by solid angle by time, diffuse light of its row, dark current, times its gain."""
     lines = (Line(0.0, gain=0.5), Line(3.0, gain=2.0), Line(1.0, phase=1))
     camera = Camera(7, 3, 2000.0)
     one = Detector(7, 3, 5e-6, 2e-3, dark_current=30.0)
-    glow = DiffuseLight(
+    diffuse = DiffuseLight(
         np.array([4e9]), np.array([[1.0, 1.0], [3.0, 3.0]])
     )  # 1, 2, 3 on the three rows
-    light = Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 1)), np.array([6e9]), diffuse=(glow,))
+    light = Light(
+        np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 1)), np.array([6e9]), diffuse=(diffuse,)
+    )
     image = scanned(
         light, gaussian(), Rotation.identity(), walking(1.0), camera, lines, 4, one, THROUGHPUT
     )

@@ -15,7 +15,7 @@ PATH = LineOfSight(np.array([-2e-3, 0.0, 2e-3]), np.array([0.2, 0.5, 0.3]), np.z
 
 
 def walking(columns: float, rows: float):
-    """The course on which stars walk so many pixels a second to the right and down."""
+    """The motion function by which stars move so many pixels a second to the right and down."""
 
     def course(start, step):
         return np.multiply.outer(np.add.outer(start, step), np.array([-rows, columns, 0]) / FOCAL)

@@ -33,11 +33,11 @@ def test_pixels_of_nearly_even_response_are_none_of_them():
 def test_hot_and_dead_pixels_are():
     """Sky 100, read noise 5: beyond 100 + 5 sqrt(125 + 1) = 156 electrons, or below 44."""
     one = replace(DETECTOR, prnu=0.0, defects=Defects(hot=0.02, hot_current=3000.0, dead=0.01))
-    odd = outlier_pixels(one, 100.0, 5.0)
+    outliers = outlier_pixels(one, 100.0, 5.0)
     level = dark(one).ravel() * 0.1 + 100
-    assert set(np.flatnonzero(level > 100 + 160)) <= set(odd)  # dead ones have no sky
+    assert set(np.flatnonzero(level > 100 + 160)) <= set(outliers)  # dead ones have no sky
     hot, dead = (level > 158).sum(), 0.01 * level.size
-    assert len(odd) == pytest.approx(hot + dead, abs=5 * np.sqrt(dead))
+    assert len(outliers) == pytest.approx(hot + dead, abs=5 * np.sqrt(dead))
     assert hot > 200
 
 
@@ -87,13 +87,13 @@ def test_numbers_are_put_as_into_a_wider_frame_that_is_cut():
     np.testing.assert_array_equal(image, wider[1:-1, 2:-2])
 
 
-def test_lone_pixels_are_the_odd_ones_and_those_hit():
-    odd, hits = np.array([5, 17]), Hits(5e9)
-    assert independent_pixels(DETECTOR, odd, Streams(1, 0)) is odd
-    got = independent_pixels(replace(DETECTOR, hits=hits), odd, Streams(1, 0))
+def test_independent_pixels_are_outliers_and_hits():
+    outliers, hits = np.array([5, 17]), Hits(5e9)
+    assert independent_pixels(DETECTOR, outliers, Streams(1, 0)) is outliers
+    got = independent_pixels(replace(DETECTOR, hits=hits), outliers, Streams(1, 0))
     pixel, _ = tracks(hits, (150, 200), 5e-6, 0.1, Streams(1, 0))
     assert len(pixel) > 10
-    np.testing.assert_array_equal(got, [*odd, *pixel])
+    np.testing.assert_array_equal(got, [*outliers, *pixel])
 
 
 @pytest.mark.parametrize(

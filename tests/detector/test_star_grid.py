@@ -1,4 +1,4 @@
-"""Expected numbers of stars in cells of their own."""
+"""Expected numbers of stars in separate cells."""
 
 import numpy as np
 import pytest

@@ -19,8 +19,8 @@ REST = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 POINT = Psf(np.ones((1, 1)), 1, 1.0)
 
 
-def glowing(*glows: DiffuseLight) -> Light:
-    return Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 2)), np.zeros(2), diffuse=glows)
+def light_of(*diffuse: DiffuseLight) -> Light:
+    return Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 2)), np.zeros(2), diffuse=diffuse)
 
 
 def image_of(light: Light, one: Detector):
@@ -33,19 +33,21 @@ def test_a_slope_is_a_slope():
     """Four corners make a plane: radiance times solid angle times time, at every pixel."""
     one = Detector(31, 21, 5e-6, 0.5)
     corners = np.array([[1.0, 3.0], [2.0, 4.0]])
-    image = image_of(glowing(DiffuseLight(np.array([2e6, 3e6]), corners)), one)
+    image = image_of(light_of(DiffuseLight(np.array([2e6, 3e6]), corners)), one)
     row, column = np.mgrid[0:21, 0:31]
     wanted = (2e6 * 0.5 + 3e6) * 1e-6 * 0.5 * (1 + 2 * column / 30 + row / 20)
     np.testing.assert_allclose(image, wanted, rtol=1e-12)
 
 
-def test_glows_add_up_whatever_their_maps():
+def test_diffuse_lights_of_any_maps_add_up():
     one = Detector(40, 30, 5e-6, 0.1)
     fine = DiffuseLight(np.array([1e6, 0.0]), np.random.default_rng(1).random((9, 13)))
     coarse = DiffuseLight(np.array([0.0, 1e6]), np.ones((2, 2)))
     camera = Camera(40, 30, 1000.0)
-    both = diffuse_electrons(glowing(fine, coarse), camera, one, THROUGHPUT)
-    each = [diffuse_electrons(glowing(glow), camera, one, THROUGHPUT) for glow in (fine, coarse)]
+    both = diffuse_electrons(light_of(fine, coarse), camera, one, THROUGHPUT)
+    each = [
+        diffuse_electrons(light_of(diffuse), camera, one, THROUGHPUT) for diffuse in (fine, coarse)
+    ]
     np.testing.assert_allclose(both, each[0] + each[1])
     # A place of the map that falls on a pixel has its own value there.
     np.testing.assert_allclose(each[0][0, 0], 1e6 * 0.5 * 1e-6 * 0.1 * fine.fraction[0, 0])
@@ -59,7 +61,10 @@ def test_a_map_of_many_places_is_scipys_interpolation():
         23, 7, 5e-6, 0.2, quantum_efficiency=Curve((400e-9, 800e-9), (0.6, 0.6)), fill_factor=0.5
     )
     got = diffuse_electrons(
-        glowing(DiffuseLight(np.array([3e6, 1e6]), fraction)), Camera(23, 7, 500.0), one, THROUGHPUT
+        light_of(DiffuseLight(np.array([3e6, 1e6]), fraction)),
+        Camera(23, 7, 500.0),
+        one,
+        THROUGHPUT,
     )
     read = RegularGridInterpolator((np.linspace(0, 6, 11), np.linspace(0, 22, 4)), fraction)
     row, column = np.mgrid[0:7, 0:23]
@@ -67,23 +72,23 @@ def test_a_map_of_many_places_is_scipys_interpolation():
     np.testing.assert_allclose(got, 2 * 0.3 * read((row, column)), rtol=1e-12)
 
 
-def test_no_glow_is_none():
+def test_no_diffuse_light_is_none():
     assert (
-        diffuse_electrons(glowing(), Camera(3, 3, 10.0), Detector(3, 3, 5e-6, 1.0), THROUGHPUT)
+        diffuse_electrons(light_of(), Camera(3, 3, 10.0), Detector(3, 3, 5e-6, 1.0), THROUGHPUT)
         is None
     )
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(1, 1), (1, 7), (2000, 1)])
 def test_detectors_of_one_line_or_pixel(columns, rows):
-    glow = DiffuseLight(np.array([0.0, 1e6]), np.ones((17, 17)))
-    image = image_of(glowing(glow), Detector(columns, rows, 5e-6, 1.0))
+    diffuse = DiffuseLight(np.array([0.0, 1e6]), np.ones((17, 17)))
+    image = image_of(light_of(diffuse), Detector(columns, rows, 5e-6, 1.0))
     np.testing.assert_allclose(image, 1.0, rtol=1e-12)
 
 
 def test_pixels_respond_to_it_and_leak_it():
     one = Detector(60, 50, 5e-6, 1.0, prnu=0.05, crosstalk=0.02)
-    image = image_of(glowing(DiffuseLight(np.array([0.0, 1e9]), np.ones((2, 2)))), one)
+    image = image_of(light_of(DiffuseLight(np.array([0.0, 1e9]), np.ones((2, 2)))), one)
     gain = response(one)
     inner = np.s_[1:-1, 1:-1]
     sides = gain[:-2, 1:-1] + gain[2:, 1:-1] + gain[1:-1, :-2] + gain[1:-1, 2:]
@@ -102,7 +107,7 @@ def test_one_pair_of_frames_with_a_slope_is_a_photon_transfer_curve(bits, full_w
         900, 1200, 5e-6, 0.1, full_well=full_well, bits=bits, offset=100, read_noise=12.0, prnu=0.02
     )
     slope = np.linspace(50, 9000, 2)[None, :].repeat(2, axis=0)
-    electrons = image_of(glowing(DiffuseLight(np.array([0.0, 1e7]), slope)), one)
+    electrons = image_of(light_of(DiffuseLight(np.array([0.0, 1e7]), slope)), one)
     assert electrons.max() == pytest.approx(9000, rel=0.15)
     frames = [
         frame_of(electrons, one, Streams(1, n)).image.astype(float) - one.offset for n in (0, 1)
