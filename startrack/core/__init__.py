@@ -4,8 +4,7 @@ units      Units as SI floats, constants with their source, and `"50 mm"` read a
            border.
 arrays     Types of arrays, for annotations.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value.
-streams    A seed, a trial and a cause enter; a generator leaves, the same for any number of
-           workers.
+streams    Seed, trial, cause -> random generator, the same for any number of workers.
 scratch    Large arrays that a plan keeps between calls: a new one costs more than a few windows
            in it.
 curve      A dimensionless curve over wavelength, such as a transmission or a quantum efficiency.
@@ -13,7 +12,7 @@ rotations  Rotation matrices -> quaternions and scipy's Rotations, in compiled c
 camera     Direction to pixel and pixel to direction, both ways together, with OpenCV's
            distortion.
 values     The nouns that flow from room to room; every array has its shape and unit here.
-dates      A date as text enters; a time leaves, converted with the tables that are installed.
+dates      Date as text -> astropy Time, converted with the installed tables.
 variates   Random variates for compiled code: bits of a counter, normal and Poisson quantiles.
 """
 
