@@ -126,14 +126,14 @@ def missing(name: str) -> Any:
 
 
 def noise_of(name: str, draw: Callable[..., Any]) -> dict[str, Way]:
-    even = np.full((noises.SIZE, noises.SIZE), noises.SKY)
+    even = np.full((noises.SIZE, noises.SIZE), noises.BACKGROUND)
     draw(even[:8, :8], noises.CAMERA, 0)
     return {name: lambda: [draw(even, noises.CAMERA, n) for n in range(noises.FRAMES)]}
 
 
 def pyxel() -> dict[str, Way]:
     ccd = camera()
-    even = np.full((noises.SIZE, noises.SIZE), noises.SKY)
+    even = np.full((noises.SIZE, noises.SIZE), noises.BACKGROUND)
     return {"pyxel": lambda: [chain(ccd, even, 0.0, 1 + n) for n in range(noises.FRAMES)]}
 
 

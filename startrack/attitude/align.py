@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude.jacobi import best_rotation
 from startrack.attitude.least_squares import invert, largest_eigenvalue, least_squares
-from startrack.core import Floats, rotation_of
+from startrack.core import Floats, kernel, rotation_of
 
 EPS = 2.0**-52
 MOST_STEPS = 100  # two or three do, but for stars that do not belong together
@@ -83,7 +82,7 @@ def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:
     return Alignment(rotation_of(matrix), covariance, condition, loss, status)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _align(b, r, weight, matrix, covariance, condition, loss, status):  # type: ignore[no-untyped-def]
     """Write the results of each set, one after the other."""
     count = weight.shape[1]
@@ -123,7 +122,7 @@ def _align(b, r, weight, matrix, covariance, condition, loss, status):  # type: 
             condition[k] = np.inf
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _multiply(b, r, w, products):  # type: ignore[no-untyped-def]
     """Write sum_i w_i b_i r_i^T."""
     products[:] = 0.0
@@ -133,7 +132,7 @@ def _multiply(b, r, w, products):  # type: ignore[no-untyped-def]
                 products[j, k] += w[i] * b[i, j] * r[i, k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
     """Turn a about the axis to where the loss is least, from the parts across the axis.
 
@@ -155,7 +154,7 @@ def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
     turn_by(math.atan2(sine, cosine) * axis, a)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _linearise(b, r, w, a, columns):  # type: ignore[no-untyped-def]
     """Write sqrt(w) d(p) / d(turn) and sqrt(w) (b - p) with p = a r, a star every three columns."""
     for i in range(len(w)):
@@ -170,7 +169,7 @@ def _linearise(b, r, w, a, columns):  # type: ignore[no-untyped-def]
         columns[3, z] = root * (b[i, 2] - pz)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def turn_by(turn, a):  # type: ignore[no-untyped-def]
     """Turn a by a rotation vector (Rodrigues' formula, with half angles for small ones)."""
     angle = math.sqrt((turn**2).sum())
@@ -185,7 +184,7 @@ def turn_by(turn, a):  # type: ignore[no-untyped-def]
         a[2, j] = w + sine * uz + versine * (x * uy - y * ux)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _loss(b, r, w, a, inverse):  # type: ignore[no-untyped-def]
     """The loss, and whether it curves upwards in every direction.
 
@@ -216,7 +215,7 @@ def _loss(b, r, w, a, inverse):  # type: ignore[no-untyped-def]
     return loss, h[0, 0] > 0 and minor > 0 and determinant > 0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _apply(a, v):  # type: ignore[no-untyped-def]
     return (
         a[0, 0] * v[0] + a[0, 1] * v[1] + a[0, 2] * v[2],

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from startrack.attitude.jacobi import best_rotation
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 
 
 def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -> NDArray[np.bool_]:
@@ -38,7 +37,7 @@ def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -
     return chosen
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untyped-def]
     count = len(sigma)
     trial, products = np.zeros(count, np.bool_), np.empty((3, 3))
@@ -76,12 +75,12 @@ def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untype
                 chosen[:] = trial
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _distance(seen, attitude, known):  # type: ignore[no-untyped-def]
     return math.sqrt(((seen - attitude @ known) ** 2).sum())
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _frame(a, b):  # type: ignore[no-untyped-def]
     """Columns: along the sum of two unit vectors, along their difference, and across both."""
     frame = np.empty((3, 3))

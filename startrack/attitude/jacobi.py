@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from startrack.core import kernel
 
 EPS = 2.0**-52
 MOST_SWEEPS = 12
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def best_rotation(b, rotation):  # type: ignore[no-untyped-def]
     """Write the rotation R of largest trace(R^T b), and return the direction b holds best.
 
@@ -44,7 +45,7 @@ def best_rotation(b, rotation):  # type: ignore[no-untyped-def]
     return u1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _make_orthogonal(b, v, i, j):  # type: ignore[no-untyped-def]
     """Turn columns i and j of b against each other until they are orthogonal; v follows."""
     ii = jj = ij = 0.0
@@ -66,7 +67,7 @@ def _make_orthogonal(b, v, i, j):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _frame(first, second):  # type: ignore[no-untyped-def]
     """Two orthogonal unit vectors: along the first, and as near as can be to the second."""
     size = math.sqrt((first**2).sum())
@@ -80,7 +81,7 @@ def _frame(first, second):  # type: ignore[no-untyped-def]
     return u1, u2 / math.sqrt((u2**2).sum())
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _cross(a, b):  # type: ignore[no-untyped-def]
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from startrack.core import kernel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def least_squares(columns, triangle, step):  # type: ignore[no-untyped-def]
     """Minimise |A d - t| by modified Gram-Schmidt with the target as the last column.
 
@@ -47,7 +48,7 @@ def least_squares(columns, triangle, step):  # type: ignore[no-untyped-def]
         step[i] = rest / triangle[i, i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def invert(triangle, inverse):  # type: ignore[no-untyped-def]
     """Write the inverse of an upper triangle; infinite where there is none."""
     a, b, c = triangle[0, 0], triangle[1, 1], triangle[2, 2]
@@ -58,7 +59,7 @@ def invert(triangle, inverse):  # type: ignore[no-untyped-def]
     inverse[0, 2] = (triangle[0, 1] * triangle[1, 2] / b - triangle[0, 2]) / (a * c)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def largest_eigenvalue(m):  # type: ignore[no-untyped-def]
     """Of a symmetric 3 x 3 matrix, to 1e-8 (Smith 1961, Comm. ACM 4, 168)."""
     mean = (m[0, 0] + m[1, 1] + m[2, 2]) / 3

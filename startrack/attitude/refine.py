@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude.align import turn_by
 from startrack.attitude.least_squares import invert, least_squares
-from startrack.core import Camera, Floats, plane_slopes, rotation_of
+from startrack.core import Camera, Floats, kernel, plane_slopes, rotation_of
 
 MOST_STEPS = 10
 SMALLEST_STEP = 1e-15  # radian
@@ -82,7 +81,7 @@ def refine(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _refine(seen, whitener, direction, tolerance, matrix, inverse, residual, chi_square):  # type: ignore[no-untyped-def]
     """Turn the matrix to the minimum, and write the rest; the scale, NaN if all is open."""
     columns, stretch = np.zeros((4, 2 * len(seen) + 1)), np.zeros(2 * len(seen) + 1)
@@ -111,7 +110,7 @@ def _refine(seen, whitener, direction, tolerance, matrix, inverse, residual, chi
     return scale
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _linearise(seen, whitener, direction, matrix, scale, columns, stretch, residual):  # type: ignore[no-untyped-def]
     """Residuals (n, 2) in the plane; whitened, their derivatives and themselves, as columns.
 
@@ -135,7 +134,7 @@ def _linearise(seen, whitener, direction, matrix, scale, columns, stretch, resid
         stretch[2 * n], stretch[2 * n + 1] = a * x, b * x + c * y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _free(stretch, columns, scale, tolerance, along):  # type: ignore[no-untyped-def]
     """Take the scale out of the columns, and write how much of it each of them (4,) held."""
     stretch[-1], columns[3, -1] = 1 / tolerance, (1 - scale) / tolerance
@@ -145,7 +144,7 @@ def _free(stretch, columns, scale, tolerance, along):  # type: ignore[no-untyped
         columns[k] -= along[k] * stretch
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def tangent(plane: Floats) -> Floats:
     """How places (n, 2) in the image plane move with a small rotation, (n, 2, 3)."""
     design = np.empty((len(plane), 2, 3))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
@@ -11,7 +10,7 @@ from startrack.attitude.consensus import consensus
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, refine
 from startrack.attitude.wahba import svd
-from startrack.core import Estimate, Floats, Matches, Spots, Status
+from startrack.core import Estimate, Floats, Matches, Spots, Status, kernel
 
 
 def scale_unknown(covariance: Floats, seen: Floats, weight: Floats, tolerance: float) -> Floats:
@@ -35,7 +34,7 @@ def scale_unknown(covariance: Floats, seen: Floats, weight: Floats, tolerance: f
     return loose
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _loosen(covariance, seen, weight, known, loose):  # type: ignore[no-untyped-def]
     """Star by star, so that stars without weight change no digit."""
     for m in range(len(covariance)):

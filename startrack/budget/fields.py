@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numba import njit
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, Sky
-from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints
+from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints, kernel
 from startrack.trial import index_resolution, rotations_from_cube, separated
 
 FIELDS = 512
@@ -187,7 +186,7 @@ def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _propagate(seen, response, solver, found):  # type: ignore[no-untyped-def]
     first, x, y, magnitude, keep, systematic, displacement = seen
     start, step, fraction, stated, causes = response
@@ -265,14 +264,14 @@ def _propagate(seen, response, solver, found):  # type: ignore[no-untyped-def]
                     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _design(x, y, focal, design):  # type: ignore[no-untyped-def]
     """How a star's position (pixel) changes with a rotation of the sky and with the scale."""
     design[0] = focal * (-x * y), focal * (1 + x * x), -focal * y, focal * x
     design[1] = -focal * (1 + y * y), focal * x * y, focal * x, focal * y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _inverse(table, k, t, systematic, out):  # type: ignore[no-untyped-def]
     """Inverse of a covariance between two entries of a table, plus the systematic variance."""
     xx = systematic + table[k, 0, 0] + t * (table[k + 1, 0, 0] - table[k, 0, 0])

@@ -8,14 +8,13 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from startrack.catalog.apparent import apparent, earth_observer
 from startrack.catalog.catalog import Catalog
 from startrack.catalog.formats import read
 from startrack.catalog.gaia import deep, read_bright
 from startrack.catalog.selection import Selection
-from startrack.core import Floats, Ints, Stars, within
+from startrack.core import Floats, Ints, Stars, kernel, within
 from startrack.io import shipped
 
 SLACK = 1e-12  # of a height, so that rounding leaves no star out
@@ -75,7 +74,7 @@ class Sky:
         return np.ascontiguousarray(self.stars.direction[order]), rank[order]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _around(direction, rank, centre, radius):  # type: ignore[no-untyped-def]
     """The ranks of the directions within an angle of a centre, in rising order.
 
@@ -98,7 +97,7 @@ def _around(direction, rank, centre, radius):  # type: ignore[no-untyped-def]
     return np.sort(found[:count])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def belt(direction, height, radius):  # type: ignore[no-untyped-def]
     """The first and the last of directions in order of height that a circle's heights span.
 

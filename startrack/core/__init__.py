@@ -3,6 +3,7 @@
 units      Units as SI floats, constants with their source, and `"50 mm"` read and written at the
            border.
 arrays     Types of arrays, for annotations.
+kernel     A function enters; compiled code leaves, kept on disk until what it is made of changes.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value.
 streams    Seed, trial, cause -> random generator, the same for any number of workers.
 scratch    Large arrays that a plan keeps between calls: a new one costs more than a few windows
@@ -21,6 +22,7 @@ from startrack.core.camera import Camera, distort, plane_slopes
 from startrack.core.checks import finite, non_negative, one_of, positive, whole, within
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
+from startrack.core.kernel import kernel
 from startrack.core.rotations import quaternion, rotation_of
 from startrack.core.scratch import Workspace
 from startrack.core.streams import Streams

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from startrack.core.arrays import Floats
 from startrack.core.checks import finite, positive, whole
+from startrack.core.kernel import kernel
 
 NO_ROTATION = np.zeros(3)
 
@@ -155,7 +155,7 @@ class Camera:
         return np.array([self.k1, self.k2, self.p1, self.p2, self.k3])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _pinhole(direction: Floats, focal: float, x: float, y: float) -> Floats:
     """Pixels (n, 2); NaN for what does not lie ahead."""
     pixel = np.full((len(direction), 2), np.nan)
@@ -166,7 +166,7 @@ def _pinhole(direction: Floats, focal: float, x: float, y: float) -> Floats:
     return pixel
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def distort(x, y, k1, k2, p1, p2, k3):  # type: ignore[no-untyped-def]
     """OpenCV's distortion of a point x / z, y / z, for compiled code; `distort.py_func` for arrays.
 
@@ -183,7 +183,7 @@ def distort(x, y, k1, k2, p1, p2, k3):  # type: ignore[no-untyped-def]
     return u, v
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def plane_slopes(x, y):  # type: ignore[no-untyped-def]
     """Derivatives of x / z and y / z of a direction by a small rotation about the camera's axes.
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from scipy.spatial.transform import Rotation
 
 from startrack.core.arrays import Floats
+from startrack.core.kernel import kernel
 
 
 def rotation_of(matrix: Floats) -> Rotation:
@@ -20,7 +20,7 @@ def rotation_of(matrix: Floats) -> Rotation:
     return Rotation.from_quat(many.reshape(*matrix.shape[:-2], 4))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _quaternions(matrix: Floats) -> Floats:  # pragma: no cover
     many = np.empty((len(matrix), 4))
     for n in range(len(matrix)):
@@ -28,7 +28,7 @@ def _quaternions(matrix: Floats) -> Floats:  # pragma: no cover
     return many
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def quaternion(rotation: Floats) -> Floats:  # pragma: no cover
     """The quaternion (4,), scalar last, of a rotation matrix, from its largest component."""
     trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]

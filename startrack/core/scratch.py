@@ -6,10 +6,10 @@ import threading
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import DTypeLike, NDArray
 
 from startrack.core.arrays import Ints
+from startrack.core.kernel import kernel
 
 Image = NDArray[np.float32]
 
@@ -49,7 +49,7 @@ class Workspace(threading.local):
         return image
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _paint(image, windows, level):  # type: ignore[no-untyped-def]
     for k in range(len(windows)):
         left, top, right, bottom = windows[k]

@@ -8,11 +8,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.random.bit_generator import ISpawnableSeedSequence
 from numpy.typing import NDArray
 
 from startrack.core.checks import whole
+from startrack.core.kernel import kernel
 
 POOL = 4  # words of 32 bits
 STATE = 3  # numbers of 64 bits, that SFC64 asks for
@@ -44,7 +44,7 @@ class Seeds(ISpawnableSeedSequence):
         return np.asarray(_state(self.entropy))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _state(entropy):  # type: ignore[no-untyped-def]
     pool, factor = _pool(_words(entropy)), FIRST_B
     state = np.empty(STATE, np.uint64)
@@ -55,7 +55,7 @@ def _state(entropy):  # type: ignore[no-untyped-def]
     return state
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _words(entropy):  # type: ignore[no-untyped-def]
     """The numbers in words, the low one first, and no high one where that is zero."""
     words = np.zeros(2 * len(entropy), np.uint32)
@@ -69,7 +69,7 @@ def _words(entropy):  # type: ignore[no-untyped-def]
     return words[: max(count, POOL)]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _pool(words):  # type: ignore[no-untyped-def]
     pool = np.empty(POOL, np.uint32)
     factor = FIRST_A
@@ -87,7 +87,7 @@ def _pool(words):  # type: ignore[no-untyped-def]
     return pool
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _hashed(word, factor, growth):  # type: ignore[no-untyped-def]
     """A word, and the factor for the next one."""
     after = np.uint32(factor * growth)
@@ -95,7 +95,7 @@ def _hashed(word, factor, growth):  # type: ignore[no-untyped-def]
     return np.uint32(word ^ (word >> HALF)), after
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _mixed(one, other):  # type: ignore[no-untyped-def]
     mixed = np.uint32(np.uint32(LEFT * one) - np.uint32(RIGHT * other))
     return np.uint32(mixed ^ (mixed >> HALF))

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, vectorize
+from numba import vectorize
 from scipy import special
 
+from startrack.core.kernel import kernel
 from startrack.core.streams import Streams
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # odd, next to 2^64 over the golden ratio
@@ -21,7 +22,7 @@ def key(streams: Streams, cause: str) -> np.uint64:
     return np.uint64(streams(cause).bit_generator.random_raw())
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def bits(start, pixel):  # type: ignore[no-untyped-def]
     """64 random bits of a pixel.
 
@@ -37,7 +38,7 @@ def bits(start, pixel):  # type: ignore[no-untyped-def]
     return z ^ (z >> np.uint64(31))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def uniform(random):  # type: ignore[no-untyped-def]
     """A number in (0, 1) from random bits: the middle of one of 2^52 cells; 1 minus it is exact."""
     return (np.float64(np.int64(random >> np.uint64(12))) + 0.5) * (2 * UNIT)
@@ -55,7 +56,7 @@ RISE_AFTER = _slope * np.ldexp(0.5 / CELLS, _power)
 RISE_BEFORE = _slope * np.diff(PROBABILITY, prepend=PROBABILITY[0])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def inverse_normal(probability):  # type: ignore[no-untyped-def]
     """Phi^-1(probability), by cubic Hermite interpolation.
 
@@ -88,7 +89,7 @@ INVERSE = 1 / np.maximum(np.arange(200.0), 1.0)
 LOG_FACTORIAL = special.gammaln(np.arange(200.0) + 1)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def quantile(mean, normal):  # type: ignore[no-untyped-def]
     """The Poisson number that has the same cumulative probability as a standard normal one.
 
@@ -119,7 +120,7 @@ def quantile(mean, normal):  # type: ignore[no-untyped-def]
     return nearest if _exceeds(mean, nearest - 1.0, w) else nearest - 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _from_zero(mean, w):  # type: ignore[no-untyped-def]
     """Quantile by the sum of probabilities from zero, or of the upper tail where it is smaller."""
     if w < 4.0:
@@ -137,7 +138,7 @@ def _from_zero(mean, w):  # type: ignore[no-untyped-def]
     return k
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _phi(w):  # type: ignore[no-untyped-def]
     at = (w + 9.0) * STEPS
     i = int(at)
@@ -147,7 +148,7 @@ def _phi(w):  # type: ignore[no-untyped-def]
     return PHI[i] + t * (rise + (1 - t) * (left * (1 - t) + right * t))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _exceeds(mean, k, w):  # type: ignore[no-untyped-def]
     """Whether the quantile lies above k: P(N <= k) < Phi(w), compared in the smaller tail."""
     if w < 0:
@@ -168,7 +169,7 @@ def _exceeds(mean, k, w):  # type: ignore[no-untyped-def]
     return total > 0.5 * math.erfc(w / math.sqrt(2.0))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _probability(mean, k):  # type: ignore[no-untyped-def]
     """P(N = k)."""
     n = int(k)
@@ -176,7 +177,7 @@ def _probability(mean, k):  # type: ignore[no-untyped-def]
     return math.exp(k * math.log(mean) - mean - log_factorial)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def poisson_of_uniform(mean, uniform_number):  # type: ignore[no-untyped-def]
     """The Poisson number of a uniform number in (0, 1): the quantile of that probability."""
     if mean >= SMALL or uniform_number > LARGEST_PROBABILITY:

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from startrack.core import kernel
 from startrack.detection.robust import plane
 from startrack.detection.threshold import KURTOSIS_RATIO, MILD_SKEWNESS
 
@@ -93,7 +93,7 @@ def _wider(grid: Image) -> Image:
     return np.asarray(border, np.float32)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def between(grid: Image, mesh: int, x: float, y: float) -> float:
     """Bilinear interpolation of a Sky's grid at a pixel."""
     u, v = (x + 0.5) / mesh + 0.5, (y + 0.5) / mesh + 0.5
@@ -104,7 +104,7 @@ def between(grid: Image, mesh: int, x: float, y: float) -> float:
     return upper + s * (lower - upper)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _tiles(image: Image, mesh: int, floor: float) -> tuple[Image, Image, Image]:
     """Background, noise and skewness of square tiles.
 
@@ -137,7 +137,7 @@ def _tiles(image: Image, mesh: int, floor: float) -> tuple[Image, Image, Image]:
     return mean, rms, skewness
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _places(width: int, height: int) -> tuple[Image, Image]:
     """Where the pixels that are looked at lie from the middle of a tile, (n,) pixel."""
     across, down = np.arange(0, width, STRIDE), np.arange(0, height, STRIDE)
@@ -150,7 +150,7 @@ def _places(width: int, height: int) -> tuple[Image, Image]:
     return dx, dy
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _gather(tile: Image, values: Image) -> None:
     """Copy the pixels of a tile that are looked at."""
     rows, columns = tile.shape
@@ -161,7 +161,7 @@ def _gather(tile: Image, values: Image) -> None:
             count += 1
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@kernel(fastmath={"reassoc", "nsz", "contract"})
 def _skewness(values: Image, mean: float, rms: float) -> float:
     """Third standardised moment of the values that are noise; 0 where there is none."""
     if rms == 0:

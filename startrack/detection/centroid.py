@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from startrack.core import Floats, Frame, Ints, Spots
+from startrack.core import Floats, Frame, Ints, Spots, kernel
 from startrack.detection.find import Candidates
 from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
@@ -59,7 +58,7 @@ def measured(stars: Sample, plan: DetectionPlan) -> Floats:
     return method.measure(stars, plan.star, settings.kernel_sigma, settings.compensation)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _kept(table, order, area, most):  # type: ignore[no-untyped-def]
     """The columns of Spots, of the rows that `_apart` keeps."""
     chosen = order[_apart(table, order, most)]
@@ -73,7 +72,7 @@ def _kept(table, order, area, most):  # type: ignore[no-untyped-def]
     return x, y, flux, covariance, snr, area[chosen]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _apart(table: Floats, order: Ints, most: int) -> Ints:
     """Which places in `order` to keep: those with a flux, one for each star, the first `most`."""
     kept = np.empty(min(len(order), most), np.int64)

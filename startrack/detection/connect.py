@@ -6,10 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Ints
+from startrack.core import Ints, kernel
 from startrack.detection.background import between
 
 Image = NDArray[np.float32]
@@ -23,7 +22,7 @@ class Peaks(NamedTuple):
     area: Ints
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lit(image: Image, level: Image, mesh: int) -> Ints:
     """Which pixels exceed a level that is given on the grid of a Sky.
 
@@ -52,7 +51,7 @@ def lit(image: Image, level: Image, mesh: int) -> Ints:
     return np.array(found, np.int64)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _any_above(values: Image, level: float) -> bool:
     """Told without a branch, which the processor does for many pixels at once."""
     above = False
@@ -61,7 +60,7 @@ def _any_above(values: Image, level: float) -> bool:
     return above
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def peaks(
     image: Image,
     pixels: Ints,
@@ -97,7 +96,7 @@ def peaks(
     return Peaks(x[:count], y[:count], area[:count])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _component(waiting: NDArray[np.uint8], seed: int, members: Ints) -> int:
     """Collect the waiting pixels that hang together with one; 0 where it waits no more."""
     rows, columns = waiting.shape
@@ -119,7 +118,7 @@ def _component(waiting: NDArray[np.uint8], seed: int, members: Ints) -> int:
     return size
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def highest(image: Image, x: int, y: int, reach: int) -> bool:
     """Whether no pixel around is higher; of equals the first counts as the highest."""
     here = image[y, x]
@@ -138,7 +137,7 @@ REACH = 4  # pixel; a filter of a usual star merges no peaks that are farther ap
 MOST = 4  # stars for one peak
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def split(
     image: Image,
     found: Peaks,
@@ -177,7 +176,7 @@ def split(
     return Peaks(x[:count], y[:count], area[:count])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _maxima(  # type: ignore[no-untyped-def]
     image, x, y, level, sigma, shot, border, near_x, near_y
 ):
@@ -202,7 +201,7 @@ def _maxima(  # type: ignore[no-untyped-def]
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _dips(image, x, y, others_x, others_y, depth):  # type: ignore[no-untyped-def]
     """Whether the image falls by some depth between a maximum and each of the others."""
     for k in range(len(others_x)):

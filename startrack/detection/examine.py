@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Streams
+from startrack.core import Floats, Ints, Streams, kernel
 from startrack.detection.background import between
 from startrack.detection.robust import around, around_among
 from startrack.detection.threshold import highest_between
@@ -22,7 +21,7 @@ PATTERNS = 400  # of noise: their count errs by 0.015 at a chance of 0.9
 SURE = 0.5  # sigma, chosen by hand: more lets hot columns pass, and finds no more faint stars
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def stands_out(
     image: Image,
     filtered: Image,
@@ -68,7 +67,7 @@ def stands_out(
     return good
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _stands_out(
     image: Image, filtered: Image, filters: Floats, x: int, y: int, level: float, height: float
 ) -> bool:
@@ -78,7 +77,7 @@ def _stands_out(
     return bool(highest_between(image, x, y, level, filters) > height)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def is_hot(image: Image, x: Ints, y: Ints, reach: int, fraction: float) -> NDArray[np.bool_]:
     """Whether a peak is sharper than the sharpest star: a hot pixel, row or column.
 
@@ -95,12 +94,12 @@ def is_hot(image: Image, x: Ints, y: Ints, reach: int, fraction: float) -> NDArr
     return verdict
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _core(image, x, y, background):  # type: ignore[no-untyped-def]
     return image[y - 1 : y + 2, x - 1 : x + 2].astype(np.float64) - background
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _is_sharp(core, noise, fraction):  # type: ignore[no-untyped-def]
     # Sigma of `most - fraction * sum`: three pixels count 1 - fraction, six -fraction.
     chance = math.sqrt(3 * (1 - fraction) ** 2 + 6 * fraction**2)
@@ -127,7 +126,7 @@ def chance_to_pass(
     return np.asarray(_passing(image, x, y, level, noise, shot, fraction, patterns))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _passing(image, x, y, level, noise, shot, fraction, patterns):  # type: ignore[no-untyped-def]
     passing = np.zeros(len(x))
     for n in range(len(x)):
@@ -138,7 +137,7 @@ def _passing(image, x, y, level, noise, shot, fraction, patterns):  # type: igno
     return passing / len(patterns)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def has_dead_pixel(dead: NDArray[np.uint8], x: Ints, y: Ints, reach: int) -> NDArray[np.bool_]:
     """Whether a peak has a dead pixel in a square of that half side about it."""
     verdict = np.empty(len(x), np.bool_)

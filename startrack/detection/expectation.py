@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from startrack.core import Floats, Frame
+from startrack.core import Floats, Frame, kernel
 from startrack.detection.centroid import measured, sample
 from startrack.detection.examine import chance_to_pass, largest_fraction
 from startrack.detection.find import Candidates
@@ -83,7 +82,7 @@ def expect(
     return Expectation(x, y, flux, sigma, covariance, height - far, spread, kept)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _peaks(image, near):  # type: ignore[no-untyped-def]
     """The highest pixels of the filtered image within two pixels of some, (n,) x and y."""
     x, y = np.empty((2, len(near)), np.int64)
@@ -96,7 +95,7 @@ def _peaks(image, near):  # type: ignore[no-untyped-def]
     return x, y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _heights(image, x, y, level, filters):  # type: ignore[no-untyped-def]
     height = np.empty(len(x))
     for n in range(len(x)):
@@ -104,7 +103,7 @@ def _heights(image, x, y, level, filters):  # type: ignore[no-untyped-def]
     return height
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _light(image, x, y, level, weight):  # type: ignore[no-untyped-def]
     """Digital numbers of light, weighted by the square of the filter."""
     down, across = weight.shape[0] // 2, weight.shape[1] // 2

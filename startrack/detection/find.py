@@ -6,10 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Ints
+from startrack.core import Ints, kernel
 from startrack.detection.background import Sky, sky, with_gain_noise
 from startrack.detection.connect import lit, peaks, split
 from startrack.detection.examine import has_dead_pixel, is_hot, largest_fraction, stands_out
@@ -125,7 +124,7 @@ def ring_half(settings: Detection, kernel: Kernel) -> int:
     return max(settings.window // 2, 2 * kernel.half - KERNEL_TAIL)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _inside(x: Ints, y: Ints, regions: Ints) -> NDArray[np.bool_]:
     """Which pixels lie in one of the regions."""
     verdict = np.zeros(len(x), np.bool_)

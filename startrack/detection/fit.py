@@ -6,10 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints
+from startrack.core import Floats, Ints, kernel
 from startrack.detection.psf_table import expected
 from startrack.detection.robust import around
 from startrack.detection.sample import (
@@ -29,7 +28,7 @@ from startrack.detection.sample import (
 from startrack.detection.star_model import StarModel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def information(
     data: Floats,
     star: Floats,
@@ -87,7 +86,7 @@ def information(
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def brightness(data: Floats, star: Floats, value: Floats) -> None:
     """Write fluxes and background of stars of known shapes, by least squares, into the values."""
     stars, each, rows, columns = star.shape
@@ -109,7 +108,7 @@ def brightness(data: Floats, star: Floats, value: Floats) -> None:
     value[len(value) - 1] = right[stars]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def solved(matrix: Floats, right: Floats) -> bool:
     """Overwrite a symmetric positive matrix by its inverse and `right` by the solution.
 
@@ -147,7 +146,7 @@ def solved(matrix: Floats, right: Floats) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def gaussian_star(x: float, y: float, sigma: float, star: Floats) -> None:
     """Fraction of the light in each pixel, and its slopes by x, y and sigma: (4, rows, columns)."""
     _, rows, columns = star.shape
@@ -162,7 +161,7 @@ def gaussian_star(x: float, y: float, sigma: float, star: Floats) -> None:
             star[3, j, i] = down[2, j] * across[0, i] + down[0, j] * across[2, i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _line(centre: float, sigma: float, line: Floats) -> None:
     """Along one axis: integral of the normal law over each pixel, its slopes by centre, sigma."""
     for i in range(line.shape[1]):
@@ -202,7 +201,7 @@ class Model(NamedTuple):
     width: float
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def fitted(sample: Sample, model: Model) -> Floats:
     """Fit the stars that touch together, and each on its own where that runs away.
 
@@ -222,7 +221,7 @@ def fitted(sample: Sample, model: Model) -> Floats:
     return table
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _touching(sample: Sample, model: Model, first: int, waiting: NDArray[np.bool_]) -> Ints:
     """The stars that wait no more from here on: one, and what touches it or what it touches."""
     group = np.empty(MOST, np.int64)
@@ -242,7 +241,7 @@ def _touching(sample: Sample, model: Model, first: int, waiting: NDArray[np.bool
     return group[:size]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
     """Write what a group of stars is found to be into their rows; False where it runs away."""
     x, y = sample.x[group], sample.y[group]
@@ -284,7 +283,7 @@ def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _cut(
     sample: Sample, model: Model, x: Ints, y: Ints, slope_x: float, slope_y: float
 ) -> tuple[Floats, int, int]:
@@ -308,7 +307,7 @@ def _cut(
     return data, left, top
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _shine(model: Model, value: Floats, left: int, top: int, star: Floats) -> None:
     """Share of each star's light in each pixel, and its slopes: (stars, 1 + k, rows, columns)."""
     each = star.shape[1]
@@ -320,7 +319,7 @@ def _shine(model: Model, value: Floats, left: int, top: int, star: Floats) -> No
             expected(model.table, model.oversampling, x, y, left, top, star[k])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _slower(
     value: Floats, step: Floats, matrix: Floats, each: int, shapes: int
 ) -> tuple[float, bool]:
@@ -339,7 +338,7 @@ def _slower(
     return slower, settled and slower == 1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _near(value: Floats, x: Ints, y: Ints, model: Model, each: int) -> bool:
     """Whether all stars are still in their windows, and no Gaussian has lost its width."""
     for k in range(len(x)):
@@ -353,7 +352,7 @@ def _near(value: Floats, x: Ints, y: Ints, model: Model, each: int) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _written(
     value: Floats, matrix: Floats, group: Ints, each: int, shapes: int, table: Floats
 ) -> bool:

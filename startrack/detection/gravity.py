@@ -6,9 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 from startrack.detection.robust import around
 from startrack.detection.sample import (
     COLUMNS,
@@ -86,7 +85,7 @@ class PixelLaw(NamedTuple):
     saturation: float
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _gravity(sample: Sample, uncut: bool) -> Floats:
     image, x, y = sample.image, sample.x, sample.y
     rows, columns = image.shape
@@ -129,7 +128,7 @@ def _gravity(sample: Sample, uncut: bool) -> Floats:
     return table
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def moments(
     image: Image, u: int, v: int, half: int, background: float, slope_x: float, slope_y: float
 ) -> Moments:
@@ -147,7 +146,7 @@ def moments(
     return Moments(flux, gx, gy, sxx / flux - gx * gx, syy / flux - gy * gy)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _uncut(mean: float, variance: float, half: int) -> tuple[float, tuple[float, float]]:
     """Mean of a Gaussian star along one axis, from its moments within a window.
 
@@ -181,7 +180,7 @@ def _uncut(mean: float, variance: float, half: int) -> tuple[float, tuple[float,
     return c, _derivatives(a, b, pa / z, pb / z, sigma, left)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _derivatives(
     a: float, b: float, pa: float, pb: float, sigma: float, left: float
 ) -> tuple[float, float]:
@@ -208,7 +207,7 @@ def _derivatives(
     return along / scale, -k3 / (sigma * scale)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _errors(
     image: Image,
     u: int,

@@ -6,9 +6,8 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
-from startrack.core import Floats, Psf
+from startrack.core import Floats, Psf, kernel
 
 TAPS = 6
 # Row k holds the polynomial that is 1 at tap k of -2 ... 3 and 0 at the others, lowest power first.
@@ -46,7 +45,7 @@ def window_of(psf: Psf) -> tuple[int, int]:
     return halves[0], halves[1]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def expected(
     table: Floats, oversampling: int, x: float, y: float, left: int, top: int, star: Floats
 ) -> None:
@@ -88,7 +87,7 @@ def expected(
                 star[2, j, i] -= sy[b] * value * oversampling
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _weights(t: float, value: Floats, slope: Floats) -> None:
     """Lagrange's weights at t in [0, 1), and their slopes, by Horner's scheme."""
     for k in range(TAPS):

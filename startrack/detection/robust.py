@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Ints
+from startrack.core import Ints, kernel
 
 Values = NDArray[np.float32]
 
@@ -27,7 +26,7 @@ MOST_LEFT_OUT = 0.85  # of a ring; where more spots crowd, it is their light tha
 
 
 # Sums may be taken in any order, which lets the processor add several pixels at once.
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@kernel(fastmath={"reassoc", "nsz", "contract"})
 def clipped(values: Values, floor: float) -> tuple[float, float]:
     """Mean and standard deviation of the values that lie within 3 sigma of the mean.
 
@@ -71,7 +70,7 @@ def clipped(values: Values, floor: float) -> tuple[float, float]:
     return float(mean), rms
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _median(values: Values) -> float:
     """A median; of 27 values and more the median of medians of medians of three.
 
@@ -83,19 +82,19 @@ def _median(values: Values) -> float:
     return float(_middle(_of_nine(values, 0), _of_nine(values, 1), _of_nine(values, 2)))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _of_nine(values, i):  # type: ignore[no-untyped-def]
     first = _middle(values[i], values[i + 9], values[i + 18])
     second = _middle(values[i + 3], values[i + 12], values[i + 21])
     return _middle(first, second, _middle(values[i + 6], values[i + 15], values[i + 24]))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _middle(a, b, c):  # type: ignore[no-untyped-def]
     return max(min(a, b), min(max(a, b), c))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def plane(
     values: Values, dx: Values, dy: Values, floor: float
 ) -> tuple[float, float, float, float]:
@@ -119,7 +118,7 @@ def plane(
     return mean, slope_x, slope_y, rms
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@kernel(fastmath={"reassoc", "nsz", "contract"})
 def _slopes(
     values: Values, dx: Values, dy: Values, mean: float, rms: float
 ) -> tuple[float, float, float]:
@@ -143,7 +142,7 @@ def _slopes(
     return float(gx), float(gy), float((gx * gx * xx + gy * gy * yy) / (count * rms**2))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def around(
     image: Values, x: int, y: int, half: int, floor: float
 ) -> tuple[float, float, float, float, int]:
@@ -156,7 +155,7 @@ def around(
     return around_among(image, x, y, half, floor, NOBODY, NOBODY)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def around_among(
     image: Values, x: int, y: int, half: int, floor: float, others_x: Ints, others_y: Ints
 ) -> tuple[float, float, float, float, int]:
@@ -188,7 +187,7 @@ def around_among(
     return mean, slope_x, slope_y, rms, count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _near_one(x: int, y: int, others_x: Ints, others_y: Ints, far: int) -> bool:
     for k in range(len(others_x)):
         if abs(others_x[k] - x) <= far and abs(others_y[k] - y) <= far:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from startrack.core import Floats, Psf
+from startrack.core import Floats, Psf, kernel
 from startrack.detection.psf_table import expected
 from startrack.detection.sample import FLUX, FLUX_SIGMA, WINDOW_X, WINDOW_Y, XX, XY, YY, X, Y
 
@@ -27,7 +26,7 @@ def s_curve(psf: Psf, half: int) -> Floats:
     return _s_curve(psf.table, psf.oversampling, half)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _s_curve(table: Floats, oversampling: int, half: int) -> Floats:
     curve = np.empty((3, SIDE, SIDE))
     star = np.empty((3, 2 * half + 1, 2 * half + 1))
@@ -45,7 +44,7 @@ def _s_curve(table: Floats, oversampling: int, half: int) -> Floats:
     return curve
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def compensate(table: Floats, curve: Floats) -> None:
     """Take the S-curve off plain centres of gravity and the window's cut off fluxes, in place.
 
@@ -80,7 +79,7 @@ def compensate(table: Floats, curve: Floats) -> None:
         table[n, YY] /= slope_y * slope_y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _at(grid: Floats, x: float, y: float) -> float:
     """Bilinear, and beyond the grid as at its edge."""
     u = min(max((x + 1) * STEPS, 0.0), SIDE - 1.001)

@@ -6,10 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Ints
+from startrack.core import Ints, kernel
 
 Image = NDArray[np.float32]
 # Columns of the table (n, COLUMNS) in which each centroid method writes a row per star: position,
@@ -45,7 +44,7 @@ class Sample(NamedTuple):
     saturation: float
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def pixel_noise(
     background: float,
     spread: float,

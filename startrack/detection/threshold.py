@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 import scipy
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Psf
+from startrack.core import Floats, Psf, kernel
 from startrack.detection.matched import Kernel
 from startrack.detection.pixels import Gain
 from startrack.detection.psf_table import expected
@@ -86,7 +85,7 @@ def offset_filters(psf: Psf, kernel: Kernel) -> Floats:
     return filters
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def highest_between(image: Image, x: int, y: int, level: float, filters: Floats) -> float:
     """Largest response of the filters at a peak, above a level; zero beyond the border."""
     count, height, width = filters.shape

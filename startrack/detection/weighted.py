@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 from startrack.detection.gravity import gravity
 from startrack.detection.robust import around
 from startrack.detection.sample import (
@@ -44,7 +43,7 @@ def weighted(sample: Sample, sigma: float) -> Floats:
     return np.asarray(_weighted(sample, gravity(sample, True), sigma))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _weighted(sample: Sample, table: Floats, sigma: float) -> Floats:
     image, half, floor = sample.image, sample.half, sample.floor
     for i in range(len(sample.x)):

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Frame, Ints, Psf, Spots
+from startrack.core import Floats, Frame, Ints, Psf, Spots, kernel
 from startrack.detection.background import Sky, between
 from startrack.detection.centroid import centroid
 from startrack.detection.find import choose, examination_level, ground_of, ring_half, threshold_grid
@@ -99,7 +98,7 @@ def star_profile(psf: Psf, kernel: Kernel) -> Floats:
     return np.maximum.accumulate(fraction[::-1])[::-1].astype(float)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def grown_mask(regions: Ints, by: int, columns: int, rows: int) -> Ints:
     """Regions (w, 4) with so many pixel more on each side, as far as the frame reaches."""
     wider = np.empty_like(regions)
@@ -110,7 +109,7 @@ def grown_mask(regions: Ints, by: int, columns: int, rows: int) -> Ints:
     return wider
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _filter(value, windows, kernel, image, level, mesh):  # type: ignore[no-untyped-def]
     """`matched.filtered` in windows, and which pixels there exceed a level, as `connect.lit`.
 
@@ -143,7 +142,7 @@ def _filter(value, windows, kernel, image, level, mesh):  # type: ignore[no-unty
     return np.array(found, np.int64)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _cut(value, left, top, right, bottom):  # type: ignore[no-untyped-def]
     """A part of an image that is mirrored at its border, as OpenCV's BORDER_REFLECT has it."""
     rows, columns = value.shape
@@ -156,7 +155,7 @@ def _cut(value, left, top, right, bottom):  # type: ignore[no-untyped-def]
     return held
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _mirrored(place, size):  # type: ignore[no-untyped-def]
     """The pixel that stands for one beyond the border."""
     if place < 0:

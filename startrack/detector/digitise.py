@@ -5,10 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Streams, bits, inverse_normal, key, poisson_of_uniform, uniform
+from startrack.core import (
+    Floats,
+    Streams,
+    bits,
+    inverse_normal,
+    kernel,
+    key,
+    poisson_of_uniform,
+    uniform,
+)
 from startrack.detector.law import COUNT, Image, Law, blank, number, signal
 from startrack.detector.tables import STEPS, UNSETTLED, Tables, tables_for
 
@@ -68,7 +76,7 @@ def keys(law: Law, streams: Streams) -> tuple[np.uint64, np.uint64]:
     return key(streams, "shot noise"), read
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _digitise(image, electrons, shot, read, law, tables):  # type: ignore[no-untyped-def]
     rows, columns = image.shape
     room = np.empty((2, columns), np.uint32)
@@ -77,7 +85,7 @@ def _digitise(image, electrons, shot, read, law, tables):  # type: ignore[no-unt
         digitise_row(image[row], electrons[row], start, shot, read, law, tables, room)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def digitise_row(out, mean, start, shot, read, law, tables, room):  # type: ignore[no-untyped-def]
     """Write the numbers of pixels in a row, the first of which is pixel number `start`.
 
@@ -104,7 +112,7 @@ def digitise_row(out, mean, start, shot, read, law, tables, room):  # type: igno
             out[column] = _number_by_all_bits(random, at[column] >> tables.cells, tables)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _cells_of_row(mean, shot, start, noise, tables, at, rest):  # type: ignore[no-untyped-def]
     """Cell of the tables of each pixel in a row, and the 16 bits to compare there.
 
@@ -129,14 +137,14 @@ def _cells_of_row(mean, shot, start, noise, tables, at, rest):  # type: ignore[n
         rest[column] = np.uint32((random >> np.uint64(48 - cells)) & np.uint64(0xFFFF))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _number_by_all_bits(random, line, tables):  # type: ignore[no-untyped-def]
     """The number of a pixel in the tables, by all 48 bits."""
     limit = tables.limit[line]
     return tables.lowest + np.searchsorted(limit, random >> np.uint64(16), side="right")
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _draw_number(mean, extra, random, read, pixel, law):  # type: ignore[no-untyped-def]
     """The number of a pixel outside the tables."""
     level = signal(
@@ -147,20 +155,20 @@ def _draw_number(mean, extra, random, read, pixel, law):  # type: ignore[no-unty
     return number(level, law.gain, law.offset, law.adc_inl, law.largest)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _digitise_hit(image, electrons, pixels, extra, shot, read, law):  # type: ignore[no-untyped-def]
     for i in range(len(pixels)):
         mean, pixel = electrons[pixels[i]], np.uint64(pixels[i])
         image[pixels[i]] = digitise_pixel(mean, extra[i], pixel, shot, read, law)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def digitise_pixel(mean, extra, pixel, shot, read, law):  # type: ignore[no-untyped-def]
     """The number of one pixel with extra electrons."""
     return _draw_number(mean, extra, bits(shot, pixel), read, pixel, law)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _normals(out, read):  # type: ignore[no-untyped-def]
     for pixel in range(len(out)):
         out[pixel] = inverse_normal(uniform(bits(read, np.uint64(pixel))))

@@ -5,10 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import scipy
-from numba import njit
 from scipy import special
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 
 
 def carry(electrons: Floats, before: Floats | None, fraction: float) -> Floats:
@@ -65,7 +64,7 @@ def bloom(charge: Floats, full_well: float) -> Floats:
     return held
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _run(held, excess, full_well):  # type: ignore[no-untyped-def]
     running = 0.0
     for row in range(len(held)):

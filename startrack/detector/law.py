@@ -6,11 +6,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 from startrack.detector.parameters import Detector
 
 Image = NDArray[np.uint16] | NDArray[np.uint32]
@@ -76,13 +75,13 @@ def with_adc_inl(x, y, adc_inl):  # type: ignore[no-untyped-def]
     return x + 4.0 * adc_inl * y * (1.0 - y)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def signal(electrons, full_well, nonlinearity):  # type: ignore[no-untyped-def]
     """Signal of the electrons that a pixel caught, of which it holds a full well at most."""
     return nonlinear_signal(min(electrons, full_well), full_well, nonlinearity)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def number(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
     """The digital number of a signal with its noise."""
     x = level * gain + offset
@@ -97,7 +96,7 @@ def converted(level: Floats, law: Law) -> Floats:
     return flat.reshape(level.shape)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _numbers(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
     numbers = np.empty(len(level))
     for i in range(len(level)):

@@ -6,9 +6,8 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numba import njit
 
-from startrack.core import Floats, Psf
+from startrack.core import Floats, Psf, kernel
 
 UNIT_GAIN = np.ones((1, 1))
 UNIT_GAIN.flags.writeable = False
@@ -104,7 +103,7 @@ def _separate(table: Floats) -> tuple[Floats, Floats]:
     return (line / np.sqrt(peak), column / np.sqrt(peak)) if alike else (EMPTY, EMPTY)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-untyped-def]
     room = work_array(shape)
     for n in range(len(electrons)):
@@ -112,13 +111,13 @@ def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-unty
             add_star(image, shape, x[m, n], y[m, n], weight[m] * electrons[n], gain, room)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def work_array(shape):  # type: ignore[no-untyped-def]
     """Work array for `add_star`."""
     return np.empty(2 * TAPS + shape.across * (shape.across + 1))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_star(image, shape, x, y, electrons, gain, room):  # type: ignore[no-untyped-def]
     """Add the image of one point; a gain of one element applies to all pixels."""
     rows, columns = image.shape
@@ -146,7 +145,7 @@ def add_star(image, shape, x, y, electrons, gain, room):  # type: ignore[no-unty
             image[row + j, column + i] += electrons * line[i - left] * seen
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _place(centre, pixels, samples, oversampling, weight):  # type: ignore[no-untyped-def]
     """Along one axis: the nearest pixel, the first and last around it, and their first sample.
 
@@ -164,7 +163,7 @@ def _place(centre, pixels, samples, oversampling, weight):  # type: ignore[no-un
     return pixel, first, last, base - 2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _sum(star, shape, x, y, wx, wy):  # type: ignore[no-untyped-def]
     """The sum of the weighted images, all rows in one loop."""
     step = shape.oversampling
@@ -179,7 +178,7 @@ def _sum(star, shape, x, y, wx, wy):  # type: ignore[no-untyped-def]
                 star[k] += weight * part[k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _product(star, shape, x, y, wx, wy, width):  # type: ignore[no-untyped-def]
     for j in range(0, len(star), shape.across):
         star[j] = _read(shape.column, y + j // shape.across * shape.oversampling, wy)
@@ -190,7 +189,7 @@ def _product(star, shape, x, y, wx, wy, width):  # type: ignore[no-untyped-def]
             star[j + i] = star[j] * fraction
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _read(line, start, weight):  # type: ignore[no-untyped-def]
     total = 0.0
     for a in range(TAPS):
@@ -198,7 +197,7 @@ def _read(line, start, weight):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _lagrange(t, weight):  # type: ignore[no-untyped-def]
     """Weights of the samples -2 ... 3 for a value at t in [0, 1), product form written out."""
     a, b, c, d, e, f = t + 2, t + 1, t, t - 1, t - 2, t - 3

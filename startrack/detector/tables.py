@@ -15,10 +15,10 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
+from startrack.core import kernel
 from startrack.detector.law import Law, converted, nonlinear_signal, upper_edge
 
 STEPS = 128  # levels per electron of standard deviation; their spacing is 2 / STEPS of it
@@ -137,7 +137,7 @@ def build(law: Law, first: int, count: int) -> Tables:
     return Tables(entry, cells, limit, least, first, count)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _sums(probability, start, end, below, above):  # type: ignore[no-untyped-def]
     """P(number <= d) and P(number > d) of each level, each summed separately to keep its digits."""
     levels, electrons = probability.shape

@@ -20,10 +20,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Streams, bits, key, uniform
+from startrack.core import Floats, Ints, Streams, bits, kernel, key, uniform
 from startrack.detector.collect import background
 from startrack.detector.law import law_of
 from startrack.detector.parameters import Detector
@@ -181,7 +180,7 @@ def _theta(numbers: NumberDistributions, weight: Floats, level: float, middle: f
     return (low + high) / 2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _moment(probability, place, tilt):  # type: ignore[no-untyped-def]
     """Expectation of exp(tilt number) at a level between two."""
     k = min(int(place), len(probability) - 1)
@@ -194,7 +193,7 @@ def _moment(probability, place, tilt):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _cumulant(probability, place, tilts):  # type: ignore[no-untyped-def]
     """K of a filter whose pixels all have one level."""
     total = 0.0
@@ -203,7 +202,7 @@ def _cumulant(probability, place, tilts):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _folded_weights(weight, x, y, shape):  # type: ignore[no-untyped-def]
     """The weights around a pixel, those beyond the border added to the mirrored pixels."""
     rows, columns = shape
@@ -219,7 +218,7 @@ def _folded_weights(weight, x, y, shape):  # type: ignore[no-untyped-def]
     return folded
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _cumulants(probability, place, theta, weight, kind, sums, mesh, border):  # type: ignore[no-untyped-def]
     """K of each pixel, (tiles, mesh^2); minus infinity where none is drawn."""
     rows, columns = place.shape
@@ -242,7 +241,7 @@ def _cumulants(probability, place, theta, weight, kind, sums, mesh, border):  # 
     return tiles
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _product(x, y, moment, kind, place):  # type: ignore[no-untyped-def]
     """The product of the moments (kinds, levels) of the pixels around one."""
     height, width = kind.shape
@@ -256,7 +255,7 @@ def _product(x, y, moment, kind, place):  # type: ignore[no-untyped-def]
     return product
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _at_border(probability, place, x, y, tilts):  # type: ignore[no-untyped-def]
     """K of a pixel near the border of the frame."""
     rows, columns = place.shape
@@ -269,7 +268,7 @@ def _at_border(probability, place, x, y, tilts):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probability, place):  # type: ignore[no-untyped-def]
     """Write the accepted proposals; returns their number."""
     rows, columns = place.shape
@@ -303,13 +302,13 @@ def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probabilit
     return kept
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _index_of_sum(sums, wanted):  # type: ignore[no-untyped-def]
     """The first of rising sums that exceeds a number."""
     return min(np.searchsorted(sums, wanted, side="right"), len(sums) - 1)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _in_region(x, y, regions):  # type: ignore[no-untyped-def]
     for k in range(len(regions)):
         if regions[k, 0] <= x < regions[k, 2] and regions[k, 1] <= y < regions[k, 3]:
@@ -317,14 +316,14 @@ def _in_region(x, y, regions):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _inside(x, y, place, weight):  # type: ignore[no-untyped-def]
     """Whether the filter around a pixel lies in the frame."""
     down, across = weight.shape[0] // 2, weight.shape[1] // 2
     return down <= y < place.shape[0] - down and across <= x < place.shape[1] - across
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _draw_by_sums(numbers, start, at, x, y, tilt, place):  # type: ignore[no-untyped-def]
     """As `_draw`, by the sums computed before, for weights that are not folded."""
     height, width = tilt.weight.shape
@@ -349,7 +348,7 @@ def _draw_by_sums(numbers, start, at, x, y, tilt, place):  # type: ignore[no-unt
     return filtered
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type: ignore[no-untyped-def]
     """Write numbers of the tilted law around a pixel; returns the filtered number."""
     rows, columns = place.shape
@@ -371,7 +370,7 @@ def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type:
     return filtered
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _number_at(probability, place, tilt, wanted):  # type: ignore[no-untyped-def]
     """The number at which the sum behind `_moment` passes a value."""
     k = min(int(place), len(probability) - 1)

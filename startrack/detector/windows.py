@@ -7,9 +7,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from startrack.core import Floats, Frame, Ints, Psf, Streams, Workspace
+from startrack.core import Floats, Frame, Ints, Psf, Streams, Workspace, kernel
 from startrack.detector.collect import background, background_tables
 from startrack.detector.digitise import digitise_pixel, digitise_row, keys
 from startrack.detector.expose import to_frame
@@ -147,7 +146,7 @@ def outlier_pixels(detector: Detector, sky: float, limit: float) -> Ints:
     return np.flatnonzero(np.abs(level - middle) > limit * spread)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables):  # type: ignore[no-untyped-def]
     """One window after the other, in memory that stays in the cache of the processor."""
     rows, columns = image.shape
@@ -168,7 +167,7 @@ def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables)
                 n += 1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _window_electrons(window, rows, columns, pixels, points, ends, work):  # type: ignore[no-untyped-def]
     """Electrons of the background and of the stars near a window, summed in the order of a frame.
 
@@ -197,7 +196,7 @@ def _window_electrons(window, rows, columns, pixels, points, ends, work):  # typ
     return electrons[top - upper : bottom - upper, left - first : right - first]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _diffused(electrons, fraction):  # type: ignore[no-untyped-def]
     """As `effects.diffuse`; no electron crosses the border of the array."""
     rows, columns = electrons.shape
@@ -210,13 +209,13 @@ def _diffused(electrons, fraction):  # type: ignore[no-untyped-def]
     return after
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _crop(of, left, top, right, bottom):  # type: ignore[no-untyped-def]
     """A window of a map; a map of one element applies to all pixels."""
     return of if of.size == 1 else of[top:bottom, left:right]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _path_bounds(x, y):  # type: ignore[no-untyped-def]
     """(n, 4) least x and y, largest x and y of each path."""
     ends = np.empty((x.shape[1], 4))
@@ -228,7 +227,7 @@ def _path_bounds(x, y):  # type: ignore[no-untyped-def]
     return ends
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _put(image, pixel, numbers):  # type: ignore[no-untyped-def]
     rows, columns = image.shape
     down, across = numbers.shape[1] // 2, numbers.shape[2] // 2

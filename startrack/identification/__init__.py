@@ -1,29 +1,21 @@
 """Spots into catalogue stars: Spots become Matches.
 
-parameters   Identification: what the tracker believes of its camera, and how sure it wants to be.
-sky          Directions enter; a grid that finds those around any direction leaves, for compiled
-             code.
-index_stars  Stars enter; those that the camera separates leave, with their rank in local
-             brightness.
-index        Stars enter; the codes of their triangles leave, sorted so that similar ones lie
-             together.
-cache        Stars and a field of view enter; their pattern index leaves, from a file where there
-             is one.
-seen         Spots and the believed camera enter; the spots in its image plane leave, for compiled
-             code.
-spot_grid    Spots enter; which of them lies near a place leaves, in the time of one look.
-fit          Matched directions and points in the image plane enter; attitude and scale leave.
-predict      An attitude enters; the stars that the image should hold, and where, leave.
-agree        Spots and predicted stars enter; one-to-one matches leave, and the attitude that they
-             give.
-evidence     A match enters; the log-evidence for it leaves, by positions and by brightness.
-verify       A hypothesis from three stars enters; how many spots it explains, and how well,
-             leaves.
-search       Triangles of spots enter, brightest first; the first hypothesis beyond doubt leaves.
-identify     Spots, the believed camera and the catalogue enter; Matches leave.
-blind        Spots of a camera of which nothing is known enter; Matches leave, with its field of
-             view.
-track        Spots and a predicted attitude enter; Matches leave.
+parameters   Identification: tolerances of the camera model and thresholds of the match.
+sky          A grid of directions that finds those within an angle of any direction.
+index_stars  Stars merged where the camera cannot separate them, and their rank in brightness.
+index        The pattern index: codes of triangles of stars, sorted into cells.
+cache        The pattern index of a catalogue and a field of view, from a file where there is one.
+seen         Spots in the image plane of the believed camera.
+spot_grid    A grid of spots that finds the spot near a position with one array access.
+fit          Attitude and scale from matched directions and points in the image plane.
+predict      The stars that the image should hold at an attitude, and their positions.
+agree        One-to-one matches of spots and predicted stars, and the attitude that they give.
+evidence     The log-evidence for a match, from positions and from brightness.
+verify       How many spots a hypothesis explains, and the bound on chance.
+search       The first accepted hypothesis from triangles of spots, brightest first.
+identify     Matches from spots, the believed camera and the catalogue.
+blind        Matches and field of view from the spots of an unknown camera.
+track        Matches from spots and a predicted attitude.
 """
 
 from startrack.identification.agree import refit

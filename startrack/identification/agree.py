@@ -1,4 +1,4 @@
-"""Spots and predicted stars enter; one-to-one matches leave, and the attitude that they give."""
+"""One-to-one matches of spots and predicted stars, and the attitude that they give."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Camera, Floats, Matches, Spots, quaternion
+from startrack.core import Camera, Floats, Matches, Spots, kernel, quaternion
 from startrack.identification.fit import fit
 from startrack.identification.parameters import Identification
 from startrack.identification.predict import predict, project
@@ -19,15 +18,15 @@ from startrack.identification.sky import SkyGrid
 Places = NDArray[np.int64]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def pair(
     plane: Floats, place: Floats, radius: Floats
 ) -> tuple[Places, Places, Floats]:  # pragma: no cover
-    """Each star takes its nearest spot, each spot its nearest taker.
+    """Match each star with its nearest spot; of several stars of one spot, keep the nearest.
 
-    plane    (n, 2) spots
-    place    (m, 2) predicted stars
-    radius   (n,) how far each spot may lie from its star
+    plane    (n, 2) spots, in the image plane
+    place    (m, 2) predicted stars, in the image plane
+    radius   (n,) largest distance of each spot from its star, in the image plane
     Returns  (k,) spots in rising order, (k,) stars, (k,) distances
     """
     taker = np.full(len(plane), -1)
@@ -50,18 +49,23 @@ def pair(
     return spot, taker[spot], np.sqrt(nearest[spot])
 
 
-ROUNDS = 5  # of matching and fitting, if they do not settle before
-REACH = 4.0  # sigma, of noise and what else the residuals show: where the matches end
-NARROWEST = 1 / 8  # of the match radius
-PULL = 2.0  # sigma, from which on a residual pulls less (Cauchy's weights)
+# Chosen by hand.
+ROUNDS = 5  # of matching and fitting, unless the matches stay the same before: trades time
+# Match radius, in sigma of noise and excess of the residuals: a larger one takes more false spots,
+# a smaller one loses stars; a Gaussian in two dimensions exceeds 4 sigma with 0.03 %.
+REACH = 4.0
+NARROWEST = 1 / 8  # of the match radius: the radius of a round is not smaller
+# Scale of Cauchy's weights in sigma; 2.385 has 95 % efficiency for Gaussian residuals (Holland and
+# Welsch 1977, Commun. Statist. A6(9), 813), a smaller one suppresses outliers more.
+PULL = 2.0
 
 
 class Agreed(NamedTuple):
-    """Matches and the attitude at which they agree; NaN where they leave it open.
+    """Matches with attitude and scale from them; NaN where the attitude is not observable.
 
-    spot      (k,) places in `seen`, in rising order
-    taken     (k,) places in `star`
-    distance  (k,) between the two, in the plane
+    spot      (k,) indices into `seen`, in rising order
+    taken     (k,) indices into `star`
+    distance  (k,) between the two, in the image plane
     rotation  (3, 3) icrs_to_camera
     scale     true over believed focal length
     """
@@ -73,7 +77,7 @@ class Agreed(NamedTuple):
     scale: float
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def agree(
     seen: Seen,
     direction: Floats,
@@ -85,13 +89,19 @@ def agree(
     fewest: int,
     without: int = -1,
 ) -> Agreed:  # pragma: no cover
-    """Match and fit until nothing changes.
+    """Match and fit in turns until the matches stay the same.
 
-    star     (m,) places in `direction` of the stars that the image should hold
-    place    (m, 2) where these are expected, at the attitude and scale to start from
-    reach    1, match radius of the first round
-    fewest   fewer matches are not worth to go on
-    without  which of the first matches to leave out of the first fit, -1 for none
+    The first attitude is wrong by a few pixels, so that a false spot may be matched to a star and
+    keep the fit where half of the stars are missed. Hence residuals above those of most matches
+    get less weight (Cauchy), and the match radius follows the residuals.
+
+    direction  (s, 3) unit vectors of stars, ICRS axes
+    star       (m,) indices into `direction` of the stars that the image should hold
+    place      (m, 2) their expected positions, at the attitude and scale to start from
+    rotation   (3, 3) icrs_to_camera to start from, as scale
+    reach      1, match radius of the first round in the image plane
+    fewest     matches; with fewer it ends
+    without    which of the first matches to leave out of the first fit, -1 for none
     """
     widest = np.maximum(seen.radius, REACH * seen.sigma)
     variance = seen.sigma**2
@@ -119,11 +129,11 @@ def agree(
     return Agreed(spot, taken, distance, rotation, scale)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def settle(
     seen: Seen, direction: Floats, spot: Places, star: Places, rotation: Floats, scale: float
 ) -> tuple[Floats, float]:  # pragma: no cover
-    """Attitude and scale of given matches, each weighed by its noise and what all show beyond it.
+    """Attitude and scale of given matches, weighted by their noise plus their common excess.
 
     direction   (m, 3) unit vectors of stars, ICRS axes
     spot, star  (k,) which spot is which star
@@ -139,12 +149,13 @@ def settle(
     return rotation, scale
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _excess(seen: Seen, spot: Places, taken: Places, place: Floats) -> float:  # pragma: no cover
-    """Variance along each axis that the matches have beyond their noise: distortion, catalogue.
+    """Variance per axis of the residuals beyond the noise: distortion and catalogue errors.
 
-    From the median, which few wrong matches do not move; that of the square of a Gaussian in two
-    dimensions is 2 ln 2 of its variance. The fit has taken up some of it.
+    From the median, which is robust against few false matches: the median squared length of a
+    two-dimensional Gaussian is 2 ln 2 times its variance per axis. Corrected for the degrees of
+    freedom of the fit.
     """
     square = np.empty(len(spot))
     for i in range(len(spot)):
@@ -157,7 +168,7 @@ def _excess(seen: Seen, spot: Places, taken: Places, place: Floats) -> float:  #
 
 
 class Gathered(NamedTuple):
-    """All matches and what they say of the camera; NaN where they leave the attitude open.
+    """All matches with attitude and scale from them; NaN where the attitude is not observable.
 
     spot        (k,) in rising order
     star        (k,) of the catalogue
@@ -175,11 +186,11 @@ class Gathered(NamedTuple):
     scale: float
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def gather(
     seen: Seen, faint: SkyGrid, magnitude: Floats, rotation: Floats, scale: float
 ) -> Gathered:  # pragma: no cover
-    """Match all spots to the stars in the image, with the focal length and attitude they give.
+    """Match all spots to the stars in the image; fit attitude and focal length.
 
     faint      all stars of the catalogue
     magnitude  (stars,) of these, in the catalogue's order
@@ -198,11 +209,15 @@ def gather(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _brightest(
     seen: Seen, faint: SkyGrid, magnitude: Floats, rotation: Floats, scale: float
 ) -> tuple[Places, Floats]:  # pragma: no cover
-    """The brightest stars in the image and their places, so few that chance matches are rare."""
+    """The brightest stars in the image (m,) and their positions (m, 2).
+
+    At most 2 n + 50 for n spots, chosen by hand: more find fainter stars, but make matches by
+    chance more frequent.
+    """
     star, place = predict(seen, faint, rotation, scale)
     most = 2 * len(seen.plane) + 50
     if len(star) > most:
@@ -211,15 +226,16 @@ def _brightest(
     return star, place
 
 
-FOCAL_ROUNDS = (
-    3  # of taking the distortion off, which is no similarity, with the focal length found
-)
+# Corrections of the distortion, each with the focal length found before: distortion is no
+# similarity. Chosen by hand: trades time against convergence.
+FOCAL_ROUNDS = 3
 
 
 def refit(spots: Spots, matches: Matches, camera: Camera, settings: Identification) -> Camera:
-    """What `identify` makes of the focal length, once the matches are known.
+    """The camera with the focal length that `identify` would find from these matches.
 
     camera    as the tracker believes it
+    Returns   Camera; the same where `settings.focal_tolerance` is 0
     Raises    ValueError where the matches are not solved.
     """
     if matches.icrs_to_camera is None:

@@ -1,4 +1,4 @@
-"""Spots of a camera of which nothing is known enter; Matches leave, with its field of view."""
+"""Matches and field of view from the spots of an unknown camera."""
 
 from __future__ import annotations
 
@@ -11,12 +11,18 @@ from startrack.identification.identify import identify
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
 
-NARROWEST, WIDEST = 3 * deg, 40 * deg
-TOLERANCE = 0.1  # of the focal length, about each field that is tried
+NARROWEST, WIDEST = 3 * deg, 40 * deg  # chosen by hand: a larger range takes more tries
+# Relative, of the focal length in each try. Chosen by hand: a larger one needs fewer tries, but the
+# search for triangles becomes slower and less certain.
+TOLERANCE = 0.1
 
 
 def fields(narrowest: float = NARROWEST, widest: float = WIDEST) -> list[float]:
-    """Fields (radian) whose tolerances leave no gap, those near 12 deg, which are most, first."""
+    """Fields of view to try, radian, whose tolerances leave no gap; the nearest to 12 deg first.
+
+    narrowest, widest  radian
+    Raises             ValueError where these lie outside [0.001, 2.5] or are not in order.
+    """
     within(1e-3, 2.5, narrowest=narrowest, widest=widest)
     if narrowest > widest:
         raise ValueError(f"narrowest must not be above widest, got {narrowest} and {widest}")
@@ -34,24 +40,25 @@ def identify_blind(
     index_of: Callable[[Stars, Camera], PatternIndex],
     settings: Identification,
 ) -> Matches:
-    """Try one field of view after the other; the first beyond doubt is believed.
+    """Try one field of view after the other until one is solved.
 
-    Each try may be false with its fraction of `settings.max_false_probability` only.
+    `settings.max_false_probability` is divided by the number of tries, so that it bounds all
+    together.
 
     columns, rows  pixel
-    index_of       the index for a camera, best from a cache: a dozen are needed
-    settings       its focal tolerance is not used
+    index_of       the index for a catalogue and a camera, best from a cache: a dozen are needed
+    settings       its focal tolerance is replaced by 0.1
     Returns        as `identify`; of the last field tried where none is solved
     """
     tries = fields()
-    careful = replace(
+    one_try = replace(
         settings,
         focal_tolerance=TOLERANCE,
         max_false_probability=settings.max_false_probability / len(tries),
     )
     for field in tries:
         camera = Camera.from_field_of_view(columns, rows, field)
-        matches = identify(spots, camera, stars, index_of(stars, camera), careful)
+        matches = identify(spots, camera, stars, index_of(stars, camera), one_try)
         if matches.icrs_to_camera is not None:
             break
     return matches

@@ -1,21 +1,22 @@
-"""A match enters; the log-evidence for it leaves, by positions and by brightness."""
+"""The log-evidence for a match, from positions and from brightness."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 
-WILD = 0.1  # w
-ZERO_POINTS = np.arange(-2.1, 2.11, 0.3)  # magnitude, about what all spots and stars suggest
-LEAST_SPREAD = 0.5  # magnitude, of q
+# Priors, chosen by hand; experiments/identification.py shows the success and the false solutions
+# that they lead to, but does not vary them.
+OUTLIER_FRACTION = 0.1  # w: a larger one admits more variable and blended stars, a smaller decides
+ZERO_POINTS = np.arange(-2.1, 2.11, 0.3)  # z, magnitude, about the difference of the medians
+LEAST_SPREAD = 0.5  # magnitude, of q: spots of nearly equal brightness are weak evidence
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def log_brightness(
     magnitude: Floats,
     spot_blur: Floats,
@@ -24,14 +25,22 @@ def log_brightness(
     spot: NDArray[np.int64],
     star: NDArray[np.int64],
 ) -> float:  # pragma: no cover
-    """ln of the factor above.
+    """ln of the likelihood ratio of the brightness of matched spots, match over chance.
 
-    magnitude  (n,) of all spots, NaN where unknown: such a spot counts as wild
-    spot_blur  (k,) standard deviation of those matched
+        R = mean over z  prod_matched ((1 - w) N(m - M - z; v) / q(m) + w),   ln((1 + R) / 2)
+
+    for spots of magnitude m and stars of magnitude M. The flux of a star is known except for the
+    camera's zero point z and errors of variance v: its noise, and the passband for stars of other
+    colours. By chance a spot is as bright as the spots of this image are, with the density q. A
+    fraction w of the stars may be as bright as any spot (variable, blended, saturated). Fluxes
+    may be useless, as in saturated photographs, which has the same prior probability as R.
+
+    magnitude  (n,) of all spots, NaN where unknown: such a match has the factor 1
+    spot_blur  (k,) magnitude, standard deviation of matched spots
     expected   (m,) magnitudes of all stars that the image should hold
-    star_blur  (k,) of those matched
-    spot       (k,) which spot
-    star       (k,) is which star
+    star_blur  (k,) magnitude, standard deviation of matched stars
+    spot       (k,) indices into `magnitude` of the matches
+    star       (k,) indices into `expected` of the matches
     """
     known = magnitude[np.isfinite(magnitude)]
     if len(known) < 2:
@@ -45,28 +54,31 @@ def log_brightness(
         m = magnitude[spot[i]]
         if not math.isfinite(m) or not math.isfinite(spot_blur[i]):
             continue
-        # Heavy tails: a spot brighter than all others is no wonder.
+        # A uniform part for heavy tails: one spot may be far brighter than all others.
         chance = 0.5 * _normal(m - centre, spread**2) + 0.5 / reach
         variance = spot_blur[i] ** 2 + star_blur[i] ** 2
         for z in range(len(ZERO_POINTS)):
-            away = m - expected[star[i]] - shift - ZERO_POINTS[z]
-            product[z] *= (1 - WILD) * _normal(away, variance) / chance + WILD
+            difference = m - expected[star[i]] - shift - ZERO_POINTS[z]
+            ratio = _normal(difference, variance) / chance
+            product[z] *= (1 - OUTLIER_FRACTION) * ratio + OUTLIER_FRACTION
     return math.log((1 + np.mean(product)) / 2)
 
 
-@njit(cache=True, error_model="numpy")
-def _normal(away: float, variance: float) -> float:  # pragma: no cover
-    return math.exp(-0.5 * away * away / variance) / math.sqrt(2 * math.pi * variance)
+@kernel
+def _normal(difference: float, variance: float) -> float:  # pragma: no cover
+    return math.exp(-0.5 * difference * difference / variance) / math.sqrt(2 * math.pi * variance)
 
 
-DEPTHS = np.array([4, 6, 9, 14, 20, 28, 40])  # how many stars of an image the camera may see
-# Probability to see a star up to this depth, up to twice of it, and deeper.
-SEEN, GLIMPSED, UNSEEN = 0.85, 0.2, 0.01
-EXCESSES = np.array([0.0, 1 / 16, 1 / 4])  # of the match radius: what noise does not explain
+# Priors, chosen by hand; experiments/identification.py shows the success and the false solutions
+# that they lead to, but does not vary them. More values take time, fewer fit fewer cameras.
+DEPTHS = np.array([4, 6, 9, 14, 20, 28, 40])  # number of the brightest stars that a camera detects
+# Probability to detect a star up to this depth, up to twice of it, and deeper.
+SEEN_BRIGHT, SEEN_FAINT, SEEN_DEEP = 0.85, 0.2, 0.01
+EXCESSES = np.array([0.0, 1 / 16, 1 / 4])  # of the match radius, sigma of errors beyond the noise
 LOG_ATTITUDES = math.log(8 * math.pi**2)  # volume of all rotations, radian^3
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def log_evidence(
     square: Floats,
     variance: Floats,
@@ -79,18 +91,36 @@ def log_evidence(
     area: float,
     radius: float,
 ) -> float:  # pragma: no cover
-    """ln B of the equation above.
+    """ln of the Bayes factor of a match over chance, from the positions of the spots.
+
+        L = e^(n - c) (c / n)^(n - k) min(sqrt(s / n), 1)
+            prod_matched (p_j A / n) N(d; v)  prod_missed (1 - p_j)
+        B = L prior(unknowns) (2 pi)^(d / 2) det(H)^(-1/2)
+
+    By chance, n spots lie anywhere in the image, each with the density 1 / A. Under the hypothesis
+    each predicted star j is detected with a probability p_j, displaced by Gaussian noise of
+    variance v; c spots of clutter are expected besides, and s is the variance of the number of
+    spots. L is the likelihood ratio for k matches; B is its integral over attitude and focal
+    length (Laplace's method, H the information matrix, d its size), averaged over a few depths to
+    which the camera may detect stars and a few errors of the believed distortion.
+
+    By chance the mean of B is 1, so that B exceeds 1 / P with a probability of at most P (Markov's
+    inequality), whatever the number of hypotheses. By Neyman and Pearson's lemma no other test
+    finds more at the same P, as far as the model holds.
+
+    Source: Laplace's method for Bayes factors: Kass and Raftery (1995), J. Am. Stat. Assoc. 90,
+    773.
 
     square     (k,) squared distances of the matches, in the image plane
     variance   (k,) of the spots' noise along each axis, in the same units
     brighter   (k,) how many brighter stars the image should hold
-    rows       (k, 2, d) derivatives of the places by the unknowns
-    prior      (d, d) information on the unknowns beforehand
-    log_prior  ln of the prior density of the unknowns, at the place found
+    rows       (k, 2, d) derivatives of the positions by the unknowns
+    prior      (d, d) prior information on the unknowns
+    log_prior  ln of the prior density of the unknowns at their solution
     spots      n
     stars      how many stars are predicted in the image
     area       A
-    radius     up to which matches are taken
+    radius     1, match radius in the image plane without the part due to noise
     """
     unknowns = len(prior)
     information = np.empty((unknowns, unknowns))
@@ -113,18 +143,18 @@ def log_evidence(
     return _log_mean(near_all) + _log_mean(seen_all) + laplace
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _log_mean(logarithm: Floats) -> float:  # pragma: no cover
     """ln of the mean of numbers whose logarithms are given."""
     most = np.max(logarithm)
     return most + math.log(np.mean(np.exp(logarithm - most)))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _log_seen(
     brighter: NDArray[np.int64], depth: int, spots: int, stars: int
 ) -> float:  # pragma: no cover
-    """ln of the factors of L that say which stars are seen, if the camera sees to this depth."""
+    """ln of the factors of L for which stars are detected, given the depth of the camera."""
     bright = min(stars, depth)
     faint = min(stars, 2 * depth) - bright
     deep = stars - bright - faint
@@ -136,23 +166,28 @@ def _log_seen(
             found_faint += 1
         else:
             found_deep += 1
-    clutter = max(spots - SEEN * bright - GLIMPSED * faint - UNSEEN * deep, 1.0)
-    # The number of spots is given, and likelier to be just this where fewer of them are clutter.
-    spread = clutter + SEEN * (1 - SEEN) * bright + GLIMPSED * (1 - GLIMPSED) * faint
+    clutter = max(spots - SEEN_BRIGHT * bright - SEEN_FAINT * faint - SEEN_DEEP * deep, 1.0)
+    # The number of spots is given; the less clutter, the smaller its variance and the greater the
+    # probability of just this number.
+    spread = (
+        clutter
+        + SEEN_BRIGHT * (1 - SEEN_BRIGHT) * bright
+        + SEEN_FAINT * (1 - SEEN_FAINT) * faint
+    )
     return (
         0.5 * min(math.log(spread / spots), 0.0)
         + spots
         - clutter
         + (spots - len(brighter)) * math.log(clutter / spots)
-        + _log_found(found_bright, bright, SEEN)
-        + _log_found(found_faint, faint, GLIMPSED)
-        + _log_found(found_deep, deep, UNSEEN)
+        + _log_found(found_bright, bright, SEEN_BRIGHT)
+        + _log_found(found_faint, faint, SEEN_FAINT)
+        + _log_found(found_deep, deep, SEEN_DEEP)
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _log_determinant(matrix: Floats) -> float:  # pragma: no cover
-    """ln det of a positive matrix, of which the lower half is given and is used up (Cholesky)."""
+    """ln det of a positive definite matrix from its lower half, which is overwritten (Cholesky)."""
     total = 0.0
     for j in range(len(matrix)):
         for k in range(j + 1):
@@ -164,7 +199,7 @@ def _log_determinant(matrix: Floats) -> float:  # pragma: no cover
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _log_found(found: int, of: int, p: float) -> float:  # pragma: no cover
-    """ln of the probability that these stars, each seen with a probability p, are the seen ones."""
+    """ln of the probability to detect just these stars, each with a probability p."""
     return found * math.log(p) + (of - found) * math.log(1 - p)

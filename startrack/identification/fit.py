@@ -1,21 +1,20 @@
-"""Matched directions and points in the image plane enter; attitude and scale leave."""
+"""Attitude and scale from matched directions and points in the image plane."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats, plane_slopes
+from startrack.core import Floats, kernel, plane_slopes
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def align(a: Floats, b: Floats, u: Floats, v: Floats) -> Floats:  # pragma: no cover
-    """The rotation matrix (3, 3) that takes the direction between a and b to that between u and v.
+    """The rotation matrix (3, 3) that takes the mean direction of a and b to that of u and v.
 
-    It takes a towards u and b towards v, exactly where both pairs are equally far apart.
+    It takes a to u and b to v, exactly where both pairs have the same separation.
 
     a, b, u, v  (3,) unit vectors
     """
@@ -31,9 +30,9 @@ def align(a: Floats, b: Floats, u: Floats, v: Floats) -> Floats:  # pragma: no c
     return rotation
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _triad(a: Floats, b: Floats) -> Floats:  # pragma: no cover
-    """Three unit vectors as rows: between a and b, from a to b, and normal to both."""
+    """Three unit vectors as rows: along a + b, along b - a, and normal to both."""
     triad = np.empty((3, 3))
     triad[0] = a + b
     triad[1] = b - a
@@ -45,7 +44,7 @@ def _triad(a: Floats, b: Floats) -> Floats:  # pragma: no cover
     return triad
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def fit(
     plane: Floats,
     weight: Floats,
@@ -67,9 +66,9 @@ def fit(
     spot, star  (k,) which spot is which star
     rotation    (3, 3) icrs_to_camera to start from, near the solution
     scale       1, true over believed focal length, to start from
-    focal       standard deviation of the scale about one beforehand; 0 leaves it as it is
+    focal       1, prior standard deviation of the scale about one; 0 leaves it as it is
     steps       of Gauss-Newton
-    Returns     rotation, scale; NaN where the matches leave them open
+    Returns     rotation (3, 3), scale; NaN where the matches do not determine them
     """
     unknowns = 4 if focal > 0 else 3
     row_x, row_y = np.zeros(4), np.zeros(4)
@@ -97,9 +96,9 @@ def fit(
     return rotation, scale
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:  # pragma: no cover
-    """How the place of a star in the plane moves (2, 4) with a small rotation and the scale.
+    """Derivatives (2, 4) of a star's position in the image plane by a small rotation and the scale.
 
     direction  (3,) ICRS axes
     Returns    per radian about the camera's axes, and per unit of the scale
@@ -113,7 +112,7 @@ def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:  #
     return rows
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def turned(rotation: Floats, d: Floats) -> tuple[float, float, float]:  # pragma: no cover
     """A direction (3,) after a rotation (3, 3)."""
     return (
@@ -123,9 +122,9 @@ def turned(rotation: Floats, d: Floats) -> tuple[float, float, float]:  # pragma
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _solve(normal: Floats, right: Floats, n: int) -> Floats:  # pragma: no cover
-    """The solution (4,) of the leading n equations, by Cholesky; NaN where there is none."""
+    """The solution (4,) of the first n equations, by Cholesky; NaN where there is none."""
     for j in range(n):
         for k in range(j + 1):
             total = normal[j, k]
@@ -146,7 +145,7 @@ def _solve(normal: Floats, right: Floats, n: int) -> Floats:  # pragma: no cover
     return solution
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _turn(step: Floats, rotation: Floats) -> Floats:  # pragma: no cover
     """The rotation (3, 3) followed by that of a rotation vector (3,), by Rodrigues' formula."""
     angle = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)

@@ -1,4 +1,4 @@
-"""Spots, the believed camera and the catalogue enter; Matches leave."""
+"""Matches from spots, the believed camera and the catalogue."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Ints, Matches, Spots, Stars, Status
+from startrack.core import Camera, Floats, Ints, Matches, Spots, Stars, Status, kernel
 from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
 from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification
@@ -19,28 +18,30 @@ from startrack.identification.seen import Seen, keep_brightest, see, usable
 from startrack.identification.sky import SkyGrid, VerificationStars
 from startrack.identification.verify import Verdict
 
-PROBABLE = 1e-2  # chance of a hypothesis below which a sky is ambiguous rather than none
+# Bound on chance below which a refused hypothesis is reported as ambiguous, not as no match. Chosen
+# by hand: it changes the status alone.
+PROBABLE = 1e-2
 
 
 def identify(
     spots: Spots, camera: Camera, stars: Stars, index: PatternIndex, settings: Identification
 ) -> Matches:
-    """Which spot is which star, with nothing known of the attitude.
+    """Find which spot is which star at an unknown attitude (lost in space).
 
-    Triangles of bright spots are looked up by their code; each that is found makes a
-    hypothesis, on which the other spots vote. The first one that chance does not make more
-    often than `settings.max_false_probability` per image is refined and matched to all spots.
+    Triangles of bright spots are looked up by their code. Each triangle found is a hypothesis,
+    which the other spots verify. The first hypothesis whose probability by chance is at most
+    `settings.max_false_probability` per image is refined and matched to all spots.
 
-    spots     brightest first; those at no finite place are left out
-    camera    the tracker's own; only its focal length is in doubt
+    spots     brightest first; those without a finite position are left out
+    camera    as the tracker believes it; only its focal length may be wrong
     stars     the tracker's catalogue, apparent directions
     index     built from these stars, for about this field of view
-    Returns   Matches: solved with the spots in rising order and at the least-squares attitude,
-              or too few stars, a blank image, ambiguous (a hypothesis that is likely true, but
-              not beyond doubt), or no match
+    Returns   Matches: solved, with the spots in rising order and the least-squares attitude; or
+              too few stars, a blank image, ambiguous (the best hypothesis is likely, but its
+              bound on chance is too large), or no match
     Raises    ValueError where the index was built from another number of stars.
-    Accuracy  model: the bound on false matches holds for spots strewn at random; those of trees or
-              clouds are clumped, and so are stars.
+    Accuracy  model: the bound on false matches holds for randomly distributed spots; spots of trees
+              or clouds are clustered, and so are stars.
     """
     if index.stars != len(stars):
         raise ValueError(
@@ -65,7 +66,7 @@ def identify(
         stars.magnitude_g,
     )
     if best.log_p >= log_accepted:
-        return _doubtful(best.log_p, best.matches, len(finite), tried, camera)
+        return _not_accepted(best.log_p, best.matches, len(finite), tried, camera)
     if camera.distorted:
         return refined(
             spots, finite, camera, stars, index, settings, best.rotation, best.scale, best.log_p
@@ -73,7 +74,7 @@ def identify(
     return _solved(found, finite, camera.scaled(found.scale), best.log_p)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _identify(
     seen: Seen,
     choices: NDArray[np.int64],
@@ -87,7 +88,7 @@ def _identify(
     faint: SkyGrid,
     magnitude: Floats,
 ) -> tuple[Verdict, int, Gathered]:  # pragma: no cover
-    """`search` and `gather` in one call, for each costs as much as it works."""
+    """`search` and `gather` in one call: a call takes about as long as the work in it."""
     best, tried = search(
         keep_brightest(seen, voting),
         choices,
@@ -112,12 +113,14 @@ def refined(
     scale: float,
     log_p: float,
 ) -> Matches:
-    """The matches of all spots at an attitude beyond doubt.
+    """The matches of all spots at an accepted attitude.
 
-    Distortion is not a similarity: it is taken off anew with each focal length that is found.
+    Distortion is not a similarity: it is corrected again with each focal length that is found.
 
-    finite  the usable spots
-    log_p   ln of the bound on chance
+    finite    the usable spots
+    rotation  (3, 3) icrs_to_camera to start from
+    scale     1, true over believed focal length, to start from
+    log_p     ln of the bound on chance
     """
     rounds = FOCAL_ROUNDS if camera.distorted and settings.focal_tolerance else 1
     for _ in range(rounds):
@@ -147,7 +150,7 @@ def _too_few(spots: int, camera: Camera, settings: Identification) -> Matches:
     return _unsolved(status, reason, camera)
 
 
-def _doubtful(log_p: float, matches: int, spots: int, tried: int, camera: Camera) -> Matches:
+def _not_accepted(log_p: float, matches: int, spots: int, tried: int, camera: Camera) -> Matches:
     if log_p < math.log(PROBABLE):
         reason = (
             f"{matches} of {spots} spots agree with stars, but chance makes such a match "
@@ -170,10 +173,10 @@ def identify_all(
     index: PatternIndex,
     settings: Identification,
 ) -> Iterator[Matches]:
-    """Identify frame after frame, each with nothing known of its attitude.
+    """Identify one frame after the other, each at an unknown attitude; arguments as `identify`.
 
     A generator: thousands of frames need the memory of one. The frames are independent, so that
-    an executor may share them out among processes; see `identify` for the arguments.
+    an executor may distribute them to processes.
     """
     for spots in frames:
         yield identify(spots, camera, stars, index, settings)

@@ -7,17 +7,16 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Camera, Floats, Ints, Stars, deg, positive, whole, within
+from startrack.core import Camera, Floats, Ints, Stars, deg, kernel, positive, whole, within
 from startrack.identification.index_stars import local_rank, merged
 from startrack.identification.sky import SkyGrid, VerificationStars, cone, sky_grid
 
 TALLEST = math.sqrt(3) / 2  # half the height of the lens over a base of one
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def place(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:  # pragma: no cover
     """Where C lies over the base from A to B.
 
@@ -36,7 +35,7 @@ def place(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:  # pragma: no
     return 0.5 + 0.5 * along * mm / (depth * ee), 0.5 * across * math.sqrt(mm) / (depth * ee)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def separation(a: Floats, b: Floats) -> float:  # pragma: no cover
     """Radian between two unit vectors (3,), accurate at small angles."""
     chord = math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
@@ -221,7 +220,7 @@ def _crowding(fields: float, per_field: float, triangles: int) -> float:
     return low
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _triangles(
     grid: SkyGrid, rank: NDArray[np.int16], smallest: float, largest: float, crowding: float
 ) -> Indices:  # pragma: no cover
@@ -255,7 +254,7 @@ def _triangles(
     return found[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _encode(direction: Floats, triangle: Indices, smallest: float) -> Indices:  # pragma: no cover
     """Put triangles into canonical order; return the cells that their codes lie in."""
     cell = np.empty(len(triangle), np.int32)
@@ -271,19 +270,19 @@ def _encode(direction: Floats, triangle: Indices, smallest: float) -> Indices:  
     return cell
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def column(x: float) -> int:  # pragma: no cover
     """Cell along x, the nearest one where x lies outside."""
     return min(max(int(np.floor(x / CELL)), 0), ACROSS - 1)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def upright(y: float) -> int:  # pragma: no cover
     """Cell along y, the nearest one where y lies outside."""
     return min(max(int(np.floor(y / CELL)) + UPRIGHT // 2, 0), UPRIGHT - 1)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def along(base: float, smallest: float) -> int:  # pragma: no cover
     """Cell along the length of the base (radian), the nearest one where it lies outside."""
     return min(max(int(np.floor(np.log(base / smallest) / STRETCH)), 0), LENGTHS - 1)

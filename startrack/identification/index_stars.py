@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from startrack.core import Floats, Ints, Stars
+from startrack.core import Floats, Ints, Stars, kernel
 from startrack.identification.sky import cubes
 
 MAGNITUDE = 0.4 * np.log(10)  # ln of the flux per magnitude
@@ -69,7 +68,7 @@ def local_rank(direction: Floats, radius: float, most: int) -> Ranks:
     return _rank(np.ascontiguousarray(direction), radius, most, cubes(radius))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _rank(direction: Floats, radius: float, most: int, side: int) -> Ranks:  # pragma: no cover
     n = len(direction)
     rank = np.empty(n, np.int16)

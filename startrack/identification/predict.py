@@ -1,14 +1,13 @@
-"""An attitude enters; the stars that the image should hold, and where, leave."""
+"""The stars that the image should hold at an attitude, and their positions."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 from startrack.identification.fit import turned
 from startrack.identification.seen import Seen
 from startrack.identification.sky import SkyGrid, cubes_around, most_within
@@ -16,11 +15,11 @@ from startrack.identification.sky import SkyGrid, cubes_around, most_within
 Places = NDArray[np.int64]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def predict(
     seen: Seen, sky: SkyGrid, rotation: Floats, scale: float
 ) -> tuple[Places, Floats]:  # pragma: no cover
-    """Places in `sky` (m,) and in the plane (m, 2) of the stars that the image should hold.
+    """Indices into `sky` (m,) and positions in the plane (m, 2) of the stars in the image.
 
     rotation  (3, 3) icrs_to_camera
     scale     true over believed focal length
@@ -38,7 +37,7 @@ def predict(
     count = 0
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
-            # Cubes along the last axis follow each other, so their stars are one run.
+            # Cubes along the last axis are contiguous, and so are their stars.
             row = (i * sky.side + j) * sky.side
             for s in range(sky.start[row + low[2]], sky.start[row + high[2] + 1]):
                 dx, dy, dz = sky.direction[s, 0], sky.direction[s, 1], sky.direction[s, 2]
@@ -47,16 +46,16 @@ def predict(
                 y = scale * (ryx * dx + ryy * dy + ryz * dz) / z
                 star[count] = s
                 place[count, 0], place[count, 1] = x, y
-                # No branch: half of them would be mispredicted, which takes thrice the time.
+                # No branch: the processor would mispredict half of them, which takes three times as long.
                 count += (z > nearest) & (left <= x) & (x <= right) & (top <= y) & (y <= bottom)
     return star[:count], place[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def project(
     direction: Floats, star: Places, rotation: Floats, scale: float
 ) -> Floats:  # pragma: no cover
-    """Where (m, 2) the chosen stars fall in the plane."""
+    """Positions (m, 2) of the chosen stars in the image plane."""
     place = np.empty((len(star), 2))
     for i in range(len(star)):
         x, y, z = turned(rotation, direction[star[i]])

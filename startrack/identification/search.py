@@ -7,10 +7,9 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 from startrack.identification.index import (
     LENGTHS,
     UPRIGHT,
@@ -56,7 +55,7 @@ def _choices(start: int, stop: int) -> NDArray[np.int64]:
     return choices[np.lexsort((choices[:, 2], choices.sum(axis=1)))]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def search(
     seen: Seen,
     choices: NDArray[np.int64],
@@ -123,7 +122,7 @@ def search(
     return best, tried
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _measure(
     seen: Seen, choice: NDArray[np.int64]
 ) -> tuple[float, float, float]:  # pragma: no cover
@@ -138,7 +137,7 @@ def _measure(
     return base, SIGMAS * sigma / base, off_axis
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _namings(
     direction: Floats,
     choice: NDArray[np.int64],

@@ -6,9 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from startrack.core import Camera, Floats, Ints, Spots
+from startrack.core import Camera, Floats, Ints, Spots, kernel
 from startrack.identification.parameters import Identification
 
 GATE = 3.0  # sigma of the centroids: the match radius is not smaller
@@ -81,7 +80,7 @@ def see(spots: Spots, chosen: Ints, camera: Camera, settings: Identification) ->
     return _see(plane_x, plane_y, spots.covariance[chosen], flux, snr, border, focal, *accuracy)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _see(
     x: Floats,
     y: Floats,
@@ -125,7 +124,7 @@ def _see(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def keep_brightest(seen: Seen, count: int) -> Seen:  # pragma: no cover
     """The same with the first so many spots alone."""
     return Seen(

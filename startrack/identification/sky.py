@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 
 Indices = NDArray[np.int32]
 Cubes = NDArray[np.int64]
@@ -66,7 +65,7 @@ def cubes(spacing: float) -> int:
     return int(min(max(2 / spacing, 1), MOST_CUBES))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def cubes_around(
     grid: SkyGrid, axis: Floats, radius: float
 ) -> tuple[Cubes, Cubes]:  # pragma: no cover
@@ -78,7 +77,7 @@ def cubes_around(
     return low, high
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def most_within(grid: SkyGrid, low: Cubes, high: Cubes) -> int:  # pragma: no cover
     """How many stars these cubes hold."""
     most = 0
@@ -89,7 +88,7 @@ def most_within(grid: SkyGrid, low: Cubes, high: Cubes) -> int:  # pragma: no co
     return most
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no cover
     """Places in `grid.member` of the stars within an angle of an axis.
 

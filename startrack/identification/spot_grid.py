@@ -10,10 +10,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 
 MOST_CELLS = 160  # along an axis, which keeps the sieve in the processor's cache
 
@@ -33,7 +32,7 @@ class SpotGrid(NamedTuple):
     radius: float
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def spot_grid(
     plane: Floats, low: Floats, high: Floats, radius: float
 ) -> SpotGrid:  # pragma: no cover
@@ -60,7 +59,7 @@ def spot_grid(
     return SpotGrid(cell, low, width, radius)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def hits(sieve: SpotGrid, plane: Floats, place: Floats) -> int:  # pragma: no cover
     """How many places (m, 2), all inside the image, meet a spot.
 

@@ -6,11 +6,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Matches, Spots, Stars
+from startrack.core import Camera, Floats, Matches, Spots, Stars, kernel
 from startrack.identification.fit import derivatives, fit, turned
 from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
@@ -25,7 +24,7 @@ FEWEST = 2  # stars that give an attitude
 MOST_CHAINS = 200
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def follow(
     seen: Seen,
     voters: VerificationStars,
@@ -91,7 +90,7 @@ def follow(
     return best_rotation, most, best
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _chain(
     seen: Seen, spot: int, first: int, place: Floats, rows: Floats, covariance: Floats
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # pragma: no cover
@@ -118,7 +117,7 @@ def _chain(
     return spots[:count], stars[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _innovation(
     seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
 ) -> tuple[float, float, float, float, float]:  # pragma: no cover
@@ -138,7 +137,7 @@ def _innovation(
     return dx, dy, yy / determinant, -xy / determinant, xx / determinant
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _misfit(
     seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
 ) -> float:  # pragma: no cover
@@ -147,7 +146,7 @@ def _misfit(
     return dx * dx * xx + 2 * dx * dy * xy + dy * dy * yy
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _update(
     seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
 ) -> tuple[Floats, Floats]:  # pragma: no cover
@@ -168,7 +167,7 @@ def _update(
     return after, smaller
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _away(source: Floats, target: Floats) -> Floats:  # pragma: no cover
     """The small rotation vector (3,) from one attitude to another, about the camera's axes."""
     away = np.zeros(3)

@@ -6,10 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 from startrack.identification.agree import Agreed, agree
 from startrack.identification.evidence import LOG_ATTITUDES, log_brightness, log_evidence
 from startrack.identification.fit import align, derivatives
@@ -39,7 +38,7 @@ class Verdict(NamedTuple):
     log_p: float
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def attempt_attitude(
     seen: Seen, spots: NDArray[np.int64], a: Floats, b: Floats
 ) -> tuple[Floats, float]:  # pragma: no cover
@@ -54,7 +53,7 @@ def attempt_attitude(
     return align(a, b, u, v), scale
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def promising(
     seen: Seen, screen: SpotGrid, sky: SkyGrid, rotation: Floats, scale: float, fewest: int
 ) -> bool:  # pragma: no cover
@@ -65,13 +64,13 @@ def promising(
     return hits(screen, seen.plane, place) >= fewest
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _farthest(seen: Seen) -> float:  # pragma: no cover
     """How far the scale may lie from one; the second term is what noise can do."""
     return seen.focal + seen.radius / seen.corner
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def verify(
     seen: Seen, voters: VerificationStars, rotation: Floats, scale: float, fewest: int
 ) -> Verdict:  # pragma: no cover
@@ -93,7 +92,7 @@ def verify(
     return _verdict(seen, voters, star, found, fewest)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def challenge(
     seen: Seen, voters: VerificationStars, verdict: Verdict, fewest: int
 ) -> Verdict:  # pragma: no cover
@@ -123,7 +122,7 @@ def challenge(
     return best
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _verdict(
     seen: Seen, voters: VerificationStars, star: NDArray[np.int64], found: Agreed, fewest: int
 ) -> Verdict:  # pragma: no cover
@@ -139,7 +138,7 @@ def _verdict(
     return Verdict(found.rotation, found.scale, matches, expected, min(-evidence, 0.0))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
     """The direction (3,) of a spot, were the focal length another."""
     x, y = plane[0] / scale, plane[1] / scale
@@ -147,7 +146,7 @@ def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
     return np.array([x * z, y * z, z])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def weigh(
     seen: Seen,
     voters: VerificationStars,
@@ -186,7 +185,7 @@ def weigh(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def weigh_prior(
     seen: Seen,
     voters: VerificationStars,

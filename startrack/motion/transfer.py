@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, LineOfSight, positive, whole
+from startrack.core import Camera, Floats, LineOfSight, kernel, positive, whole
 
 
 def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float = 1.0) -> Floats:
@@ -40,7 +39,7 @@ def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float =
     return image
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _deposit(image, x, y, fraction):  # type: ignore[no-untyped-def]
     """Add the time of each straight segment to the cells that it crosses."""
     for n in range(len(fraction)):
@@ -63,7 +62,7 @@ def _deposit(image, x, y, fraction):  # type: ignore[no-untyped-def]
             done = end
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _first(position, velocity):  # type: ignore[no-untyped-def]
     """Distance to the first edge ahead, in (0, 1]."""
     if velocity > 0:

@@ -13,9 +13,8 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 
 
 def pupil_samples(half_width: float, slope: float = 0.0) -> int:
@@ -63,7 +62,7 @@ def _waves(coordinate: bytes, field: bytes) -> tuple[Floats, Floats]:
     return np.cos(angle), np.sin(angle)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@kernel(fastmath=True)
 def _fold(pupil, phase):  # type: ignore[no-untyped-def]
     """Even and odd parts of the complex pupil, on the quarter x > 0, y > 0.
 
@@ -96,7 +95,7 @@ def _fold(pupil, phase):  # type: ignore[no-untyped-def]
     return parts
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@kernel(fastmath=True)
 def _unfold(by_cosine, by_sine):  # type: ignore[no-untyped-def]
     """|U|^2 on the whole field from its four parts on a quarter.
 

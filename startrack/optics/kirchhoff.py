@@ -16,10 +16,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats, finite, one_of, positive, whole
+from startrack.core import Floats, finite, kernel, one_of, positive, whole
 
 Complex = NDArray[np.complex128]
 
@@ -213,7 +212,7 @@ def _limit_effort(count: int) -> None:
         )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _off_axis(radius, r, amplitude, cosine, plane, wavenumber):  # type: ignore[no-untyped-def]
     """Sum over the lens; half a turn is enough by symmetry."""
     result = np.empty(len(radius), np.complex128)

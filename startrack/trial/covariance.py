@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Alignment, Observability, align, scale_unknown
-from startrack.core import Floats, Ints, Streams
+from startrack.core import Floats, Ints, Streams, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
 from startrack.trial.spot_plan import Plan, plan_of, refuse
@@ -57,7 +56,7 @@ def fitted(
     return found, covariance * excess[:, None, None]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _turned(matrix, direction):  # type: ignore[no-untyped-def]
     """Directions (m, n, 3) in the axes of m cameras, the same digits for any n."""
     turned = np.empty_like(direction)
@@ -72,7 +71,7 @@ def _turned(matrix, direction):  # type: ignore[no-untyped-def]
     return turned
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _scales(seen, predicted, noise, there, tolerance):  # type: ignore[no-untyped-def]
     """Relative error of the focal length that the identification fits, (m,) 1.
 
@@ -190,7 +189,7 @@ def _tried(
     return judged
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _draw(attitude, keys, plan, drawn):  # type: ignore[no-untyped-def]
     """Write the detected stars of each trial, and how many matches and spots it has."""
     response, pull, field, companions, view, gate, false = plan

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -16,6 +15,7 @@ from startrack.core import (
     bits,
     distort,
     inverse_normal,
+    kernel,
     key,
     poisson_of_uniform,
     uniform,
@@ -41,7 +41,7 @@ SIGHT = np.dtype([
 ])  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def sights(a, key, response, pull, field, companions, view):  # type: ignore[no-untyped-def]
     """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
     near = in_view(a, field.direction, view)
@@ -74,7 +74,7 @@ def trial_keys(seed: int, numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return _keys(key(Streams(seed, 0), "covariance"), numbers)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _keys(start, numbers):  # type: ignore[no-untyped-def]
     keys = np.empty(len(numbers), np.uint64)
     for n in range(len(numbers)):
@@ -82,13 +82,13 @@ def _keys(start, numbers):  # type: ignore[no-untyped-def]
     return keys
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def false_spots(key, mean):  # type: ignore[no-untyped-def]
     """Number of false spots in the trial of a key."""
     return int(poisson_of_uniform(mean, uniform(bits(key, FALSE))))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def in_view(a, direction, view):  # type: ignore[no-untyped-def]
     """Which stars (k,) of directions (n, 3), in order of z, lie in the cone around the frame."""
     first, last = belt(direction, a[2, 2], math.acos(view.cosine))
@@ -102,7 +102,7 @@ def in_view(a, direction, view):  # type: ignore[no-untyped-def]
     return found[:count]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _project(a, d, view):  # type: ignore[no-untyped-def]
     """`Camera.project` of one direction in front of the camera."""
     z = a[2, 0] * d[0] + a[2, 1] * d[1] + a[2, 2] * d[2]
@@ -112,7 +112,7 @@ def _project(a, d, view):  # type: ignore[no-untyped-def]
     return view.centre_x + view.focal * x, view.centre_y + view.focal * y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _measure(x, y, column, row, flux, start, response, seen):  # type: ignore[no-untyped-def]
     """Whether a single star is detected at a position in a pixel; writes its measurement."""
     i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
@@ -138,12 +138,12 @@ def _measure(x, y, column, row, flux, start, response, seen):  # type: ignore[no
     return True
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _between(table, k, t, j, i, c):  # type: ignore[no-untyped-def]
     return (1 - t) * table[k, j, i, c] + t * table[k + 1, j, i, c]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _pulled(dx, dy, ratio, pull):  # type: ignore[no-untyped-def]
     """Shift of a centroid by a companion; NaN where only the companion is detected."""
     r, q = (ratio - RATIOS[0]) / (RATIOS[1] - RATIOS[0]), len(RATIOS) - 1
@@ -191,7 +191,7 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
     return Spots(x, y, flux, covariance, flux / sigma, np.zeros(len(x), np.int64))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _draw(a, key, response, pull, field, companions, view, gate, false):  # type: ignore[no-untyped-def]
     """The table of all spots, stars first; the gate is applied by the solver."""
     stars = sights(a, key, response, pull, field, companions, view)
@@ -206,7 +206,7 @@ def _draw(a, key, response, pull, field, companions, view, gate, false):  # type
     return table
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _write(row, seen):  # type: ignore[no-untyped-def]
     """Write a star; noise that makes it brighter makes its error smaller."""
     fraction = max(1 + seen.blur * seen.surplus, seen.blur)
@@ -217,7 +217,7 @@ def _write(row, seen):  # type: ignore[no-untyped-def]
     row[6] = (seen.yx * seen.yx + seen.yy * seen.yy) / fraction**2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _write_false(row, start, least, view):  # type: ignore[no-untyped-def]
     """Write a false spot: anywhere, its flux from the tail of a normal distribution."""
     across, down = view.columns - 2 * view.border, view.rows - 2 * view.border

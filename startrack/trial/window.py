@@ -9,11 +9,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Sky, open_sky
-from startrack.core import Floats, Ints, Psf, Spots, Streams, Workspace
+from startrack.core import Floats, Ints, Psf, Spots, Streams, Workspace, kernel
 from startrack.design import Case, Instrument
 from startrack.detection import (
     DetectionPlan,
@@ -272,7 +271,7 @@ def ground_of(case: Case, streams: Streams) -> Ground:
     return measure_ground(frame, detection_plan(instrument, case.tracker.detection))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def separate(some: Ints, others: Ints) -> bool:
     """Whether no region (m, 4) overlaps one of the others (n, 4)."""
     for one in some:
@@ -305,7 +304,7 @@ def reach_of(flux: Floats, noise: float, plan: Plan) -> Ints:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _reach(flux, fraction, least, dark, more):  # type: ignore[no-untyped-def]
     half = np.empty(len(flux), np.int64)
     for n in range(len(flux)):
@@ -316,7 +315,7 @@ def _reach(flux, fraction, least, dark, more):  # type: ignore[no-untyped-def]
     return half
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def around_paths(x: Floats, y: Floats, half: Ints, columns: int, rows: int) -> Ints:
     """Regions (w, 4) that hold the paths of stars, and a margin on each side.
 
@@ -338,7 +337,7 @@ def around_paths(x: Floats, y: Floats, half: Ints, columns: int, rows: int) -> I
     return regions[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _held(region, others):  # type: ignore[no-untyped-def]
     for other in others:
         begins = region[0] >= other[0] and region[1] >= other[1]
@@ -347,7 +346,7 @@ def _held(region, others):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def around_pixels(pixel: Ints, half: int, columns: int, rows: int) -> Ints:
     """Regions (w, 4) that hold pixels and `half` more on each side."""
     regions = np.empty((len(pixel), 4), np.int64)

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from startrack.core import Floats, deg
+from startrack.core import Floats, deg, kernel
 from startrack.earth.atmosphere.bands import BandTable
 
 Singles = NDArray[np.float32]
@@ -205,7 +204,7 @@ def _worst(values: Singles) -> float:
     return float(bad[0])
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@kernel(fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _look_up(path, ground, backscatter, where, start, step, geometry, rho, around, out):  # type: ignore[no-untyped-def]
     """Fill `out`; returns the first pixel outside the table, or -1.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from startrack.core import kernel
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
 from startrack.earth.terrain.march import Segment, above, lay, onset
 from startrack.earth.terrain.path import Path, Ray, path_at
@@ -18,7 +18,7 @@ NEAR = (
 STEPS = 60  # of bisection in the worst case, which reduce 100 km to 1e-13 m
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def refine(lines, ray, guess, j, i, corner):  # type: ignore[no-untyped-def]
     """Three steps of Newton's method in one cell, from a good estimate.
 
@@ -46,7 +46,7 @@ def refine(lines, ray, guess, j, i, corner):  # type: ignore[no-untyped-def]
     return found, guess + t, u + i, v + j, height, path.sine, path.cosine
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def settle(lines, heights, ray, slot, j, i, low, high, s):  # type: ignore[no-untyped-def]
     """The root between two distances, where the ray goes from above the surface to below.
 
@@ -79,7 +79,7 @@ def settle(lines, heights, ray, slot, j, i, low, high, s):  # type: ignore[no-un
     return s, (u, v, path.h0 + t * (path.h1 + t * path.h2), path.sine, path.cosine)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def normal_at(lines, x, y, height, sine, cosine, to_column, to_row):  # type: ignore[no-untyped-def]
     """The normal of the surface at a point of it, from its change with columns and rows.
 
@@ -112,7 +112,7 @@ GUESS, LOW, HIGH, ROW, COLUMN, A, B, C, D = range(BEGIN, BEGIN + 9 * WIDTH, WIDT
 FOUND, U, V, HEIGHT, NX, NY, NZ = range(D + WIDTH, D + 8 * WIDTH, WIDTH)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def empty_bundle():  # type: ignore[no-untyped-def]
     """A bundle of equal rays that meet nothing, to be filled in."""
     bundle = np.zeros(23 * WIDTH)
@@ -121,7 +121,7 @@ def empty_bundle():  # type: ignore[no-untyped-def]
     return bundle
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lay_all(bundle, lines, exact):  # type: ignore[no-untyped-def]
     """The first path of each ray, by `onset` and `lay`."""
     for k in range(WIDTH):
@@ -138,7 +138,7 @@ def lay_all(bundle, lines, exact):  # type: ignore[no-untyped-def]
         bundle[SINE + k], bundle[COSINE + k] = path.sine, path.cosine
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def ray_of(bundle, k):  # type: ignore[no-untyped-def]
     """Ray k."""
     return Ray(
@@ -147,7 +147,7 @@ def ray_of(bundle, k):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def segment_of(bundle, k):  # type: ignore[no-untyped-def]
     """The first segment of ray k."""
     path = Path(
@@ -159,7 +159,7 @@ def segment_of(bundle, k):  # type: ignore[no-untyped-def]
     return Segment(bundle[MIDDLE + k], bundle[HALF + k], bundle[MARGIN + k], path)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def refine_all(bundle, lines):  # type: ignore[no-untyped-def]
     """The point and the normal in each ray's cell, by `refine` and `normal_at`."""
     for k in range(WIDTH):

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
-from startrack.core import finite
+from startrack.core import finite, kernel
 from startrack.earth.terrain.ellipsoid import shell, vertical
 from startrack.earth.terrain.ground import Flags, Levels, Rays
 from startrack.earth.terrain.march import HIT, MISS
@@ -49,7 +48,7 @@ def meet_constant_height(rays: Rays, height: float) -> Hits:
     return hits
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _meet(origin, direction, height, status, distance, place, normal):  # type: ignore[no-untyped-def]
     for n in range(len(origin)):
         ox, oy, oz = origin[n]
@@ -82,7 +81,7 @@ def tangent_height(rays: Rays) -> np.ndarray:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _tangent(origin, direction, out):  # type: ignore[no-untyped-def]
     """Newton's method on the slope of the height; its slope is cos^2(e) / r, nearly constant."""
     for n in range(len(origin)):

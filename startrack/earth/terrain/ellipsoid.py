@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.polynomial import Chebyshev, Polynomial
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 
 # NIMA TR8350.2 (2000), table 3.1: WGS84's two defining lengths, and derived values.
 EQUATORIAL = 6378137.0  # metre
@@ -65,7 +64,7 @@ def up(longitude: Floats, latitude: Floats) -> Floats:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _geodetic_all(point, out):  # type: ignore[no-untyped-def]
     for n in range(len(point)):
         x, y, z = point[n]
@@ -77,7 +76,7 @@ def _geodetic_all(point, out):  # type: ignore[no-untyped-def]
 
 # The functions below that are inlined by force have no branches, so that loops over rays are
 # vectorised.
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def vertical(x, y, z):  # type: ignore[no-untyped-def]
     """Sine and cosine of the latitude, height, and distance from the axis of one point.
 
@@ -109,7 +108,7 @@ ARC = tuple(
 )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def angle(y, x):  # type: ignore[no-untyped-def]
     """As atan2, to 3e-16 radian."""
     tall, wide = abs(y), abs(x)
@@ -127,7 +126,7 @@ def angle(y, x):  # type: ignore[no-untyped-def]
     return -turn if y < 0 else turn
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def shell(ox, oy, oz, dx, dy, dz, height):  # type: ignore[no-untyped-def]
     """Distances at which a ray enters and leaves the ellipsoid whose axes are longer by `height`.
 

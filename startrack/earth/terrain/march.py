@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from startrack.core import kernel
 from startrack.earth.terrain.ellipsoid import shell
 from startrack.earth.terrain.path import Path, crossing, path_at, reach
 from startrack.earth.terrain.surface import corners
@@ -54,7 +53,7 @@ class Piece(NamedTuple):
     south: int
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def onset(lines, ray, start):  # type: ignore[no-untyped-def]
     """Distances between which a ray can meet a surface; the second is smaller if it cannot."""
     enter, end = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.highest + SHELL_MARGIN)
@@ -63,7 +62,7 @@ def onset(lines, ray, start):  # type: ignore[no-untyped-def]
     return begin, below if begin < below < end else end
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def lay(lines, ray, begin, end, ahead):  # type: ignore[no-untyped-def]
     """The Segment of a ray that begins at `begin`.
 
@@ -75,7 +74,7 @@ def lay(lines, ray, begin, end, ahead):  # type: ignore[no-untyped-def]
     return Segment(middle, half, margin, path_at(lines, ray, middle))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def march(lines, surface, ray, segment, begin, end):  # type: ignore[no-untyped-def]
     """Follow one ray, a unit direction from a point, on its first path and those after it.
 
@@ -94,7 +93,7 @@ def march(lines, surface, ray, segment, begin, end):  # type: ignore[no-untyped-
         segment = lay(lines, ray, begin, end, False)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _along(lines, surface, ray, segment, begin):  # type: ignore[no-untyped-def]
     """Follow a path from `begin` to half, in pieces on which columns and rows are monotonic."""
     path, half = segment.path, segment.half
@@ -122,7 +121,7 @@ def _along(lines, surface, ray, segment, begin):  # type: ignore[no-untyped-def]
     return MISS, math.inf, math.inf, math.inf, 0, 0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _turning(q1, q2, half):  # type: ignore[no-untyped-def]
     """Where a quadratic turns around, if it does between -half and half; else half."""
     if abs(q1) >= 2 * abs(q2) * half:
@@ -130,7 +129,7 @@ def _turning(q1, q2, half):  # type: ignore[no-untyped-def]
     return -q1 / (2 * q2)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _within(q0, q1, q2, sign, cells, begin, end):  # type: ignore[no-untyped-def]
     """The part of a monotonic piece on which a coordinate lies between 0 and `cells`."""
     at_begin, at_end = q0 + begin * (q1 + begin * q2), q0 + end * (q1 + end * q2)
@@ -144,7 +143,7 @@ def _within(q0, q1, q2, sign, cells, begin, end):  # type: ignore[no-untyped-def
     return begin, end
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _border(q0, q1, q2, inverse, curl, sign, target):  # type: ignore[no-untyped-def]
     """As `crossing`, from 1 / q1 and q2 / q1, which are NaN for the other branch."""
     straight = (target - q0) * inverse
@@ -154,13 +153,13 @@ def _border(q0, q1, q2, inverse, curl, sign, target):  # type: ignore[no-untyped
     return crossing(q0, q1, q2, sign, target)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _cell(position, low, high):  # type: ignore[no-untyped-def]
     return min(max(math.floor(position), low), high)
 
 
 # Long, because each step needs nearly all of the state: position, block, tile.
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped-def]
     """Follow a monotonic piece from `s` on through the blocks of the grid."""
     heights, maxima, steepness = surface.heights, surface.maxima, surface.steepness
@@ -283,7 +282,7 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
                 level = SIZE
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _leaf(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
     """Whether the path meets the surface of one cell between two distances, and an estimate where.
 
@@ -307,14 +306,14 @@ def _leaf(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untype
     return ABSENT, s, s, s
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _outruns(steepness, slot, level, j, i, slope, fast_u, fast_v):  # type: ignore[no-untyped-def]
     """Whether a path that is above the surface rises too steeply to meet it within a block."""
     n = patch(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
     return steepness[slot, n, 0] * fast_u + steepness[slot, n, 1] * fast_v < slope
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _start(maxima, steepness, slot, j, i, height, slope, fast_u, fast_v):  # type: ignore[no-untyped-def]
     """Level of a block, nearly the largest, that a rising path leaves without meeting its surface.
 
@@ -335,21 +334,21 @@ def _start(maxima, steepness, slot, j, i, height, slope, fast_u, fast_v):  # typ
     return level
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _over(heights, path, u0, slot, j, i, s):  # type: ignore[no-untyped-def]
     """Whether a path is above the surface of a cell; not so in a hole."""
     a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
     return _clear(path, u0 - i, path.v0 - j, a, b, c, d, s) > 0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _clear(path, u0, v0, a, b, c, d, s):  # type: ignore[no-untyped-def]
     """Height of a path above a bilinear cell."""
     u, v = u0 + s * (path.u1 + s * path.u2), v0 + s * (path.v1 + s * path.v2)
     return path.h0 + s * (path.h1 + s * path.h2) - (a + b * u + (c + d * u) * v)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _doubt(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
     """As `_leaf`, on exact heights."""
     half = 0.5 * (leave - s)
@@ -380,7 +379,7 @@ def _doubt(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: i
     return HIT, low, high, 0.5 * (low + high)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _entry(lines, path, j, i, east, south):  # type: ignore[no-untyped-def]
     """Distance from the middle of an exact path to its near entry into a cell; 0 if none."""
     u0 = path.u0 - lines.turn * math.floor((path.u0 - i) / lines.turn + 0.5)
@@ -390,7 +389,7 @@ def _entry(lines, path, j, i, east, south):  # type: ignore[no-untyped-def]
     return nearer if abs(nearer) < JUST else 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _dip(first, second, third):  # type: ignore[no-untyped-def]
     """Minimum of the parabola through values at -1, 0 and 1 within [-1, 1], and its position."""
     slope, bend = 0.5 * (third - first), 0.5 * (first + third) - second
@@ -401,7 +400,7 @@ def _dip(first, second, third):  # type: ignore[no-untyped-def]
     return third, 1.0  # of NaN, NaN
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def above(lines, heights, slot, j, i, path, s):  # type: ignore[no-untyped-def]
     """Height of an exact path above the surface, its change with the distance, and its twist.
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from startrack.core import kernel
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
 from startrack.earth.terrain.surface import locate
 
@@ -25,7 +24,7 @@ class Ray(NamedTuple):
     dz: float
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def point_at(ray, s):  # type: ignore[no-untyped-def]
     """The point of a ray at the distance `s`, metre."""
     return ray.x + s * ray.dx, ray.y + s * ray.dy, ray.z + s * ray.dz
@@ -53,7 +52,7 @@ class Path(NamedTuple):
     cosine: float
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def reach(lines, ray, s, longest):  # type: ignore[no-untyped-def]
     """Half the length of a path within its tolerance, at most `longest`; its margin.
 
@@ -81,7 +80,7 @@ def reach(lines, ray, s, longest):  # type: ignore[no-untyped-def]
     return half, margin * fraction * fraction * fraction
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _cube_root(volume):  # type: ignore[no-untyped-def]
     """Lower bound of the cube root above 1: 1/3 = 1/4 + 1/16 + ...; 12 % low at 1e11."""
     first = math.sqrt(math.sqrt(volume))
@@ -89,7 +88,7 @@ def _cube_root(volume):  # type: ignore[no-untyped-def]
     return first * second * math.sqrt(math.sqrt(second))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def path_at(lines, ray, s):  # type: ignore[no-untyped-def]
     """The path around a point, its derivatives from those of the local axes.
 
@@ -122,7 +121,7 @@ def path_at(lines, ray, s):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def crossing(q0, q1, q2, sign, target):  # type: ignore[no-untyped-def]
     """Where a quadratic reaches `target` on its branch that rises (sign 1) or falls (-1).
 

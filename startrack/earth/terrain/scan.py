@@ -11,10 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL, vertical
 from startrack.earth.terrain.ground import Flags, Levels, Rays
 from startrack.earth.terrain.march import HIT, MISS
@@ -67,7 +66,7 @@ def scan(
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _scan(grid, heights, origin, direction, start, stop, out):  # type: ignore[no-untyped-def]
     rows, columns = heights.shape
     borders = np.empty(2 * (rows + columns) + 2)
@@ -82,7 +81,7 @@ def _scan(grid, heights, origin, direction, start, stop, out):  # type: ignore[n
                     break
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _borders(grid, rows, columns, origin, direction, start, stop, out):  # type: ignore[no-untyped-def]
     """All distances at which a line crosses a meridian or a parallel of the grid."""
     west, north, step_x, step_y = grid
@@ -116,7 +115,7 @@ def _borders(grid, rows, columns, origin, direction, start, stop, out):  # type:
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _search(grid, heights, origin, direction, begin, end):  # type: ignore[no-untyped-def]
     """First distance within one cell at which the ray is not above the surface."""
     _west, _north, step_x, _step_y = grid
@@ -156,7 +155,7 @@ def _search(grid, heights, origin, direction, begin, end):  # type: ignore[no-un
     return math.inf
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _bisect(grid, columns, corner, j, i, origin, direction, low, high):  # type: ignore[no-untyped-def]
     while high - low > 1e-9:
         middle = 0.5 * (low + high)
@@ -169,7 +168,7 @@ def _bisect(grid, columns, corner, j, i, origin, direction, low, high):  # type:
     return high
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _place(grid, columns, origin, direction, s):  # type: ignore[no-untyped-def]
     """Columns, rows and height of a point of a ray."""
     west, north, step_x, step_y = grid
@@ -186,7 +185,7 @@ def _place(grid, columns, origin, direction, s):  # type: ignore[no-untyped-def]
     return u, (north - math.atan2(sine, cosine)) / step_y, height
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _clear(grid, columns, corner, j, i, origin, direction, s):  # type: ignore[no-untyped-def]
     """Height of a point of a ray above the surface of a cell, metre; NaN in a hole."""
     u, v, height = _place(grid, columns, origin, direction, s)

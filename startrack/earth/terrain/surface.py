@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats, finite, positive, whole
+from startrack.core import Floats, finite, kernel, positive, whole
 from startrack.earth.terrain.ellipsoid import angle, vertical
 from startrack.earth.terrain.tile import BLOCKS, CELLS, PATCHES, VERTICES, cut, fill
 
@@ -193,7 +192,7 @@ class Lattice(NamedTuple):
     highest: float
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lattice(surface):  # type: ignore[no-untyped-def]
     """The lines of a surface."""
     longitude = surface.west + 0.5 * surface.columns * surface.step_x
@@ -204,7 +203,7 @@ def lattice(surface):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def locate(lines, x, y, z):  # type: ignore[no-untyped-def]
     """Position of one Earth-fixed point over a grid, at most half a turn from its middle.
 
@@ -218,7 +217,7 @@ def locate(lines, x, y, z):  # type: ignore[no-untyped-def]
     return u, v, height, sine, cosine, across
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def corners(heights, slot, j, i):  # type: ignore[no-untyped-def]
     """Height = a + b x + c y + d x y within the cell [j, i] of a slot; NaN in a hole."""
     a = float(heights[slot, j, i])
@@ -228,7 +227,7 @@ def corners(heights, slot, j, i):  # type: ignore[no-untyped-def]
     return a, b, c, d
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def covered(surface, place):  # type: ignore[no-untyped-def]
     """Which places, (n, 3) longitude and latitude in radian and any third, lie over the grid."""
     out = np.zeros(len(place), np.bool_)

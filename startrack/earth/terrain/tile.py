@@ -7,10 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import whole
+from startrack.core import kernel, whole
 
 SIZE = 9  # a tile is a block of level 9
 CELLS = 1 << SIZE  # of a tile, along each side
@@ -20,19 +19,19 @@ PATCH = 3  # the level from which on the steepness of blocks is known
 PATCHES = (4 ** (SIZE + 1 - PATCH) - 1) // 3  # of the levels 3 to 9 in a tile
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def block(level, j, i):  # type: ignore[no-untyped-def]
     """Index of a block in the maxima of its tile: level 1 first, each level row by row."""
     return ((1 << 2 * SIZE) - (1 << 2 * (SIZE + 1 - level))) // 3 + (j << (SIZE - level)) + i
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def patch(level, j, i):  # type: ignore[no-untyped-def]
     """Index of a block of level 3 or more in the steepness of its tile."""
     return block(level, j, i) - (BLOCKS - PATCHES)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def fill(tile, maxima, steepness):  # type: ignore[no-untyped-def]
     """Fill in the maxima and the steepness of a tile, in place; returns its extreme heights.
 
@@ -49,7 +48,7 @@ def fill(tile, maxima, steepness):  # type: ignore[no-untyped-def]
     return _fill_maxima(tile, maxima)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _fill_steepness(tile, steepness):  # type: ignore[no-untyped-def]
     along, down = np.empty(CELLS, np.float32), np.empty(VERTICES, np.float32)
     side = 1 << PATCH
@@ -75,7 +74,7 @@ def _fill_steepness(tile, steepness):  # type: ignore[no-untyped-def]
                     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _keep_larger(most, one, other):  # type: ignore[no-untyped-def]
     for i in range(len(most)):
         change = abs(one[i] - other[i])
@@ -83,7 +82,7 @@ def _keep_larger(most, one, other):  # type: ignore[no-untyped-def]
         most[i] = change if change > most[i] else most[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _fill_maxima(tile, maxima):  # type: ignore[no-untyped-def]
     lowest, highest = math.inf, -math.inf
     for j in range(CELLS // 2):

@@ -6,10 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, kernel
 from startrack.earth.terrain import bundle as of
 from startrack.earth.terrain.bundle import (
     WIDTH,
@@ -104,7 +103,7 @@ def no_hits(count: int) -> Hits:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def go_on(surface, origin, direction, hits):  # type: ignore[no-untyped-def]
     """Follow the rays whose status is ABSENT until they end or need another absent tile."""
     lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
@@ -117,7 +116,7 @@ def go_on(surface, origin, direction, hits):  # type: ignore[no-untyped-def]
         _describe_all(surface, lines, bundle, who[:count], hits)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def ask_on(surface, origin, direction, hits):  # type: ignore[no-untyped-def]
     """As `go_on`, but without finding the points."""
     lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
@@ -128,7 +127,7 @@ def ask_on(surface, origin, direction, hits):  # type: ignore[no-untyped-def]
         _march_all(surface, lines, bundle, who[:count], hits, False)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _gather(bundle, who, n, origin, direction, hits):  # type: ignore[no-untyped-def]
     """Fill a bundle with waiting rays from number n on; returns the next number, and how many."""
     status, distance, count = hits.status, hits.distance, 0
@@ -147,7 +146,7 @@ def _gather(bundle, who, n, origin, direction, hits):  # type: ignore[no-untyped
     return n, count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _march_all(surface, lines, bundle, who, hits, exact):  # type: ignore[no-untyped-def]
     """Follow the rays of a bundle to a cell each, whose corners replace the path."""
     status, distance, tile = hits.status, hits.distance, hits.tile
@@ -176,7 +175,7 @@ def _march_all(surface, lines, bundle, who, hits, exact):  # type: ignore[no-unt
             bundle[of.B + k], bundle[of.C + k], bundle[of.D + k] = b, c, d
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _describe_all(surface, lines, bundle, who, hits):  # type: ignore[no-untyped-def]
     """Point and normal of each ray that hit; by `settle` where `refine` did not find them."""
     status, distance, place, normal = hits.status, hits.distance, hits.place, hits.normal
@@ -205,14 +204,14 @@ def _describe_all(surface, lines, bundle, who, hits):  # type: ignore[no-untyped
         _describe(surface, lines, j >> SIZE, i >> SIZE, x, y, over, place[n], normal[n])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _put_place(surface, u, v, place):  # type: ignore[no-untyped-def]
     longitude = surface.west + u * surface.step_x
     place[0] = longitude - FULL_TURN * math.floor(longitude / FULL_TURN + 0.5)
     place[1] = surface.north - v * surface.step_y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _describe(surface, lines, tile_j, tile_i, x, y, over, place, normal):  # type: ignore[no-untyped-def]
     """Fill in the geodetic place of a point of the surface in a tile, and the normal there."""
     u, v, height, sine, cosine = over
@@ -236,7 +235,7 @@ def blocked(surface: Surface, rays: Rays, start: float) -> NDArray[np.bool_]:
     return hits.hit
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def describe_all(surface, point, choice, place, normal):  # type: ignore[no-untyped-def]
     """Place and normal of (n, 3) points on a surface in memory, where `choice` says so."""
     lines = lattice(surface)

@@ -1,0 +1,154 @@
+"""A function enters; compiled code leaves, kept on disk until anything that it is made of changes.
+
+Numba keeps compiled code by the text of the file that holds the function. A function that calls
+another one holds a copy of it, so that an edit of the other one would go unnoticed. Here the key
+covers all that is compiled into the code: the function, the kernels that it calls, and theirs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numba
+import numpy as np
+from numba import njit, types
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
+
+OTHERS = ("math", "numba", "numpy", "scipy")  # whose versions stand in the key
+UNKEPT = list[str]()  # kernels that no folder could be found for
+FOLDERS = set[str]()  # where those of this process are kept
+
+
+def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Compile a function when it is first called, and keep it on disk.
+
+    As `numba.njit(cache=True, error_model="numpy")`, with a key that covers all that is compiled
+    into it.
+
+    options   further ones of njit, such as fastmath or forceinline
+    Returns   what njit returns; a decorator where there is no function
+    """
+    if function is None:
+        return lambda found: kernel(found, **options)
+    compiled: Any = njit(error_model="numpy", **options)(function)
+    if hasattr(compiled, "enable_caching"):  # and not plain Python, as NUMBA_DISABLE_JIT has it
+        try:
+            compiled._cache = _Cache(function, options)
+            FOLDERS.add(compiled._cache.cache_path)
+        except RuntimeError:  # numba found no folder that can be written to
+            UNKEPT.append(f"{function.__module__}.{function.__qualname__}")
+    return compiled
+
+
+def digest(function: Callable[..., Any], options: object = ()) -> bytes:
+    """A hash of all that is compiled into a function, whichever files that stands in."""
+    return hashlib.sha256("\n".join(_parts(function, options, set())).encode()).digest()
+
+
+def _parts(function: Any, options: object, seen: set[int]) -> Iterator[str]:
+    seen.add(id(function))
+    yield f"{function.__module__}.{function.__qualname__} {options!r}"
+    code = function.__code__
+    yield from _code(code)
+    names = {name for one in _codes(code) for name in one.co_names}
+    known = function.__globals__
+    held = {name: known[name] for name in sorted(names) if name in known}
+    cells = function.__closure__ or ()
+    held |= dict(zip(code.co_freevars, (cell.cell_contents for cell in cells), strict=True))
+    for name, value in held.items():
+        yield name
+        yield from _value(value, seen)
+
+
+def _value(value: Any, seen: set[int]) -> Iterator[str]:
+    """What a kernel takes from outside: numba compiles all of it in as constants."""
+    if isinstance(value, Dispatcher):
+        if id(value.py_func) not in seen:
+            kept: Any = getattr(value, "_cache", None)
+            options = kept.options if isinstance(kept, _Cache) else value.targetoptions
+            yield from _parts(value.py_func, options, seen)
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
+    elif isinstance(value, type) and hasattr(value, "_fields"):
+        yield f"{value.__qualname__} {value._fields}"
+    elif isinstance(value, ModuleType | type):
+        yield value.__name__
+    elif isinstance(value, tuple):
+        yield f"tuple of {len(value)}"
+        for one in value:
+            yield from _value(one, seen)
+    elif isinstance(value, FunctionType) and value.__module__.split(".")[0] not in OTHERS:
+        if id(value) not in seen:
+            yield from _parts(value, (), seen)  # as numba's register_jitable leaves it
+    elif callable(value):
+        yield getattr(value, "__qualname__", type(value).__name__)
+    else:
+        yield repr(value)
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    yield code
+    for one in code.co_consts:
+        if isinstance(one, CodeType):
+            yield from _codes(one)
+
+
+def _code(code: CodeType) -> Iterator[str]:
+    for one in _codes(code):
+        constants = [each for each in one.co_consts if not isinstance(each, CodeType)]
+        yield f"{one.co_code.hex()} {one.co_names} {one.co_varnames} {constants!r}"
+
+
+class _File(IndexDataCacheFile):
+    """An index that another version of the code wrote is no error."""
+
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()
+        except Exception:  # whatever reading it raises, such as for a class that is no more
+            return {}
+
+
+class _Cache(FunctionCache):
+    """Numba's cache of a function, keyed on the content of all that is compiled into it."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]):
+        self.options = options
+        super().__init__(function)
+
+    @cached_property
+    def stamp(self) -> bytes:
+        """Known when the function is first called: then all that it calls has been defined."""
+        versions = f"{numba.__version__} {np.__version__}".encode()
+        return versions + digest(self._py_func, self.options)
+
+    def _fresh(self) -> _File:
+        self._cache_file = _File(self._cache_path, self._impl.filename_base, self.stamp)
+        return self._cache_file
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        self._fresh()
+        return super()._load_overload(sig, target_context)
+
+    def _save_overload(self, sig: Any, data: Any) -> None:
+        self._fresh()
+        super()._save_overload(sig, data)
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Numba's key with the fields of the named tuples that the function takes."""
+        return *super()._index_key(sig, codegen), tuple(_fields(sig))
+
+
+def _fields(kind: Any) -> Iterator[str]:
+    if isinstance(kind, types.NamedTuple | types.NamedUniTuple):
+        yield f"{kind.instance_class.__qualname__} {kind.instance_class._fields}"
+    inner = kind if isinstance(kind, tuple) else getattr(kind, "types", ())
+    for one in inner if isinstance(inner, tuple | list) else ():
+        yield from _fields(one)
+    if isinstance(kind, types.NamedUniTuple | types.UniTuple):
+        yield from _fields(kind.dtype)
