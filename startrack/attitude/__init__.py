@@ -1,21 +1,17 @@
 """Matches into an attitude: Matches become an Estimate.
 
-parameters     Attitude: how far the tracker trusts its centroids.
-mounting       Mounting: how the camera sits on the spacecraft, and how that swings with the heat.
-jacobi         The best rotation of a 3 x 3 matrix of products, by one-sided Jacobi turns: a
-               kernel.
+parameters     SolverSettings: errors assumed of centroids, and when a star is left out.
+mounting       Mounting: orientation of the camera on the spacecraft, with its thermo-elastic error.
+jacobi         The best rotation of a 3 x 3 matrix of products, by one-sided Jacobi rotations.
 least_squares  Least squares in three unknowns without normal equations, which would square the
                condition.
 wahba          Solvers of Wahba's problem: Davenport's eigenvector, SVD, QUEST and FOAM.
-align          Many sets of matched unit vectors into attitudes that keep every digit the sets
-               hold.
-consensus      Which of the matched directions agree on one attitude, however wrong the others
-               are.
+align          Attitudes from many sets of matched unit vectors, to rounding error.
+consensus      The largest set of matched directions that one attitude explains.
 refine         Gauss-Newton on the residuals in the image plane, and the covariance of the
                attitude.
-solve          Spots and Matches enter; an Estimate leaves: attitude, covariance and status.
-follow         Attitudes in time and the rates of a gyroscope into a filtered attitude and the
-               rates' bias.
+solve          Estimate from Spots and Matches: attitude, covariance and status.
+follow         Filtered attitude and gyroscope bias from attitudes in time and gyroscope rates.
 """
 
 from startrack.attitude.align import Alignment, Observability, align

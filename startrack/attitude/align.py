@@ -1,4 +1,4 @@
-"""Many sets of matched unit vectors into attitudes that keep every digit the sets hold."""
+"""Attitudes from many sets of matched unit vectors, to rounding error."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ from startrack.attitude.least_squares import invert, largest_eigenvalue, least_s
 from startrack.core import Floats, kernel, rotation_of
 
 EPS = 2.0**-52
-MOST_STEPS = 100  # two or three do, but for stars that do not belong together
+MOST_STEPS = 100  # two or three are enough, except for stars that contradict each other
 LARGEST_CONDITION = (100 * EPS) ** -2  # beyond it, directions differ by their rounding alone
-SMALLEST_CURVATURE = 1e-6  # of the loss, over that without residuals
+# Of the loss, over that without residuals. Chosen by hand: a larger one reports more sets as
+# contradictory, a smaller one accepts nearly flat minima.
+SMALLEST_CURVATURE = 1e-6
 
 
 class Observability(IntEnum):
     """Whether a set of stars fixes an attitude."""
 
     OBSERVED = 0
-    ONE_DIRECTION = 1  # or two opposite ones, or none: the turn about it is open
+    ONE_DIRECTION = 1  # or two opposite ones, or none: the rotation about it is not observable
     CONTRADICTORY = 2  # the residuals are so large that other attitudes fit as well
 
 
@@ -54,15 +56,15 @@ def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:
 
     Wahba (1965), SIAM Review 7, 409. The start is the singular value decomposition of the
     vectors' products, which squares them and so loses half of the digits; Gauss-Newton steps on
-    the residuals themselves restore these. A set that leaves the attitude open is data: it is
-    told in `observability`.
+    the residuals restore these. A set that does not determine the attitude raises nothing:
+    `observability` reports it.
 
     observed   (m, n, 3) unit vectors in the target's axes
     reference  (m, n, 3) unit vectors in the source's axes
-    weight     (m, n) inverse variances, 1 / radian^2; zero for what is not there
+    weight     (m, n) inverse variances, 1 / radian^2; zero for missing vectors
     Returns    Alignment
     Raises     ValueError where shapes differ, a number is not finite, or a weight is negative.
-    Accuracy   numerical: some eps sqrt(condition), which is what rounding the vectors costs.
+    Accuracy   numerical: a few eps sqrt(condition), the error from rounding the vectors.
     """
     b, r, w = (np.ascontiguousarray(each, float) for each in (observed, reference, weight))
     if w.ndim != 2 or b.shape != r.shape or b.shape != (*w.shape, 3):
@@ -134,10 +136,10 @@ def _multiply(b, r, w, products):  # type: ignore[no-untyped-def]
 
 @kernel
 def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
-    """Turn a about the axis to where the loss is least, from the parts across the axis.
+    """Rotate a about the axis to the least loss, from the components across the axis.
 
-    In a narrow field the products have lost these parts; the vectors have not. Of each pair, one
-    vector without its part along the axis is enough.
+    In a narrow field the products have lost these components; the vectors have not. It is enough
+    to remove the component along the axis from one vector of each pair.
     """
     sine = cosine = 0.0
     for i in range(len(w)):
@@ -171,7 +173,7 @@ def _linearise(b, r, w, a, columns):  # type: ignore[no-untyped-def]
 
 @kernel
 def turn_by(turn, a):  # type: ignore[no-untyped-def]
-    """Turn a by a rotation vector (Rodrigues' formula, with half angles for small ones)."""
+    """Rotate a by a rotation vector (Rodrigues' formula, with half angles for small ones)."""
     angle = math.sqrt((turn**2).sum())
     sine = math.sin(angle) / angle if angle > 0 else 1.0
     versine = 2 * (math.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
@@ -188,8 +190,8 @@ def turn_by(turn, a):  # type: ignore[no-untyped-def]
 def _loss(b, r, w, a, inverse):  # type: ignore[no-untyped-def]
     """The loss, and whether it curves upwards in every direction.
 
-    Its second derivative is that of Gauss and Newton, G = triangle^T triangle, and what the
-    residuals e add to it; both are taken in the axes in which G is one.
+    Its second derivative is that of Gauss and Newton, G = triangle^T triangle, plus a term of the
+    residuals e; both are expressed in the axes in which G is the unit matrix.
 
         H = G + sum_i w_i ((e_i . p_i) I - (e_i p_i^T + p_i e_i^T) / 2)
     """
@@ -205,7 +207,7 @@ def _loss(b, r, w, a, inverse):  # type: ignore[no-untyped-def]
             for k in range(3):
                 h[j, k] -= w[i] * (e[j] * p[k] + e[k] * p[j]) / 2
     h = inverse.T @ h @ inverse + (1 - SMALLEST_CURVATURE) * np.eye(3)
-    # LAPACK's determinant would refuse the infinities of what is not observable.
+    # LAPACK's determinant fails at the infinities of unobservable sets.
     minor = h[0, 0] * h[1, 1] - h[0, 1] ** 2
     determinant = (
         h[2, 2] * minor

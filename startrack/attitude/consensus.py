@@ -1,4 +1,4 @@
-"""Which of the matched directions agree on one attitude, however wrong the others are."""
+"""The largest set of matched directions that one attitude explains."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -
 
     Every pair of stars whose two distances agree gives an attitude (TRIAD: Black 1964, AIAA J.
     2(7), 1350); the stars within the gate of it are fitted, and those within the gate of the fit
-    are counted. The set with the most is taken, that with the smallest residuals among equals. All
-    pairs are tried, so that the answer depends neither on chance nor on the order.
+    are counted. The result is the set with the most stars, among equals that with the smallest
+    residuals. All pairs are tried, so that the result depends neither on random draws nor on the
+    order.
 
     observed   (n, 3) unit vectors in camera axes
     reference  (n, 3) unit vectors, ICRS axes
     sigma      (n,) radian, error of each direction per axis
     gate       sigma, beyond which a star does not agree
     Returns    (n,) which stars agree; none where no pair does
-    Accuracy   numerical: none of note. It takes n^3 / 2 steps: 0.1 ms for 30 stars.
+    Accuracy   numerical: rounding only. It takes n^3 / 2 steps: 0.1 ms for 30 stars.
     """
     chosen = np.zeros(len(sigma), np.bool_)
     _search(
@@ -51,13 +52,13 @@ def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untype
                 continue
             attitude = _frame(observed[i], observed[j]) @ _frame(reference[i], reference[j]).T
             for k in range(count):
-                # The pair's middle is off by half its spread, the turn about it by spread / far.
+                # Error of the pair's middle: spread / 2; of the rotation about it: spread / far.
                 arm = math.sqrt(((reference[k] - reference[i] - known / 2) ** 2).sum()) / far
-                own = math.sqrt(sigma[k] ** 2 + spread**2 * (0.25 + arm**2))
-                trial[k] = _distance(observed[k], attitude, reference[k]) <= gate * own
+                total = math.sqrt(sigma[k] ** 2 + spread**2 * (0.25 + arm**2))
+                trial[k] = _distance(observed[k], attitude, reference[k]) <= gate * total
             if trial.sum() < most:
                 continue
-            # A near pair lets much pass; the attitude of all that did must hold them.
+            # The gate of a close pair is wide; so the attitude of all these stars is tested again.
             products[:] = 0.0
             for k in range(count):
                 if trial[k]:

@@ -1,4 +1,4 @@
-"""Attitudes in time and the rates of a gyroscope into a filtered attitude and the rates' bias."""
+"""Filtered attitude and gyroscope bias from attitudes in time and gyroscope rates."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Gyroscope:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What the filter knows.
+    """Estimate of the filter at one instant.
 
     icrs_to_camera  attitude
-    bias            (3,) radian / second, what the gyroscope shows at rest, camera axes
+    bias            (3,) radian / second, rate that the gyroscope measures at rest, camera axes
     covariance      (6, 6) of the small rotation about the camera's axes, radian, and of the bias
     """
 
@@ -42,7 +42,11 @@ class State:
 
 
 def start(icrs_to_camera: Rotation, covariance: Floats, bias_sigma: float) -> State:
-    """Begin with one attitude (its covariance (3, 3) radian^2) and a bias of zero +- bias_sigma."""
+    """State from one attitude and a bias of zero.
+
+    covariance  (3, 3) radian^2, of the small rotation about the camera's axes
+    bias_sigma  radian / second, standard deviation of the bias per axis
+    """
     full = np.zeros((6, 6))
     full[:3, :3] = covariance
     full[3:, 3:] = np.eye(3) * bias_sigma**2
@@ -50,22 +54,22 @@ def start(icrs_to_camera: Rotation, covariance: Floats, bias_sigma: float) -> St
 
 
 def predict(state: State, rate: Floats, step: float, gyroscope: Gyroscope) -> State:
-    """Carry the state over a time step, in which the rate is constant.
+    """Propagate the state over a time step with a constant rate.
 
-    A camera that turns by the vector t sees the sky turn by -t: A' = exp(-[t]x) A with
-    t = (rate - bias) step. The error, the small rotation after A, turns along, and a bias that is
-    believed too small leaves the sky turned back too far.
+        A' = exp(-[t]x) A,   t = (rate - bias) step
+
+    The stars rotate by -t in the axes of a camera that rotates by t. The error, a small rotation
+    after A, rotates with them; an error b of the bias adds about b step.
 
     Source: Lefferts, Markley and Shuster (1982), J. Guidance 5(5), 417; the noise over a step is
     Farrenkopf's (1978), exact for a small turn.
 
-    rate       (3,) radian / second, as the gyroscope shows it, of the camera, in camera axes
+    rate       (3,) radian / second, measured by the gyroscope, of the camera, in camera axes
     step       second
-    gyroscope  its noise
     """
-    sky = Rotation.from_rotvec(-(rate - state.bias) * step)
+    step_rotation = Rotation.from_rotvec(-(rate - state.bias) * step)
     carry = np.eye(6)
-    carry[:3, :3] = sky.as_matrix()
+    carry[:3, :3] = step_rotation.as_matrix()
     carry[:3, 3:] = _mean_turn(-(rate - state.bias) * step) * step
     white, walk = gyroscope.angle_random_walk**2, gyroscope.rate_random_walk**2
     noise = np.kron(
@@ -76,20 +80,20 @@ def predict(state: State, rate: Floats, step: float, gyroscope: Gyroscope) -> St
         np.eye(3),
     )
     return State(
-        sky * state.icrs_to_camera,
+        step_rotation * state.icrs_to_camera,
         state.bias,
         carry @ state.covariance @ carry.T + noise,
     )
 
 
 def correct(state: State, icrs_to_camera: Rotation, covariance: Floats) -> State:
-    """Take in an attitude that the stars gave.
+    """Correct the state with an attitude measured from stars.
 
     The multiplicative extended Kalman filter: the innovation is the rotation vector from the
-    predicted to the seen attitude, the correction is multiplied on. Joseph's form keeps the
-    covariance positive. Source: Markley (2003), J. Guidance 26(2), 311.
+    predicted to the measured attitude, and the correction is a rotation. Joseph's form keeps the
+    covariance positive definite. Source: Markley (2003), J. Guidance 26(2), 311.
 
-    covariance  (3, 3) radian^2, of the small rotation about the camera's axes
+    covariance  (3, 3) radian^2, of the measured attitude, about the camera's axes
     """
     innovation = (icrs_to_camera * state.icrs_to_camera.inv()).as_rotvec()
     prior = state.covariance

@@ -1,4 +1,4 @@
-"""The best rotation of a 3 x 3 matrix of products, by one-sided Jacobi turns: a kernel."""
+"""The best rotation of a 3 x 3 matrix of products, by one-sided Jacobi rotations."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 from startrack.core import kernel
 
 EPS = 2.0**-52
-MOST_SWEEPS = 12
+MOST_SWEEPS = 12  # a limit: convergence is quadratic, so that a few are enough
 
 
 @kernel
 def best_rotation(b, rotation):  # type: ignore[no-untyped-def]
-    """Write the rotation R of largest trace(R^T b), and return the direction b holds best.
+    """Write the rotation R of largest trace(R^T b), and return the direction of its largest part.
 
         b = U S V^T with falling S,   R = u1 v1^T + u2 v2^T + (u1 x u2) (v1 x v2)^T
 
-    The cross products make both frames right-handed, and do without the smallest singular value,
-    which holds no digits. Method: Golub and Van Loan (2013), Matrix Computations, 8.6.3.
+    The cross products make both frames right-handed, and need no smallest singular value, which
+    has no correct digits. Method: Golub and Van Loan (2013), Matrix Computations, 8.6.3.
 
     b         (3, 3); destroyed: its columns become U S
     rotation  (3, 3), written
@@ -47,7 +47,7 @@ def best_rotation(b, rotation):  # type: ignore[no-untyped-def]
 
 @kernel
 def _make_orthogonal(b, v, i, j):  # type: ignore[no-untyped-def]
-    """Turn columns i and j of b against each other until they are orthogonal; v follows."""
+    """Rotate columns i and j of b and of v so that those of b are orthogonal; whether needed."""
     ii = jj = ij = 0.0
     for k in range(3):
         ii += b[k, i] * b[k, i]
@@ -77,7 +77,7 @@ def _frame(first, second):  # type: ignore[no-untyped-def]
         u2 = np.zeros(3)
         u2[np.argmin(np.abs(u1))] = 1.0
     u2 = u2 / math.sqrt((u2**2).sum())
-    u2 = u2 - u1 * (u1 * u2).sum()  # what was short or chosen has no right angle yet
+    u2 = u2 - u1 * (u1 * u2).sum()  # again: a short or chosen vector is not orthogonal yet
     return u1, u2 / math.sqrt((u2**2).sum())
 
 

@@ -1,4 +1,4 @@
-"""Mounting: how the camera sits on the spacecraft, and how that swings with the heat."""
+"""Mounting: orientation of the camera on the spacecraft, with its thermo-elastic error."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from startrack.core import Unit, finite, non_negative
 
 @dataclass(frozen=True)
 class Mounting:
-    """The turn from the camera's axes to those that the spacecraft measures by.
+    """Rotation from the camera's axes to the spacecraft's reference axes.
 
         camera_to_body = exp([angle + swing sin(phase)] x)
 
-    What the tracker does not know of the angle is the bias of ECSS-E-ST-60-20C, the swing its
-    thermo-elastic error: a sinusoid stands for the warming and cooling of an orbit.
+    The error of the known angle is the bias of ECSS-E-ST-60-20C, the swing its thermo-elastic
+    error: a sinusoid models the heating and cooling during an orbit.
 
     x, y, z           radian, rotation vector in camera axes
-    swing_x, _y, _z   radian, amplitude of the thermo-elastic swing, one sinusoid an orbit; a trial
-                      comes at a random time of it
+    swing_x, _y, _z   radian, amplitude of the thermo-elastic error, one sinusoid per orbit; a trial
+                      has a random phase
+    Raises            ValueError where an angle is not finite or an amplitude is negative.
     """
 
     x: Annotated[float, Unit("rad", "arcsec")] = 0.0
@@ -38,16 +39,16 @@ class Mounting:
 
     @property
     def swings(self) -> bool:
-        """Whether it changes at all."""
+        """Whether the orientation changes."""
         return bool(self.swing_x or self.swing_y or self.swing_z)
 
     @property
     def still(self) -> Mounting:
-        """The same without its swing."""
+        """The mounting without its swing."""
         return replace(self, swing_x=0.0, swing_y=0.0, swing_z=0.0)
 
     def camera_to_body(self, phase: float = 0.0) -> Rotation:
-        """The turn at a phase (radian) of the swing."""
+        """The rotation at a phase (radian) of the swing."""
         sine = math.sin(phase)
         return Rotation.from_rotvec(
             [

@@ -1,4 +1,4 @@
-"""Attitude: how far the tracker trusts its centroids."""
+"""SolverSettings: errors assumed of centroids, and when a star is left out."""
 
 from __future__ import annotations
 
@@ -6,22 +6,25 @@ from dataclasses import dataclass
 
 from startrack.core import non_negative, positive
 
-UNKNOWN_FLOOR = 0.015  # pixel, what calibrated cameras commonly come to
+# Pixel per axis, typical of calibrated cameras. Chosen by hand: a larger one gives all stars nearly
+# the same weight, a smaller one states too small a covariance for bright stars.
+UNKNOWN_FLOOR = 0.015
 
 
 @dataclass(frozen=True)
 class SolverSettings:
     """How matched stars are weighted, and when one is left out.
 
-    centroid_floor  pixel, error per axis that every centroid has beside its noise: what the
-                    pixels average away, their unequal response, the light of other stars; None:
-                    star by star what the design leads to expect, and UNKNOWN_FLOOR where there is
-                    no design
-    gate            sigma, normalised residual beyond which a star is left out as a mis-match, a
+    centroid_floor  pixel, systematic error per axis that every centroid has beside its noise:
+                    sampling by pixels, their unequal response, light of other stars; None: the
+                    prediction of the design for each star, or 0.015 where there is no design
+    gate            sigma, normalised residual beyond which a star is left out as a false match, a
                     double star or a hot pixel; scaled with the residuals where these are larger
-                    than the noise explains
+                    than the noise explains. Chosen by hand: a smaller one loses stars, a larger
+                    one keeps outliers
     sift            first take the largest set of stars that agree on one attitude within the gate,
-                    however many do not; for matches that were not verified together
+                    however small; for matches that were not verified together
+    Raises          ValueError where the floor is negative or the gate is not positive.
     """
 
     centroid_floor: float | None = None

@@ -11,9 +11,11 @@ from startrack.attitude.align import turn_by
 from startrack.attitude.least_squares import invert, least_squares
 from startrack.core import Camera, Floats, kernel, plane_slopes, rotation_of
 
-MOST_STEPS = 10
-SMALLEST_STEP = 1e-15  # radian
-LEAST_RANK = 1e-12  # of the largest column: a smaller one is no direction of its own
+MOST_STEPS = 10  # a limit: the start is close to the minimum
+SMALLEST_STEP = 1e-15  # radian, some eps
+# Of the largest diagonal element, below which the stars have no second direction. Chosen by hand:
+# between rounding, 1e-16, and the narrowest fields.
+LEAST_RANK = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +24,7 @@ class Refinement:
 
     icrs_to_camera  attitude
     covariance      (3, 3) radian^2, of the small rotation about the camera's axes
-    residual        (n, 2) pixel, seen minus predicted
+    residual        (n, 2) pixel, measured minus predicted
     chi_square      (n,) squared residuals over their covariance
     scale           1, focal length over that of the camera
     """
@@ -46,22 +48,23 @@ def refine(
 
     The residuals are taken in the undistorted image plane, where x/z of a direction changes with
     a small rotation d about the camera's axes by s (-xy, 1 + x^2, -y) d and y/z by
-    s (-(1 + y^2), xy, x) d, and both by their own with s. What the stars say of the scale they no
-    longer say of the attitude: the covariance is that of the attitude with the scale unknown.
+    s (-(1 + y^2), xy, x) d, and in proportion to themselves with s. The covariance is that of the
+    attitude with the scale estimated too.
 
-    pixel       (n, 2) seen centroids
+    pixel       (n, 2) measured centroids
     covariance  (n, 2, 2) pixel^2
     direction   (n, 3) unit vectors, ICRS axes
     start       icrs_to_camera near the minimum
-    tolerance   1, standard deviation beforehand of the scale; 0 holds it
-    Raises      ValueError where the stars leave the attitude open (fewer than two directions).
-    Accuracy    model: the covariance of a centroid is taken as the same before distortion.
-                numerical: the residuals are differences of like numbers, so that the result has all
-                digits of a double.
+    tolerance   1, prior standard deviation of the scale; 0 holds it
+    Returns     Refinement
+    Raises      ValueError where the attitude is not observable (fewer than two directions).
+    Accuracy    model: the covariance of a centroid is assumed to be the same without distortion.
+                numerical: rounding only, because the residuals are differences of nearly equal
+                numbers.
     """
     seen = camera.unproject(pixel)
     seen_plane = seen[:, :2] / seen[:, 2:]
-    # (n, 3) the lower triangle of a matrix that makes the noise of a place one.
+    # (n, 3) the lower triangle of a matrix that makes the noise of a position one.
     root = np.linalg.inv(np.linalg.cholesky(covariance)) * camera.focal_length_px
     whitener = np.ascontiguousarray(root[:, [0, 1, 1], [0, 0, 1]])
     matrix = start.as_matrix()
@@ -83,7 +86,7 @@ def refine(
 
 @kernel
 def _refine(seen, whitener, direction, tolerance, matrix, inverse, residual, chi_square):  # type: ignore[no-untyped-def]
-    """Turn the matrix to the minimum, and write the rest; the scale, NaN if all is open."""
+    """Rotate the matrix to the minimum, write the rest; the scale, NaN if not observable."""
     columns, stretch = np.zeros((4, 2 * len(seen) + 1)), np.zeros(2 * len(seen) + 1)
     triangle, step, along = np.zeros((3, 3)), np.empty(3), np.zeros(4)
     scale = 1.0
@@ -114,7 +117,7 @@ def _refine(seen, whitener, direction, tolerance, matrix, inverse, residual, chi
 def _linearise(seen, whitener, direction, matrix, scale, columns, stretch, residual):  # type: ignore[no-untyped-def]
     """Residuals (n, 2) in the plane; whitened, their derivatives and themselves, as columns.
 
-    The derivative by the scale is apart, and the last row is left for what is known of it.
+    The derivative by the scale is in `stretch`; the last row is reserved for the scale's prior.
     """
     columns[:, -1] = stretch[-1] = 0.0
     for n in range(len(seen)):
@@ -136,7 +139,7 @@ def _linearise(seen, whitener, direction, matrix, scale, columns, stretch, resid
 
 @kernel
 def _free(stretch, columns, scale, tolerance, along):  # type: ignore[no-untyped-def]
-    """Take the scale out of the columns, and write how much of it each of them (4,) held."""
+    """Make the columns orthogonal to the scale's, and write their projections on it (4,)."""
     stretch[-1], columns[3, -1] = 1 / tolerance, (1 - scale) / tolerance
     square = (stretch**2).sum()
     for k in range(4):
@@ -146,7 +149,7 @@ def _free(stretch, columns, scale, tolerance, along):  # type: ignore[no-untyped
 
 @kernel
 def tangent(plane: Floats) -> Floats:
-    """How places (n, 2) in the image plane move with a small rotation, (n, 2, 3)."""
+    """Derivatives (n, 2, 3) of positions (n, 2) in the image plane by a small rotation."""
     design = np.empty((len(plane), 2, 3))
     for n in range(len(plane)):
         design[n, 0], design[n, 1] = plane_slopes(plane[n, 0], plane[n, 1])

@@ -1,4 +1,4 @@
-"""Spots and Matches enter; an Estimate leaves: attitude, covariance and status."""
+"""Estimate from Spots and Matches: attitude, covariance and status."""
 
 from __future__ import annotations
 
@@ -14,47 +14,49 @@ from startrack.core import Estimate, Floats, Matches, Spots, Status, kernel
 
 
 def scale_unknown(covariance: Floats, seen: Floats, weight: Floats, tolerance: float) -> Floats:
-    """What is left of the knowledge of an attitude once the focal length takes its fraction.
+    """Covariance of an attitude where the focal length is estimated with it.
 
         C' = C + (C c)(C c)^T / (d - c^T C c)
         c = sum w z (-y, x, 0),   d = 1 / tolerance^2 + sum w z^2 (x^2 + y^2)
 
-    the inverse of the information of attitude and scale together, its block of the attitude: a
-    larger scale moves a star (x, y, z) away from the boresight, as a turn towards it would.
+    the attitude's block of the inverse of the joint information of attitude and scale, with C the
+    covariance for a known scale: a larger scale moves a star (x, y, z) away from the boresight.
 
-    covariance  (m, 3, 3) radian^2, about the camera's axes
+    covariance  (m, 3, 3) radian^2, about the camera's axes, for a known scale
     seen        (m, n, 3) unit vectors, camera axes
     weight      (m, n) radian^-2
-    tolerance   1, standard deviation beforehand of the scale, over one
+    tolerance   1, prior standard deviation of the scale about one
     Returns     (m, 3, 3) radian^2
     Accuracy    model: to first order.
     """
-    loose = np.empty_like(covariance)
-    _loosen(covariance, seen, weight, tolerance**-2, loose)
-    return loose
+    enlarged = np.empty_like(covariance)
+    _enlarge(covariance, seen, weight, tolerance**-2, enlarged)
+    return enlarged
 
 
 @kernel
-def _loosen(covariance, seen, weight, known, loose):  # type: ignore[no-untyped-def]
+def _enlarge(covariance, seen, weight, known, enlarged):  # type: ignore[no-untyped-def]
     """Star by star, so that stars without weight change no digit."""
     for m in range(len(covariance)):
-        share_x, share_y, left = 0.0, 0.0, known
+        cross_x, cross_y, left = 0.0, 0.0, known
         for n in range(weight.shape[1]):
             x, y, z = seen[m, n]
             w = weight[m, n] * z
-            share_x, share_y = share_x - w * y, share_y + w * x
+            cross_x, cross_y = cross_x - w * y, cross_y + w * x
             left += w * z * (x * x + y * y)
-        mixed = covariance[m, :, 0] * share_x + covariance[m, :, 1] * share_y
-        left -= share_x * mixed[0] + share_y * mixed[1]
+        mixed = covariance[m, :, 0] * cross_x + covariance[m, :, 1] * cross_y
+        left -= cross_x * mixed[0] + cross_y * mixed[1]
         for i in range(3):
             for j in range(3):
-                loose[m, i, j] = covariance[m, i, j] + mixed[i] * mixed[j] / left
+                enlarged[m, i, j] = covariance[m, i, j] + mixed[i] * mixed[j] / left
 
 
 NO_COVARIANCE = np.full((3, 3), np.nan)
 MEDIAN_CHI_SQUARE = 2 * np.log(2)  # of two degrees of freedom
-SURPRISE = 1e-3  # chance below which residuals are too large to be the noise alone
-FEWEST = 4  # stars, below which none is left out
+# Probability of larger residuals by noise alone, below which the covariance is enlarged. Chosen by
+# hand: a larger one enlarges it too often, a smaller one ignores distortion and catalogue errors.
+SIGNIFICANCE = 1e-3
+FEWEST = 4  # stars that are always kept: fewer leave too few degrees of freedom to find an outlier
 
 
 def solve(
@@ -66,17 +68,19 @@ def solve(
 ) -> Estimate:
     """The attitude from matched stars, weighted by the covariance of their centroids.
 
-    Stars beyond the gate are left out, the worst first, as long as most stay. Where the residuals
-    of the rest are larger than the centroids' noise explains (a chi-square whose chance is below
-    0.001), the covariance is enlarged by chi-square over its degrees of freedom: the tracker does
-    not know its distortion or its catalogue better than it sees. Below that it is left alone, for
-    to follow every upward chance would state too much on average.
+    Stars beyond the gate are left out, the worst first, as long as more than half stay. Where the
+    residuals of the rest are larger than the centroids' noise explains (a chi-square that noise
+    exceeds with a probability below 0.001), the covariance is multiplied by chi-square over its
+    degrees of freedom, for errors of distortion and catalogue. Otherwise it is unchanged: to
+    enlarge it for every upward fluctuation would state too much on average.
 
-    tolerance  1, how well the focal length of the camera was known before the stars were seen; it
-               is fitted together with the attitude. 0: it is held
-    own        (m,) pixel^2 per axis, what the matched stars err by beside their noise; None: the
+    spots      all spots of the frame
+    matches    of these spots; their `camera` is used
+    tolerance  1, prior standard deviation of the relative focal length, which is estimated with the
+               attitude; 0: it is held
+    own        (m,) pixel^2 per axis, systematic variance of the matched stars' centroids; None: the
                square of `settings.centroid_floor`
-    Returns    Estimate; not solved where the matches are not, or leave the attitude open
+    Returns    Estimate; not solved where the matches are not, or do not determine the attitude
     """
     if matches.status is not Status.SOLVED:
         return _unsolved(matches, matches.status, matches.reason)
@@ -104,7 +108,7 @@ def solve(
     freedom = 2 * len(used) - (4 if tolerance else 3)
     total = float(best.chi_square.sum())
     chance = special.chdtrc(freedom, total) if freedom > 0 else 1.0
-    excess = total / freedom if chance < SURPRISE else 1.0
+    excess = total / freedom if chance < SIGNIFICANCE else 1.0
     return Estimate(
         Status.SOLVED,
         matches.reason,
@@ -135,7 +139,7 @@ def _agreeing(
     matches: Matches,
     gate: float,
 ) -> NDArray[np.int64]:
-    """The stars that agree on one attitude, all stars where too few do."""
+    """Indices of the stars that agree on one attitude; all stars where fewer than 4 agree."""
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / matches.camera.focal_length_px
     agree = consensus(matches.camera.unproject(pixel), matches.direction, sigma, gate)
     return np.flatnonzero(agree) if agree.sum() >= FEWEST else np.arange(len(matches))

@@ -80,8 +80,8 @@ def svd(observed: Array, reference: Array, weight: Array) -> Rotation:
     reference  (..., n, 3) unit vectors in the source's axes
     weight     (..., n) inverse variances, on any scale
     Returns    source_to_target
-    Accuracy   numerical: it loses digits where fields are narrow (the square root of eps in the
-               worst case); `align` and `refine` restore them.
+    Accuracy   numerical: narrow fields lose digits (an error of sqrt(eps) in the worst case);
+               `align` and `refine` restore them.
     """
     u, _, vt = np.linalg.svd(products(observed, reference, weight))
     sign = np.sign(np.linalg.det(u) * np.linalg.det(vt))
@@ -89,10 +89,10 @@ def svd(observed: Array, reference: Array, weight: Array) -> Rotation:
     return rotation_of(u @ vt)
 
 
-# No turn, and half turns about each axis: the columns of B that change their sign.
+# No rotation, and 180 deg about each axis: the columns of B that change their sign.
 FLIPS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 HALF_TURNS = np.array([[0, 0, 0, 1], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]])
-STEPS = 8  # two do, but for stars that do not belong together
+STEPS = 8  # two are enough, except for stars that contradict each other
 
 
 def quest(observed: Array, reference: Array, weight: Array) -> Rotation:
@@ -102,8 +102,8 @@ def quest(observed: Array, reference: Array, weight: Array) -> Rotation:
                                                           (l + s)(l^2 - s^2 + k) - det S)
 
     with s the trace, S and z the symmetric and antisymmetric parts of B, k the trace of the
-    adjugate of S. At half a turn the quaternion vanishes; so the references are turned by half
-    turns first, and the turn that keeps most of the scalar part is taken (sequential rotations).
+    adjugate of S. At a rotation by 180 deg the quaternion vanishes; so the references are rotated
+    by 180 deg first, about the axis that gives the largest scalar part (sequential rotations).
 
     Source: Shuster and Oh (1981), J. Guidance and Control 4(1), 70, eqs. 63 to 71.
 
@@ -123,7 +123,7 @@ def quest(observed: Array, reference: Array, weight: Array) -> Rotation:
     a, b = s**2 - k, s**2 + (z**2).sum(axis=-1)
     c = det + (z * _times(symmetric, z)).sum(axis=-1)
     d = (z * _times(square, z)).sum(axis=-1)
-    largest = np.ones_like(s)  # the weights sum to one, and noise takes little of that
+    largest = np.ones_like(s)  # start: the weights sum to one, and noise reduces it a little
     for _ in range(STEPS):
         value = (largest**2 - a) * (largest**2 - b) - c * largest + c * s - d
         slope = 2 * largest * (2 * largest**2 - a - b) - c
@@ -135,7 +135,7 @@ def quest(observed: Array, reference: Array, weight: Array) -> Rotation:
     best = np.argmax(np.abs(scalar), axis=-1)[..., None]
     vector = np.take_along_axis(vector, best[..., None], axis=-2)[..., 0, :]
     scalar = np.take_along_axis(scalar, best, axis=-1)
-    scalar[(scalar == 0) & ~vector.any(axis=-1, keepdims=True)] = 1  # nothing is known
+    scalar[(scalar == 0) & ~vector.any(axis=-1, keepdims=True)] = 1  # no information: the identity
     fit = Rotation.from_quat(np.concatenate([vector, scalar], axis=-1))
     return fit * Rotation.from_quat(HALF_TURNS[best[..., 0]])
 
@@ -156,8 +156,8 @@ def foam(observed: Array, reference: Array, weight: Array) -> Rotation:
     reference  (..., n, 3) unit vectors in the source's axes
     weight     (..., n) inverse variances, on any scale
     Returns    source_to_target
-    Accuracy   numerical: as `quest`; narrow fields lose half of their digits. No turn at all where
-               B has no second direction.
+    Accuracy   numerical: as `quest`; narrow fields lose half of their digits. The identity where B
+               has no second direction.
     """
     b = products(observed, reference, weight)
     x, y, z = (b[..., i, :] for i in range(3))
@@ -165,7 +165,7 @@ def foam(observed: Array, reference: Array, weight: Array) -> Rotation:
     det = (x * cofactors[..., 0, :]).sum(axis=-1)
     norm = (b**2).sum(axis=(-2, -1))
     minors = (cofactors**2).sum(axis=(-2, -1))
-    largest = np.ones_like(det)  # the weights sum to one, and noise takes little of that
+    largest = np.ones_like(det)  # start: the weights sum to one, and noise reduces it a little
     for _ in range(STEPS):
         value = (largest**2 - norm) ** 2 - 8 * largest * det - 4 * minors
         slope = 4 * largest * (largest**2 - norm) - 8 * det

@@ -1,4 +1,4 @@
-"""Stars and a field of view enter; their pattern index leaves, from a file where there is one."""
+"""The pattern index of a catalogue and a field of view, from a file where there is one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from startrack.identification.index import CodeTable, PatternIndex, build_index
 from startrack.identification.sky import SkyGrid, VerificationStars
 
 FORMAT = 6  # grows with every change of what an index holds or how it is built
-KEPT = 24  # indexes of some 10 MB: those for a camera of which nothing is known are fourteen
+# Files of some 10 MB; `identify_blind` needs 14. Chosen by hand: trades disk against rebuilding.
+KEPT = 24
 
 
 class _Parts(NamedTuple):
@@ -29,7 +30,7 @@ class _Parts(NamedTuple):
 
 
 def cache_folder() -> Path:
-    """Where indexes stay: STARTRACK_CACHE, else startrack in the user's folder of caches."""
+    """Folder of the indexes: STARTRACK_CACHE, else startrack in the user's cache folder."""
     chosen = os.environ.get("STARTRACK_CACHE")
     if chosen:
         return Path(chosen)
@@ -39,9 +40,9 @@ def cache_folder() -> Path:
 def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternIndex:
     """The index of `build_index`, kept in a folder from one run to the next.
 
-    A file is named by a key of all that the index depends on. It appears whole or not at all,
-    and is built again where it cannot be read or does not hold what its key promises. Of many
-    files those used longest ago go; where the folder cannot be written, nothing is kept.
+    A file is named by a hash of all that the index depends on. It is written atomically, and
+    built again where it cannot be read or its checksum is wrong. The 24 files used last are kept;
+    where the folder cannot be written, nothing is kept.
 
     stars          the tracker's catalogue
     field_of_view  radian, of the smaller side of the image
@@ -52,7 +53,7 @@ def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternInd
     index = _read(path, key)
     if index is None:
         index = build_index(stars, field_of_view)
-        # A cache is a convenience: a full disk or a folder of somebody else is no failure.
+        # The index is valid without its file: a full disk or a read-only folder is no failure.
         with contextlib.suppress(OSError):
             _write(path, key, index)
             _prune(folder)
@@ -81,7 +82,7 @@ def _write(path: Path, key: str, index: PatternIndex) -> None:
         "scalars": np.array([index.stars, index.field_of_view]),
         **_arrays("", index),
     }
-    # The same folder, so that the last step is a renaming, which happens at once.
+    # In the same folder, so that the last step is a renaming, which is atomic.
     with NamedTemporaryFile(dir=path.parent, prefix=path.stem, delete=False) as file:
         temporary = Path(file.name)
         try:
@@ -105,7 +106,7 @@ def _arrays(prefix: str, value: Any) -> dict[str, NDArray[Any]]:
 
 
 def _build(prefix: str, kind: Any, file: Mapping[str, NDArray[Any]]) -> Any:
-    """The same backwards."""
+    """Inverse of `_arrays`."""
     if not hasattr(kind, "_fields"):
         value = file[prefix]
         return value.item() if value.ndim == 0 else value
@@ -114,7 +115,7 @@ def _build(prefix: str, kind: Any, file: Mapping[str, NDArray[Any]]) -> Any:
 
 
 def _read(path: Path, key: str) -> PatternIndex | None:
-    """The index of a file, None where there is none or it is not whole."""
+    """The index of a file, None where there is none or it is damaged."""
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             if str(file["key"]) != key:
@@ -131,7 +132,7 @@ def _read(path: Path, key: str) -> PatternIndex | None:
 
 
 def _checksum(index: PatternIndex) -> str:
-    """Quick to compute; against damage, not against malice."""
+    """Hash of all arrays: detects damage, not manipulation."""
     digest = hashlib.blake2b(digest_size=16)
     for array in _arrays("", index).values():
         digest.update(np.ascontiguousarray(array).tobytes())

@@ -59,8 +59,8 @@ def log_brightness(
         variance = spot_blur[i] ** 2 + star_blur[i] ** 2
         for z in range(len(ZERO_POINTS)):
             difference = m - expected[star[i]] - shift - ZERO_POINTS[z]
-            ratio = _normal(difference, variance) / chance
-            product[z] *= (1 - OUTLIER_FRACTION) * ratio + OUTLIER_FRACTION
+            numerator = (1 - OUTLIER_FRACTION) * _normal(difference, variance)
+            product[z] *= numerator / chance + OUTLIER_FRACTION
     return math.log((1 + np.mean(product)) / 2)
 
 
@@ -170,9 +170,7 @@ def _log_seen(
     # The number of spots is given; the less clutter, the smaller its variance and the greater the
     # probability of just this number.
     spread = (
-        clutter
-        + SEEN_BRIGHT * (1 - SEEN_BRIGHT) * bright
-        + SEEN_FAINT * (1 - SEEN_FAINT) * faint
+        clutter + SEEN_BRIGHT * (1 - SEEN_BRIGHT) * bright + SEEN_FAINT * (1 - SEEN_FAINT) * faint
     )
     return (
         0.5 * min(math.log(spread / spots), 0.0)

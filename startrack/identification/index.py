@@ -1,4 +1,4 @@
-"""Stars enter; the codes of their triangles leave, sorted so that similar ones lie together."""
+"""The pattern index: codes of triangles of stars, sorted into cells."""
 
 from __future__ import annotations
 
@@ -13,15 +13,24 @@ from startrack.core import Camera, Floats, Ints, Stars, deg, kernel, positive, w
 from startrack.identification.index_stars import local_rank, merged
 from startrack.identification.sky import SkyGrid, VerificationStars, cone, sky_grid
 
-TALLEST = math.sqrt(3) / 2  # half the height of the lens over a base of one
+TALLEST = math.sqrt(3) / 2  # largest |y| of a code: that of an equilateral triangle
 
 
 @kernel
 def place(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:  # pragma: no cover
-    """Where C lies over the base from A to B.
+    """Code of a triangle of directions: position of C over the base from A to B.
+
+    In the plane that touches the sphere in the middle between A and B, with A at (0, 0) and B at
+    (1, 0), C has the position (x, y). Neither a rotation nor a change of scale changes it; a mirror
+    image has another code. A and B are the two directions farthest apart, so that C lies in the
+    lens of the points that are nearer to A and to B than these to each other. Of the two orders
+    of A and B the canonical one has x <= 1/2.
+
+    Source: after Lang et al. (2010), Astron. J. 139, 1782, sect. 2.2, who take four stars and the
+    square over the base.
 
     a, b, c  (3,) unit vectors
-    Returns  (x, y) in units of the base, as described above
+    Returns  (x, y) 1, in units of the base
     """
     mx, my, mz = a[0] + b[0], a[1] + b[1], a[2] + b[2]
     ex, ey, ez = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -37,37 +46,41 @@ def place(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:  # pragma: no
 
 @kernel
 def separation(a: Floats, b: Floats) -> float:  # pragma: no cover
-    """Radian between two unit vectors (3,), accurate at small angles."""
+    """Angle (radian) between two unit vectors (3,), accurate at small angles."""
     chord = math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
     return 2 * math.asin(min(chord / 2, 1.0))
 
 
 Indices = NDArray[np.int32]
 
-CELL = 0.02  # edge of a cell of the code: larger than the errors, so that few are looked at
+# Chosen by hand: smaller cells hold fewer triangles to compare, but more of them must be read.
+CELL = 0.02  # edge of a cell of the code: larger than the errors
 ACROSS = round(0.5 / CELL)  # cells along x, from 0 to 1/2
 UPRIGHT = 2 * math.ceil(TALLEST / CELL)  # cells along y, as many below the base as above
-STRETCH = 0.02  # ln of the ratio of the bases of two neighbouring cells
-SMALLEST = 0.2  # of the field: shorter bases measure their code too badly
-LARGEST = 1.2  # of the field: longer ones hardly fit into the diagonal
+STRETCH = 0.02  # ln of the ratio of the bases of two neighbouring cells, as CELL
+# Chosen by hand: a wider range makes triangles of more stars of an image, and a larger index.
+SMALLEST = 0.2  # of the field: the noise of a code grows as the inverse of the base
+LARGEST = 1.2  # of the field: few longer ones fit into the diagonal, sqrt(2)
 LENGTHS = math.ceil(math.log(LARGEST / SMALLEST) / STRETCH)  # cells along the length of the base
-POINTS = 512  # that an index resolves across its field: two pixels of 1024 are one
-VOTING_RANK = 40  # stars per field that vote on hypotheses
-BLUR = 0.3  # magnitude: what an unknown passband and variable stars do to the brightness
-COLOUR_BLUR = 0.2  # magnitude per magnitude of BP - RP away from the Sun's
-SUN_COLOUR = 0.82  # BP - RP
+POINTS = 512  # resolved across a field: two pixels of 1024; chosen by hand for common cameras
+VOTING_RANK = 40  # stars per field that verify hypotheses; chosen by hand: trades time and memory
+# Error of a star's magnitude in an unknown passband. Chosen by hand: larger ones make brightness
+# weaker evidence, smaller ones refuse variable stars and unusual passbands.
+BLUR = 0.3  # magnitude, of a star of the Sun's colour
+COLOUR_BLUR = 0.2  # magnitude per magnitude of BP - RP from the Sun's
+SUN_COLOUR = 0.82  # magnitude, BP - RP (Casagrande and VandenBerg 2018, MNRAS 479, L102)
 
 
 class CodeTable(NamedTuple):
     """Triangles sorted by the cells of code and base, for compiled code.
 
-    The codes themselves are not kept: those few that are looked at are computed again.
+    The codes are not stored: the search computes those of the few cells that it reads.
 
-    smallest  radian, least separation of the base of a triangle
-    largest   radian, greatest
-    sky       the stars that form triangles; their members are places in `PatternIndex.bright`
-    triangle  (k, 3) places in `sky` of A, B, C
-    start     (cells + 1,) where the triangles of a cell begin
+    smallest  radian, smallest base of a triangle
+    largest   radian, largest base
+    sky       the stars that form triangles; their members are indices into `PatternIndex.bright`
+    triangle  (k, 3) indices into `sky` of A, B, C
+    start     (cells + 1,) index of the first triangle of each cell
     """
 
     smallest: float
@@ -81,10 +94,10 @@ class CodeTable(NamedTuple):
 class PatternIndex:
     """Triangles of stars over the whole sky, for cameras of one field of view.
 
-    stars          how many stars the catalogue had that it was built from
+    stars          number of stars in the catalogue that it was built from
     field_of_view  radian
     table          the triangles
-    bright         the stars that vote on hypotheses, up to VOTING_RANK per field
+    bright         the stars that verify hypotheses, up to VOTING_RANK per field
     faint          all stars of the catalogue, close ones merged
     """
 
@@ -107,9 +120,9 @@ class PatternIndex:
 
 
 def indexed_field(camera: Camera) -> float:
-    """Radian, the field that a camera's index is built for: cameras of nearly the same share one.
+    """The field of view (radian) of a camera's index, the same for cameras of similar fields.
 
-    It is the smaller side of the image, down to the next of steps of a tenth.
+    It is the smaller side of the image, rounded down to a power of 1.1.
     """
     step = math.log(1.1)
     return math.exp(math.floor(math.log(min(camera.fov_x, camera.fov_y)) / step) * step)
@@ -124,20 +137,20 @@ def build_index(
 ) -> PatternIndex:
     """Index the triangles of bright stars that a camera can see at once.
 
-    The catalogue is thinned until about `stars_per_field` of the brightest stars lie in every
-    field. Small triangles are made of all these; those of a longer base only of the brighter
-    ones, their number per field falling as the inverse of the base, so that about as many
-    triangles have a base of any length. A base is a fifth of the field at least, and hardly
-    fits into a larger image at most.
+    The catalogue is thinned to about `stars_per_field` of the brightest stars in every field.
+    Small triangles are made of all of these; those of a longer base only of the brighter ones,
+    whose number per field falls as the inverse of the base, so that bases of all lengths are
+    about equally frequent. Bases are 0.2 to 1.2 of the field.
 
     stars            the tracker's catalogue, in any order
     field_of_view    radian, of the smaller side of the image
-    stars_per_field  how many stars form triangles, in the mean over fields
-    triangles        about how many to index, most often fewer; each takes 6 bytes
-    resolution       radian, stars closer than this are one spot; None for field / POINTS
+    stars_per_field  number of stars that form triangles, mean over fields
+    triangles        approximate number to index, usually fewer; each takes 6 bytes
+    resolution       radian, stars closer than this are one spot; None: field_of_view / 512
+    Returns          PatternIndex
     Raises           ValueError where a star's direction is no unit vector, or the field lies
                      outside (0, 90] deg.
-    Accuracy         model: the number of triangles holds for stars strewn at random.
+    Accuracy         model: the number of triangles holds for randomly distributed stars.
     """
     positive(field_of_view=field_of_view)
     within(0, 90 * deg, field_of_view=field_of_view)
@@ -152,7 +165,7 @@ def build_index(
     radius = field_of_view / math.sqrt(math.pi)  # of the disc with the area of the field
     rank = local_rank(single.direction, radius, VOTING_RANK)
     voting = rank < VOTING_RANK
-    bright = _voters(single[voting], field_of_view)
+    bright = _verification_stars(single[voting], field_of_view)
     rank = rank[voting][bright.sky.member]
     faint = sky_grid(single.direction, field_of_view / 2)
 
@@ -171,12 +184,12 @@ def build_index(
 
 
 def _named(sky: SkyGrid, names: Ints) -> SkyGrid:
-    """The same grid of stars under their names in the catalogue."""
+    """The grid with members that are indices into the catalogue."""
     return sky._replace(member=names[sky.member].astype(np.int32))
 
 
-def _voters(stars: Stars, field_of_view: float) -> VerificationStars:
-    """These stars, with what is known of their brightness."""
+def _verification_stars(stars: Stars, field_of_view: float) -> VerificationStars:
+    """These stars, with their magnitudes and the errors of these."""
     sky = sky_grid(stars.direction, field_of_view / 2)
     stars = stars[sky.member.astype(np.int64)]
     red = np.where(np.isfinite(stars.colour), stars.colour - SUN_COLOUR, 1.0)
@@ -199,16 +212,17 @@ def _table(
 
 
 def _crowding(fields: float, per_field: float, triangles: int) -> float:
-    """How many stars per field times the base, in fields, may form triangles, to get so many.
+    """The constant c for which stars of rank below c / base form the wanted number of triangles.
 
         triangles = fields pi L Int min(s, c / r)^3 r^3 dr
 
-    With s stars per field, those that follow each star at a distance r are pi s r dr, each pair
-    counted once, and s L r^2 stars lie in the lens of area L r^2 over each such base.
+    With s stars per field, each star has pi s r dr partners at a distance r, each pair counted
+    once, and s L r^2 stars lie in the lens of area L r^2 over each such base.
 
-    fields     on the sphere
-    per_field  s, stars strewn at random
-    triangles  how many to make
+    fields     number of fields on the sphere
+    per_field  s, randomly distributed stars
+    triangles  wanted number
+    Returns    c, stars per field times a base in units of the field
     """
     lens = 2 * math.pi / 3 - TALLEST
     r = np.linspace(SMALLEST, LARGEST, 200)
@@ -224,10 +238,10 @@ def _crowding(fields: float, per_field: float, triangles: int) -> float:
 def _triangles(
     grid: SkyGrid, rank: NDArray[np.int16], smallest: float, largest: float, crowding: float
 ) -> Indices:  # pragma: no cover
-    """All (k, 3) stars A, B, C of the grid with their farthest pair in front.
+    """All triangles (k, 3) of stars A, B, C of the grid, with A and B farthest apart.
 
-    rank      (n,) of the stars, below crowding / base for those of a triangle
-    crowding  radian
+    rank      (n,) of the stars; a triangle takes those below crowding / base
+    crowding  radian, `_crowding` times the field of view
     """
     found = np.empty((1024, 3), np.int32)
     count = 0

@@ -1,4 +1,4 @@
-"""Stars enter; those that the camera separates leave, with their rank in local brightness."""
+"""Stars merged where the camera cannot separate them, and their rank in local brightness."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ MAGNITUDE = 0.4 * np.log(10)  # ln of the flux per magnitude
 
 
 def merged(stars: Stars, resolution: float) -> tuple[Stars, Ints]:
-    """Stars closer than the resolution become one, at the centre of their light.
+    """Merge stars closer than the resolution, at the centre of their light.
 
-    The brightest of a close group takes up those that lie within the resolution of it.
+    The brightest star of a close group is merged with those within the resolution of it.
 
     resolution  radian
-    Returns     the stars that are left, brightest first, under the names and colours of the
-                brightest of each, and which of the stars these are
+    Returns     the remaining stars, brightest first, with identifier and colour of the brightest
+                of each group; the indices of these in `stars`
     """
     order = np.argsort(stars.magnitude_g, kind="stable")
     direction = stars.direction[order]
@@ -42,7 +42,7 @@ def merged(stars: Stars, resolution: float) -> tuple[Stars, Ints]:
 
 
 def _takers(count: int, pairs: NDArray[np.int64]) -> Ints:
-    """The star (count,) that each one goes to, itself where it stays; brighter ones come first."""
+    """The star (count,) that each one is merged into, or itself; stars are brightest first."""
     taker = np.arange(count)
     pairs = np.sort(pairs, axis=1)
     for brighter, fainter in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]:
@@ -55,14 +55,14 @@ Ranks = NDArray[np.int16]
 
 
 def local_rank(direction: Floats, radius: float, most: int) -> Ranks:
-    """How many brighter stars lie within `radius` of each star.
+    """Number of brighter stars within `radius` of each star.
 
-    The brightest star of a region has rank 0. To take the stars below a rank thins the dense
-    sky and keeps the sparse one, so that each field has its fraction of patterns.
+    The brightest star of a region has rank 0. Selecting the stars below a rank thins dense regions
+    and keeps sparse ones, so that each field has about the same number of patterns.
 
     direction  (n, 3) unit vectors, brightest first
     radius     radian
-    most       counting ends here; stars of this rank do not count as neighbours
+    most       largest rank; stars of this rank do not count as neighbours
     Returns    (n,) rank, at most `most`
     """
     return _rank(np.ascontiguousarray(direction), radius, most, cubes(radius))

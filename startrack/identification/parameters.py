@@ -1,4 +1,4 @@
-"""Identification: what the tracker believes of its camera, and how sure it wants to be."""
+"""Identification: tolerances of the camera model and thresholds of the match."""
 
 from __future__ import annotations
 
@@ -9,20 +9,25 @@ from startrack.core import non_negative, positive, whole, within
 
 @dataclass(frozen=True)
 class Identification:
-    """How spots are told apart. The defaults serve calibrated cameras and real skies.
+    """Settings of the identification of spots, for calibrated cameras by default.
 
-    focal_tolerance        relative, how far the focal length may lie from the camera's; 0 keeps
-                           it as it is, anything else lets it be refined
-    match_radius           pixel, how far a spot may lie from the star that it is taken for
-    max_false_probability  a match that chance makes more often than this is refused
-    max_false_track        the same where the attitude is predicted: a prediction that was right
-                           so far deserves trust, and two stars can hardly outweigh chance
-    min_matches            a match of fewer stars is refused, however improbable
-    pattern_spots          the brightest so many spots form triangles, and only then those that vote
-    verify_spots           the brightest so many spots vote on a hypothesis
-    code_tolerance         1, error of a pattern's code beyond the noise of the centroids: what
-                           distortion the camera model does not know does to it
-    max_hypotheses         after so many hypotheses the sky counts as unsolved
+    The defaults are chosen by hand, for speed against success; experiments/identification.py and
+    experiments/real_images.py show the success that they lead to, but do not vary them.
+
+    focal_tolerance        relative error allowed to the focal length; 0 holds it, above 0 it is
+                           estimated with the attitude
+    match_radius           pixel, largest distance between a spot and its star
+    max_false_probability  largest bound on the probability that chance makes an accepted match
+    max_false_track        the same with a predicted attitude; larger, because the prediction has
+                           been confirmed before and two stars are weak evidence
+    min_matches            fewest matched stars of an accepted match
+    pattern_spots          number of the brightest spots that form triangles first; the other spots
+                           of `verify_spots` follow
+    verify_spots           number of the brightest spots that verify a hypothesis
+    code_tolerance         1, error of a triangle's code beyond the noise of the centroids, from
+                           distortion that the camera model lacks
+    max_hypotheses         number of hypotheses after which the search ends without a match
+    Raises                 ValueError where a value lies outside its range.
     """
 
     focal_tolerance: float = 0.01

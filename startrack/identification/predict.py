@@ -46,7 +46,7 @@ def predict(
                 y = scale * (ryx * dx + ryy * dy + ryz * dz) / z
                 star[count] = s
                 place[count, 0], place[count, 1] = x, y
-                # No branch: the processor would mispredict half of them, which takes three times as long.
+                # No branch: half would be mispredicted, which takes three times as long.
                 count += (z > nearest) & (left <= x) & (x <= right) & (top <= y) & (y <= bottom)
     return star[:count], place[:count]
 

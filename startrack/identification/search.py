@@ -1,4 +1,4 @@
-"""Triangles of spots enter, brightest first; the first hypothesis beyond doubt leaves."""
+"""The first accepted hypothesis from triangles of spots, brightest first."""
 
 from __future__ import annotations
 
@@ -32,19 +32,24 @@ from startrack.identification.verify import (
     verify,
 )
 
-SIGMAS = 3.5  # how far noise may move a code
-EXPECTED = 0.7  # fraction of matches with the stars to be seen first, below which they are doubted
+# Chosen by hand.
+SIGMAS = (
+    3.5  # tolerance of a code for noise: a larger one takes time, a smaller one loses triangles
+)
+# Fraction of matches with the brightest stars below which an accepted hypothesis is checked by
+# `challenge`: a larger one takes time, a smaller one misses fits that a false spot has distorted.
+EXPECTED = 0.7
 
 
 @lru_cache(maxsize=128)
 def breadth_first(spots: int, bright: int) -> NDArray[np.int64]:
-    """Choices (k, 3) of three of the brightest spots, those of small sums of ranks first.
+    """Choices (k, 3) of three of the brightest spots, in the order of the sum of their ranks.
 
-    So no bright spot that is no star can hold up the search for long. Then choices of those that
-    follow: the limb of the Moon may be brighter than all stars.
+    In this order one bright false spot delays the search only a little. Choices of the fainter
+    spots follow: the limb of the Moon may be brighter than all stars.
 
-    spots   how many there are to choose from
-    bright  how many the first choices are made of
+    spots   number of spots to choose from
+    bright  number of spots of the first choices
     """
     first = _choices(0, min(bright, spots))
     return np.concatenate([first, _choices(bright, spots)]) if spots > bright + 2 else first
@@ -66,15 +71,15 @@ def search(
     log_accepted: float,
     most_hypotheses: int,
 ) -> tuple[Verdict, int]:  # pragma: no cover
-    """Look up triangle after triangle until a hypothesis is beyond doubt.
+    """Look up one triangle after the other until a hypothesis is accepted.
 
     choices          (k, 3) spots, in the order to try
     code_tolerance   1, error of a code beyond the noise
-    table, voters    the triangles of the index, and its stars that vote
+    table, voters    the triangles of the index, and its stars that verify hypotheses
     fewest           as in `verify`
-    log_accepted     ln of the bound on chance to stay below
-    most_hypotheses  after so many the search ends
-    Returns          the best verdict, the last if it is beyond doubt; hypotheses tried
+    log_accepted     ln of the largest accepted bound on chance
+    most_hypotheses  number after which the search ends
+    Returns          the best verdict, the last one if accepted; number of hypotheses
     """
     tried = 0
     best = Verdict(np.eye(3), 1.0, 0, 0, 0.0)
@@ -85,8 +90,8 @@ def search(
         longest, noise, off_axis = _measure(seen, choice)
         if not table.smallest * (1 - seen.focal) <= longest <= table.largest * (1 + seen.focal):
             continue
-        # A wrong focal length is no similarity away from the axis: there it stretches along
-        # the radius otherwise than across it, by its error times tan^2.
+        # Off the axis, a wrong focal length is no similarity: it stretches differently along the
+        # radius and across it, by its error times tan^2.
         error = noise + code_tolerance + 2 * seen.focal * off_axis
         stretch = noise + code_tolerance - math.log1p(-seen.focal) + 2 * seen.focal * off_axis
         shortest = along(longest * math.exp(-stretch), table.smallest)
@@ -146,11 +151,11 @@ def _namings(
     names: NDArray[np.int64],
     codes: Floats,
 ) -> int:  # pragma: no cover
-    """All ways to name three spots A, B, C that are canonical, or may be without the error.
+    """All orders A, B, C of three spots that are canonical, or may be so within the error.
 
     longest       radian, separation of the base
-    names, codes  (6, 3), (6, 2) are filled with the spots and their codes
-    Returns       how many there are: one, but where two rules are close to a tie
+    names, codes  (6, 3), (6, 2), written: the spots and their codes
+    Returns       number of orders: one, except where sides are nearly equal or x is near 1/2
     """
     count = 0
     for i in range(3):

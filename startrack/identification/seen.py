@@ -1,4 +1,4 @@
-"""Spots and the believed camera enter; the spots in its image plane leave, for compiled code."""
+"""Spots in the image plane of the believed camera."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 from startrack.core import Camera, Floats, Ints, Spots, kernel
 from startrack.identification.parameters import Identification
 
+# Chosen by hand: a larger gate matches more false spots, a smaller one loses noisy stars.
 GATE = 3.0  # sigma of the centroids: the match radius is not smaller
-LEAST_SIGMA = 0.01  # pixel, that a centroid is believed
+# Chosen by hand: a smaller one gives bright spots too much weight for an imperfect camera model.
+LEAST_SIGMA = 0.01  # pixel, smallest standard deviation assumed of a centroid
 PER_SNR = 2.5 / math.log(10)  # magnitude, error of a flux of signal-to-noise ratio one
 
 
@@ -25,10 +27,10 @@ class Seen(NamedTuple):
     blur       (n,) magnitude, its standard deviation
     low, high  (2,) x / z and y / z of the corners of the image
     corner     radian, from the boresight to the farthest corner
-    radius     1, match radius in the plane
-    excess     1, the same as far as it is not due to noise
-    area       1, of the image in the plane
-    focal      relative, tolerance of the focal length
+    radius     1, match radius in the image plane
+    excess     1, the same without the part due to noise: `match_radius` of the settings
+    area       1, of the image in the image plane
+    focal      1, relative tolerance of the focal length
     """
 
     plane: Floats
@@ -55,7 +57,7 @@ class Border(NamedTuple):
 
 
 def usable(spots: Spots) -> Ints:
-    """Which spots are at a finite place."""
+    """Indices of the spots with a finite position."""
     return np.flatnonzero(np.isfinite(spots.x + spots.y))
 
 
@@ -68,8 +70,8 @@ def see(spots: Spots, chosen: Ints, camera: Camera, settings: Identification) ->
         direction = camera.unproject(np.column_stack([spots.x[chosen], spots.y[chosen]]))
         plane_x, plane_y = (direction[:, :2] / direction[:, 2:]).T.copy()
     flux, snr = (np.asarray(each[chosen], np.float64) for each in (spots.flux, spots.snr))
-    # The border of the undistorted image: distortion moves it by a few pixels, which is too little
-    # to matter here.
+    # The border of the undistorted image: distortion moves it by a few pixels, which is negligible
+    # here.
     border = Border(
         (-0.5 - x) / focal,
         (-0.5 - y) / focal,
@@ -126,7 +128,7 @@ def _see(
 
 @kernel
 def keep_brightest(seen: Seen, count: int) -> Seen:  # pragma: no cover
-    """The same with the first so many spots alone."""
+    """The first `count` spots alone."""
     return Seen(
         seen.plane[:count],
         seen.direction[:count],

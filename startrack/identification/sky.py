@@ -1,4 +1,4 @@
-"""Directions enter; a grid that finds those around any direction leaves, for compiled code."""
+"""A grid of directions that finds those within an angle of any direction."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from startrack.core import Floats, kernel
 Indices = NDArray[np.int32]
 Cubes = NDArray[np.int64]
 
-MOST_CUBES = 80  # along an axis, which keeps the table of cubes at 2 MB
+MOST_CUBES = 80  # along an axis: the table of cubes takes 2 MB; chosen by hand for its memory
 
 
 class SkyGrid(NamedTuple):
     """Stars sorted into the cubes of a grid over [-1, 1]^3.
 
-    Cubes in space know neither poles nor the jump of right ascension. Most are empty, which
-    costs one look at `start`.
+    Cubes in space have neither poles nor a jump of right ascension. Most are empty; each of these
+    takes one access to `start`.
 
-    side       cubes along an axis
-    start      (side^3 + 1,) where the stars of a cube begin in `member`
+    side       number of cubes along an axis
+    start      (side^3 + 1,) index of the first star of each cube in `member`
     member     (n,) index of the star in the directions that the grid was made from
-    direction  (n, 3) the directions, in the order of `member`
+    direction  (n, 3) unit vectors, in the order of `member`
     """
 
     side: int
@@ -34,11 +34,11 @@ class SkyGrid(NamedTuple):
 
 
 class VerificationStars(NamedTuple):
-    """The stars that vote on hypotheses, and how bright they should look.
+    """The stars that verify hypotheses, and their brightness.
 
-    sky        (n) of them
-    magnitude  (n,) expected, but for the zero point
-    blur       (n,) magnitude, how far that may be wrong
+    sky        n directions
+    magnitude  (n,) expected, except for the zero point
+    blur       (n,) magnitude, standard deviation of `magnitude`
     """
 
     sky: SkyGrid
@@ -50,7 +50,7 @@ def sky_grid(direction: Floats, spacing: float) -> SkyGrid:
     """Sort unit vectors into cubes.
 
     direction  (n, 3) unit vectors
-    spacing    radian, edge of a cube at least: best about a third of the cones asked for
+    spacing    radian, smallest edge of a cube: best a third of the radius of the cones
     """
     side = cubes(spacing)
     cell = np.minimum(((direction + 1) / 2 * side).astype(np.int64), side - 1)
@@ -61,7 +61,7 @@ def sky_grid(direction: Floats, spacing: float) -> SkyGrid:
 
 
 def cubes(spacing: float) -> int:
-    """How many cubes of at least this edge lie along an axis."""
+    """Number of cubes of at least this edge along an axis."""
     return int(min(max(2 / spacing, 1), MOST_CUBES))
 
 
@@ -79,7 +79,7 @@ def cubes_around(
 
 @kernel
 def most_within(grid: SkyGrid, low: Cubes, high: Cubes) -> int:  # pragma: no cover
-    """How many stars these cubes hold."""
+    """Number of stars in these cubes."""
     most = 0
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
@@ -90,7 +90,7 @@ def most_within(grid: SkyGrid, low: Cubes, high: Cubes) -> int:  # pragma: no co
 
 @kernel
 def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no cover
-    """Places in `grid.member` of the stars within an angle of an axis.
+    """Indices into `grid.member` of the stars within an angle of an axis.
 
     axis    (3,) unit vector
     radius  radian

@@ -1,7 +1,7 @@
-"""Spots enter; which of them lies near a place leaves, in the time of one look.
+"""A grid of spots that finds the spot near a position with one array access.
 
-Most hypotheses are false, and are refused because no star but those they were made from meets a
-spot. To ask that of every star must cost next to nothing.
+Most hypotheses are false: no star except those that they were made from lies near a spot. The grid
+makes this test fast, because it is done for every star of every hypothesis.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, kernel
 
-MOST_CELLS = 160  # along an axis, which keeps the sieve in the processor's cache
+MOST_CELLS = 160  # along an axis: 50 kB, so that the grid stays in the processor's cache
 
 
 class SpotGrid(NamedTuple):
-    """A grid over the image; each cell names a spot that is at most a cell away, -1 for none.
+    """A grid over the image; each cell has the index of a spot at most one cell away, or -1.
 
     cell    (columns, rows)
-    low     (2,) corner of the grid in the plane
-    width   1, of a cell in the plane
-    radius  1, up to which a place meets a spot
+    low     (2,) corner of the grid in the image plane
+    width   1, of a cell in the image plane
+    radius  1, largest distance between a position and its spot
     """
 
     cell: NDArray[np.int16]
@@ -36,9 +36,11 @@ class SpotGrid(NamedTuple):
 def spot_grid(
     plane: Floats, low: Floats, high: Floats, radius: float
 ) -> SpotGrid:  # pragma: no cover
-    """Put spots (n, 2), fewer than 32768, into the grid; each cell gets that nearest to its centre.
+    """Make the grid; each cell gets the spot nearest to its centre.
 
+    plane      (n, 2) spots in the image plane, fewer than 32768
     low, high  (2,) corners of the image
+    radius     1, as in `SpotGrid`
     """
     width = max(radius, max(high[0] - low[0], high[1] - low[1]) / MOST_CELLS)
     columns = math.ceil((high[0] - low[0]) / width) + 1
@@ -61,9 +63,10 @@ def spot_grid(
 
 @kernel
 def hits(sieve: SpotGrid, plane: Floats, place: Floats) -> int:  # pragma: no cover
-    """How many places (m, 2), all inside the image, meet a spot.
+    """Number of positions within the radius of a spot; rarely too small, where spots are close.
 
-    Rarely one too few, where two spots are neighbours.
+    plane  (n, 2) the spots of the grid
+    place  (m, 2) positions in the image plane, all inside the image
     """
     met = 0
     for j in range(len(place)):

@@ -1,4 +1,4 @@
-"""Spots and a predicted attitude enter; Matches leave."""
+"""Matches from spots and a predicted attitude."""
 
 from __future__ import annotations
 
@@ -19,9 +19,11 @@ from startrack.identification.seen import Seen, keep_brightest, see, usable
 from startrack.identification.sky import VerificationStars
 from startrack.identification.verify import weigh_prior
 
-WINDOW = 16.0  # squared radius of a window over its variance: one in 3000 lies outside
-FEWEST = 2  # stars that give an attitude
-MOST_CHAINS = 200
+# Squared radius of a window over its variance. Chosen by hand: a larger one takes more false spots;
+# one of 3000 true ones lies outside.
+WINDOW = 16.0
+FEWEST = 2  # stars that determine an attitude
+MOST_CHAINS = 200  # chosen by hand: trades time against the success with uncertain predictions
 
 
 @kernel
@@ -31,9 +33,13 @@ def follow(
     predicted: Floats,
     covariance: Floats,
 ) -> tuple[Floats, int, float]:  # pragma: no cover
-    """The chain of the greatest evidence.
+    """The chain of matches with the greatest evidence.
 
-    voters      the stars that may be seen
+    Each pair of a spot and a star within the window of the prediction starts a chain: the pair
+    updates the attitude and its covariance, and the other stars, brightest first, are matched
+    within their smaller windows, each updating the attitude again (a Kalman filter without time).
+
+    voters      the stars that may be detected
     predicted   (3, 3) icrs_to_camera
     covariance  (3, 3) radian^2, of the small rotation about the camera's axes
     Returns     icrs_to_camera, matches (0 for none), ln of the bound on chance
@@ -47,7 +53,7 @@ def follow(
     for j in range(len(star)):
         rows[j] = derivatives(predicted, sky.direction[star[j]], 1.0)[:, :3]
     information = np.linalg.inv(covariance).astype(np.float64)
-    # The density of a Gaussian prediction at its centre.
+    # ln of the density of the Gaussian prediction at its centre.
     log_peak = -0.5 * math.log(np.linalg.det(covariance)) - 1.5 * math.log(2 * math.pi)
 
     best, best_rotation, most = 0.0, predicted, 0
@@ -121,7 +127,7 @@ def _chain(
 def _innovation(
     seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
 ) -> tuple[float, float, float, float, float]:  # pragma: no cover
-    """How far a spot lies from where a star is expected, and the inverse covariance of that."""
+    """Offset x, y of a spot from the expected star, and xx, xy, yy of its inverse covariance."""
     dx = seen.plane[spot, 0] - place[0]
     dy = seen.plane[spot, 1] - place[1]
     xx = yy = seen.sigma[spot] ** 2
@@ -141,7 +147,7 @@ def _innovation(
 def _misfit(
     seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
 ) -> float:  # pragma: no cover
-    """Squared distance of a spot from where a star is expected, over its variance."""
+    """Squared distance of a spot from the expected position of a star, over its variance."""
     dx, dy, xx, xy, yy = _innovation(seen, spot, place, row, state, spread)
     return dx * dx * xx + 2 * dx * dy * xy + dy * dy * yy
 
@@ -180,7 +186,7 @@ def _away(source: Floats, target: Floats) -> Floats:  # pragma: no cover
     return away
 
 
-EDGE = 3.0  # sigma of the prediction
+EDGE = 3.0  # sigma of the prediction, margin about the image; chosen by hand: trades time
 
 
 def track(
@@ -192,20 +198,19 @@ def track(
     covariance: Floats,
     settings: Identification,
 ) -> Matches:
-    """Which spot is which star, if the attitude is about known. Two stars may be enough.
+    """Find which spot is which star near a predicted attitude. Two stars may be enough.
 
-    The same evidence as without a prediction decides, only that the attitudes are not all
-    equally likely beforehand, but as the prediction says; `settings.max_false_track` bounds how
-    often spots that are no stars at all are matched. Where it is not enough, the search
-    begins anew with `identify`.
+    The evidence is that of `identify`, except that the prior of the attitude is the prediction's
+    Gaussian. `settings.max_false_track` bounds the probability that a frame of false spots alone
+    is matched. Where the evidence is too weak, `identify` is called.
 
-    spots       brightest first; those at no finite place are left out
-    camera      as the last frame refined it: its focal length is believed
-    predicted   icrs_to_camera, carried to the middle of this exposure
+    spots       brightest first; those without a finite position are left out
+    camera      with the focal length of the last frame, which is held
+    predicted   icrs_to_camera at the middle of this exposure
     covariance  (3, 3) radian^2, of the small rotation about the camera's axes
     Returns     as `identify`
     Raises      ValueError where the covariance is not positive definite.
-    Accuracy    model: windows are linear in the error of the prediction, which holds up to some
+    Accuracy    model: windows are linear in the error of the prediction, which holds up to a few
                 degrees.
     """
     covariance = np.array(covariance, float)
@@ -215,7 +220,7 @@ def track(
     finite = usable(spots)
     if len(finite) >= FEWEST:
         seen = keep_brightest(see(spots, finite, camera, believed), settings.verify_spots)
-        # A star that the prediction puts outside the image may be inside.
+        # A star whose predicted position is outside the image may be inside.
         margin = EDGE * math.sqrt(np.linalg.eigvalsh(covariance)[-1])
         wider = seen._replace(
             low=seen.low - margin, high=seen.high + margin, corner=seen.corner + 2 * margin

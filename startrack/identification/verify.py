@@ -1,4 +1,4 @@
-"""A hypothesis from three stars enters; how many spots it explains, and how well, leaves."""
+"""How many spots a hypothesis explains, and the bound on chance."""
 
 from __future__ import annotations
 
@@ -18,16 +18,18 @@ from startrack.identification.seen import Seen
 from startrack.identification.sky import SkyGrid, VerificationStars
 from startrack.identification.spot_grid import SpotGrid, hits
 
-FIRST_RADIUS = 2.0  # times the match radius: three stars predict the rest less well than all do
+# Times the match radius, because three stars predict the others less accurately than all stars do.
+# Chosen by hand: a larger one matches more false spots, a smaller one loses true hypotheses.
+FIRST_RADIUS = 2.0
 
 
 class Verdict(NamedTuple):
-    """What the spots say to a hypothesis.
+    """Result of the verification of a hypothesis.
 
     rotation  (3, 3) icrs_to_camera
     scale     1, true over believed focal length
-    matches   how many of the voting spots it explains, 0 where it is no hypothesis at all
-    expected  how many of them are the stars that should be seen first, the brightest so many
+    matches   number of matched spots, 0 where the hypothesis is refused without a test
+    expected  number of these whose stars are among as many brightest stars of the image
     log_p     ln of the bound on chance
     """
 
@@ -42,7 +44,7 @@ class Verdict(NamedTuple):
 def attempt_attitude(
     seen: Seen, spots: NDArray[np.int64], a: Floats, b: Floats
 ) -> tuple[Floats, float]:  # pragma: no cover
-    """Attitude and scale from two stars (3,) that the first two of these spots may be."""
+    """Attitude and scale that take two stars (3,) to the first two of these spots."""
     u, v = seen.direction[spots[0]], seen.direction[spots[1]]
     scale = 1.0
     if seen.focal > 0:
@@ -57,16 +59,16 @@ def attempt_attitude(
 def promising(
     seen: Seen, screen: SpotGrid, sky: SkyGrid, rotation: Floats, scale: float, fewest: int
 ) -> bool:  # pragma: no cover
-    """Whether so many of the stars `sky` meet a spot that it is worth to look closely."""
-    if not abs(scale - 1) <= 2 * _farthest(seen):
+    """Whether at least `fewest` stars of `sky` lie near a spot; else `verify` is not needed."""
+    if not abs(scale - 1) <= 2 * _scale_tolerance(seen):
         return False
     _, place = predict(seen, sky, rotation, scale)
     return hits(screen, seen.plane, place) >= fewest
 
 
 @kernel
-def _farthest(seen: Seen) -> float:  # pragma: no cover
-    """How far the scale may lie from one; the second term is what noise can do."""
+def _scale_tolerance(seen: Seen) -> float:  # pragma: no cover
+    """Largest difference of the scale from one: the focal tolerance, and noise."""
     return seen.focal + seen.radius / seen.corner
 
 
@@ -74,9 +76,9 @@ def _farthest(seen: Seen) -> float:  # pragma: no cover
 def verify(
     seen: Seen, voters: VerificationStars, rotation: Floats, scale: float, fewest: int
 ) -> Verdict:  # pragma: no cover
-    """Predict the stars of the image, match them to spots, and weigh what agrees.
+    """Predict the stars of the image, match them to spots, and compute the evidence.
 
-    fewest  matches that are worth the test
+    fewest  matches; with fewer the hypothesis is refused
     """
     star, place = predict(seen, voters.sky, rotation, scale)
     found = agree(
@@ -96,10 +98,10 @@ def verify(
 def challenge(
     seen: Seen, voters: VerificationStars, verdict: Verdict, fewest: int
 ) -> Verdict:  # pragma: no cover
-    """The best of a verdict and those that come of leaving out each of its matches in turn.
+    """The best of a verdict and those found with each of its matches left out of the first fit.
 
-    One false spot far from a group of true ones can turn and stretch the fit so that all other
-    stars are missed, and the group be evidence enough all the same.
+    One false spot far from a group of true ones can rotate and scale the fit so that all other
+    stars are missed, while the group alone is enough evidence.
     """
     star, place = predict(seen, voters.sky, verdict.rotation, verdict.scale)
     best = verdict
@@ -127,7 +129,7 @@ def _verdict(
     seen: Seen, voters: VerificationStars, star: NDArray[np.int64], found: Agreed, fewest: int
 ) -> Verdict:  # pragma: no cover
     matches = len(found.spot)
-    if matches < fewest or not abs(found.scale - 1) <= _farthest(seen):
+    if matches < fewest or not abs(found.scale - 1) <= _scale_tolerance(seen):
         return Verdict(found.rotation, found.scale, 0, 0, 0.0)
     evidence = weigh(
         seen, voters, star, found.spot, found.taken, found.distance, found.rotation, found.scale
@@ -140,7 +142,7 @@ def _verdict(
 
 @kernel
 def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
-    """The direction (3,) of a spot, were the focal length another."""
+    """The direction (3,) of a spot for a focal length times the scale."""
     x, y = plane[0] / scale, plane[1] / scale
     z = 1 / math.sqrt(1 + x * x + y * y)
     return np.array([x * z, y * z, z])
@@ -157,12 +159,14 @@ def weigh(
     rotation: Floats,
     scale: float,
 ) -> float:  # pragma: no cover
-    """ln of the evidence that a match is no chance, nothing being known of the attitude.
+    """ln of the evidence for a match, all attitudes being equally likely a priori.
 
-    star          (m,) places in `voters` of the stars that the image should hold
-    matched_spot  (k,) places in `seen`
-    matched_star  (k,) places in `star`
-    distance      (k,) between the two, in the plane
+    star          (m,) indices into `voters` of the stars that the image should hold
+    matched_spot  (k,) indices into `seen`
+    matched_star  (k,) indices into `star`
+    distance      (k,) between the two, in the image plane
+    rotation      (3, 3) icrs_to_camera
+    scale         1, true over believed focal length
     """
     unknowns = 4 if seen.focal > 0 else 3
     prior, log_prior = np.zeros((unknowns, unknowns)), -LOG_ATTITUDES
@@ -198,7 +202,7 @@ def weigh_prior(
     prior: Floats,
     log_prior: float,
 ) -> float:  # pragma: no cover
-    """The same where something is known: `prior` and `log_prior` as in `log_evidence`."""
+    """`weigh` with another prior: `prior` and `log_prior` as in `log_evidence`."""
     unknowns = len(prior)
     expected = voters.magnitude[star]
     brighter = np.empty(len(matched_star), np.int64)
@@ -207,7 +211,7 @@ def weigh_prior(
         brighter[i] = np.sum(expected < expected[matched_star[i]])
         direction = voters.sky.direction[star[matched_star[i]]]
         rows[i] = derivatives(rotation, direction, scale)[:, :unknowns]
-    placed = log_evidence(
+    positions = log_evidence(
         distance**2,
         seen.sigma[matched_spot] ** 2,
         brighter,
@@ -219,7 +223,7 @@ def weigh_prior(
         seen.area,
         seen.excess,
     )
-    return placed + log_brightness(
+    return positions + log_brightness(
         seen.magnitude,
         seen.blur[matched_spot],
         expected,

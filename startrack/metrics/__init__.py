@@ -1,10 +1,10 @@
 """The estimate against the truth: outcomes, statistics, confidence levels, bounds.
 
 bounds   Cramer-Rao bounds of centroid and attitude, and the error of the centre of gravity.
-judge    Estimate and true attitude -> Outcome of one trial.
-summary  Many outcomes -> rms errors and availability, each with its interval.
-levels   Errors of many trials and times -> the size not exceeded at a stated confidence.
-indices  A sequence of errors -> the indices of ECSS-E-ST-60-10C.
+judge    Outcome of one trial from its estimate and the true attitude.
+summary  Rms errors and availability of many outcomes, each with its interval.
+levels   Size of the error that is not exceeded at a stated confidence level.
+indices  The error indices of ECSS-E-ST-60-10C from a sequence of errors.
 """
 
 from startrack.metrics.bounds import Star, attitude_bound, centre_of_gravity_error, centroid_bound

@@ -10,8 +10,8 @@ from scipy.special import ndtr
 
 from startrack.core import Floats, non_negative, positive, whole
 
-PHASES = 8  # sub-pixel positions per axis that the mean is taken over
-REACH = 6.0  # sigma, to where a star is followed
+PHASES = 8  # sub-pixel positions per axis for the mean; 16 change the bound by less than 1e-3
+REACH = 6.0  # sigma, half width of the star's pixels: 2e-9 of the light lies outside
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,10 @@ class Star:
 
     flux        electron
     sigma       pixel, of the Gaussian before the pixels integrate it
-    background  electron per pixel, sky, dark and stray light
+    background  electron per pixel, of sky background, dark current and stray light
     read_noise  electron rms
-    smear       pixel, length over which an even motion along the columns draws the star
+    smear       pixel, length of a uniform motion along x
+    Raises      ValueError where flux or sigma is not positive, or another value is negative.
     """
 
     flux: float
@@ -41,31 +42,31 @@ def centroid_bound(star: Star) -> tuple[float, float]:
 
         J = sum_pixels (d mu / d p) (d mu / d p)^T / (mu + read_noise^2),   sigma^2 >= (J^-1)_xx
 
-    for p = position and flux, mu the mean of a pixel; root mean square over sub-pixel positions.
+    for p = (x, y, flux), with mu the mean of a pixel; root mean square over sub-pixel positions.
     Source: Winick (1986), J. Opt. Soc. Am. A 3(11), 1809, with read noise added as variance.
 
-    Returns  pixel, (x, y)
-    Accuracy  model: read noise as if it were Poisson's; for 30 electrons and a read noise of one
-              electron the exact bound is 1.4 % lower, above 300 electrons less than 0.2 %.
-              numerical: 1e-3, from 8 x 8 sub-pixel positions, above sigma = 0.35 pixel.
+    Returns   pixel, (x, y)
+    Accuracy  model: read noise as if it had a Poisson distribution; for 30 electrons and a read
+              noise of one electron the exact bound is 1.4 % lower, above 300 electrons less than
+              0.2 %. numerical: 1e-3, from 8 x 8 sub-pixel positions, above sigma = 0.35 pixel.
     """
     reach = math.ceil(REACH * star.sigma + star.smear / 2) + 2
     total = np.zeros(2)
     phases = (np.arange(PHASES) + 0.5) / PHASES - 0.5
     across = [_profile(phase, star.sigma, 0.0, reach) for phase in phases]
     along = [_profile(phase, star.sigma, star.smear, reach) for phase in phases]
-    for share_x, slope_x in along:
-        for share_y, slope_y in across:
-            fractions = np.outer(share_y, share_x)
+    for fraction_x, slope_x in along:
+        for fraction_y, slope_y in across:
+            fractions = np.outer(fraction_y, fraction_x)
             mean = star.flux * fractions + star.background + star.read_noise**2
             slopes = np.array(
                 [
-                    star.flux * np.outer(share_y, slope_x),
-                    star.flux * np.outer(slope_y, share_x),
+                    star.flux * np.outer(fraction_y, slope_x),
+                    star.flux * np.outer(slope_y, fraction_x),
                     fractions,
                 ]
             ).reshape(3, -1)
-            # Pixels that nothing reaches hold no information.
+            # Pixels without electrons or noise have no information.
             weight = np.divide(1, mean, out=np.zeros_like(mean), where=mean > 1e-200).ravel()
             total += np.diag(np.linalg.inv((slopes * weight) @ slopes.T))[:2]
     x, y = np.sqrt(total / PHASES**2).tolist()
@@ -73,15 +74,15 @@ def centroid_bound(star: Star) -> tuple[float, float]:
 
 
 def centre_of_gravity_error(star: Star, window: int) -> tuple[float, float]:
-    """Noise and S-curve of the centre of gravity in a window on the star's pixel, background known.
+    """Noise and S-curve error of the centre of gravity in a window, with a known background.
 
         x = sum k s_k / sum s_k,   var x = sum (k - x)^2 var s_k / (sum s_k)^2
 
-    window   pixel, odd width of the square window
-    Returns  pixel, root mean square over sub-pixel positions, along x: of noise, of bias
-    Raises    ValueError where the window is not odd.
-    Accuracy  model: noise to first order; more than 5 % low where sum s_k is under 5 times its own
-              noise. No smear.
+    window    pixel, odd width of the square window, which is centred on the star's pixel
+    Returns   pixel, along x, root mean square over sub-pixel positions: of noise, of bias
+    Raises    ValueError where the window is not odd and positive.
+    Accuracy  model: noise to first order; more than 5 % low where sum s_k is under 5 times its
+              noise. Smear is ignored.
     """
     if window < 1 or window % 2 == 0:
         raise ValueError(f"window must be odd and positive, got {window}")
@@ -89,19 +90,19 @@ def centre_of_gravity_error(star: Star, window: int) -> tuple[float, float]:
     phases = (np.arange(4 * PHASES) + 0.5) / (4 * PHASES) - 0.5
     noise = bias = 0.0
     for x in phases:
-        share_x = _profile(x, star.sigma, 0.0, window // 2)[0]
-        seen = float((pixel * share_x).sum() / share_x.sum())
-        bias += (seen - x) ** 2
+        fraction_x = _profile(x, star.sigma, 0.0, window // 2)[0]
+        measured = float((pixel * fraction_x).sum() / fraction_x.sum())
+        bias += (measured - x) ** 2
         for y in phases[::4]:
-            fraction = np.outer(_profile(y, star.sigma, 0.0, window // 2)[0], share_x)
+            fraction = np.outer(_profile(y, star.sigma, 0.0, window // 2)[0], fraction_x)
             variance = star.flux * fraction + star.background + star.read_noise**2
-            arms = (pixel - seen) ** 2 * variance
-            noise += float(arms.sum()) / float(star.flux * fraction.sum()) ** 2
+            moments = (pixel - measured) ** 2 * variance
+            noise += float(moments.sum()) / float(star.flux * fraction.sum()) ** 2
     return math.sqrt(noise / len(phases) / len(phases[::4])), math.sqrt(bias / len(phases))
 
 
 def _profile(centre: float, sigma: float, smear: float, reach: int) -> tuple[Floats, Floats]:
-    """Share of a line's light in each pixel from -reach to reach, and its slope by the centre."""
+    """Fraction of the light in each pixel from -reach to reach; its derivative by the centre."""
     edge = np.asarray(np.arange(-reach, reach + 2) - 0.5 - centre, np.float64)
     if smear == 0:
         below, density = ndtr(edge / sigma), _normal(edge / sigma) / sigma
@@ -121,24 +122,25 @@ def _integral(z: Floats) -> Floats:
     return np.asarray(z * ndtr(z) + _normal(z))
 
 
-NODES = 24  # of the quadrature over the field
+NODES = 24  # per axis, of the Gauss-Legendre quadrature over the field
 
 
 def attitude_bound(
     fov_x: float, fov_y: float, stars: int, sigma: float
 ) -> tuple[float, float, float]:
-    """Expected attitude error of a rectangular field with stars spread evenly over the sky.
+    """Expected attitude error of a rectangular field with uniformly distributed stars.
 
-        var_z = sigma^2 (1 + r) / ((N - 1) (v_x + v_y)),   r = the scatter of the stars' moment
-        var_x = sigma^2 / (N (1 - m_x)) + var_z v_x / N,   m = <p^2>, v = m over the field
+        var_z = sigma^2 (1 + r) / ((N - 1) (m_x + m_y))
+        var_x = sigma^2 / (N (1 - m_x)) + var_z m_x / N
 
-    The information about the roll is the stars' moment about their own middle; the boresight is
-    off that middle, so that the roll shows in it. From the information of each direction p,
+    with m = <p^2> over the field and r the relative variance of the stars' moment. The information
+    about the roll is the moment of the stars about their centroid; the roll error moves the
+    boresight, which lies off that centroid. From the information of each direction p,
     (I - p p^T) / sigma^2, and the expectation of its inverse to second order in 1 / N.
 
     fov_x, fov_y  radian, edge to edge, along columns and rows
-    stars         at least 3
-    sigma         radian per axis, centroid error; of unequal ones sqrt(1 / mean(1 / sigma^2))
+    stars         N, at least 3
+    sigma         radian per axis, centroid error; of unequal ones 1 / sqrt(mean(1 / sigma^2))
     Returns       radian, root mean square about the camera's x, y and z axes
     Raises        ValueError where a field does not lie in (0, pi) or there are fewer than 3 stars.
     Accuracy      model: the series in 1 / N is low by 4 % at 4 stars, 1.5 % at 5, 0.5 % at 10.
@@ -160,7 +162,7 @@ def attitude_bound(
         fourth = float((fraction * along**2).sum())
         scatter += fourth / stars - m * m * (stars - 3) / (stars * (stars - 1))
     roll = sigma**2 * (1 + scatter / (m_x + m_y) ** 2) / ((stars - 1) * (m_x + m_y))
-    # A turn about x moves stars by sqrt(1 - p_x^2), and the roll moves their middle along y.
+    # A rotation about x moves stars by sqrt(1 - p_x^2); the roll moves their centroid along y.
     across_x = sigma**2 / (stars * (1 - m_x)) + roll * m_x / stars
     across_y = sigma**2 / (stars * (1 - m_y)) + roll * m_y / stars
     return math.sqrt(across_x), math.sqrt(across_y), math.sqrt(roll)

@@ -1,4 +1,4 @@
-"""A sequence of errors -> the indices of ECSS-E-ST-60-10C."""
+"""The error indices of ECSS-E-ST-60-10C from a sequence of errors."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from startrack.core import Floats, positive
 class Indices:
     """The error indices of one sequence.
 
-    Of a pointing they are called APE, MPE, RPE and PDE; of a star tracker, whose output is
-    knowledge, AKE, MKE, RKE and KDE.
+    Pointing errors are called APE, MPE, RPE and PDE; knowledge errors, such as those of a star
+    tracker, AKE, MKE, RKE and KDE.
 
-    absolute  (m, ...) the error itself
+    absolute  (m, ...) error
     mean      (k, ...) its mean over each window
     relative  (j, ...) error minus the mean of its window, for the times in whole windows
     drift     (k - lag, ...) mean of a window minus that of the window `lag` before
@@ -29,7 +29,7 @@ class Indices:
 
 
 def indices(error: Floats, step: float, window: float, lag: int = 1) -> Indices:
-    """Split a sequence into windows, one after the other, and take the indices.
+    """Compute the error indices of a sequence over consecutive windows.
 
         APE(t) = e(t),  MPE = mean e over a window,  RPE(t) = e(t) - MPE,  PDE = MPE_2 - MPE_1
 
@@ -37,9 +37,9 @@ def indices(error: Floats, step: float, window: float, lag: int = 1) -> Indices:
 
     error    (m, ...) error at equal steps of time, usually (m, 3) radian
     step     second
-    window   second; a whole number of steps is taken
-    lag      windows from the first to the second of a drift
-    Returns  Indices; what is left after the last whole window counts in `absolute` alone
+    window   second, rounded to a whole number of steps
+    lag      number of windows between the two of a drift
+    Returns  Indices; errors after the last whole window are in `absolute` alone
     Raises   ValueError where the step or the lag is not positive, or a window holds less than one
              step or more than the sequence.
     """

@@ -1,4 +1,4 @@
-"""Estimate and true attitude -> Outcome of one trial."""
+"""Outcome of one trial from its estimate and the true attitude."""
 
 from __future__ import annotations
 
@@ -11,20 +11,23 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Estimate, Status, deg
 
-FALSE_ANGLE = 0.5 * deg  # an attitude farther off than this is not noisy but wrong
+# An attitude farther from the truth is false. Chosen by hand: far above all noise, far below the
+# error of a false match, so that its size hardly matters.
+FALSE_ANGLE = 0.5 * deg
 
 
 class Outcome(NamedTuple):
-    """What one trial showed; angles in radian, in the camera's axes, NaN where unsolved.
+    """Result of one trial; angles in radian, in the camera's axes, NaN where unsolved.
 
-    error_x, error_y  about the axes along columns and rows: across the boresight
+    error_x, error_y  about the camera's x and y axes: across the boresight
     error_z           about the boresight
-    sigma_x, _y, _z   what the tracker itself states
-    nees              normalised estimation error squared, 3 on average where the tracker is right
-    stars             matched stars
-    spots             detected spots
+    sigma_x, _y, _z   standard deviations that the tracker states
+    nees              1, normalised estimation error squared; its mean is 3 where the stated
+                      covariance is correct
+    stars             number of matched stars
+    spots             number of detected spots
     solved            whether there is an attitude
-    false             whether that attitude is wrong by more than half a degree
+    false             whether that attitude is false: more than half a degree from the truth
     """
 
     error_x: float
@@ -46,7 +49,11 @@ JUDGED = np.dtype(list(typing.get_type_hints(Outcome).items()))
 def judge(estimate: Estimate, truth: Rotation, spots: int) -> Outcome:
     """Compare with the true attitude at the middle of the exposure.
 
-    error = rotation vector of estimate * truth^-1, in camera axes
+        error = rotation vector of estimate * truth^-1, in camera axes
+
+    truth    icrs_to_camera
+    spots    number of detected spots
+    Returns  Outcome
     """
     if estimate.status is not Status.SOLVED or estimate.icrs_to_camera is None:
         n = float("nan")
@@ -70,7 +77,9 @@ def judge_all(
     """`judge` of many trials.
 
     estimate, truth  m rotations each
-    covariance       (m, 3, 3) radian^2; that of what is not solved does not matter
+    covariance       (m, 3, 3) radian^2; ignored where not solved
+    stars, spots     (m,) number of matched stars and of detected spots
+    solved           (m,) whether there is an attitude
     Returns          (m,) structured array with the fields of `Outcome`
     """
     judged = np.zeros(len(stars), JUDGED)

@@ -1,4 +1,4 @@
-"""Errors of many trials and times -> the size not exceeded at a stated confidence."""
+"""Size of the error that is not exceeded at a stated confidence level."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import scipy
 from startrack.core import Floats
 from startrack.metrics.summary import Interval
 
-# What specifications ask for: 1, 2 and 3 sigma of a normal error.
+# The usual confidence levels of specifications: 1, 2 and 3 sigma of a normal error.
 LEVELS: tuple[float, ...] = (0.68, 0.9545, 0.9973)
 
 
 class Interpretation(StrEnum):
-    """What a level is a fraction of (ECSS-E-ST-60-10C, 4.2.1).
+    """What the fraction of a confidence level counts (ECSS-E-ST-60-10C, 4.2.1).
 
-    temporal  of the time, for the worst member of the ensemble
-    ensemble  of the ensemble, at the worst time
-    mixed     of both at random
+    temporal  times, for the worst member of the ensemble
+    ensemble  members of the ensemble, at the worst time
+    mixed     members and times together, drawn at random
     """
 
     TEMPORAL = "temporal"
@@ -32,12 +32,12 @@ class Interpretation(StrEnum):
 def level(error: Floats, fraction: float, interpretation: Interpretation) -> float:
     """Size of the error that is not exceeded in a fraction of the cases.
 
-    error    (members, times) of one axis
+    error     (members, times) of one axis
     fraction  in (0, 1)
-    Returns  in the error's unit
+    Returns   in the error's unit
     Raises    ValueError where the fraction is not in (0, 1) or there is no error.
-    Accuracy  statistical: the worst of few members or times underestimates; `level_interval` gives
-              the uncertainty of the mixed interpretation.
+    Accuracy  statistical: the worst of few members or times is too small; `level_interval` gives
+              the interval of the mixed interpretation.
     """
     size = _sizes(error, fraction)
     if interpretation is Interpretation.TEMPORAL:
@@ -48,20 +48,22 @@ def level(error: Floats, fraction: float, interpretation: Interpretation) -> flo
 
 
 def level_interval(error: Floats, fraction: float, confidence: float = 0.95) -> Interval:
-    """Level of independent errors with an interval that holds whatever their law.
+    """Level of independent errors with a distribution-free interval.
 
-    The number of n errors below the true level is binomial; so two of the sorted errors bound it.
+    Of n errors, the number below the true level is binomial, so that two of the sorted errors
+    bound the level.
     Source: Conover (1999), Practical Nonparametric Statistics, 3.2.
 
     error       (n,) independent errors of one axis
     fraction    in (0, 1)
-    confidence  in (0, 1), at least; that of the upper bound alone is (1 + confidence) / 2
+    confidence  in (0, 1), lower limit of that of the interval; the upper bound alone has
+                (1 + confidence) / 2
     Returns     Interval; without an upper bound where there are too few errors
-    Raises      ValueError as in `level`.
+    Raises      ValueError where the fraction is not in (0, 1) or there is no error.
     """
     size = np.sort(_sizes(np.atleast_2d(error), fraction)[0])
     n, tail = len(size), (1 - confidence) / 2
-    low = int(scipy.stats.binom.ppf(tail, n, fraction))  # that many lie below, or more
+    low = int(scipy.stats.binom.ppf(tail, n, fraction))  # at least so many lie below the level
     high = int(scipy.stats.binom.isf(tail, n, fraction)) + 1
     return Interval(
         float(np.quantile(size, fraction)),
@@ -71,9 +73,11 @@ def level_interval(error: Floats, fraction: float, confidence: float = 0.95) -> 
 
 
 def fewest_trials(fraction: float, confidence: float) -> int:
-    """How many trials the largest error needs to bound a level from above.
+    """Fewest trials whose largest error is an upper bound of a level.
 
-    n >= log(1 - confidence) / log(share)   (Wilks 1941, Ann. Math. Statist. 12, 91)
+        n >= log(1 - confidence) / log(fraction)
+
+    Source: Wilks (1941), Ann. Math. Statist. 12, 91.
 
     >>> fewest_trials(0.95, 0.95)
     59
@@ -84,7 +88,7 @@ def fewest_trials(fraction: float, confidence: float) -> int:
 
 
 def levels(error: Floats, fractions: Sequence[float] = LEVELS) -> tuple[Interval, ...]:
-    """The levels of independent errors (n,) of one axis that specifications ask for."""
+    """Levels of independent errors (n,) of one axis, each with its 95 % interval."""
     return tuple(level_interval(error, fraction) for fraction in fractions)
 
 
@@ -97,4 +101,4 @@ def _sizes(error: Floats, fraction: float) -> Floats:
 
 def _proper(fraction: float) -> None:
     if not 0 < fraction < 1:
-        raise ValueError(f"share and confidence must lie in (0, 1), got {fraction}")
+        raise ValueError(f"fraction and confidence must lie in (0, 1), got {fraction}")

@@ -1,4 +1,4 @@
-"""Many outcomes -> rms errors and availability, each with its interval."""
+"""Rms errors and availability of many outcomes, each with its interval."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy import special
 
 @dataclass(frozen=True)
 class Interval:
-    """A statistic, and the interval that holds the true one with 95 % confidence."""
+    """A statistic, and the interval that contains its true value with 95 % confidence."""
 
     value: float
     low: float
@@ -25,9 +25,10 @@ class Summary:
 
     across        radian, rms per axis of the error across the boresight
     about         radian, rms of the error about the boresight
-    availability  fraction of trials with a right attitude
-    false         fraction of trials with a wrong attitude
-    nees          mean normalised estimation error squared; 3 where the tracker is honest
+    availability  fraction of trials with a correct attitude
+    false         fraction of trials with a false attitude
+    nees          1, mean normalised estimation error squared; 3 where the stated covariance is
+                  correct
     stars         mean number of matched stars in the solved trials
     trials        number of trials
     """
@@ -44,25 +45,26 @@ class Summary:
 def summarise(outcomes: NDArray[np.void]) -> Summary:
     """Statistics of a structured array with the fields of `Outcome`.
 
-    Accuracy  are taken over the trials with a right attitude; `availability` tells the rest.
+    Errors, `nees` and `stars` are taken over the trials with a correct attitude.
     """
-    right = outcomes[outcomes["solved"] & ~outcomes["false"]]
-    across = (right["error_x"] ** 2 + right["error_y"] ** 2) / 2
+    correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
+    across = (correct["error_x"] ** 2 + correct["error_y"] ** 2) / 2
     return Summary(
         rms_interval(across),
-        rms_interval(right["error_z"] ** 2),
-        fraction_interval(len(right), len(outcomes)),
+        rms_interval(correct["error_z"] ** 2),
+        fraction_interval(len(correct), len(outcomes)),
         fraction_interval(int(outcomes["false"].sum()), len(outcomes)),
-        float(right["nees"].mean()) if len(right) else float("nan"),
-        float(right["stars"].mean()) if len(right) else float("nan"),
+        float(correct["nees"].mean()) if len(correct) else float("nan"),
+        float(correct["stars"].mean()) if len(correct) else float("nan"),
         len(outcomes),
     )
 
 
 def rms_interval(squares: NDArray[np.float64], confidence: float = 0.95) -> Interval:
-    """Root of the mean of squares, its interval from the scatter of the squares (normal law).
+    """Root mean square, with the interval of a normal distribution of the mean of the squares.
 
-    Accuracy  NaN where there is no trial, an open interval where there is one.
+    squares  (n,) squared errors
+    Returns  Interval; NaN where n is 0, without an upper bound where n is 1
     """
     n = len(squares)
     if n == 0:
@@ -75,7 +77,10 @@ def rms_interval(squares: NDArray[np.float64], confidence: float = 0.95) -> Inte
 
 
 def fraction_interval(hits: int, trials: int, confidence: float = 0.95) -> Interval:
-    """Share of trials with its exact binomial interval (Clopper and Pearson 1934)."""
+    """Fraction of trials with its exact binomial interval.
+
+    Source: Clopper and Pearson (1934), Biometrika 26(4), 404.
+    """
     if trials == 0:
         return Interval(float("nan"), 0.0, 1.0)
     tail = (1 - confidence) / 2

@@ -16,7 +16,7 @@ from startrack.metrics import (
 
 
 @pytest.mark.parametrize(
-    ("share", "confidence", "count"), [(0.95, 0.95, 59), (0.9, 0.9, 22), (0.99, 0.95, 299)]
+    ("fraction", "confidence", "count"), [(0.95, 0.95, 59), (0.9, 0.9, 22), (0.99, 0.95, 299)]
 )
 def test_fewest_trials_as_wilks_tabulated(fraction, confidence, count):
     assert fewest_trials(fraction, confidence) == count
