@@ -6,22 +6,19 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Camera, Floats, Matches, Spots, kernel, quaternion
+from startrack.core import Camera, Floats, Ints, Matches, Spots, kernel, quaternion
 from startrack.identification.fit import fit
 from startrack.identification.parameters import Identification
 from startrack.identification.predict import predict, project
 from startrack.identification.seen import Seen, see
 from startrack.identification.sky import SkyGrid
 
-Places = NDArray[np.int64]
-
 
 @kernel
 def pair(
     plane: Floats, place: Floats, radius: Floats
-) -> tuple[Places, Places, Floats]:  # pragma: no cover
+) -> tuple[Ints, Ints, Floats]:  # pragma: no cover
     """Match each star with its nearest spot; of several stars of one spot, keep the nearest.
 
     plane    (n, 2) spots, in the image plane
@@ -70,8 +67,8 @@ class Agreed(NamedTuple):
     scale     true over believed focal length
     """
 
-    spot: Places
-    taken: Places
+    spot: Ints
+    taken: Ints
     distance: Floats
     rotation: Floats
     scale: float
@@ -81,7 +78,7 @@ class Agreed(NamedTuple):
 def agree(
     seen: Seen,
     direction: Floats,
-    star: Places,
+    star: Ints,
     place: Floats,
     rotation: Floats,
     scale: float,
@@ -125,13 +122,13 @@ def agree(
         if turn > 1 and len(spot) == len(before) and (spot == before).all():
             break
     if len(spot) >= fewest:
-        rotation, scale = settle(seen, direction, spot, star[taken], rotation, scale)
+        rotation, scale = fit_matches(seen, direction, spot, star[taken], rotation, scale)
     return Agreed(spot, taken, distance, rotation, scale)
 
 
 @kernel
-def settle(
-    seen: Seen, direction: Floats, spot: Places, star: Places, rotation: Floats, scale: float
+def fit_matches(
+    seen: Seen, direction: Floats, spot: Ints, star: Ints, rotation: Floats, scale: float
 ) -> tuple[Floats, float]:  # pragma: no cover
     """Attitude and scale of given matches, weighted by their noise plus their common excess.
 
@@ -150,7 +147,7 @@ def settle(
 
 
 @kernel
-def _excess(seen: Seen, spot: Places, taken: Places, place: Floats) -> float:  # pragma: no cover
+def _excess(seen: Seen, spot: Ints, taken: Ints, place: Floats) -> float:  # pragma: no cover
     """Variance per axis of the residuals beyond the noise: distortion and catalogue errors.
 
     From the median, which is robust against few false matches: the median squared length of a
@@ -178,8 +175,8 @@ class Gathered(NamedTuple):
     scale       true over believed focal length
     """
 
-    spot: Places
-    star: Places
+    spot: Ints
+    star: Ints
     direction: Floats
     rotation: Floats
     quaternion: Floats
@@ -212,7 +209,7 @@ def gather(
 @kernel
 def _brightest(
     seen: Seen, faint: SkyGrid, magnitude: Floats, rotation: Floats, scale: float
-) -> tuple[Places, Floats]:  # pragma: no cover
+) -> tuple[Ints, Floats]:  # pragma: no cover
     """The brightest stars in the image (m,) and their positions (m, 2).
 
     At most 2 n + 50 for n spots, chosen by hand: more find fainter stars, but make matches by
@@ -246,6 +243,6 @@ def refit(spots: Spots, matches: Matches, camera: Camera, settings: Identificati
     rotation = matches.icrs_to_camera.as_matrix()
     for _ in range(FOCAL_ROUNDS if camera.distorted else 1):
         seen = see(spots, matches.spot, camera, settings)
-        rotation, change = settle(seen, matches.direction, every, every, rotation, 1.0)
+        rotation, change = fit_matches(seen, matches.direction, every, every, rotation, 1.0)
         camera = camera.scaled(change)
     return camera

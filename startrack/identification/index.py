@@ -17,7 +17,7 @@ TALLEST = math.sqrt(3) / 2  # largest |y| of a code: that of an equilateral tria
 
 
 @kernel
-def place(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:  # pragma: no cover
+def triangle_code(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:  # pragma: no cover
     """Code of a triangle of directions: position of C over the base from A to B.
 
     In the plane that touches the sphere in the middle between A and B, with A at (0, 0) and B at
@@ -55,13 +55,13 @@ Indices = NDArray[np.int32]
 
 # Chosen by hand: smaller cells hold fewer triangles to compare, but more of them must be read.
 CELL = 0.02  # edge of a cell of the code: larger than the errors
-ACROSS = round(0.5 / CELL)  # cells along x, from 0 to 1/2
-UPRIGHT = 2 * math.ceil(TALLEST / CELL)  # cells along y, as many below the base as above
+CELLS_X = round(0.5 / CELL)  # cells along x, from 0 to 1/2
+CELLS_Y = 2 * math.ceil(TALLEST / CELL)  # cells along y, as many below the base as above
 STRETCH = 0.02  # ln of the ratio of the bases of two neighbouring cells, as CELL
 # Chosen by hand: a wider range makes triangles of more stars of an image, and a larger index.
 SMALLEST = 0.2  # of the field: the noise of a code grows as the inverse of the base
 LARGEST = 1.2  # of the field: few longer ones fit into the diagonal, sqrt(2)
-LENGTHS = math.ceil(math.log(LARGEST / SMALLEST) / STRETCH)  # cells along the length of the base
+CELLS_BASE = math.ceil(math.log(LARGEST / SMALLEST) / STRETCH)  # cells along the length of the base
 POINTS = 512  # resolved across a field: two pixels of 1024; chosen by hand for common cameras
 VOTING_RANK = 40  # stars per field that verify hypotheses; chosen by hand: trades time and memory
 # Error of a star's magnitude in an unknown passband. Chosen by hand: larger ones make brightness
@@ -204,7 +204,7 @@ def _table(
     triangle = _triangles(sky, rank, smallest, largest, crowding)
     cell = _encode(sky.direction, triangle, smallest)
     order = np.argsort(cell, kind="stable")
-    start = np.searchsorted(cell[order], np.arange(ACROSS * UPRIGHT * LENGTHS + 1))
+    start = np.searchsorted(cell[order], np.arange(CELLS_X * CELLS_Y * CELLS_BASE + 1))
     narrow = np.uint16 if len(rank) <= 2**16 else np.uint32
     return CodeTable(
         smallest, largest, sky, np.asarray(triangle[order], narrow), start.astype(np.int32)
@@ -274,29 +274,29 @@ def _encode(direction: Floats, triangle: Indices, smallest: float) -> Indices:  
     cell = np.empty(len(triangle), np.int32)
     for i in range(len(triangle)):
         a, b, c = triangle[i]
-        x, y = place(direction[a], direction[b], direction[c])
+        x, y = triangle_code(direction[a], direction[b], direction[c])
         if x > 0.5:
             a, b = b, a
             x, y = 1 - x, -y
         triangle[i] = a, b, c
-        row = column(x) * UPRIGHT + upright(y)
-        cell[i] = row * LENGTHS + along(separation(direction[a], direction[b]), smallest)
+        row = cell_x(x) * CELLS_Y + cell_y(y)
+        cell[i] = row * CELLS_BASE + cell_base(separation(direction[a], direction[b]), smallest)
     return cell
 
 
 @kernel
-def column(x: float) -> int:  # pragma: no cover
+def cell_x(x: float) -> int:  # pragma: no cover
     """Cell along x, the nearest one where x lies outside."""
-    return min(max(int(np.floor(x / CELL)), 0), ACROSS - 1)
+    return min(max(int(np.floor(x / CELL)), 0), CELLS_X - 1)
 
 
 @kernel
-def upright(y: float) -> int:  # pragma: no cover
+def cell_y(y: float) -> int:  # pragma: no cover
     """Cell along y, the nearest one where y lies outside."""
-    return min(max(int(np.floor(y / CELL)) + UPRIGHT // 2, 0), UPRIGHT - 1)
+    return min(max(int(np.floor(y / CELL)) + CELLS_Y // 2, 0), CELLS_Y - 1)
 
 
 @kernel
-def along(base: float, smallest: float) -> int:  # pragma: no cover
+def cell_base(base: float, smallest: float) -> int:  # pragma: no cover
     """Cell along the length of the base (radian), the nearest one where it lies outside."""
-    return min(max(int(np.floor(np.log(base / smallest) / STRETCH)), 0), LENGTHS - 1)
+    return min(max(int(np.floor(np.log(base / smallest) / STRETCH)), 0), CELLS_BASE - 1)

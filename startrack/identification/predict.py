@@ -5,20 +5,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, kernel
+from startrack.core import Floats, Ints, kernel
 from startrack.identification.fit import turned
 from startrack.identification.seen import Seen
 from startrack.identification.sky import SkyGrid, cubes_around, most_within
-
-Places = NDArray[np.int64]
 
 
 @kernel
 def predict(
     seen: Seen, sky: SkyGrid, rotation: Floats, scale: float
-) -> tuple[Places, Floats]:  # pragma: no cover
+) -> tuple[Ints, Floats]:  # pragma: no cover
     """Indices into `sky` (m,) and positions in the plane (m, 2) of the stars in the image.
 
     rotation  (3, 3) icrs_to_camera
@@ -53,7 +50,7 @@ def predict(
 
 @kernel
 def project(
-    direction: Floats, star: Places, rotation: Floats, scale: float
+    direction: Floats, star: Ints, rotation: Floats, scale: float
 ) -> Floats:  # pragma: no cover
     """Positions (m, 2) of the chosen stars in the image plane."""
     place = np.empty((len(star), 2))

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, kernel
 from startrack.identification.index import (
-    LENGTHS,
-    UPRIGHT,
+    CELLS_BASE,
+    CELLS_Y,
     CodeTable,
-    along,
-    column,
-    place,
+    cell_base,
+    cell_x,
+    cell_y,
     separation,
-    upright,
+    triangle_code,
 )
 from startrack.identification.seen import Seen
 from startrack.identification.sky import VerificationStars
@@ -94,16 +94,16 @@ def search(
         # radius and across it, by its error times tan^2.
         error = noise + code_tolerance + 2 * seen.focal * off_axis
         stretch = noise + code_tolerance - math.log1p(-seen.focal) + 2 * seen.focal * off_axis
-        shortest = along(longest * math.exp(-stretch), table.smallest)
-        farthest = along(longest * math.exp(stretch), table.smallest)
+        shortest = cell_base(longest * math.exp(-stretch), table.smallest)
+        farthest = cell_base(longest * math.exp(stretch), table.smallest)
         for k in range(_namings(seen.direction, choice, longest, error, names, codes)):
             x, y = codes[k]
-            for i in range(column(x - error), column(x + error) + 1):
-                for j in range(upright(y - error), upright(y + error) + 1):
-                    row = (i * UPRIGHT + j) * LENGTHS
+            for i in range(cell_x(x - error), cell_x(x + error) + 1):
+                for j in range(cell_y(y - error), cell_y(y + error) + 1):
+                    row = (i * CELLS_Y + j) * CELLS_BASE
                     for p in range(table.start[row + shortest], table.start[row + farthest + 1]):
                         a, b, c = table.triangle[p]
-                        px, py = place(direction[a], direction[b], direction[c])
+                        px, py = triangle_code(direction[a], direction[b], direction[c])
                         if (px - x) ** 2 + (py - y) ** 2 > error**2:
                             continue
                         true = separation(direction[a], direction[b])
@@ -162,7 +162,7 @@ def _namings(
         a, b, c = choice[i], choice[i - 1], choice[i - 2]
         if separation(direction[a], direction[b]) < longest * (1 - error):
             continue
-        x, y = place(direction[a], direction[b], direction[c])
+        x, y = triangle_code(direction[a], direction[b], direction[c])
         if x <= 0.5 + error:
             names[count] = a, b, c
             codes[count] = x, y

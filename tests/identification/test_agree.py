@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
 from startrack.identification import Identification
-from startrack.identification.agree import _excess, agree, settle
+from startrack.identification.agree import _excess, agree, fit_matches
 from startrack.identification.fit import fit
 from startrack.identification.seen import see
 
@@ -80,7 +80,7 @@ def test_given_matches_are_weighed_by_their_noise_and_what_all_show_beyond_it(sp
                 sigma[:, None, None] ** 2 if name == "stated" else 1e-4
             )
             seen = see(spots, every, CAMERA, Identification(focal_tolerance=0.0))
-            rotation, scale = settle(seen, direction, every, every, TURN.as_matrix(), 1.0)
+            rotation, scale = fit_matches(seen, direction, every, every, TURN.as_matrix(), 1.0)
             assert scale == 1.0
             away = (Rotation.from_matrix(rotation) * TURN.inv()).as_rotvec()[:2] * 4000
             errors_of.append((away**2).mean())
@@ -100,7 +100,7 @@ def fits(monkeypatch, spots_at, spot, sigma, start=TURN, **settings):
 
     plain = getattr(agree, "py_func", agree)
     monkeypatch.setitem(plain.__globals__, "fit", noted)
-    monkeypatch.setitem(plain.__globals__, "settle", lambda *these: these[-2:])
+    monkeypatch.setitem(plain.__globals__, "fit_matches", lambda *these: these[-2:])
     star = np.array(
         [[300.0, 200.0], [700.0, 240.0], [520.0, 800.0], [200.0, 640.0], [800.0, 560.0]]
     )

@@ -12,13 +12,13 @@ from startrack.identification.agree import pair
 from startrack.identification.evidence import log_brightness, log_evidence
 from startrack.identification.fit import align, derivatives, fit
 from startrack.identification.index import (
-    LENGTHS,
-    UPRIGHT,
-    along,
-    column,
-    place,
+    CELLS_BASE,
+    CELLS_Y,
+    cell_base,
+    cell_x,
+    cell_y,
     separation,
-    upright,
+    triangle_code,
 )
 from startrack.identification.index_stars import local_rank, merged
 from startrack.identification.predict import predict
@@ -76,12 +76,12 @@ def test_code_does_not_turn_nor_grow():
     rng = np.random.default_rng(4)
     for _ in range(50):
         a, b, c = near(rng, strewn(rng, 1), 0.1, 3)
-        x, y = place(a, b, c)
+        x, y = triangle_code(a, b, c)
         turn = Rotation.random(rng=rng)
-        np.testing.assert_allclose(place(*turn.apply([a, b, c])), (x, y), atol=1e-9)
-        np.testing.assert_allclose(place(b, a, c), (1 - x, -y), atol=1e-9)
+        np.testing.assert_allclose(triangle_code(*turn.apply([a, b, c])), (x, y), atol=1e-9)
+        np.testing.assert_allclose(triangle_code(b, a, c), (1 - x, -y), atol=1e-9)
         mirrored = np.array([a, b, c]) * [1, 1, -1]
-        np.testing.assert_allclose(place(*mirrored), (x, -y), atol=1e-9)
+        np.testing.assert_allclose(triangle_code(*mirrored), (x, -y), atol=1e-9)
 
 
 def test_code_in_the_plane_is_a_division_of_complex_numbers():
@@ -91,7 +91,7 @@ def test_code_in_the_plane_is_a_division_of_complex_numbers():
     for a, b, c in z:
         stars = unit(np.array([[w.real, w.imag, 1.0] for w in (a, b, c)]))
         expected = (c - a) / (b - a)
-        x, y = place(*stars)
+        x, y = triangle_code(*stars)
         assert complex(x, y) == pytest.approx(expected, abs=1e-5 * abs(expected) + 1e-6)
 
 
@@ -106,9 +106,9 @@ def test_codes_of_the_index_are_canonical_and_sorted(design):
         a, b, c = table.sky.direction[table.triangle[number]]
         apart = [separation(a, b), separation(b, c), separation(c, a)]
         assert apart[0] == max(apart)
-        x, y = place(a, b, c)
+        x, y = triangle_code(a, b, c)
         assert x <= 0.5
-        row = (column(x) * UPRIGHT + upright(y)) * LENGTHS + along(apart[0], table.smallest)
+        row = (cell_x(x) * CELLS_Y + cell_y(y)) * CELLS_BASE + cell_base(apart[0], table.smallest)
         assert table.start[row] <= number < table.start[row + 1]
 
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
 from startrack.identification import Identification
-from startrack.identification.index import LENGTHS, STRETCH, along
+from startrack.identification.index import CELLS_BASE, STRETCH, cell_base
 from startrack.identification.search import _measure, _namings, search
 from startrack.identification.seen import see
 
@@ -77,6 +77,6 @@ def test_triangles_close_to_a_tie_have_several_names():
 
 
 def test_cells_of_length_are_even_in_the_logarithm_and_the_last_ones_hold_the_rest():
-    middle = 0.1 * np.exp(STRETCH * (np.arange(-3, LENGTHS + 3) + 0.5))
-    cells = [along(base, 0.1) for base in middle]
-    assert cells == [0, 0, 0, *range(LENGTHS), *[LENGTHS - 1] * 3]
+    middle = 0.1 * np.exp(STRETCH * (np.arange(-3, CELLS_BASE + 3) + 0.5))
+    cells = [cell_base(base, 0.1) for base in middle]
+    assert cells == [0, 0, 0, *range(CELLS_BASE), *[CELLS_BASE - 1] * 3]
