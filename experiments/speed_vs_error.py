@@ -141,7 +141,7 @@ def galsim_frame() -> dict[str, Way]:
     stars = frames.scenery()
 
     def draw() -> Any:
-        electrons = galsim_stars(*stars, frames.SIZE, frames.SKY)
+        electrons = galsim_stars(*stars, frames.SIZE, frames.BACKGROUND)
         return galsim_noise(electrons + frames.DARK, frames.CAMERA, 0)
 
     draw()
@@ -153,7 +153,7 @@ def numpy_frame() -> dict[str, Way]:
     stars = frames.scenery()
 
     def draw() -> Any:
-        electrons = galsim_stars(*stars, frames.SIZE, frames.SKY) + frames.DARK
+        electrons = galsim_stars(*stars, frames.SIZE, frames.BACKGROUND) + frames.DARK
         rng = np.random.default_rng(1)
         noise = frames.READ_NOISE * rng.standard_normal(electrons.shape)
         return quantise(rng.poisson(electrons) + noise, frames.CAMERA)

@@ -27,4 +27,5 @@ sensitivity         `startrack sensitivity`: which parameters the error of a des
 sequence            `startrack sequence`: a tracker in time.
 simulate            `startrack simulate`: render one frame of a design.
 solve               `startrack solve`: the attitude of images.
+warm                `startrack warm`: compile the kernels before they are needed.
 """

@@ -35,6 +35,7 @@ COMMANDS = {
     "pareto": "find designs that no other beats in both of two goals",
     "sensitivity": "compute which parameters the error of a design depends on",
     "earth": "simulate Earth cameras over terrain: geometry, images",
+    "warm": "compile all kernels before they are needed",
     "bench": "measure CPU time and error of every stage on this machine",
 }
 EPILOG = """\

@@ -52,7 +52,7 @@ def command(options: argparse.Namespace) -> int:
 
 def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
     """An optimum for JSON."""
-    box, factor, optimism = optimum.box, optimum.factor, optimum.optimism
+    space, factor, optimism = optimum.space, optimum.factor, optimum.optimism
     return {
         "objective": str(Objective.read(campaign.objective)),
         "branch": optimum.branch,
@@ -64,8 +64,8 @@ def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
         "optimism_95": [optimism.low, optimism.high],
         "availability": optimum.availability.value,
         "availability_bounds": [optimum.availability.low, optimum.availability.high],
-        "values": box.text(optimum.best),
-        "values_si": box.values(box.place(optimum.best)),
+        "values": space.text(optimum.best),
+        "values_si": space.values(space.coordinates(optimum.best)),
         "margins": optimum.margins,
         "lacking": optimum.lacking,
         "evaluations": len(optimum.evaluations),

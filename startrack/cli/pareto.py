@@ -63,7 +63,7 @@ def command(options: argparse.Namespace) -> int:
         "|---" * (4 + len(names)) + "|",
     ]
     for one in points:
-        texts = space.text(space.design(np.array(one.place))).values()
+        texts = space.text(space.design(np.array(one.coordinates))).values()
         pairs = zip(one.expected, one.measured, strict=True)
         goal = " | ".join(f"{expected:.4g} | {measured:.4g}" for expected, measured in pairs)
         lines.append(f"| {goal} | " + " | ".join(texts) + " |")

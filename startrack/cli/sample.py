@@ -42,8 +42,8 @@ def command(options: argparse.Namespace) -> int:
         tolerance = sample(case, campaign, runner, lambda _: advance(1))
     values = tolerance_values(tolerance)
     if not tolerance.chains.converged:
-        doubt = tolerance.chains.doubt
-        print_result(options, {"converged": False, "doubt": doubt}, f"not converged: {doubt}")
+        reason = tolerance.chains.reason_unconverged
+        print_result(options, {"converged": False, "doubt": reason}, f"not converged: {reason}")
         return Exit.UNSOLVED
     table = tolerance_table(tolerance)
     save_text(out / "tolerance.md", table + "\n")

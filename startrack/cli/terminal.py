@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, open_sky
 from startrack.cli.options import WrongUse, as_wrong_use
-from startrack.core import Stars, arcsec
+from startrack.core import UNKEPT, Stars, arcsec
 from startrack.design import Campaign, Design, load_design
 from startrack.io import shipped
 from startrack.metrics import Interval, Summary
@@ -25,6 +25,10 @@ from startrack.sequence import Sequence, load_sequence
 
 CATALOGS = ("bright", "deep")
 LONG_COMPILING = 2.0  # second
+UNKEPT_CODE = (
+    "startrack: compiled code cannot be kept, as no folder can be written to: each run compiles "
+    "again, 1 to 2 minutes; set NUMBA_CACHE_DIR to a folder that can be written to"
+)
 COMPILING = "startrack: compiling for this machine; once after an installation, 1 to 2 minutes"
 
 
@@ -131,6 +135,8 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
 @contextmanager
 def report_compiling() -> Iterator[None]:
     """Print one message where numba compiles kernels for longer than LONG_COMPILING."""
+    if UNKEPT:
+        print_message(UNKEPT_CODE)
     if not sys.stderr.isatty():
         yield
         return

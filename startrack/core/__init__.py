@@ -22,7 +22,7 @@ from startrack.core.camera import Camera, distort, plane_slopes
 from startrack.core.checks import finite, non_negative, one_of, positive, whole, within
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
-from startrack.core.kernel import kernel
+from startrack.core.kernel import FOLDERS, UNKEPT, kernel
 from startrack.core.rotations import quaternion, rotation_of
 from startrack.core.scratch import Workspace
 from startrack.core.streams import Streams

@@ -57,6 +57,7 @@ sensitivity design.toml --designs 2 --out sensitivity --workers 1
 earth geometry mountains.toml --out geometry
 earth render hsrs.toml --out render
 earth terrain dem.tif
+warm --json
 bench psf --out bench
 """  # those that read what others write come after them
 
