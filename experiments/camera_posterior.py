@@ -152,7 +152,8 @@ def posterior(path: Path, stars: Any) -> CameraPosterior:
     spots, matches, _ = lost_in_space(frame, camera, stars, tracker)
     prior = Prior(0.05, 20.0, 0.3, 0.01, 2.0)
     found = sample_camera([spots], [matches], camera, prior, 1, images=[frame])
-    print(path.name, len(matches), found.interval("focal_length_px"), found.chains.doubt)
+    focal = found.interval("focal_length_px")
+    print(path.name, len(matches), focal, found.chains.reason_unconverged)
     return found
 
 

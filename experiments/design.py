@@ -51,10 +51,10 @@ def main() -> None:
         for fidelity in (campaign.fidelity, Fidelity.FRAME):
             warm(design.case, Sampling(fidelity))
     with Ledger(options.ledger) as ledger, pool(options.workers) as executor:
-        bench = TrialRunner(options.seed, executor, options.workers, ledger)
-        optimum = optimize(design.case, campaign, bench, lambda one: told(one, began))
+        runner = TrialRunner(options.seed, executor, options.workers, ledger)
+        optimum = optimize(design.case, campaign, runner, lambda one: told(one, began))
         fresh = [
-            bench.run(case, campaign.fresh_trials, Fidelity.FRAME, FRESH)
+            runner.run(case, campaign.fresh_trials, Fidelity.FRAME, FRESH)
             for case in (optimum.start, optimum.best)
         ]
     print(f"{optimum.branch}\n{comparison(optimum, campaign)}\n\n{optimum.ending}")

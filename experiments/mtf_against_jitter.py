@@ -45,9 +45,9 @@ def main() -> None:
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--trials", type=int, default=200)
     options = parser.parse_args()
-    bench, rows = TrialRunner(1), []
+    runner, rows = TrialRunner(1), []
     for jitter in JITTER:
-        rows.append(traded(shaken(jitter * arcsec), bench, options.trials))
+        rows.append(traded(shaken(jitter * arcsec), runner, options.trials))
         rows[-1] = {"jitter_arcsec": jitter} | rows[-1]
         print(json.dumps(rows[-1]), flush=True)
     options.json.write_text(json.dumps({"mtf_against_jitter": rows}, indent=1) + "\n")
@@ -64,11 +64,11 @@ def shaken(rms: float) -> Case:
     return replaced(case, "instrument.motion.tones", tones)
 
 
-def traded(case: Case, bench: TrialRunner, trials: int) -> dict[str, Any]:
+def traded(case: Case, runner: TrialRunner, trials: int) -> dict[str, Any]:
     """The error and the optical MTF of each blur, and the best blur."""
     designs = [replaced(case, "instrument.optics.blur", blur) for blur in BLURS]
-    squares = np.array([RMS.squares(bench.run(one, trials, Fidelity.WINDOW)) for one in designs])
-    rng = np.random.default_rng(bench.seed)
+    squares = np.array([RMS.squares(runner.run(one, trials, Fidelity.WINDOW)) for one in designs])
+    rng = np.random.default_rng(runner.seed)
     drawn = [RMS.of(squares[:, rng.integers(0, trials, trials)]) for _ in range(RESAMPLES)]
     error = RMS.of(squares)
     detector = case.instrument.detector

@@ -61,22 +61,24 @@ class Run:
     """One search: the designs that led, and after how many trials each did."""
 
     trials: list[int]
-    places: list[Floats]
+    points: list[Floats]
 
     def leader(self, trials: int) -> Floats | None:
         """The design that led after so many trials, None where there was none yet."""
         count = bisect.bisect_right(self.trials, trials)
-        return self.places[count - 1] if count else None
+        return self.points[count - 1] if count else None
 
 
 class Counted:
     """Designs tried one by one, with the trials that they cost; the leader by what it was told."""
 
-    def __init__(self, box: DesignSpace, campaign: Campaign, bench: TrialRunner, most: int) -> None:
-        self.box, self.campaign, self.bench, self.most = box, campaign, bench, most
+    def __init__(
+        self, space: DesignSpace, campaign: Campaign, runner: TrialRunner, most: int
+    ) -> None:
+        self.space, self.campaign, self.runner, self.most = space, campaign, runner, most
         self.run, self.best, self.spent = Run([], []), math.inf, 0
 
-    def plain(self, place: Floats) -> float:
+    def plain(self, coordinates: Floats) -> float:
         """The score by trials alone, as one would write it without the budget.
 
         A design that misses what needs no trials is spared them, and has the budget's score with
@@ -84,27 +86,27 @@ class Counted:
         """
         if self.spent >= self.most:
             self.run.trials.append(self.spent)
-            self.run.places.append(self.run.places[-1])
+            self.run.points.append(self.run.points[-1])
             raise Spent
-        place = np.clip(np.array(place, float), 0, 1)
-        case = self.box.design(place)
+        coordinates = np.clip(np.array(coordinates, float), 0, 1)
+        case = self.space.design(coordinates)
         margins = margins_of(self.campaign.requirements, case)
         if missed(margins):
-            return evaluate(self.box, self.campaign, place, self.bench, spare=True).score
-        score = by_trials(case, self.campaign, self.bench, self.campaign.trials)
+            return evaluate(self.space, self.campaign, coordinates, self.runner, spare=True).score
+        score = by_trials(case, self.campaign, self.runner, self.campaign.trials)
         self.spent += self.campaign.trials
         if score < self.best:
             self.best = score
             self.run.trials.append(self.spent)
-            self.run.places.append(place)
+            self.run.points.append(coordinates)
         return score
 
 
 def by_trials(
-    case: Case, campaign: Campaign, bench: TrialRunner, trials: int, first: int = 0
+    case: Case, campaign: Campaign, runner: TrialRunner, trials: int, first: int = 0
 ) -> float:
     """ln(error / arcsec) of so many trials, with the L1 penalty for what is not met."""
-    outcomes = bench.run(case, trials, campaign.fidelity, first)
+    outcomes = runner.run(case, trials, campaign.fidelity, first)
     objective = Objective.read(campaign.objective)
     error = float(objective.of(objective.squares(outcomes)))
     margins = margins_of(campaign.requirements, case)
@@ -116,8 +118,8 @@ class Spent(Exception):
     """All trials were used."""
 
 
-def ours(box: DesignSpace, campaign: Campaign, seed: int, start: Floats, ledger: Ledger) -> Run:
-    bench = TrialRunner(seed, ledger=ledger)
+def ours(space: DesignSpace, campaign: Campaign, seed: int, start: Floats, ledger: Ledger) -> Run:
+    runner = TrialRunner(seed, ledger=ledger)
     run = Run([], [])
     best: dict[int, float] = {}
     counted = 0
@@ -128,26 +130,28 @@ def ours(box: DesignSpace, campaign: Campaign, seed: int, start: Floats, ledger:
         if one.feasible and one.score < best.get(one.trials, math.inf):
             best[one.trials] = one.score
             run.trials.append(counted)
-            run.places.append(np.array(one.place))
+            run.points.append(np.array(one.coordinates))
 
-    final, _ = refine(box, start, campaign, bench, watch)
+    final, _ = refine(space, start, campaign, runner, watch)
     run.trials.append(counted)
-    run.places.append(np.array(final[0].place))
+    run.points.append(np.array(final[0].coordinates))
     return run
 
 
-def nlopt_plain(box: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
+def nlopt_plain(
+    space: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: Ledger
+) -> Run:
     """Sbplx on the same fixed trials for each design, from the case itself."""
-    counted = Counted(box, campaign, TrialRunner(seed, ledger=ledger), most)
+    counted = Counted(space, campaign, TrialRunner(seed, ledger=ledger), most)
     with contextlib.suppress(Spent):
-        least(counted.plain, box.start, Search(evaluations=10_000, last_step=1e-4))
+        least(counted.plain, space.start, Search(evaluations=10_000, last_step=1e-4))
     return counted.run
 
 
-def tpe(box: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
-    counted = Counted(box, campaign, TrialRunner(seed, ledger=ledger), most)
+def tpe(space: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
+    counted = Counted(space, campaign, TrialRunner(seed, ledger=ledger), most)
     with contextlib.suppress(Spent):
-        by_tpe(counted.plain, box.start, seed, 10_000)
+        by_tpe(counted.plain, space.start, seed, 10_000)
     return counted.run
 
 
@@ -167,10 +171,10 @@ def by_tpe(score: Callable[[Floats], float], start: Floats, seed: int, tries: in
     return np.array([study.best_params[name] for name in names])
 
 
-def cmaes(box: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
-    counted = Counted(box, campaign, TrialRunner(seed, ledger=ledger), most)
+def cmaes(space: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: Ledger) -> Run:
+    counted = Counted(space, campaign, TrialRunner(seed, ledger=ledger), most)
     with contextlib.suppress(Spent):
-        by_cmaes(counted.plain, box.start, seed, 10_000)
+        by_cmaes(counted.plain, space.start, seed, 10_000)
     return counted.run
 
 
@@ -181,63 +185,63 @@ def by_cmaes(score: Callable[[Floats], float], start: Floats, seed: int, tries: 
     settings = {"bounds": [0, 1], "seed": seed + 1, "verbose": -9, "maxfevals": tries}
     strategy = cma.CMAEvolutionStrategy(start.tolist(), 0.15, settings)
     while not strategy.stop():
-        places = strategy.ask()
-        strategy.tell(places, [score(np.array(place)) for place in places])
+        points = strategy.ask()
+        strategy.tell(points, [score(np.array(coordinates)) for coordinates in points])
     return np.array(strategy.result.xbest)
 
 
 class Truth:
     """Any design by trials of a seed that no search has, the same for all designs."""
 
-    def __init__(self, box: DesignSpace, campaign: Campaign, ledger: Ledger) -> None:
-        self.box, self.campaign = box, campaign
-        self.bench = TrialRunner(JUDGE, ledger=ledger)
+    def __init__(self, space: DesignSpace, campaign: Campaign, ledger: Ledger) -> None:
+        self.space, self.campaign = space, campaign
+        self.runner = TrialRunner(JUDGE, ledger=ledger)
 
-    def score(self, place: Floats, trials: int, first: int = 0) -> float:
-        case = self.box.design(place)
+    def score(self, coordinates: Floats, trials: int, first: int = 0) -> float:
+        case = self.space.design(coordinates)
         try:
-            return by_trials(case, self.campaign, self.bench, trials, first)
+            return by_trials(case, self.campaign, self.runner, trials, first)
         except ValueError:  # it cannot be rendered
             return LOST + PENALTY
 
-    def shown(self, place: Floats) -> bool:
+    def shown(self, coordinates: Floats) -> bool:
         """Whether the availability asked is shown on fresh trials, at its bound."""
-        case = self.box.design(place)
-        outcomes = self.bench.run(case, JUDGED, self.campaign.fidelity, FRESH)
-        fraction = availability(case, self.campaign, self.bench, outcomes)
+        case = self.space.design(coordinates)
+        outcomes = self.runner.run(case, JUDGED, self.campaign.fidelity, FRESH)
+        fraction = availability(case, self.campaign, self.runner, outcomes)
         return fraction.low >= self.campaign.requirements.min_availability
 
-    def reference(self, places: list[Floats]) -> Floats:
+    def reference(self, points: list[Floats]) -> Floats:
         """The best of all places and of where the budget, set right by them, is best.
 
         It is found by trials that nothing is compared on afterwards, or its luck would be taken
         for its merit; the last choice alone, between two, is on the others, against ourselves.
         """
-        best = min(places, key=lambda place: self.score(place, CHOOSING))
+        best = min(points, key=lambda coordinates: self.score(coordinates, CHOOSING))
         tried = [
-            evaluate(self.box, self.campaign, place, self.bench, CHOOSING)
-            for place in places
-            if np.abs(place - best).max() <= REACH
+            evaluate(self.space, self.campaign, coordinates, self.runner, CHOOSING)
+            for coordinates in points
+            if np.abs(coordinates - best).max() <= REACH
         ]
         correction = correct(tried, best, REACH)
 
-        def score(place: Floats) -> float:
-            if np.abs(place - best).max() > REACH:
+        def score(coordinates: Floats) -> float:
+            if np.abs(coordinates - best).max() > REACH:
                 return math.nan
-            case = self.box.design(place)
+            case = self.space.design(coordinates)
             expected = forecast(case, Objective.read(self.campaign.objective))
             margins = margins_of(self.campaign.requirements, case)
-            return math.log(expected / arcsec) + correction(place) + PENALTY * missed(margins)
+            return math.log(expected / arcsec) + correction(coordinates) + PENALTY * missed(margins)
 
-        refined = least(score, best, Search(evaluations=150, first_step=0.05)).place
-        best = min((best, refined), key=lambda place: self.score(place, CHOOSING))
+        refined = least(score, best, Search(evaluations=150, first_step=0.05)).coordinates
+        best = min((best, refined), key=lambda coordinates: self.score(coordinates, CHOOSING))
         # The budget has no say in this: Sbplx on the trials themselves.
         polished = least(
-            lambda place: self.score(place, CHOOSING),
+            lambda coordinates: self.score(coordinates, CHOOSING),
             best,
             Search(evaluations=POLISH, first_step=0.05),
-        ).place
-        return min((best, polished), key=lambda place: self.score(place, JUDGED, FRESH))
+        ).coordinates
+        return min((best, polished), key=lambda coordinates: self.score(coordinates, JUDGED, FRESH))
 
 
 def best_width(window: int) -> float:
@@ -246,11 +250,11 @@ def best_width(window: int) -> float:
     The optimum is known: 0.42, 0.574 and 0.696 for windows of 3, 5 and 7 pixels.
     """
 
-    def bias(place: Floats) -> float:
-        return math.log(centre_of_gravity_error(Star(1e12, 0.3 + 0.7 * place[0]), window)[1])
+    def bias(coordinates: Floats) -> float:
+        return math.log(centre_of_gravity_error(Star(1e12, 0.3 + 0.7 * coordinates[0]), window)[1])
 
     found = least(bias, np.array([0.9]), Search(evaluations=60))
-    return 0.3 + 0.7 * float(found.place[0])
+    return 0.3 + 0.7 * float(found.coordinates[0])
 
 
 def example() -> tuple[Case, Campaign]:
@@ -262,9 +266,9 @@ def example() -> tuple[Case, Campaign]:
 def search(options: argparse.Namespace) -> dict[str, Any]:
     """The example campaign by four optimisers, the others with a fixed number of trials."""
     case, campaign = example()
-    box = DesignSpace(case, campaign.variables)
+    space = DesignSpace(case, campaign.variables)
     started = time.process_time()
-    start = prospect(box, campaign, box.start).place
+    start = prospect(space, campaign, space.start).coordinates
     print(f"prospect {time.process_time() - started:.1f} s", start.round(3), flush=True)
     others: dict[str, Callable[..., Run]] = {"nlopt_plain": nlopt_plain, "tpe": tpe, "cmaes": cmaes}
     names = options.methods.split(",")
@@ -277,30 +281,36 @@ def search(options: argparse.Namespace) -> dict[str, Any]:
         for name, seed in plan:
             began = time.process_time()
             if name == "ours":
-                run = ours(box, campaign, seed, start, ledger)
+                run = ours(space, campaign, seed, start, ledger)
             else:
-                run = others[name](box, campaign, seed, options.trials, ledger)
+                run = others[name](space, campaign, seed, options.trials, ledger)
             runs.setdefault(name, []).append(run)
-            print(name, seed, run.trials[-1], run.places[-1].round(3),
+            print(name, seed, run.trials[-1], run.points[-1].round(3),
                   f"{time.process_time() - began:.0f} s", flush=True)  # fmt: skip
-        return judge(box, campaign, runs, ledger)
+        return judge(space, campaign, runs, ledger)
 
 
 def judge(
-    box: DesignSpace, campaign: Campaign, runs: dict[str, list[Run]], ledger: Ledger
+    space: DesignSpace, campaign: Campaign, runs: dict[str, list[Run]], ledger: Ledger
 ) -> dict[str, Any]:
     """Regrets against the best design of all, on the same trials."""
-    truth = Truth(box, campaign, ledger)
-    place = truth.reference([run.places[-1] for every in runs.values() for run in every])
-    best = truth.score(place, JUDGED, FRESH)
-    begun = truth.score(place, CHOOSING)
-    print("optimum", place.round(4), math.exp(best), box.text(box.design(place)), flush=True)
+    truth = Truth(space, campaign, ledger)
+    coordinates = truth.reference([run.points[-1] for every in runs.values() for run in every])
+    best = truth.score(coordinates, JUDGED, FRESH)
+    begun = truth.score(coordinates, CHOOSING)
+    print(
+        "optimum",
+        coordinates.round(4),
+        math.exp(best),
+        space.text(space.design(coordinates)),
+        flush=True,
+    )
     figures: dict[str, Any] = {
         "optimum_arcsec": math.exp(best),
-        "optimum": box.text(box.design(place)),
+        "optimum": space.text(space.design(coordinates)),
     }
     for name, every in runs.items():
-        regret = [math.exp(truth.score(run.places[-1], JUDGED, FRESH) - best) - 1 for run in every]
+        regret = [math.exp(truth.score(run.points[-1], JUDGED, FRESH) - best) - 1 for run in every]
         prefix = "" if name == "ours" else f"{name}_"
         figures |= {
             f"{prefix}regret_median": float(np.median(regret)),
@@ -315,7 +325,7 @@ def judge(
             ],
         }
     figures["constraint_violations_fresh"] = sum(
-        not truth.shown(run.places[-1]) for run in runs.get("ours", [])
+        not truth.shown(run.points[-1]) for run in runs.get("ours", [])
     )
     return figures
 

@@ -54,9 +54,9 @@ def main() -> None:
     case = load_design(shipped("designs/scanner.toml")).case
     rows = []
     with pool(options.workers) as executor:
-        bench = TrialRunner(1, executor, options.workers)
+        runner = TrialRunner(1, executor, options.workers)
         for frequency in FREQUENCIES:
-            error = tolerated_by_error(case, frequency, bench, options.skies)
+            error = tolerated_by_error(case, frequency, runner, options.skies)
             rows.append({"frequency_hz": frequency} | error | tolerated_by_mtf(case, frequency))
             print(json.dumps(rows[-1]), flush=True)
     options.json.write_text(json.dumps({"scanner_jitter": rows}, indent=1) + "\n")
@@ -73,23 +73,23 @@ def circle(frequency: float, rms: float, phase: float) -> Tone:
     return Tone(frequency, rms, rms, phase=phase, lead_y=-90 * deg)
 
 
-def errors(case: Case, bench: TrialRunner, skies: int) -> Floats:
+def errors(case: Case, runner: TrialRunner, skies: int) -> Floats:
     """(skies, 2) radian, across; NaN where there is no right attitude."""
-    outcomes = bench.run(case, skies)
+    outcomes = runner.run(case, skies)
     right = outcomes["solved"] & ~outcomes["false"]
     across = np.column_stack([outcomes["error_x"], outcomes["error_y"]])
     return np.where(right[:, None], across, np.nan)
 
 
 def tolerated_by_error(
-    case: Case, frequency: float, bench: TrialRunner, skies: int
+    case: Case, frequency: float, runner: TrialRunner, skies: int
 ) -> dict[str, Any]:
     """The rms at which the error has grown by LOSS, and the growth measured there."""
-    rest = errors(case, bench, skies)
+    rest = errors(case, runner, skies)
 
     def at(rms: float) -> Floats:
         return np.stack(
-            [errors(shaken(case, frequency, rms, each), bench, skies) for each in PHASES]
+            [errors(shaken(case, frequency, rms, each), runner, skies) for each in PHASES]
         )
 
     slope = (at(PROBE) - rest) / PROBE

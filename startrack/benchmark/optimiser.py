@@ -1,4 +1,4 @@
-"""The example's box on the analytic budget: how good a design so many tries find."""
+"""The example's design space on the analytic budget: the best score within a number of tries."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ REFUSED = 50.0  # score of a design that cannot be built, far above all others
 
 
 class Hill(NamedTuple):
-    """A box of variables on the unit cube, where a search begins, and the score to lessen."""
+    """The start of a search in the unit cube, and the score to minimise."""
 
     start: Floats
     score: Callable[[Floats], float]
@@ -31,14 +31,14 @@ def hill() -> Hill:
     """The example's campaign, its designs judged without a trial."""
     design = load_design(shipped("designs/nanosatellite.toml"))
     assert design.campaign
-    box, campaign = DesignSpace(design.case, design.campaign.variables), design.campaign
-    score = partial(foresee, box, campaign)
+    space, campaign = DesignSpace(design.case, design.campaign.variables), design.campaign
+    score = partial(foresee, space, campaign)
     few = replace(campaign, analytic_evaluations=TRIES)
-    return Hill(box.start, score, lambda: prospect(box, few, box.start).place)
+    return Hill(space.start, score, lambda: prospect(space, few, space.start).coordinates)
 
 
 def finite(score: float) -> float:
-    """The score for optimisers that want a number of every place."""
+    """The score for optimisers that need a finite number everywhere."""
     return score if math.isfinite(score) else REFUSED
 
 
@@ -52,8 +52,8 @@ def optimiser() -> Stage:
         "error of the design that it finds, over that of a search three times as long, less one",
         {
             "prospect": one.prospect,
-            "sbplx": lambda: least(one.score, one.start, Search(evaluations=TRIES)).place,
+            "sbplx": lambda: least(one.score, one.start, Search(evaluations=TRIES)).coordinates,
         },
-        lambda place: math.expm1(finite(one.score(place)) - best),
+        lambda coordinates: math.expm1(finite(one.score(coordinates)) - best),
         pieces=TRIES,
     )

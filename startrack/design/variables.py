@@ -58,7 +58,7 @@ class DesignSpace:
 
     links  taken in their order, after the variables
     adapt  a Python function that makes the last changes to each design, None for none; what it
-           refuses with a ValueError is no design of the box
+           refuses with a ValueError is no design of the space
 
     Raises  ValueError where a name is no number of the case, a bound has a wrong unit, the bounds
             are not in order, or the start lies outside them.
@@ -104,11 +104,11 @@ class DesignSpace:
 
     @property
     def start(self) -> NDArray[np.float64]:
-        """The place (n,) of the case itself in the unit cube."""
-        return self.place(self.case)
+        """Unit-cube coordinates (n,) of the case itself."""
+        return self.coordinates(self.case)
 
-    def place(self, case: Case) -> NDArray[np.float64]:
-        """The place (n,) of a design in the unit cube."""
+    def coordinates(self, case: Case) -> NDArray[np.float64]:
+        """Unit-cube coordinates (n,) of a design."""
         result = np.empty(len(self))
         for i, (variable, (low, high)) in enumerate(zip(self.variables, self._bounds, strict=True)):
             value = number(case, variable.name)
@@ -117,26 +117,26 @@ class DesignSpace:
             result[i] = (value - low) / (high - low)
         return result
 
-    def values(self, place: NDArray[np.float64]) -> dict[str, float]:
-        """The values (SI) of the variables at a place in the unit cube."""
+    def values(self, coordinates: NDArray[np.float64]) -> dict[str, float]:
+        """The values (SI) of the variables at unit-cube coordinates (n,)."""
         result = {}
-        for u, variable, (low, high) in zip(place, self.variables, self._bounds, strict=True):
+        for u, variable, (low, high) in zip(coordinates, self.variables, self._bounds, strict=True):
             u = min(max(float(u), 0.0), 1.0)
             log = variable.scale == "log"
             value = low * (high / low) ** u if log else low + (high - low) * u
             result[variable.name] = min(max(value, low), high)
         return result
 
-    def design(self, place: NDArray[np.float64]) -> Case:
-        """The case at a place in the unit cube.
+    def design(self, coordinates: NDArray[np.float64]) -> Case:
+        """The case at unit-cube coordinates (n,).
 
         Raises  ValueError where the parameters, or `adapt`, refuse it.
         """
-        case = self._replaced(place)
+        case = self._replaced(coordinates)
         return self.adapt(case) if self.adapt else case
 
-    def _replaced(self, place: NDArray[np.float64]) -> Case:
-        values = self.values(place)
+    def _replaced(self, coordinates: NDArray[np.float64]) -> Case:
+        values = self.values(coordinates)
         for link in self.links:
             # What a link follows may be computed from variables, and is then not yet checked.
             try:

@@ -13,22 +13,28 @@ import numpy as np
 from startrack.core import Floats, whole
 from startrack.optimise.ledger import Ledger
 
-LONG_ENOUGH = 50  # autocorrelation times, emcee's own rule
-FEWEST = 400  # independent samples of each variable
-FARTHEST = 1.01  # split R-hat
+LONG_ENOUGH = 50  # autocorrelation times; emcee's documentation, "Autocorrelation analysis"
+# Independent samples of each variable, and split R-hat: Vehtari et al. (2021), Bayesian Analysis
+# 16, 667, section 4.
+FEWEST = 400
+FARTHEST = 1.01
+# Chosen by hand, wide around the 0.2 to 0.5 of Foreman-Mackey et al. (2013): a chain outside moves
+# nearly nowhere, or in steps that are too small.
 LEAST_ACCEPTED, MOST_ACCEPTED = 0.05, 0.95
-BURN_IN = 5  # part of the chain that is thrown away: one over this
-REPEATS = 12  # of a log-probability that draws, to see its noise
-NOISIEST = 1.0  # standard deviation of a log-probability that may still be sampled
+BURN_IN = 5  # 1 / fraction of the chain that is discarded; chosen by hand: bias against samples
+REPEATS = 12  # of a random log-probability, to estimate its noise; chosen by hand
+# Standard deviation of a log-probability that may still be sampled. Chosen by hand: above about 1,
+# walkers stay for long at points whose value was high by chance.
+NOISIEST = 1.0
 
 
 @dataclass(frozen=True)
 class Ensembles:
     """How to sample.
 
-    count       ensembles that know nothing of each other
-    walkers     of each; None for four a variable, at least 16
-    stretch     steps between two looks at the convergence
+    count       independent ensembles
+    walkers     of each; None for four per variable, at least 16
+    stretch     steps between two checks of the convergence
     most_steps  after which sampling ends
     """
 
@@ -45,7 +51,7 @@ class Ensembles:
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """Samples, without their beginnings.
+    """Samples without their burn-in.
 
     samples          (ensembles, steps, walkers, d)
     acceptance       1, fraction of accepted moves of the worst ensemble
@@ -68,11 +74,11 @@ class Chains:
 
     @property
     def split_r_hat(self) -> Floats:
-        """(d,) the spread of all samples over that within the halves of ensembles.
+        """(d,) standard deviation of all samples over that within the halves of ensembles.
 
             R^2 = (W + B) / W,   W the mean variance in a half, B the variance of their means
 
-        Source: Gelman et al. (2013), Bayesian Data Analysis, 11.4, with ensembles for chains, for
+        Source: Gelman et al. (2013), Bayesian Data Analysis, 11.4, with ensembles for chains, as
         the walkers of one ensemble are not independent.
         """
         count, steps, walkers, d = self.samples.shape
@@ -83,7 +89,7 @@ class Chains:
         return np.sqrt(1 + between / np.maximum(within, np.finfo(float).tiny))
 
     @property
-    def doubt(self) -> str:
+    def reason_unconverged(self) -> str:
         """Why the chains have not converged, empty where they have."""
         steps = self.samples.shape[1]
         longest = float(np.max(self.autocorrelation))
@@ -103,8 +109,8 @@ class Chains:
 
     @property
     def converged(self) -> bool:
-        """Whether the samples may be believed."""
-        return not self.doubt
+        """Whether all criteria of convergence are met."""
+        return not self.reason_unconverged
 
 
 def draw(
@@ -116,13 +122,14 @@ def draw(
 ) -> Chains:
     """Sample by the stretch move (Goodman and Weare 2010) in independent ensembles.
 
-    log_probability  (n, d) -> (n,), minus infinity where there is none
-    start            places (n, d) of n walkers; spread wider than the density, as split R-hat needs
-    ledger           keeps each stretch, so that sampling goes on where it was cut short
+    log_probability  (n, d) -> (n,), minus infinity outside the support
+    start            starting points (n, d) of n walkers, wider than the density, for split R-hat
+    ledger           keeps each stretch, so that interrupted sampling continues
     Raises           ValueError where the log-probability is NaN, minus infinity at all starts, or
-                     is itself drawn with a standard deviation above 1. emcee never asks again for
-                     the place where a walker stands, so that a less noisy one is right on average
-                     (Andrieu and Roberts 2009). See `Chains.doubt` for all else.
+                     is random with a standard deviation above 1. emcee evaluates it once for each
+                     position of a walker, so that an unbiased estimate of the density with less
+                     noise gives the right distribution (Andrieu and Roberts 2009). Other failures are in
+                     `Chains.reason_unconverged`.
     """
     settings = settings or Ensembles()
     chains = [
@@ -152,7 +159,7 @@ def _result(samplers: list[emcee.EnsembleSampler]) -> Chains:
 
 
 class _Ensemble:
-    """One ensemble, its steps in the ledger."""
+    """One ensemble; the ledger keeps its steps."""
 
     def __init__(
         self,
@@ -166,25 +173,25 @@ class _Ensemble:
         rng = np.random.default_rng(sequence)
         d = start(rng, 1).shape[1]
         walkers = settings.walkers or max(16, 4 * d)
-        places = start(rng, walkers)
-        first = log_probability(places)
+        points = start(rng, walkers)
+        first = log_probability(points)
         if np.isnan(first).any():
             raise ValueError("the log-probability must not be NaN at the start")
         if not np.isfinite(first).all():
             raise ValueError("the log-probability must be finite where the walkers start")
-        _refuse_noise(log_probability, places, first)
-        # emcee knows but the older generator; each ensemble has one of its own.
+        _refuse_noise(log_probability, points, first)
+        # emcee takes only the older generator; each ensemble has a separate one.
         state = np.random.RandomState(np.random.MT19937(sequence)).get_state()
         self.sampler = emcee.EnsembleSampler(walkers, d, log_probability, vectorize=True)
-        self._at = emcee.State(places, log_prob=first, random_state=state)
+        self._at = emcee.State(points, log_prob=first, random_state=state)
         self._settings, self._ledger = settings, ledger
-        # The law is known by its values where the walkers start.
-        name = repr((entropy, settings, places.tobytes(), first.tobytes()))
+        # The key identifies the density by its values at the starting points.
+        name = repr((entropy, settings, points.tobytes(), first.tobytes()))
         self._key = hashlib.blake2b(name.encode(), digest_size=16).digest()
         self._done = 0
 
     def walk(self) -> None:
-        """One stretch, from the ledger where that has it."""
+        """Add one stretch, from the ledger where it is there."""
         held = self._ledger.stretch(self._key, self._done)
         if held is None:
             self._at = self.sampler.run_mcmc(self._at, self._settings.stretch)
@@ -243,5 +250,5 @@ def median_and_ends(column: Floats, fraction: float) -> tuple[float, float, floa
 
 
 def thinned(samples: Floats, count: int) -> Floats:
-    """`count` of the samples (n, d), evenly."""
+    """`count` of the samples (n, d), evenly spaced."""
     return samples[np.linspace(0, len(samples) - 1, min(count, len(samples))).astype(int)]

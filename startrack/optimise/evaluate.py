@@ -18,25 +18,27 @@ from startrack.optimise.margins import margins as margins_of
 from startrack.optimise.runner import TrialRunner
 from startrack.trial import OUTCOMES
 
-PENALTY = 10.0  # ln(error) that a margin missed by its full size costs
-LOST = 20.0  # ln(arcsec) of a design that no trial solves
+# ln(error) for each unit of a margin that is missed. Chosen by hand: it must exceed the slope of
+# ln(error) along every margin; a larger one makes the valley along a limit narrower.
+PENALTY = 10.0
+LOST = 20.0  # ln(arcsec) of a design that no trial solves; chosen by hand: far above any error
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """One design that was tried.
+    """One design that was evaluated.
 
-    place     in the unit cube
-    values    of the variables, SI
-    error     radian, the objective; NaN where no trial was solved
-    expected  radian, the objective by the analytic budget; NaN where that sees no attitude
-    score     what is minimised, as `evaluate` says
-    margins   of the requirements, availability with them; below 0, not met
-    summary   of the trials, None where it was not tried
-    note      why not, or empty
+    coordinates  (d,) in the unit cube
+    values       of the variables, SI
+    error        radian, the objective; NaN where no trial was solved
+    expected     radian, the objective by the analytic budget; NaN where it expects no attitude
+    score        the function that is minimised, see `evaluate`
+    margins      of the requirements, with that of the availability; below 0, not met
+    summary      of the trials, None where none was run
+    note         why none was run, or empty
     """
 
-    place: tuple[float, ...]
+    coordinates: tuple[float, ...]
     values: dict[str, float]
     error: float
     expected: float
@@ -52,65 +54,67 @@ class Evaluation:
 
     @property
     def trials(self) -> int:
-        """How many it was tried with."""
+        """How many trials were run."""
         return self.summary.trials if self.summary else 0
 
 
 def evaluate(
-    box: DesignSpace,
+    space: DesignSpace,
     campaign: Campaign,
-    place: Floats,
-    bench: TrialRunner,
+    coordinates: Floats,
+    runner: TrialRunner,
     trials: int | None = None,
     correction: Callable[[Floats], float] | None = None,
     spare: bool = False,
     lead: float = math.inf,
 ) -> Evaluation:
-    """Score a design by its analytic budget, set right by trials on the bench.
+    """Score a design by its analytic budget, corrected by trials.
 
-        score = ln(expected / arcsec) + correction(place) + PENALTY sum(max(0, -margin))
+        score = ln(expected / arcsec) + correction(coordinates) + PENALTY sum(max(0, -margin))
 
-    The budget gives the differences between designs without noise; trials, on the same skies and
-    with the same streams for every design, give what it leaves out: the correction, and whether
-    there is an attitude at all. An L1 penalty has the same least place as the constrained problem
-    where PENALTY exceeds the slope of ln(error) along the margin (Fletcher 1987, Practical
-    Methods of Optimization, 14.3).
+    The budget gives the differences between designs without noise. Trials, with the same attitudes
+    and random streams for every design, give what the budget neglects: the correction, and how
+    often an attitude is found. An L1 penalty has the same minimum as the constrained problem where
+    PENALTY exceeds the slope of ln(error) along the margin (Fletcher 1987, Practical Methods of
+    Optimization, 14.3).
 
     trials      None for the campaign's first number
-    correction  ln(error / expected) at a place, None for none
-    spare       whether a design that misses what needs no trials is spared them
-    lead        score of the best so far: what is worse before its trials is spared them, for they
-                can only add penalties
-    Returns     an evaluation; a design that cannot be built or rendered has a note in it.
+    correction  ln(error / expected) at unit-cube coordinates, None for zero
+    spare       whether no trials are run where a requirement that needs none is missed
+    lead        score of the best so far; no trials are run where the score without them is worse,
+                as they only add penalties
+    Returns     an evaluation; its note is the reason where a design cannot be built or rendered
     """
-    place = np.clip(place, 0, 1)
-    values = box.values(place)
+    coordinates = np.clip(coordinates, 0, 1)
+    values = space.values(coordinates)
     objective = Objective.read(campaign.objective)
     try:
-        case = box.design(place)
+        case = space.design(coordinates)
         margins = margins_of(campaign.requirements, case)
         expected = forecast(case, objective)
-        score = _log_arcsec(expected) + (correction(place) if correction else 0.0)
+        score = _log_arcsec(expected) + (correction(coordinates) if correction else 0.0)
         hopeless = expected > 0 and score + PENALTY * missed(margins) > lead
         if hopeless or (spare and missed(margins)):
             outcomes = np.empty(0, OUTCOMES)
         else:
-            outcomes = bench.run(case, trials or campaign.trials, campaign.fidelity)
-    except ValueError as reason:  # a design that cannot be built is a bad one, not the end
+            outcomes = runner.run(case, trials or campaign.trials, campaign.fidelity)
+    except ValueError as reason:  # such a design has the worst score; the search goes on
         refused = LOST + PENALTY
-        return Evaluation(tuple(place), values, math.nan, math.nan, refused, {}, None, str(reason))
+        return Evaluation(
+            tuple(coordinates), values, math.nan, math.nan, refused, {}, None, str(reason)
+        )
     summary = summarise(outcomes) if len(outcomes) else None
     if summary:
         margins |= measured(campaign.requirements, summary)
     error = float(objective.of(objective.squares(outcomes)))
     if not expected > 0:
-        score = _log_arcsec(error) + (correction(place) if correction else 0.0)
+        score = _log_arcsec(error) + (correction(coordinates) if correction else 0.0)
     score += PENALTY * missed(margins)
-    return Evaluation(tuple(place), values, error, expected, score, margins, summary, "")
+    return Evaluation(tuple(coordinates), values, error, expected, score, margins, summary, "")
 
 
 def forecast(case: Case, objective: Objective) -> float:
-    """Radian, what the analytic budget expects; NaN where it expects no attitude anywhere."""
+    """Error by the analytic budget (radian); NaN where it expects no attitude anywhere."""
     try:
         return expected_error(objective, analytic(case))
     except ValueError:
@@ -128,14 +132,14 @@ def expect(case: Case, campaign: Campaign) -> tuple[Budget, dict[str, float]]:
     return budget, margins
 
 
-def foresee(box: DesignSpace, campaign: Campaign, place: Floats) -> float:
+def foresee(space: DesignSpace, campaign: Campaign, coordinates: Floats) -> float:
     """The score of a design without a trial; NaN where it cannot be built.
 
-    Accuracy  model: that of the budget, and all that it leaves out. Never the score to end with: an
-              optimiser finds the designs that a model is wrong about.
+    Accuracy  model: that of the budget. The result of a search needs trials too, as an optimiser
+              is drawn to designs whose error the model underestimates.
     """
     try:
-        budget, margins = expect(box.design(place), campaign)
+        budget, margins = expect(space.design(coordinates), campaign)
     except ValueError:
         return math.nan
     expected = expected_error(Objective.read(campaign.objective), budget)
@@ -147,7 +151,7 @@ def _log_arcsec(angle: float) -> float:
 
 
 def measured(requirements: Requirements, summary: Summary) -> dict[str, float]:
-    """The margins that take trials."""
+    """The margins that need trials."""
     return {
         "availability": summary.availability.value - requirements.min_availability,
         "false attitudes": -summary.false.value,
@@ -160,17 +164,17 @@ def measured_score(one: Evaluation) -> float:
 
 
 def missed(margins: dict[str, float]) -> float:
-    """The sum of what the margins are short of."""
+    """The sum of the amounts by which margins are missed."""
     return sum(max(0.0, -margin) for margin in margins.values())
 
 
 def expected_error(objective: Objective, budget: Budget) -> float:
-    """Radian, the same statistic of the errors that a budget expects.
+    """The objective's statistic of the errors that a budget expects (radian).
 
         sum_i weight_i P(k / 2, L^2 / (2 square_i)) = fraction,   P the regularised incomplete
         gamma function, k = 2, 1, 3 axes, square_i the mean square per axis in field i
 
-    Accuracy  model: errors that are normal and alike about the axes, in each field.
+    Accuracy  model: errors that are normal, with equal variance about the axes, in each field.
     """
     law = budget.whole.spread
     assert isinstance(law, Law)

@@ -28,12 +28,11 @@ CREATE TABLE IF NOT EXISTS refused (key BLOB PRIMARY KEY, reason TEXT NOT NULL) 
 class Ledger:
     """Outcomes by key, open for one process at a time.
 
-    What is kept is committed before `keep` returns: a process that is killed at any instant
-    leaves a whole file.
+    Outcomes are committed before `keep` returns: the file stays valid when the process is killed.
     """
 
     def __init__(self, path: Path | None = None):
-        """Open the ledger of a file, or begin one; None keeps it in memory.
+        """Open the ledger of a file, or make a new one; None keeps it in memory.
 
         Raises  ValueError where the file is no ledger, OSError where it cannot be opened or another
                 process has it.
@@ -53,12 +52,12 @@ class Ledger:
             execute("INSERT INTO trials VALUES (?, ?, ?)", row)
 
     def refusal(self, key: bytes) -> str:
-        """Why what the key stands for cannot be tried; empty where it can."""
+        """Why the trials of a key cannot be run; empty where they can."""
         rows = self._database.read("SELECT reason FROM refused WHERE key = ?", key)
         return rows[0][0] if rows else ""
 
     def keep_refusal(self, key: bytes, reason: str) -> None:
-        """Keep that what the key stands for cannot be tried."""
+        """Keep the reason why the trials of a key cannot be run."""
         with self._database.transaction() as execute:
             execute("INSERT OR REPLACE INTO refused VALUES (?, ?)", (key, reason))
 

@@ -17,23 +17,24 @@ from startrack.motion import blur
 from startrack.scene import illuminate
 from startrack.trial import psf_of, stars_in_field, throughput
 
-FIELDS = 1024  # attitudes over which the sky is counted
+# Chosen by hand: finer ones cost a count of the stars in every field for each new focal length.
+FIELDS = 1024  # attitudes at which stars are counted
 FOCAL_STEP = 1.05  # ratio of the focal lengths at which they are counted
-MAGNITUDES = np.linspace(-2, 12, 57)
+MAGNITUDES = np.linspace(-2, 12, 57)  # between which the limit is interpolated
 
 
 def margins(requirements: Requirements, case: Case) -> dict[str, float]:
-    """How far each limit is kept, as a fraction of it (stars: in magnitudes); below 0, it is not.
+    """Margin to each limit, as a fraction of the limit (stars: magnitude); negative, not met.
 
-    The accuracy and the availability are not here: they need trials.
+    Without accuracy and availability, which need trials.
     """
     rate = case.instrument.detector.update_rate
-    asked = {
+    limits = {
         "volume": (requirements.volume, requirements.max_volume),
         "data rate": (requirements.data_rate, requirements.max_data_rate),
         "cost": (requirements.cost, requirements.max_cost),
     }
-    return {name: 1 - model(case) / limit for name, (model, limit) in asked.items() if limit} | {
+    return {name: 1 - model(case) / limit for name, (model, limit) in limits.items() if limit} | {
         "mass": 1 - requirements.mass(case) / requirements.max_mass,
         "power": 1 - requirements.power(case) / requirements.max_power,
         "update rate": rate / requirements.min_update_rate - 1
@@ -45,13 +46,13 @@ def margins(requirements: Requirements, case: Case) -> dict[str, float]:
 
 
 def limiting_magnitude(case: Case) -> float:
-    """The faintest G of a sunlike star that the matched filter sees at the threshold.
+    """The faintest G of a sunlike star that the matched filter detects at the threshold.
 
         signal / noise = N sqrt(sum p^2) / sqrt(sky + dark + read noise^2 + gain^2 / 12)
                        = threshold,   p the fractions of the smeared star's light in its pixels
 
-    Accuracy  model: background-limited, which holds at the threshold; the pixel phase is averaged,
-              and the tests that tell a star from a hot pixel cost up to half a magnitude more.
+    Accuracy  model: background-limited, which holds at the threshold; the pixel phase is averaged;
+              the tests that reject hot pixels cost up to half a magnitude more.
     """
     detector = case.instrument.detector
     pixel = case.instrument.camera.focal_length_px**-2
@@ -63,8 +64,7 @@ def limiting_magnitude(case: Case) -> float:
     star, sky = electron_rate(light, detector, throughput(case.instrument))
     noise = (sky * pixel + detector.dark_rate) * detector.integration
     noise += detector.noise**2 + detector.electrons_per_dn**2 / 12
-    # The sum of squares of the pixel shares, with the mean of the smear: a convolution of each
-    # place with each other place along the path.
+    # Sum of squares of the pixels' fractions, averaged over the smear.
     psf = psf_of(case.instrument)
     sharpness = float((psf.table**2).sum()) / psf.oversampling**2
     smear = blur(case.instrument.motion, detector.exposure)
@@ -78,9 +78,9 @@ def limiting_magnitude(case: Case) -> float:
 
 
 def needed_magnitude(case: Case, stars: int, fraction: float) -> float:
-    """The G that must be seen so that `fraction` of the sky shows `stars` stars in the field.
+    """The limiting G at which `fraction` of the attitudes have `stars` stars in the field.
 
-    Accuracy  numerical: 0.02 magnitudes between the focal lengths at which the sky is counted.
+    Accuracy  numerical: 0.02 mag between the focal lengths at which stars are counted.
     """
     camera = case.instrument.camera
     at, below = math.modf(math.log(camera.focal_length_px) / math.log(FOCAL_STEP))
@@ -103,6 +103,6 @@ def _needed(
         seen = stars_in_field(sky, attitude, camera)
         inside = camera.holds(camera.project(attitude.apply(seen.direction)))
         magnitude = seen.magnitude_g[inside]
-        # A field with too few stars in the whole catalogue asks for more than the catalogue has.
+        # Too few stars in the whole catalogue: a magnitude beyond its limit.
         faintest[i] = magnitude[stars - 1] if len(magnitude) >= stars else catalog.limit_g + 1
     return float(np.quantile(faintest, fraction))

@@ -16,28 +16,30 @@ from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.steps import Watch, availability, prospect, race, reach, refine
 from startrack.trial import OUTCOMES
 
-FINALISTS = 4  # designs that are judged on fresh frames, until one meets the requirements there
+# Designs at most that are judged on fresh frames, until one meets the requirements there. Chosen by
+# hand: each costs the fresh trials of the campaign.
+FINALISTS = 4
 
 
 @dataclass(frozen=True)
 class Optimum:
     """How an optimisation ended.
 
-    box          that the best was found in; of the winning branch where there were choices
-    branch       which, or empty
-    start, best  designs
-    evaluations  all that were tried, in order
-    fresh        summaries of start and best on frames that neither was tuned on
-    factor       error of the start over that of the best, on these trials
-    tuning_error  radian, error of the best on the trials that it was tuned on
-    optimism     error of the best on fresh frames over that on the tuning trials
-    availability  of the best on fresh trials, with bounds that hold with 95 % confidence
-    margins      of the best; that of the availability is the lower bound's
-    ending       one sentence: why the search stopped
-    trials       how many were done, per fidelity
+    space         design space of the best; of the winning branch where there were choices
+    branch        label of the winning branch, or empty
+    start, best   designs
+    evaluations   all, in order
+    fresh         summaries of start and best on frames that no tuning used
+    factor        error of the start over that of the best, on these trials
+    tuning_error  radian, error of the best on the trials that tuned it
+    optimism      error of the best on fresh frames over that on the tuning trials
+    availability  of the best on fresh trials, with bounds at 95 % confidence
+    margins       of the best; that of the availability is the lower bound's
+    ending        one sentence: why the search stopped
+    trials        number that were done, per fidelity
     """
 
-    box: DesignSpace
+    space: DesignSpace
     branch: str
     start: Case
     best: Case
@@ -66,26 +68,26 @@ class Optimum:
 def optimize(
     case: Case,
     campaign: Campaign,
-    bench: TrialRunner,
+    runner: TrialRunner,
     watch: Watch | None = None,
     watch_fresh: Callable[[int], None] | None = None,
     adapt: Callable[[Case], Case] | None = None,
 ) -> Optimum:
-    """Search the box with Sbplx (Rowan 1990, in nlopt), requirements as L1 penalties.
+    """Search the design space by Sbplx (Rowan 1990, in nlopt), requirements as L1 penalties.
 
-    The search begins where the analytic budget is best, by DIRECT on the whole box, or at the
-    case itself if trials find that better. The budget goes on to tell designs apart, set right by
-    trials; these double from pass to pass. Where there are choices, their branches race first.
-    The winner is judged on frames that nothing was tuned on, its availability at a bound that
-    holds with 95 % confidence.
+    The search begins where the analytic budget is best, by DIRECT on the whole space, or at the
+    case itself if trials show a lower error there. Designs are compared by the budget, corrected by
+    trials, whose number doubles from pass to pass. Where there are choices, their branches race
+    first. The winner is judged on frames that no tuning used, its availability by a bound with
+    95 % confidence.
 
     watch        called with each evaluation
     watch_fresh  called with the number of fresh trials just done
-    adapt        as in Box
+    adapt        as in DesignSpace
     Raises       ValueError where the campaign names no variables.
-    Accuracy     model: what trials correct is searched locally; a better design may lie elsewhere.
+    Accuracy     model: the search with trials is local; a better design may lie elsewhere.
     """
-    boxes = {
+    spaces = {
         branch.label: DesignSpace(branch.case, campaign.variables, campaign.links, adapt)
         for branch in branches(case, campaign.choices)
     }
@@ -96,75 +98,80 @@ def optimize(
         if watch:
             watch(done)
 
-    nearest = {label: reach(box, campaign.requirements) for label, box in boxes.items()}
-    starts = {label: one.place for label, one in nearest.items() if one.short == 0}
+    nearest = {label: reach(space, campaign.requirements) for label, space in spaces.items()}
+    starts = {label: one.coordinates for label, one in nearest.items() if one.short == 0}
     if starts:
-        possible = {label: boxes[label] for label in starts}
-        for label, box in possible.items() if campaign.analytic_evaluations else ():
-            starts[label] = _better(box, starts[label], campaign, bench, record)
-        label, start = race(possible, starts, _left(campaign, tried), bench, record)
-        finalists, ending = refine(boxes[label], start, _left(campaign, tried), bench, record)
+        possible = {label: spaces[label] for label in starts}
+        for label, space in possible.items() if campaign.analytic_evaluations else ():
+            starts[label] = _better(space, starts[label], campaign, runner, record)
+        label, start = race(possible, starts, _left(campaign, tried), runner, record)
+        finalists, ending = refine(spaces[label], start, _left(campaign, tried), runner, record)
     else:
         label = min(nearest, key=lambda label: nearest[label].short)
-        record(evaluate(boxes[label], campaign, nearest[label].place, bench))
-        finalists, ending = tried, "no design of the box meets what needs no trials"
-    box = boxes[label]
-    first = _fresh(case, campaign, bench, watch_fresh)
-    best, second, fraction = _verify(box, finalists[:FINALISTS], campaign, bench, watch_fresh)
+        record(evaluate(spaces[label], campaign, nearest[label].coordinates, runner))
+        finalists, ending = (
+            tried,
+            "no design in the design space meets the requirements that need no trials",
+        )
+    space = spaces[label]
+    first = _fresh(case, campaign, runner, watch_fresh)
+    best, second, fraction = _verify(space, finalists[:FINALISTS], campaign, runner, watch_fresh)
     objective = Objective.read(campaign.objective)
     summary = summarise(second)
-    winner = box.design(np.array(best.place))
-    tuning = bench.run(winner, best.trials, campaign.fidelity) if best.trials else second
+    winner = space.design(np.array(best.coordinates))
+    tuning = runner.run(winner, best.trials, campaign.fidelity) if best.trials else second
     before, after = objective.squares(first), objective.squares(second)
     return Optimum(
-        box,
+        space,
         label,
         case,
         winner,
         tuple(tried),
         (summarise(first), summary),
-        objective.ratio(before, after, bench.seed),
+        objective.ratio(before, after, runner.seed),
         best.error,
-        objective.ratio(after, objective.squares(tuning), bench.seed, paired=False),
+        objective.ratio(after, objective.squares(tuning), runner.seed, paired=False),
         fraction,
         best.margins | _shown(campaign, summary, fraction),
         ending,
-        {fidelity.value: count for fidelity, count in bench.tried.items()},
+        {fidelity.value: count for fidelity, count in runner.tried.items()},
     )
 
 
 def _left(campaign: Campaign, tried: Sequence[Evaluation]) -> Campaign:
-    """The campaign with the evaluations that are left; one at least."""
+    """The campaign with the remaining evaluations; one at least."""
     return replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
 
 
 def _better(
-    box: DesignSpace, start: Floats, campaign: Campaign, bench: TrialRunner, watch: Watch
+    space: DesignSpace, start: Floats, campaign: Campaign, runner: TrialRunner, watch: Watch
 ) -> Floats:
-    """The start, or where the analytic budget is best: whichever trials find better."""
-    found = prospect(box, campaign, start)
-    tried = [evaluate(box, campaign, place, bench) for place in (start, found.place)]
+    """The start, or the minimum of the analytic budget, by trials the better of both."""
+    found = prospect(space, campaign, start)
+    tried = [
+        evaluate(space, campaign, coordinates, runner) for coordinates in (start, found.coordinates)
+    ]
     for one in tried:
         watch(one)
-    return np.array(min(tried, key=measured_score).place)
+    return np.array(min(tried, key=measured_score).coordinates)
 
 
 def _verify(
-    box: DesignSpace,
+    space: DesignSpace,
     finalists: Sequence[Evaluation],
     campaign: Campaign,
-    bench: TrialRunner,
+    runner: TrialRunner,
     watch: Callable[[int], None] | None,
 ) -> tuple[Evaluation, NDArray[np.void], Interval]:
-    """The first finalist that is shown to meet the requirements on fresh trials, else the first.
+    """The first finalist that meets the requirements on fresh trials, else the first.
 
     Returns  it, its outcomes on fresh frames, and its availability
     """
     results = list[tuple[Evaluation, NDArray[np.void], Interval]]()
     for one in finalists:
-        design = box.design(np.array(one.place))
-        outcomes = _fresh(design, campaign, bench, watch)
-        fraction = availability(design, campaign, bench, outcomes)
+        design = space.design(np.array(one.coordinates))
+        outcomes = _fresh(design, campaign, runner, watch)
+        fraction = availability(design, campaign, runner, outcomes)
         results.append((one, outcomes, fraction))
         margins = one.margins | _shown(campaign, summarise(outcomes), fraction)
         if one.summary and all(margin >= 0 for margin in margins.values()):
@@ -173,16 +180,16 @@ def _verify(
 
 
 def _shown(campaign: Campaign, summary: Summary, fraction: Interval) -> dict[str, float]:
-    """The margins that take trials, of what fresh ones have shown."""
+    """The margins that need trials, from fresh ones."""
     needs = campaign.requirements
     return measured(needs, summary) | {"availability": fraction.low - needs.min_availability}
 
 
 def _fresh(
-    case: Case, campaign: Campaign, bench: TrialRunner, watch: Callable[[int], None] | None
+    case: Case, campaign: Campaign, runner: TrialRunner, watch: Callable[[int], None] | None
 ) -> NDArray[np.void]:
-    """Outcomes on frames that nothing was tuned on; none where the design cannot be tried."""
+    """Outcomes on frames that no tuning used; empty where the design cannot be built."""
     try:
-        return bench.run(case, campaign.fresh_trials, Fidelity.FRAME, FRESH, watch)
+        return runner.run(case, campaign.fresh_trials, Fidelity.FRAME, FRESH, watch)
     except ValueError:
         return np.empty(0, OUTCOMES)

@@ -21,10 +21,10 @@ UNITS = {"mass": "kg", "power": "W", "data rate": "bit / s", "volume": "m3", "co
 
 @dataclass(frozen=True)
 class Goals:
-    """What is traded for what.
+    """Two objectives that are traded off.
 
-    first, second  an objective of the error, such as "across" or "about-99.73", or what a design
-                   costs: "mass", "power", "data rate", "volume" or "cost"
+    first, second  an objective of the error, such as "across" or "about-99.73", or a cost of a
+                   design: "mass", "power", "data rate", "volume" or "cost"
     """
 
     first: str = "across"
@@ -42,57 +42,63 @@ class Goals:
 class Point:
     """A design of the front.
 
-    place     in the unit cube
-    values    of the variables, SI
-    expected  of both goals, by the analytic budget where they are errors
-    measured  of both goals, by trials
+    coordinates  (d,) in the unit cube
+    values       of the variables, SI
+    expected     of both goals, by the analytic budget where they are errors
+    measured     of both goals, by trials
     """
 
-    place: tuple[float, ...]
+    coordinates: tuple[float, ...]
     values: dict[str, float]
     expected: tuple[float, float]
     measured: tuple[float, float]
 
 
 def front(
-    box: DesignSpace,
+    space: DesignSpace,
     campaign: Campaign,
     goals: Goals,
-    bench: TrialRunner,
+    runner: TrialRunner,
     points: int = 7,
     method: str = "epsilon",
     watch: Callable[[Point], None] | None = None,
 ) -> list[Point]:
-    """Trade one goal for the other, on the analytic budget; each point is then tried.
+    """Pareto front of both goals by the analytic budget; trials then measure each point.
 
     epsilon:   least first goal while the second is at most e, for e between the two extremes
     weighted:  least w ln first + (1 - w) ln second, for w from 1 to 0
 
-    The first finds points wherever the front lies; the second only those where it bulges towards
-    the origin. Source: Miettinen (1999), Nonlinear Multiobjective Optimization, 3.1 and 3.2.
+    The first finds all points of the front, the second only those where it is convex.
+    Source: Miettinen (1999), Nonlinear Multiobjective Optimization, 3.1 and 3.2.
 
-    Returns  the points that no other beats in both goals by the budget, in order of the first
-    Raises    ValueError where no design of the box meets the requirements.
+    Returns  the points that are not dominated by the budget, in order of the first
+    Raises    ValueError where no design in the design space meets the requirements.
     Accuracy  model: the budget's; `measured` shows it.
     """
     whole(2, 1000, points=points)
     one_of(METHODS, method=method)
-    ask = _Asked(box, campaign, goals)
-    first, second = (ask.least(partial(_weighted, fraction), box.start) for fraction in (1.0, 0.0))
+    forecasts = _Forecasts(space, campaign, goals)
+    first, second = (
+        forecasts.least(partial(_weighted, fraction), space.start) for fraction in (1.0, 0.0)
+    )
     if method == "epsilon":
-        steps = np.linspace(ask(first)[1], ask(second)[1], points)
+        steps = np.linspace(forecasts(first)[1], forecasts(second)[1], points)
         scores = [partial(_limited, limit) for limit in steps]
     else:
         scores = [partial(_weighted, fraction) for fraction in np.linspace(1, 0, points)]
     found = [first]
     for score in scores[1:-1]:
-        found.append(ask.least(score, found[-1]))
+        found.append(forecasts.least(score, found[-1]))
     found.append(second)
-    kept = [found[i] for i in undominated(np.array([ask(place) for place in found]))]
-    kept.sort(key=lambda place: float(ask(place)[0]))
+    kept = [
+        found[i] for i in undominated(np.array([forecasts(coordinates) for coordinates in found]))
+    ]
+    kept.sort(key=lambda coordinates: float(forecasts(coordinates)[0]))
     result = []
-    for place in kept:
-        result.append(_tried(box, campaign, goals, bench, place, ask(place)))
+    for coordinates in kept:
+        result.append(
+            _measured(space, campaign, goals, runner, coordinates, forecasts(coordinates))
+        )
         if watch:
             watch(result[-1])
     return result
@@ -107,7 +113,7 @@ def _weighted(fraction: float, pair: Floats) -> float:
 
 
 def undominated(values: Floats) -> list[int]:
-    """Which of values (n, k) no other beats or equals in all columns; of equal ones the first."""
+    """Indices of the non-dominated rows of values (n, k), least best; of equal rows the first."""
     return [
         i
         for i, one in enumerate(values)
@@ -120,7 +126,7 @@ def undominated(values: Floats) -> list[int]:
 
 
 def cost_of(campaign: Campaign, goal: str) -> Callable[..., float] | None:
-    """The model of what a design costs, None where the goal is an error."""
+    """The cost model of a goal, None where the goal is an error."""
     needs = campaign.requirements
     models = {
         "mass": needs.mass,
@@ -132,26 +138,26 @@ def cost_of(campaign: Campaign, goal: str) -> Callable[..., float] | None:
     return models.get(goal)
 
 
-class _Asked:
-    """Logarithms of both goals by the budget, each place asked once."""
+class _Forecasts:
+    """Logarithms of both goals by the budget, computed once for each design."""
 
-    def __init__(self, box: DesignSpace, campaign: Campaign, goals: Goals) -> None:
-        self._box, self._campaign = box, campaign
+    def __init__(self, space: DesignSpace, campaign: Campaign, goals: Goals) -> None:
+        self._space, self._campaign = space, campaign
         self._goals = (goals.first, goals.second)
         self._known = dict[bytes, tuple[Floats, float]]()
 
-    def __call__(self, place: Floats) -> Floats:
-        return self._ask(place)[0]
+    def __call__(self, coordinates: Floats) -> Floats:
+        return self._known_or_new(coordinates)[0]
 
-    def _ask(self, place: Floats) -> tuple[Floats, float]:
-        key = place.tobytes()
+    def _known_or_new(self, coordinates: Floats) -> tuple[Floats, float]:
+        key = coordinates.tobytes()
         if key not in self._known:
-            self._known[key] = self._new(place)
+            self._known[key] = self._new(coordinates)
         return self._known[key]
 
-    def _new(self, place: Floats) -> tuple[Floats, float]:
+    def _new(self, coordinates: Floats) -> tuple[Floats, float]:
         try:
-            case = self._box.design(place)
+            case = self._space.design(coordinates)
             budget, margins = expect(case, self._campaign)
         except ValueError:
             return np.full(2, math.nan), math.nan
@@ -164,33 +170,35 @@ class _Asked:
         return np.log(pair), missed(margins)
 
     def least(self, score: Callable[[Floats], float], start: Floats) -> Floats:
-        """The place where a score of both goals is least, of all so far that meet the requirements.
+        """The least of a score of both goals, of all designs so far that meet the requirements.
 
         Raises  ValueError where none does.
         """
 
-        def asked(place: Floats) -> float:
-            pair, short = self._ask(place)
+        def penalised(coordinates: Floats) -> float:
+            pair, short = self._known_or_new(coordinates)
             return score(pair) + PENALTY * short
 
         fraction = max(1, self._campaign.analytic_evaluations // 2)
-        least_of_all(asked, start, fraction, fraction)
+        least_of_all(penalised, start, fraction, fraction)
         met = {key: score(pair) for key, (pair, short) in self._known.items() if short == 0}
         if not met:
-            raise ValueError("no design of the box meets the requirements that need no trials")
+            raise ValueError(
+                "no design in the design space meets the requirements that need no trials"
+            )
         return np.frombuffer(min(met, key=met.__getitem__))
 
 
-def _tried(
-    box: DesignSpace,
+def _measured(
+    space: DesignSpace,
     campaign: Campaign,
     goals: Goals,
-    bench: TrialRunner,
-    place: Floats,
+    runner: TrialRunner,
+    coordinates: Floats,
     expected: Floats,
 ) -> Point:
-    case = box.design(place)
-    outcomes = bench.run(case, campaign.most_trials, campaign.fidelity, FRESH)
+    case = space.design(coordinates)
+    outcomes = runner.run(case, campaign.most_trials, campaign.fidelity, FRESH)
     measured = []
     for goal, known in zip((goals.first, goals.second), np.exp(expected), strict=True):
         if cost_of(campaign, goal):
@@ -199,4 +207,4 @@ def _tried(
             objective = Objective.read(goal)
             measured.append(float(objective.of(objective.squares(outcomes))) / arcsec)
     both = (float(np.exp(expected[0])), float(np.exp(expected[1])))
-    return Point(tuple(place), box.values(place), both, (measured[0], measured[1]))
+    return Point(tuple(coordinates), space.values(coordinates), both, (measured[0], measured[1]))

@@ -16,9 +16,9 @@ from startrack.montecarlo import Serial, run
 from startrack.optimise.ledger import Ledger
 from startrack.trial import OUTCOMES
 
-FRESH = 10**6  # first trial of the fresh ones: no tuning reaches it
+FRESH = 10**6  # number of the first fresh trial, beyond all that tuning uses
 
-# Names as the first ledgers have them in their keys, so that these stay valid.
+# Earlier names that the keys of ledgers hold: old ledgers stay valid.
 FIRST_NAMES = {
     "SolverSettings": "Attitude",
     "RegionOfInterest": "Region",
@@ -30,14 +30,14 @@ NEW_NAMES = re.compile(rf"\b({'|'.join(FIRST_NAMES)})\b(?=[(=])")
 
 
 class TrialRunner:
-    """Trials of any design on the same skies and with the same streams of noise.
+    """Trials of any design with the same attitudes and random streams.
 
-    A study on a bench is deterministic: started again with the ledger of one that was killed, it
-    finds what was done there and ends with the same answer.
+    A study is deterministic: restarted with the ledger of an interrupted run, it does the missing
+    trials only and has the same result.
 
     seed    of all random numbers
-    ledger  what is remembered, None for this bench's own memory
-    tried   how many trials this bench has done itself, per fidelity
+    ledger  keeps the outcomes; None for one in memory
+    tried   number of trials done by this runner, per fidelity
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class TrialRunner:
         """The outcomes of trials first ... first + trials - 1 of a design.
 
         progress  called with the number of trials that were just done
-        Raises    ValueError where the design cannot be tried, also when asked again.
+        Raises    ValueError where the design cannot be built or rendered, also on each later call.
         """
         key = self._key(case, fidelity, first)
         if reason := self.ledger.refusal(key):
@@ -92,7 +92,7 @@ class TrialRunner:
         return np.concatenate([held, new]).astype(OUTCOMES)
 
     def _key(self, case: Case, fidelity: Fidelity, first: int) -> bytes:
-        # A frozen case writes all its numbers, each with all its digits.
+        # The repr of a frozen case has all its numbers with all their digits.
         written = NEW_NAMES.sub(lambda found: FIRST_NAMES[found[0]], repr(case))
         text = f"{startrack.__version__} {self.seed} {fidelity} {first} {written}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()

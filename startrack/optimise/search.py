@@ -13,16 +13,18 @@ import numpy as np
 
 from startrack.core import Floats, positive, whole, within
 
-REFUSED = 1e6  # score for nlopt of a point that has none: above all others
-REPEATS = 10  # calls for each evaluation, after which a search that repeats itself is ended
+REFUSED = 1e6  # score for nlopt of a point that has none; chosen by hand: above all others
+# Calls for each evaluation, after which a search that repeats points is ended; chosen by hand: a
+# repeated call costs microseconds.
+REPEATS = 10
 
 
 class Algorithm(StrEnum):
     """How to search, by nlopt's name.
 
-    SBPLX              Rowan (1990): Nelder-Mead on subspaces; sees only which of two is less, so
-                       that it bears noise, kinks and refused places
-    BOBYQA             Powell (2009): a quadratic, for smooth functions; COBYLA (1994): a plane
+    SBPLX              Rowan (1990): Nelder-Mead on subspaces; uses only comparisons, so
+                       that it tolerates noise, kinks and points without a score
+    BOBYQA             Powell (2009): a quadratic, for smooth functions; COBYLA (1994): linear
     DIRECT, CRS, MLSL  the whole cube: Gablonsky and Kelley (2001), Kaelo and Ali (2006), Kucherenko
                        and Sytsko (2005) with SBPLX for its descents
     """
@@ -39,10 +41,10 @@ class Algorithm(StrEnum):
 class Search:
     """How long and how finely to search.
 
-    evaluations  places that may be tried
+    evaluations  points that may be evaluated
     first_step   1, side of the first simplex
     last_step    1, steps below which a local search ends
-    seed         of the algorithms that draw
+    seed         of the algorithms with random numbers
     """
 
     algorithm: Algorithm = Algorithm.SBPLX
@@ -62,13 +64,13 @@ class Search:
 class Found:
     """How a search ended.
 
-    place        (d,) the best that was tried, the start where no place has a score
-    score        there; infinite where no place has a score
-    evaluations  how many places were tried
+    coordinates  (d,) of the best point; the start where no point has a score
+    score        there; infinite where no point has a score
+    evaluations  number of points that were evaluated
     ending       one sentence
     """
 
-    place: Floats
+    coordinates: Floats
     score: float
     evaluations: int
     ending: str
@@ -80,21 +82,20 @@ def least(
     search: Search,
     enough: Callable[[], str] | None = None,
 ) -> Found:
-    """Search the unit cube from a start, and return the best place that was tried.
+    """Search the unit cube from a start, and return the best point that was evaluated.
 
-    nlopt is kept from its traps: it gets Python floats alone and each place is a copy of its own;
-    what is not finite counts as refused; no place is tried twice; the number of evaluations holds
-    for algorithms that overrun it; and the incumbent is ours, so that rounding errors and stops
-    do not lose it.
+    Around nlopt: `score` gets a copy of each point; a score that is not finite counts as refused;
+    no point is evaluated twice; the number of evaluations holds also for algorithms that exceed
+    it; the best point is kept here, so that rounding errors and stops do not lose it.
 
-    score    of a place (d,); NaN or infinite where it has none
-    enough   asked after each evaluation; a sentence ends the search
+    score    of a point (d,); NaN or infinite where it has none
+    enough   called after each evaluation; a sentence ends the search
     Raises   what `score` raises; ValueError where the start is not in the cube.
     """
     if not ((start >= 0) & (start <= 1)).all():
         raise ValueError(f"start must lie in the unit cube, got {start}")
     watch = _Watch(score, start, search.evaluations, enough)
-    ending = "nlopt was content"
+    ending = "nlopt converged"
     try:
         engine = _engine(search, start)
         engine.set_min_objective(watch)
@@ -111,7 +112,7 @@ def least(
         if not watch.seen:
             raise ValueError(f"nlopt refused to search: {error}") from None
         ending = "nlopt gave up"
-    return Found(watch.place, watch.best, len(watch.seen), ending)
+    return Found(watch.coordinates, watch.best, len(watch.seen), ending)
 
 
 def least_of_all(
@@ -121,9 +122,9 @@ def least_of_all(
     near: int,
     enough: Callable[[], str] | None = None,
 ) -> Found:
-    """Look at the start, over the whole cube by DIRECT, and around the better of both by Sbplx.
+    """Search the whole cube by DIRECT, then by Sbplx around the better of its best and the start.
 
-    wide, near  places that each of the searches may try
+    wide, near  evaluations of each search
     Returns     what the last search found; it is never worse than the start
     """
     here = least(score, start, Search(evaluations=1), enough)
@@ -133,15 +134,15 @@ def least_of_all(
     if enough and enough():
         return far
     best = min(far, here, key=lambda found: found.score)
-    return least(score, best.place, Search(evaluations=near), enough)
+    return least(score, best.coordinates, Search(evaluations=near), enough)
 
 
 class _Enough(Exception):
-    """Thrown through nlopt to end it."""
+    """Raised through nlopt to end the search."""
 
 
 class _Watch:
-    """The objective as nlopt sees it; it remembers each place."""
+    """The objective function for nlopt, which keeps the score of each point."""
 
     def __init__(
         self,
@@ -151,30 +152,30 @@ class _Watch:
         enough: Callable[[], str] | None,
     ) -> None:
         self.seen = dict[bytes, float]()
-        self.place, self.best = np.array(start, float), math.inf
+        self.coordinates, self.best = np.array(start, float), math.inf
         self._score, self._most, self._enough = score, most, enough
         self._calls = 0
 
     def __call__(self, buffer: Floats, _gradient: Floats) -> float:
-        place = np.clip(np.array(buffer, float), 0, 1)  # nlopt uses its buffer again
-        key = place.tobytes()
+        coordinates = np.clip(np.array(buffer, float), 0, 1)  # nlopt uses its buffer again
+        key = coordinates.tobytes()
         self._calls += 1
         if self._calls > REPEATS * self._most:
-            raise _Enough("the search went in circles")
+            raise _Enough("the search repeated its points")
         if key not in self.seen:
             if len(self.seen) >= self._most:
                 raise _Enough("all evaluations were used")
-            self.seen[key] = self._try(place)
+            self.seen[key] = self._try(coordinates)
             if self._enough and (reason := self._enough()):
                 raise _Enough(reason)
         return self.seen[key]
 
-    def _try(self, place: Floats) -> float:
-        value = float(self._score(place.copy()))
+    def _try(self, coordinates: Floats) -> float:
+        value = float(self._score(coordinates.copy()))
         if not math.isfinite(value):
             return REFUSED
         if value < self.best:
-            self.place, self.best = place, value
+            self.coordinates, self.best = coordinates, value
         return value
 
 

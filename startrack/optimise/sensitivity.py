@@ -14,22 +14,24 @@ from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Interval
 from startrack.optimise.evaluate import forecast
 
-STEP = 0.01  # of each range, for derivatives
-DESIGNS = 64  # base designs of the Sobol indices, a power of two; each costs d + 2
+STEP = 0.01  # of each range, for derivatives; chosen by hand: the budget is smooth over it
+# Base designs of the Sobol indices, a power of two; each needs d + 2 budgets. Chosen by hand: more
+# designs narrow the intervals, which the result states.
+DESIGNS = 64
 RESAMPLES = 999  # of the bootstrap, as scipy's own
 BOOTSTRAP = 2  # names the stream of the resampling
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Of one variable.
+    """How the error depends on one variable.
 
     name       path in the case
     error      arcsec, at the design
-    low, high  arcsec, where the variable alone goes to its bound; NaN where that leaves no attitude
+    low, high  arcsec, with this variable alone at its bound; NaN where no attitude is found
     slope      d ln(error) / d ln(variable) at the design; 0 where the variable is 0
     first      first-order Sobol index with its 95 % interval: fraction of the variance of ln(error)
-               over the box that goes with this variable alone
+               over the design space that is due to this variable alone
     total      total index: the fraction that would be left if all others were known
     """
 
@@ -43,16 +45,16 @@ class Sensitivity:
 
 
 def sensitivities(
-    box: DesignSpace, campaign: Campaign, seed: int, designs: int = DESIGNS
+    space: DesignSpace, campaign: Campaign, seed: int, designs: int = DESIGNS
 ) -> list[Sensitivity]:
-    """Derivatives at the design, excursions to the bounds, and Sobol indices over the box.
+    """Derivatives at the design, excursions to the bounds, and Sobol indices over the space.
 
     All by the analytic budget, which has no noise. The indices are of ln(error), as an error over
-    a wide box spans decades. Estimators: Saltelli et al. (2010), table 2 (b), for the first and
+    a wide range spans decades. Estimators: Saltelli et al. (2010), table 2 (b), for the first and
     Jansen (1999), table 2 (f) there, for the total, at the points of scipy.stats.sobol_indices.
     Intervals: bootstrap (bias-corrected and accelerated) over the base designs.
 
-    seed     of the points of the box and of the bootstrap
+    seed     of the points and of the bootstrap
     designs  base designs, a power of two
     Returns  in order of the variables; of one alone both indices are 1
     Raises    ValueError where the budget expects no attitude at the design, or nearly nowhere.
@@ -63,26 +65,28 @@ def sensitivities(
         raise ValueError(f"designs must be a power of two, got {designs}")
     objective = Objective.read(campaign.objective)
 
-    def log_error(place: Floats) -> float:
+    def log_error(coordinates: Floats) -> float:
         try:
-            error = forecast(box.design(np.clip(place, 0, 1)), objective)
+            error = forecast(space.design(np.clip(coordinates, 0, 1)), objective)
         except ValueError:
             return math.nan
         return math.log(error / arcsec) if error > 0 else math.nan
 
-    centre = box.start
+    centre = space.start
     here = log_error(centre)
     if not math.isfinite(here):
         raise ValueError("the design must be expected to find its attitude, it is not")
-    fractions = _indices(log_error, len(box), designs, seed)
+    fractions = _indices(log_error, len(space), designs, seed)
     result = []
-    for i, variable in enumerate(box.variables):
+    for i, variable in enumerate(space.variables):
         ends = [_moved(centre, i, at) for at in (0.0, 1.0)]
         step = [_moved(centre, i, float(np.clip(centre[i] + s, 0, 1))) for s in (-STEP, STEP)]
         change = log_error(step[1]) - log_error(step[0])
-        values = [box.values(place)[variable.name] for place in step]
-        slope = change / (values[1] - values[0]) * box.values(centre)[variable.name] + 0.0  # not -0
-        low, high = (math.exp(log_error(place)) for place in ends)
+        values = [space.values(coordinates)[variable.name] for coordinates in step]
+        slope = (
+            change / (values[1] - values[0]) * space.values(centre)[variable.name] + 0.0
+        )  # not -0
+        low, high = (math.exp(log_error(coordinates)) for coordinates in ends)
         result.append(
             Sensitivity(
                 variable.name,
@@ -109,7 +113,9 @@ def _indices(
         return _saltelli_jansen(f_A, f_B, f_AB)
 
     indices = scipy.stats.sobol_indices(
-        func=lambda places: _filled(np.array([log_error(place) for place in places.T]))[None],
+        func=lambda points: _filled(np.array([log_error(coordinates) for coordinates in points.T]))[
+            None
+        ],
         n=designs,
         dists=[scipy.stats.uniform()] * d,
         rng=np.random.default_rng(seed),
@@ -147,15 +153,17 @@ def _saltelli_jansen(f_a: Floats, f_b: Floats, f_ab: Floats) -> tuple[Floats, Fl
     return first.T, total.T
 
 
-def _moved(place: Floats, axis: int, to: float) -> Floats:
-    moved = place.copy()
+def _moved(coordinates: Floats, axis: int, to: float) -> Floats:
+    moved = coordinates.copy()
     moved[axis] = to
     return moved
 
 
 def _filled(values: Floats) -> Floats:
-    """The same with the largest for what is unknown."""
+    """The values with the largest in place of those that are not finite."""
     known = np.isfinite(values)
     if not known.mean() > 0.5:
-        raise ValueError("more than half of the box has no attitude; its indices mean nothing")
+        raise ValueError(
+            "more than half of the design space has no attitude; its indices mean nothing"
+        )
     return np.where(known, values, values[known].max())

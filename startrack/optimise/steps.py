@@ -19,52 +19,53 @@ from startrack.optimise.margins import margins as margins_of
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import Found, Search, least, least_of_all
 
-PROSPECT_FRACTION = (
-    0.6  # of the places are spread over the whole box, the rest around the best of them
-)
+# Of the evaluations of `prospect` that DIRECT has over the whole space; the rest refine its best.
+# Chosen by hand: more find other basins, fewer leave more for the best one.
+PROSPECT_FRACTION = 0.6
 
 
-def prospect(box: DesignSpace, campaign: Campaign, start: Floats) -> Found:
-    """Look over the whole box by DIRECT, then nearer by Sbplx, without a trial.
+def prospect(space: DesignSpace, campaign: Campaign, start: Floats) -> Found:
+    """Search the whole space by DIRECT, then locally by Sbplx, without trials.
 
-    Accuracy  model: that of `foresee`; the place is one to begin at, never one to end with.
+    Accuracy  model: that of `foresee`; the result is a start for a search with trials.
     """
 
-    def score(place: Floats) -> float:
-        return foresee(box, campaign, place)
+    def score(coordinates: Floats) -> float:
+        return foresee(space, campaign, coordinates)
 
     near = max(1, int((1 - PROSPECT_FRACTION) * campaign.analytic_evaluations))
     return least_of_all(score, start, ceil(PROSPECT_FRACTION * campaign.analytic_evaluations), near)
 
 
-PLACES = 120  # that are asked over the whole box, and again around the best of them
+# Evaluations of `reach` over the whole space, and again around the best. Chosen by hand: more find
+# smaller feasible corners; each takes the margins of one design.
+REACH_EVALUATIONS = 120
 
 
 class Reached(NamedTuple):
-    """The place that comes nearest to the requirements.
+    """The design that is nearest to the requirements.
 
-    place    in the unit cube; the start where that meets them all
-    short    1, by how much their margins are missed there; 0 where none is
-    margins  there
+    coordinates  (d,) in the unit cube; those of the start where it meets them all
+    short        1, sum of the amounts by which margins are missed; 0 where none is
+    margins      of the design
     """
 
-    place: Floats
+    coordinates: Floats
     short: float
     margins: dict[str, float]
 
 
-def reach(box: DesignSpace, requirements: Requirements) -> Reached:
-    """Look for a design that meets mass, power and all else that needs no trials.
+def reach(space: DesignSpace, requirements: Requirements) -> Reached:
+    """Search a design that meets mass, power and all other requirements that need no trials.
 
-    Accuracy  model: a search; a corner that meets them may be missed where it is smaller than a
-              part in 120 of the box.
+    Accuracy  model: a feasible corner may be missed where it is smaller than 1 / 120 of the space.
     """
 
     tried = list[float]()
 
-    def score(place: Floats) -> float:
+    def score(coordinates: Floats) -> float:
         try:
-            tried.append(missed(margins_of(requirements, box.design(place))))
+            tried.append(missed(margins_of(requirements, space.design(coordinates))))
         except ValueError:
             return math.nan
         return tried[-1]
@@ -72,59 +73,62 @@ def reach(box: DesignSpace, requirements: Requirements) -> Reached:
     def enough() -> str:
         return "met" if 0.0 in tried else ""
 
-    found = least_of_all(score, box.start, PLACES, PLACES, enough)
+    found = least_of_all(score, space.start, REACH_EVALUATIONS, REACH_EVALUATIONS, enough)
     margins = {}
     if math.isfinite(found.score):
-        margins = margins_of(requirements, box.design(found.place))
-    return Reached(found.place, found.score, margins)
+        margins = margins_of(requirements, space.design(found.coordinates))
+    return Reached(found.coordinates, found.score, margins)
 
 
-PRIOR = 0.3  # standard deviation of ln(measured / expected), chosen by hand
-PRIOR_SLOPE = 1.0  # of its slope over the cube; 0.9 was found along the blur of the example
+# Standard deviations of ln(measured / expected) and of its slope over the cube. Chosen by hand: the
+# wider, the more the noise of few designs moves the correction. The slope was 0.9 along the blur of
+# the example.
+PRIOR = 0.3
+PRIOR_SLOPE = 1.0
 SCATTER = 0.5  # variance of ln(measured) from one trial; 1/4 for two axes and 1/2 for one, at least
 
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """ln(measured error / expected error), a plane over the cube, and how well it is known.
+    """ln(measured error / expected error) as a linear function over the cube, and its covariance.
 
-    The error of n trials is known to 1 / sqrt(4 n) at best, which is more than what neighbouring
-    designs differ by. The budget has no noise, but is wrong by a factor that changes slowly;
-    all designs that were tried together show by which.
+    The relative standard error of n trials is 1 / sqrt(4 n) at best, more than the difference
+    between neighbouring designs. The budget has no noise but an error that changes slowly over the
+    cube, which the trials of all designs estimate together.
 
-    middle      (d,) place
-    terms       (d + 1,) the value there, and the slope
-    covariance  (d + 1, d + 1) of these
+    middle      (d,) unit-cube coordinates
+    terms       (d + 1,) the value at the middle, and the slope
+    covariance  (d + 1, d + 1) of the terms
     """
 
     middle: Floats
     terms: Floats
     covariance: Floats
 
-    def __call__(self, place: Floats) -> float:
-        """At a place (d,)."""
-        return float(self.terms @ np.append(1.0, place - self.middle))
+    def __call__(self, coordinates: Floats) -> float:
+        """The correction at unit-cube coordinates (d,)."""
+        return float(self.terms @ np.append(1.0, coordinates - self.middle))
 
-    def doubt(self, one: Floats, other: Floats) -> float:
-        """Standard error of the difference between two places."""
+    def standard_error(self, one: Floats, other: Floats) -> float:
+        """Standard error of the difference of the correction between two designs."""
         apart = np.append(0.0, one - other)
         return math.sqrt(float(apart @ self.covariance @ apart))
 
 
 def correct(tried: Sequence[Evaluation], middle: Floats, reach: float) -> Correction:
-    """The plane through the designs that were tried within `reach` of a place along each axis.
+    """Fit the correction to the designs within `reach` of the middle along each axis.
 
-    Least squares, each design with the weight of its trials, with Gaussian priors on the value
-    and the slopes, so that what few designs leave open stays near zero.
+    Least squares weighted by the trials of each design, with Gaussian priors on the value and the
+    slopes, so that terms that few designs constrain stay near zero.
     """
     near = [
         one
         for one in tried
         if one.error > 0
         and one.expected > 0
-        and np.abs(np.array(one.place) - middle).max() <= reach
+        and np.abs(np.array(one.coordinates) - middle).max() <= reach
     ]
-    terms = np.array([[1.0, *(np.array(one.place) - middle)] for one in near])
+    terms = np.array([[1.0, *(np.array(one.coordinates) - middle)] for one in near])
     terms = terms.reshape(-1, len(middle) + 1)
     ratio = np.array([math.log(one.error / one.expected) for one in near])
     weight = np.array([one.trials / SCATTER for one in near])
@@ -135,24 +139,24 @@ def correct(tried: Sequence[Evaluation], middle: Floats, reach: float) -> Correc
     return Correction(middle, covariance @ (terms.T @ (weight * ratio)), covariance)
 
 
-FIRST_STEP = 0.15  # of each range; each pass starts with half the step of the one before
-NEAR = 4.0  # first steps around the start of a pass, within which the budget is corrected
-PATIENCE = 3  # designs for each variable and one more, without a gain above the noise; by hand
-FRACTION = 0.6  # of the evaluations left that a pass may take, unless it is the last; by hand
-LEAST_GAIN = 2e-3  # of ln(error), less than which is no gain; chosen by hand
+# All chosen by hand.
+FIRST_STEP = 0.15  # of each range, halved from pass to pass: larger explores, smaller converges
+NEAR = 4.0  # first steps around the start of a pass, within which designs fit the correction
+PATIENCE = 3  # designs per term of the correction without a gain: evaluations against gain
+FRACTION = 0.6  # of the remaining evaluations that a pass may use, unless it is the last
+LEAST_GAIN = 2e-3  # of ln(error), below which a gain does not justify more evaluations
 
 Watch = Callable[[Evaluation], None]
 
 
 def refine(
-    box: DesignSpace, start: Floats, campaign: Campaign, bench: TrialRunner, watch: Watch
+    space: DesignSpace, start: Floats, campaign: Campaign, runner: TrialRunner, watch: Watch
 ) -> tuple[list[Evaluation], str]:
-    """Search from a start with the campaign's trials, then with twice as many, to its most.
+    """Search from a start in passes, with twice the trials in each, up to the campaign's most.
 
-    What a pass has tried corrects the budget for the next; a design that cannot lead is not tried,
-    which leaves the trials to those that can. A pass ends when the best has not
-    gained for a while by more than the standard error of that correction between two places: what
-    is won beyond that is the noise's.
+    The trials of a pass correct the budget for the next. A design that cannot be the best by its
+    score without trials gets none. A pass ends when the best has not improved for some designs by
+    more than the standard error of the correction between two designs.
 
     Returns  the evaluations of the last pass, best first, and a sentence on how it ended
     """
@@ -164,28 +168,30 @@ def refine(
         fraction = left if last else math.ceil(FRACTION * left)
         tried = []
         correction = correct(before, start, NEAR * step)
-        settled = _Settled(correction)
+        stagnation = _Stagnation(correction)
 
         def score(
-            place: Floats,
+            coordinates: Floats,
             trials: int = trials,
-            settled: _Settled = settled,
+            stagnation: _Stagnation = stagnation,
             tried: list[Evaluation] = tried,
             correction: Correction = correction,
         ) -> float:
-            # The first designs of a pass, one a term of the plane, are always tried.
-            tell = sum(one.trials > 0 for one in tried) < len(correction.terms)
-            lead = math.inf if tell else min(one.score for one in tried)
-            done = evaluate(box, campaign, place, bench, trials, correction, True, lead)
+            # The first designs of a pass, one per term of the correction, always get trials.
+            first = sum(one.trials > 0 for one in tried) < len(correction.terms)
+            lead = math.inf if first else min(one.score for one in tried)
+            done = evaluate(space, campaign, coordinates, runner, trials, correction, True, lead)
             tried.append(done)
             before.append(done)
-            settled.see(done)
+            stagnation.see(done)
             watch(done)
             return done.score
 
-        found = least(score, start, Search(evaluations=max(1, fraction), first_step=step), settled)
+        found = least(
+            score, start, Search(evaluations=max(1, fraction), first_step=step), stagnation
+        )
         left -= found.evaluations
-        start, step, ending = found.place, step / 2, found.ending
+        start, step, ending = found.coordinates, step / 2, found.ending
         if left <= 0:
             break
     return sorted(tried, key=lambda one: (not one.feasible, one.score)), ending
@@ -199,134 +205,139 @@ def growth(first: int, most: int) -> Iterator[int]:
     yield most
 
 
-class _Settled:
-    """Whether a pass still gains more than its noise."""
+class _Stagnation:
+    """Ends a pass that no longer gains more than its noise."""
 
     def __init__(self, correction: Correction) -> None:
         self._correction = correction
-        self._anchor: Evaluation | None = None  # the best when it last gained
-        self._quiet = 0
+        self._anchor: Evaluation | None = None  # the best at the last gain
+        self._since = 0
 
     def see(self, done: Evaluation) -> None:
-        self._quiet += 1
+        self._since += 1
         if self._anchor is None or self._gain(done, self._anchor):
-            self._anchor, self._quiet = done, 0
+            self._anchor, self._since = done, 0
 
     def __call__(self) -> str:
         patience = PATIENCE * len(self._correction.terms)
-        return "a further gain would be within the noise" if self._quiet >= patience else ""
+        return "a further gain would be within the noise" if self._since >= patience else ""
 
     def _gain(self, done: Evaluation, anchor: Evaluation) -> bool:
-        doubt = self._correction.doubt(np.array(done.place), np.array(anchor.place))
-        return anchor.score - done.score > max(doubt, LEAST_GAIN)
+        noise = self._correction.standard_error(
+            np.array(done.coordinates), np.array(anchor.coordinates)
+        )
+        return anchor.score - done.score > max(noise, LEAST_GAIN)
 
 
-ROUND = 4  # evaluations for each variable, and once more, that a branch has in a round at most
-RACE_FRACTION = (
-    2 / 3
-)  # of the evaluations that all rounds together may take; the rest refine the winner
-SURE = 0.997  # confidence at which a branch is worse than the leader: 3 sigma
+ROUND = 4  # evaluations at most of a branch in a round, per variable and one more; chosen by hand
+# Of the evaluations that all rounds together may use; the rest refine the winner. Chosen by hand.
+RACE_FRACTION = 2 / 3
+# Confidence at which a branch is worse than the leader: 3 sigma. Chosen by hand: a lower one saves
+# evaluations and loses good branches more often.
+SURE = 0.997
 
 
 @dataclass
-class _Runner:
-    """A branch, its best place so far, and the step that its next search begins with."""
+class _Branch:
+    """A branch, its best design so far, and the first step of its next search."""
 
     label: str
-    box: DesignSpace
-    place: Floats
+    space: DesignSpace
+    coordinates: Floats
     step: float = FIRST_STEP
     best: Evaluation | None = None
 
 
 def race(
-    boxes: Mapping[str, DesignSpace],
+    spaces: Mapping[str, DesignSpace],
     starts: Mapping[str, Floats],
     campaign: Campaign,
-    bench: TrialRunner,
+    runner: TrialRunner,
     watch: Watch,
 ) -> tuple[str, Floats]:
-    """Search all branches in rounds; each round keeps the better half, and no clear loser.
+    """Search all branches in rounds; each keeps the better half, without those clearly worse.
 
     Source: successive halving, Jamieson and Talwalkar (2016), with the test of a race (Maron and
-    Moore 1994), here in pairs on the same trials.
+    Moore 1994), here paired on the same trials.
 
-    campaign  of whose evaluations it takes two thirds at most, but one a branch in each round
-    Returns   the winner and its best place; at once where there is one branch alone
+    campaign  two thirds of its evaluations are used at most, but one per branch in each round
+    Returns   label of the winner and its best coordinates; at once where there is one branch only
     """
-    field = [_Runner(label, box, starts[label]) for label, box in boxes.items()]
+    field = [_Branch(label, space, starts[label]) for label, space in spaces.items()]
     runs = _runs(len(field))
     each = max(1, int(RACE_FRACTION * campaign.evaluations) // runs) if runs else 0
     while len(field) > 1:
-        for runner in field:
-            _run(runner, each, campaign, bench, watch)
+        for branch in field:
+            _run(branch, each, campaign, runner, watch)
         field.sort(key=_score)
         half = field[: math.ceil(len(field) / 2)]
         field = [
-            one for one in half if one is half[0] or not _beaten(one, half[0], campaign, bench)
+            one for one in half if one is half[0] or not _beaten(one, half[0], campaign, runner)
         ]
-    return field[0].label, field[0].place
+    return field[0].label, field[0].coordinates
 
 
 def _runs(branches: int) -> int:
-    """How often branches run in all rounds of a race in which none is beaten early."""
+    """Number of searches in all rounds of a race in which no branch is beaten early."""
     return branches + _runs(math.ceil(branches / 2)) if branches > 1 else 0
 
 
-def _run(runner: _Runner, most: int, campaign: Campaign, bench: TrialRunner, watch: Watch) -> None:
-    def score(place: Floats) -> float:
-        done = evaluate(runner.box, campaign, place, bench, spare=True)
+def _run(branch: _Branch, most: int, campaign: Campaign, runner: TrialRunner, watch: Watch) -> None:
+    def score(coordinates: Floats) -> float:
+        done = evaluate(branch.space, campaign, coordinates, runner, spare=True)
         watch(done)
-        if runner.best is None or done.score < runner.best.score:
-            runner.best = done
+        if branch.best is None or done.score < branch.best.score:
+            branch.best = done
         return done.score
 
-    evaluations = min(most, ROUND * (len(runner.box) + 1))
-    search = Search(evaluations=evaluations, first_step=runner.step)
-    runner.place = least(score, runner.place, search).place
-    runner.step /= 2
+    evaluations = min(most, ROUND * (len(branch.space) + 1))
+    search = Search(evaluations=evaluations, first_step=branch.step)
+    branch.coordinates = least(score, branch.coordinates, search).coordinates
+    branch.step /= 2
 
 
-def _score(runner: _Runner) -> float:
-    return runner.best.score if runner.best else math.inf
+def _score(branch: _Branch) -> float:
+    return branch.best.score if branch.best else math.inf
 
 
-def _beaten(one: _Runner, leader: _Runner, campaign: Campaign, bench: TrialRunner) -> bool:
+def _beaten(one: _Branch, leader: _Branch, campaign: Campaign, runner: TrialRunner) -> bool:
     if not (one.best and leader.best and one.best.error > 0 and leader.best.error > 0):
         return False
     rms = Objective(Objective.read(campaign.objective).axes)
     mine, theirs = (
-        rms.squares(bench.run(each.box.design(each.place), campaign.trials, campaign.fidelity))
+        rms.squares(
+            runner.run(each.space.design(each.coordinates), campaign.trials, campaign.fidelity)
+        )
         for each in (one, leader)
     )
-    return rms.ratio(mine, theirs, bench.seed, confidence=SURE).low > 1
+    return rms.ratio(mine, theirs, runner.seed, confidence=SURE).low > 1
 
 
-LOOKS = 4  # at 1, 2, 4 and 8 times the fresh trials
-WRONG = 0.05  # probability that any of these looks finds a bound that does not hold
+LOOKS = 4  # at 1, 2, 4 and 8 times the fresh trials; chosen by hand: trials against a decision
+WRONG = 0.05  # probability that a bound at any of these does not hold: 95 % confidence
 
 
 def availability(
-    case: Case, campaign: Campaign, bench: TrialRunner, outcomes: NDArray[np.void]
+    case: Case, campaign: Campaign, runner: TrialRunner, outcomes: NDArray[np.void]
 ) -> Interval:
-    """The fraction of trials with a right attitude, known as well as the requirement asks.
+    """The fraction of trials with a right attitude, with bounds for the requirement.
 
     Where the interval holds the required fraction, the trials are doubled, up to three times, with
-    the campaign's own fidelity, which has the distribution of frames at a tenth of their time. Each
-    bound is one of Clopper and Pearson (1934) with a tail of 0.05 / 4, so that it is wrong at most
-    once in twenty designs, however many looks there were (Bonferroni).
+    the campaign's own fidelity, which has the distribution of frames in less time. Each bound
+    is one of Clopper and Pearson (1934) with a tail of 0.05 / 4, so that at most 5 % of the designs
+    have a wrong bound at any of the looks (Bonferroni).
 
-    outcomes  of the fresh frames that are there already
-    Returns   the fraction of all that were tried, and its bounds
+    outcomes  of the fresh frames that exist already
+    Returns   the fraction over all trials, and its bounds
     """
     tried, hits = len(outcomes), _right(outcomes)
-    asked = campaign.requirements.min_availability
-    first = FRESH + tried  # the same numbers would be the same skies
+    required = campaign.requirements.min_availability
+    first = FRESH + tried  # repeated numbers would repeat the attitudes
     for look in range(LOOKS):
         fraction = fraction_interval(hits, tried, 1 - 2 * WRONG / LOOKS)
-        if not tried or not fraction.low < asked <= fraction.high or look == LOOKS - 1:
+        if not tried or not fraction.low < required <= fraction.high or look == LOOKS - 1:
             break
-        more = bench.run(case, tried, campaign.fidelity, first)
+        more = runner.run(case, tried, campaign.fidelity, first)
         first, tried, hits = first + tried, 2 * tried, hits + _right(more)
     return fraction
 

@@ -23,7 +23,7 @@ FRACTIONS = (0.025, 0.16, 0.5, 0.84, 0.975)
 
 
 def write_evaluations(path: Path, evaluations: Sequence[Evaluation]) -> None:
-    """All designs that were tried; variables in SI, errors in arcsecond."""
+    """Write all evaluated designs; variables in SI, errors in arcsecond."""
     margins = list(dict.fromkeys(name for one in evaluations for name in one.margins))
     variables = list(evaluations[0].values)
     head = ["evaluation", *variables, "across_rms_arcsec", "about_rms_arcsec", "availability",
@@ -45,8 +45,8 @@ def write_evaluations(path: Path, evaluations: Sequence[Evaluation]) -> None:
 
 def comparison(optimum: Optimum, campaign: Campaign) -> str:
     """Start and best side by side, as Markdown."""
-    box = optimum.box
-    before, after = box.text(optimum.start), box.text(optimum.best)
+    space = optimum.space
+    before, after = space.text(optimum.start), space.text(optimum.best)
     lines = ["| | start | best |", "|---|---|---|"]
     lines += [f"| {name.split('.', 1)[1]} | {before[name]} | {after[name]} |" for name in before]
     start, best = optimum.fresh
@@ -83,16 +83,15 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         "",
         f"Better by a factor of {factor.value:.2f} [{factor.low:.2f}, {factor.high:.2f}] in the "
         f"{Objective.read(campaign.objective)}, on {start.trials} fresh frames, paired. {designs} "
-        f"designs were tried, with {campaign.trials} to {campaign.most_trials} trials each. The "
+        f"designs were evaluated, with {campaign.trials} to {campaign.most_trials} trials each. The "
         f"error on the tuning trials was {tuning:.{_digits(tuning)}f} arcsec; fresh frames show "
         f"{optimism.value:.3f} [{optimism.low:.3f}, {optimism.high:.3f}] of that. {trials} trials "
         f"were done in all. The availability is at least {100 * fraction.low:.2f} % "
-        f"(asked: {100 * needs.min_availability:g} %), a wrong attitude comes in at most "
-        f"{100 * best.false.high:.2f} % of the frames. Brackets and bounds hold with 95 % "
-        "confidence.",
+        f"(required: {100 * needs.min_availability:g} %); at most {100 * best.false.high:.2f} % of "
+        "the frames have a wrong attitude. Brackets and bounds hold with 95 % confidence.",
     ]
     if optimum.branch:
-        lines += ["", f"Of the choices the best took {optimum.branch}."]
+        lines += ["", f"The best design has the choices {optimum.branch}."]
     if optimum.lacking:
         short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())
         lines += ["", f"NOT MET, the least violated first: {short}."]
@@ -101,9 +100,9 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
 
 def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
     """The tolerance region for JSON, variables in SI."""
-    names = [variable.name for variable in tolerance.box.variables]
-    places = np.quantile(tolerance.samples, FRACTIONS, axis=0)
-    rows = [tolerance.box.values(place) for place in places]
+    names = [variable.name for variable in tolerance.space.variables]
+    points = np.quantile(tolerance.samples, FRACTIONS, axis=0)
+    rows = [tolerance.space.values(coordinates) for coordinates in points]
     return {
         "limit_arcsec": tolerance.limit / arcsec,
         "quantiles": list(FRACTIONS),
@@ -119,32 +118,32 @@ def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
 
 
 def chain_values(chains: Chains) -> dict[str, Any]:
-    """For JSON, what tells whether samples may be believed."""
+    """Convergence diagnostics for JSON."""
     return {
         "acceptance": chains.acceptance,
         "autocorrelation_steps": float(chains.autocorrelation.max()),
         "effective_samples": float(chains.effective.min()),
         "split_r_hat": float(chains.split_r_hat.max()),
         "converged": chains.converged,
-        "doubt": chains.doubt,
+        "doubt": chains.reason_unconverged,
     }
 
 
 def chain_text(chains: Chains) -> str:
-    """The same for a person."""
+    """Convergence diagnostics as a sentence."""
     return (
         f"{chains.effective.min():.0f} independent samples, acceptance {chains.acceptance:.2f}, "
         f"split R-hat {chains.split_r_hat.max():.4f} over {len(chains.samples)} independent "
-        f"ensembles, {f'NOT converged: {chains.doubt}' if chains.doubt else 'converged'}"
+        f"ensembles, {f'NOT converged: {chains.reason_unconverged}' if chains.reason_unconverged else 'converged'}"
     )
 
 
 def tolerance_table(tolerance: Tolerance) -> str:
-    """Where each variable may lie, as Markdown."""
-    box = tolerance.box
-    places = np.quantile(tolerance.samples, FRACTIONS, axis=0)
-    texts = [box.text(box.design(place)) for place in places]
-    centre = box.text(box.case)
+    """Quantiles of each variable in the tolerance region, as Markdown."""
+    space = tolerance.space
+    points = np.quantile(tolerance.samples, FRACTIONS, axis=0)
+    texts = [space.text(space.design(coordinates)) for coordinates in points]
+    centre = space.text(space.case)
     head = (
         "| variable | design | "
         + " | ".join(f"{100 * fraction:g} %" for fraction in FRACTIONS)
@@ -158,18 +157,19 @@ def tolerance_table(tolerance: Tolerance) -> str:
         "",
         f"Quantiles of the designs that keep the error below {tolerance.limit / arcsec:.2f} "
         f"arcsec and meet the requirements: {chain_text(tolerance.chains)}. The response surface "
-        f"is off by {100 * tolerance.surface_error:.1f} % leaving one out, by "
-        f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs "
-        f"({len(tolerance.evaluations)} designs in all); it gave them a probability of "
-        f"{tolerance.expected:.2f} to belong, and {tolerance.kept:.2f} of them did.",
+        f"has an error of {100 * tolerance.surface_error:.1f} % by leave-one-out and of "
+        f"{100 * tolerance.check_error:.1f} % at {tolerance.checks} designs that are not in the fit "
+        f"({len(tolerance.evaluations)} designs in all); it predicted that a fraction of "
+        f"{tolerance.expected:.2f} of these is within the limits, Monte Carlo found "
+        f"{tolerance.kept:.2f}.",
     ]
     return "\n".join(lines)
 
 
 def write_samples(path: Path, tolerance: Tolerance) -> None:
-    """The samples of the region; variables in SI."""
-    names = [variable.name for variable in tolerance.box.variables]
-    rows = (tolerance.box.values(place).values() for place in tolerance.samples)
+    """Write the samples of the region; variables in SI."""
+    names = [variable.name for variable in tolerance.space.variables]
+    rows = (tolerance.space.values(coordinates).values() for coordinates in tolerance.samples)
     save_csv(path, names, rows)
 
 
@@ -190,5 +190,5 @@ def _written(interval: Interval, unit: float = arcsec) -> str:
 
 
 def _digits(value: float) -> int:
-    """Decimals that show a value in two digits at least; two for what is none or zero."""
+    """Decimals for at least two significant digits; two where the value is NaN or zero."""
     return max(2, 1 - math.floor(math.log10(value))) if value > 0 else 2

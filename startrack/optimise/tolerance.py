@@ -19,7 +19,7 @@ from startrack.optimise.runner import TrialRunner
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Least-squares quadratic of one or more results over places.
+    """Least-squares quadratic of one or more results over the variables.
 
     coefficients  (terms, k)
     error         (k,) root mean square of the leave-one-out residuals
@@ -28,23 +28,23 @@ class Surface:
     coefficients: Floats
     error: Floats
 
-    def __call__(self, place: Floats) -> Floats:
-        """The results (n, k) at places (n, d)."""
-        return _terms(place) @ self.coefficients
+    def __call__(self, coordinates: Floats) -> Floats:
+        """The results (n, k) at points (n, d)."""
+        return _terms(coordinates) @ self.coefficients
 
 
-def fit(place: Floats, result: Floats) -> Surface:
+def fit(coordinates: Floats, result: Floats) -> Surface:
     """Fit a quadratic.
 
-    place   (n, d) in [-1, 1]
-    result  (n, k)
-    Raises  ValueError where there are no more points than the quadratic has terms.
+    coordinates  (n, d) in [-1, 1]
+    result       (n, k)
+    Raises       ValueError where there are no more points than the quadratic has terms.
     """
-    terms = _terms(place)
-    if len(place) <= terms.shape[1]:
+    terms = _terms(coordinates)
+    if len(coordinates) <= terms.shape[1]:
         raise ValueError(
-            f"a quadratic in {place.shape[1]} variables needs more than {terms.shape[1]} designs, "
-            f"got {len(place)}"
+            f"a quadratic in {coordinates.shape[1]} variables needs more than {terms.shape[1]} "
+            f"designs, got {len(coordinates)}"
         )
     coefficients = np.asarray(np.linalg.lstsq(terms, result, rcond=None)[0], float)
     q, _ = np.linalg.qr(terms)
@@ -58,35 +58,38 @@ def terms_needed(dimensions: int) -> int:
     return (dimensions + 1) * (dimensions + 2) // 2
 
 
-def _terms(place: Floats) -> Floats:
-    n, d = place.shape
+def _terms(coordinates: Floats) -> Floats:
+    n, d = coordinates.shape
     i, j = np.triu_indices(d)
-    return np.column_stack([np.ones(n), place, place[:, i] * place[:, j]])
+    return np.column_stack([np.ones(n), coordinates, coordinates[:, i] * coordinates[:, j]])
 
 
+# Chosen by hand: more designs reduce the surface's error and cost trials in proportion.
 DESIGNS_PER_TERM = 2.5
-CHECKS = 12
+CHECKS = 12  # designs that check the surface; chosen by hand, as above
+START_WIDTH = 0.3  # of the region, half of it, in which walkers start; chosen by hand
+LEAST_ERROR = 1e-6  # of a surface, so that an exact fit has a finite density
 
 
 @dataclass(frozen=True, eq=False)
 class Tolerance:
     """The designs around a centre that keep the error under a limit.
 
-    box            the variables
-    chains         places in the box's unit cube, drawn in proportion to the probability that the
-                   design meets the limit and the requirements
-    limit          radian, error that must be kept
+    space          the variables
+    chains         unit-cube coordinates, drawn in proportion to the probability that the design
+                   meets the limit and the requirements
+    limit          radian, largest error that is allowed
     surface_error  ln(error), leave-one-out error of the response surface
-    check_error    ln(error), rms difference to Monte Carlo at designs of the region that the
-                   surface has not seen
-    expected       1, mean probability of those designs to keep the limit and the requirements, by
-                   the surface
+    check_error    ln(error), rms difference to Monte Carlo at designs of the region that are
+                   not in the fit
+    expected       1, mean probability by the surface that these designs keep the limit and the
+                   requirements
     kept           1, fraction of them that did by Monte Carlo
     checks         how many of these designs there were
-    evaluations    all designs that were tried
+    evaluations    all designs that were evaluated
     """
 
-    box: DesignSpace
+    space: DesignSpace
     chains: Chains
     limit: float
     surface_error: float
@@ -98,45 +101,45 @@ class Tolerance:
 
     @property
     def samples(self) -> Floats:
-        """(n, d) places."""
+        """(n, d) unit-cube coordinates."""
         return self.chains.flat
 
 
 def sample(
     case: Case,
     campaign: Campaign,
-    bench: TrialRunner,
+    runner: TrialRunner,
     watch: Callable[[Evaluation], None] | None = None,
 ) -> Tolerance:
     """Sample the tolerance region around a design.
 
-    Monte Carlo at designs of a Latin hypercube in a box around the case; a quadratic through
-    ln(error) and through each margin; emcee (Foreman-Mackey et al. 2013, PASP 125, 306) on
+    Monte Carlo at designs of a Latin hypercube around the case; a quadratic fit of ln(error) and
+    of each margin; emcee (Foreman-Mackey et al. 2013, PASP 125, 306) on
 
         p(design) ~ P(ln error <= ln limit) * prod_i P(margin_i >= 0)
 
-    with normal laws of the surfaces' own errors. The density is a function, not a Monte Carlo, so
-    that the sampler sees no noise. Designs drawn from the region are then tried.
+    with normal distributions of the surfaces' errors. The density has no Monte Carlo noise. Some
+    designs of the region are then evaluated by Monte Carlo to check the surface.
 
     Raises    ValueError where the campaign names no variables or the centre cannot be tried.
-    Accuracy  model: a quadratic; its error is in the result, measured twice.
+    Accuracy  model: a quadratic; its error is in the result, measured in two ways.
     """
-    box = DesignSpace(case, campaign.variables, campaign.links)
+    space = DesignSpace(case, campaign.variables, campaign.links)
     campaign = replace(campaign, trials=campaign.sample_trials, most_trials=campaign.sample_trials)
-    d = len(box)
-    low = np.maximum(box.start - campaign.span, 0)
-    high = np.minimum(box.start + campaign.span, 1)
-    rng = np.random.default_rng(bench.seed)
+    d = len(space)
+    low = np.maximum(space.start - campaign.span, 0)
+    high = np.minimum(space.start + campaign.span, 1)
+    rng = np.random.default_rng(runner.seed)
     cube = scipy.stats.qmc.LatinHypercube(d, rng=rng).random(designs_needed(d) - CHECKS)
-    cube[0] = (box.start - low) / (high - low)
+    cube[0] = (space.start - low) / (high - low)
     evaluations = []
 
-    def measure(places: Floats) -> list[Evaluation]:
-        for u in places:
-            evaluations.append(evaluate(box, campaign, low + (high - low) * u, bench))
+    def measure(points: Floats) -> list[Evaluation]:
+        for u in points:
+            evaluations.append(evaluate(space, campaign, low + (high - low) * u, runner))
             if watch:
                 watch(evaluations[-1])
-        return evaluations[-len(places) :]
+        return evaluations[-len(points) :]
 
     tried = measure(cube)
     if not tried[0].error > 0:
@@ -144,7 +147,7 @@ def sample(
             f"the design must work to be sampled around: {tried[0].note or 'unsolved'}"
         )
     at, results = _results(2 * cube - 1, tried)
-    # What is the same everywhere, such as a power that no variable changes, needs no surface.
+    # A margin that is the same for all designs needs no surface.
     moving = np.ptp(results, axis=0) > 0
     if (results[0, 1:][~moving[1:]] < 0).any():
         raise ValueError("the design misses a requirement that no variable changes")
@@ -153,16 +156,16 @@ def sample(
     log_probability = region(surface, limit)
 
     def middle(rng: np.random.Generator, n: int) -> Floats:
-        return 0.3 * rng.uniform(-1, 1, (n, d))
+        return START_WIDTH * rng.uniform(-1, 1, (n, d))
 
-    chains = draw(log_probability, middle, bench.seed, ledger=bench.ledger)
+    chains = draw(log_probability, middle, runner.seed, ledger=runner.ledger)
     picks = thinned(chains.flat, CHECKS)
     checked = measure((picks + 1) / 2)
     at, truth = _results(picks, checked)
     difference = surface(at)[:, 0] - truth[:, 0] if len(at) else np.array([np.nan])
     kept = [one.feasible and math.log(one.error) <= limit for one in checked]
     return Tolerance(
-        box,
+        space,
         replace(chains, samples=low + (high - low) * (chains.samples + 1) / 2),
         math.exp(limit),
         float(surface.error[0]),
@@ -180,20 +183,20 @@ def designs_needed(dimensions: int) -> int:
 
 
 def region(surface: Surface, limit: float) -> Callable[[Floats], Floats]:
-    """The logarithm of the probability that a place (n, d) in [-1, 1] keeps limit and margins."""
-    error = np.maximum(surface.error, 1e-6)
+    """Log-probability that designs (n, d) in [-1, 1] keep the limit and the margins."""
+    error = np.maximum(surface.error, LEAST_ERROR)
 
-    def log_probability(places: Floats) -> Floats:
-        predicted = surface(places)
+    def log_probability(points: Floats) -> Floats:
+        predicted = surface(points)
         score = special.log_ndtr((limit - predicted[:, 0]) / error[0])
         score += special.log_ndtr(predicted[:, 1:] / error[1:]).sum(axis=1)
-        return np.where((np.abs(places) <= 1).all(axis=1), score, -np.inf)
+        return np.where((np.abs(points) <= 1).all(axis=1), score, -np.inf)
 
     return log_probability
 
 
-def _results(places: Floats, tried: list[Evaluation]) -> tuple[Floats, Floats]:
-    """The places (n, d), and ln(error) and margins there (n, k), of those that were solved."""
+def _results(points: Floats, tried: list[Evaluation]) -> tuple[Floats, Floats]:
+    """Coordinates (n, d), and ln(error) and margins (n, k), of the designs that were solved."""
     solved = [i for i, one in enumerate(tried) if one.error > 0]
     rows = [[math.log(tried[i].error), *tried[i].margins.values()] for i in solved]
-    return places[solved], np.array(rows)
+    return points[solved], np.array(rows)

@@ -20,7 +20,7 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
     """The error of each evaluated design, and its variables."""
     tried = optimum.evaluations
     figure = Figure(figsize=(9, 7), layout="constrained")
-    error, places = figure.subplots(2, 1, sharex=True)
+    error, variables = figure.subplots(2, 1, sharex=True)
     number = np.arange(1, len(tried) + 1)
     found = np.array([one.error / arcsec for one in tried])
     feasible = np.array([one.feasible for one in tried])
@@ -45,14 +45,14 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
         loc="left",
     )
     error.legend(fontsize=8)
-    draw_variables(places, optimum)
+    draw_variables(variables, optimum)
     save_figure(path, figure)
 
 
 def draw_variables(axes: Axes, optimum: Optimum) -> None:
     """Each variable of each evaluated design, scaled to its bounds."""
-    cube = np.array([one.place for one in optimum.evaluations])
-    for variable, line in zip(optimum.box.variables, cube.T, strict=True):
+    cube = np.array([one.coordinates for one in optimum.evaluations])
+    for variable, line in zip(optimum.space.variables, cube.T, strict=True):
         axes.plot(np.arange(1, len(line) + 1), line, lw=1.2, label=variable.name.rpartition(".")[2])
     axes.set(xlabel="evaluation", ylabel="variable, scaled to its bounds", ylim=(-0.03, 1.25))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -61,12 +61,12 @@ def draw_variables(axes: Axes, optimum: Optimum) -> None:
 
 def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
     """Distribution of each pair of variables, and of each, over designs within the error limit."""
-    box = tolerance.box
+    space = tolerance.space
     texts = [
-        list(box.text(box.design(place)).values()) for place in thinned(tolerance.samples, 2000)
+        list(space.text(space.design(point)).values()) for point in thinned(tolerance.samples, 2000)
     ]
     units = [text.partition(" ")[2] for text in texts[0]]
-    names = [variable.name.rpartition(".")[2] for variable in box.variables]
+    names = [variable.name.rpartition(".")[2] for variable in space.variables]
     labels = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
     draw_corner(
         path,
@@ -88,9 +88,11 @@ def draw_tornado(path: Path, found: Sequence[Sensitivity], objective: str) -> No
     for y, one in zip(at, order, strict=True):
         ends = min(one.low, one.high, one.error), max(one.low, one.high, one.error)
         swing.plot(ends, [y, y], lw=9, color="#3567a8", solid_capstyle="butt")
-        for place, bound in ((one.low, "low"), (one.high, "high")):
-            if abs(place / one.error - 1) > 0.02:  # else the text would be on the line
-                swing.annotate(bound, (place, y + 0.28), fontsize=7, ha="center", va="center")
+        for error_at_bound, bound in ((one.low, "low"), (one.high, "high")):
+            if abs(error_at_bound / one.error - 1) > 0.02:  # else the text would be on the line
+                swing.annotate(
+                    bound, (error_at_bound, y + 0.28), fontsize=7, ha="center", va="center"
+                )
     swing.axvline(order[0].error, color="0.3", lw=0.8, label="design")
     swing.legend(fontsize=8, loc="lower right")
     swing.set_xscale("log")
@@ -106,7 +108,7 @@ def draw_tornado(path: Path, found: Sequence[Sensitivity], objective: str) -> No
         indices.barh(at + shift, value, 0.3, color=colour, label=kind)
         middle = [np.maximum(value - low, 0), np.maximum(high - value, 0)]
         indices.errorbar(value, at + shift, xerr=middle, fmt="none", ecolor="0.2", lw=0.8)
-    indices.set(xlabel="Sobol index of ln(error) over the box (95 % bars)")
+    indices.set(xlabel="Sobol index of ln(error) over the design space (95 % bars)")
     indices.legend(fontsize=8, loc="lower right")
     save_figure(path, figure)
 

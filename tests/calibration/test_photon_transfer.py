@@ -47,7 +47,7 @@ def posterior(given):
 
 def test_the_constants_of_the_detector_are_found(posterior):
     """Each within its 99.9 % interval; false alarm 5e-3."""
-    assert posterior.chains.converged, posterior.chains.doubt
+    assert posterior.chains.converged, posterior.chains.reason_unconverged
     truth = {
         "electrons_per_dn": DETECTOR.electrons_per_dn,
         "read_noise": DETECTOR.read_noise,

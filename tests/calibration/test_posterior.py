@@ -63,7 +63,7 @@ def test_it_agrees_with_least_squares_where_that_is_right():
     camera = drawn(rng)
     spots, matches = zip(*(frame(camera, CAMERA_0, rng, 60) for _ in range(2)), strict=True)
     posterior = sample_camera(spots, matches, CAMERA_0, PRIOR, 1, SHORT)
-    assert posterior.chains.converged, posterior.chains.doubt
+    assert posterior.chains.converged, posterior.chains.reason_unconverged
     fitted = calibrate(
         spots, matches, CAMERA_0, Calibration(0.01, 10.0, k1=0.1, floor=0.02, steps=30)
     )

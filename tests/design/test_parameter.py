@@ -124,8 +124,8 @@ def test_a_variable_keeps_its_earlier_name():
     case = replaced(CASE, f"{DETECTOR}.nonlinearity", 0.01)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        box = DesignSpace(case, (Variable(f"{DETECTOR}.bend", 0.0, 0.1),))
-        found = box.design(np.ones(1))
+        space = DesignSpace(case, (Variable(f"{DETECTOR}.bend", 0.0, 0.1),))
+        found = space.design(np.ones(1))
     assert found == replaced(case, f"{DETECTOR}.nonlinearity", 0.1)
     assert {str(one.message) for one in caught} == {
         "instrument.detector.bend is now called instrument.detector.nonlinearity"

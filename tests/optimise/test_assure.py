@@ -11,7 +11,7 @@ from startrack.trial.chain import OUTCOMES
 
 
 class Coin:
-    """A bench whose trials are solved with a known probability."""
+    """A runner whose trials are solved with a known probability."""
 
     def __init__(self, seed, fraction):
         self.rng, self.fraction, self.asked = np.random.default_rng(seed), fraction, []

@@ -15,9 +15,9 @@ def test_with_each_detector_some_design_meets_what_needs_no_trials():
     campaign = design.campaign
     begun = {}
     for branch in branches(design.case, campaign.choices):
-        box = DesignSpace(branch.case, campaign.variables, campaign.links)
+        space = DesignSpace(branch.case, campaign.variables, campaign.links)
         begun[branch.label] = missed(margins(campaign.requirements, branch.case))
-        found = box.design(reach(box, campaign.requirements).place)
+        found = space.design(reach(space, campaign.requirements).coordinates)
         assert missed(margins(campaign.requirements, found)) == 0, branch.label
     assert begun["detector star1000"] == 0
     assert begun["detector cmv4000"] > 0 < begun["detector imx174"]

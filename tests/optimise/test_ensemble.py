@@ -8,23 +8,23 @@ from startrack.optimise.ledger import Ledger
 COVARIANCE = np.array([[1.0, 0.9], [0.9, 2.0]])
 
 
-def gauss(place):
-    return -0.5 * np.einsum("ni,ij,nj->n", place, np.linalg.inv(COVARIANCE), place)
+def gauss(coordinates):
+    return -0.5 * np.einsum("ni,ij,nj->n", coordinates, np.linalg.inv(COVARIANCE), coordinates)
 
 
 def wide(rng, n):
     return rng.normal(0, 2, (n, 2))
 
 
-def banana(place):
+def banana(coordinates):
     """y - x^2 normal around 0 with sigma 0.5, x with sigma 1: E y = 1, var y = 2 + 0.25."""
-    x, y = place.T
+    x, y = coordinates.T
     return -0.5 * x**2 - 0.5 * ((y - x**2) / 0.5) ** 2
 
 
 def test_a_gaussian_has_its_moments():
     chains = draw(gauss, wide, seed=1)
-    assert chains.converged, chains.doubt
+    assert chains.converged, chains.reason_unconverged
     effective = chains.effective.min()
     # Six standard errors of a mean, and of a variance; false alarm 1e-8.
     np.testing.assert_allclose(chains.flat.mean(axis=0), 0, atol=6 * np.sqrt(2 / effective))
@@ -36,7 +36,7 @@ def test_a_gaussian_has_its_moments():
 @pytest.mark.slow
 def test_a_banana_has_its_moments():
     chains = draw(banana, wide, seed=2)
-    assert chains.converged, chains.doubt
+    assert chains.converged, chains.reason_unconverged
     x, y = chains.flat.T
     error = np.sqrt(1 / chains.effective.min())
     assert x.mean() == pytest.approx(0, abs=6 * error)
@@ -48,20 +48,22 @@ def test_a_banana_has_its_moments():
 def test_ensembles_that_found_different_peaks_are_not_believed():
     """Two peaks 40 sigma apart; each ensemble starts at one."""
 
-    def two(place):
-        return np.logaddexp(-0.5 * (place[:, 0] - 20) ** 2, -0.5 * (place[:, 0] + 20) ** 2)
+    def two(coordinates):
+        return np.logaddexp(
+            -0.5 * (coordinates[:, 0] - 20) ** 2, -0.5 * (coordinates[:, 0] + 20) ** 2
+        )
 
     def start(rng, n):
         return rng.choice([-20, 20]) + rng.normal(0, 1, (n, 1))
 
     chains = draw(two, start, seed=5, settings=Ensembles(most_steps=3000))
     assert not chains.converged
-    assert "ensembles differ" in chains.doubt
+    assert "ensembles differ" in chains.reason_unconverged
 
 
 def test_a_short_chain_is_not_believed():
     chains = draw(banana, wide, seed=2, settings=Ensembles(stretch=100, most_steps=100))
-    assert "autocorrelation" in chains.doubt
+    assert "autocorrelation" in chains.reason_unconverged
 
 
 def test_a_chain_goes_on_where_it_was_cut_short(tmp_path):
@@ -73,11 +75,11 @@ def test_a_chain_goes_on_where_it_was_cut_short(tmp_path):
 
     calls = []
 
-    def fails(place):
+    def fails(coordinates):
         calls.append(1)
         if len(calls) == 900:
             raise Cut
-        return banana(place)
+        return banana(coordinates)
 
     with Ledger(tmp_path / "chains.sqlite") as ledger, pytest.raises(Cut):
         draw(fails, wide, 3, settings, ledger)
@@ -97,7 +99,7 @@ def test_noise_that_is_small_leaves_the_law_as_it_is():
     """exp(noise) has the same mean everywhere: the samples keep the law (pseudo-marginal)."""
     rng = np.random.default_rng(0)
     chains = draw(lambda p: gauss(p) + rng.normal(0, 0.5, len(p)), wide, 1)
-    assert chains.converged, chains.doubt
+    assert chains.converged, chains.reason_unconverged
     np.testing.assert_allclose(
         np.cov(chains.flat.T), COVARIANCE, atol=6 * 2 * np.sqrt(2 / chains.effective.min())
     )

@@ -13,11 +13,11 @@ from startrack.optimise.search import Search, least
 def test_the_width_of_a_star_that_suits_its_window(window, best):
     """S-curve of the centre of gravity: undersampled below, cut off above; no noise."""
 
-    def bias(place):
-        return centre_of_gravity_error(Star(1e12, 0.3 + 0.7 * place[0]), window)[1]
+    def bias(coordinates):
+        return centre_of_gravity_error(Star(1e12, 0.3 + 0.7 * coordinates[0]), window)[1]
 
     found = least(lambda p: math.log(bias(p)), np.array([0.9]), Search(evaluations=60))
-    assert 0.3 + 0.7 * found.place[0] == pytest.approx(best, rel=0.02)
+    assert 0.3 + 0.7 * found.coordinates[0] == pytest.approx(best, rel=0.02)
 
 
 def test_the_exposure_between_shot_noise_and_smear():
@@ -30,10 +30,10 @@ def test_the_exposure_between_shot_noise_and_smear():
     sigma, rate = 0.8, 5.0  # pixel, pixel / s
     core, along = rng.normal(0, sigma, 20_000), rng.random(20_000) - 0.5
 
-    def error(place):
-        exposure = 0.05 * 60 ** place[0]
+    def error(coordinates):
+        exposure = 0.05 * 60 ** coordinates[0]
         return float(np.var(core + rate * exposure * along) / exposure)
 
     found = least(lambda p: math.log(error(p)), np.array([0.1]), Search(evaluations=80))
-    exposure = 0.05 * 60 ** found.place[0]
+    exposure = 0.05 * 60 ** found.coordinates[0]
     assert exposure == pytest.approx(math.sqrt(12) * sigma / rate, rel=0.02)

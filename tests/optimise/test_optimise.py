@@ -35,8 +35,8 @@ def test_the_best_is_better_on_fresh_trials(optimum):
 def test_the_best_is_the_best_feasible_one_of_the_last_pass(optimum, small):
     last = [one for one in optimum.evaluations if one.trials == small.campaign.most_trials]
     best = min((one for one in last if one.feasible), key=lambda one: one.score)
-    box = DesignSpace(small.case, small.campaign.variables)
-    np.testing.assert_allclose(box.place(optimum.best), best.place, atol=1e-12)
+    space = DesignSpace(small.case, small.campaign.variables)
+    np.testing.assert_allclose(space.coordinates(optimum.best), best.coordinates, atol=1e-12)
     assert optimum.tuning_error == best.error
     assert len(optimum.evaluations) <= small.campaign.evaluations
 
@@ -53,8 +53,8 @@ def test_the_optimism_compares_fresh_frames_with_the_promise(optimum):
 
 
 def test_every_design_lies_in_the_box(optimum):
-    places = np.array([one.place for one in optimum.evaluations])
-    assert ((places >= 0) & (places <= 1)).all()
+    points = np.array([one.coordinates for one in optimum.evaluations])
+    assert ((points >= 0) & (points <= 1)).all()
 
 
 def test_what_is_in_the_ledger_is_not_tried_again(optimum, small, tmp_path):
@@ -72,32 +72,32 @@ def test_what_is_in_the_ledger_is_not_tried_again(optimum, small, tmp_path):
 
 
 def test_designs_are_compared_on_the_same_sky(small):
-    box = DesignSpace(small.case, small.campaign.variables)
-    one = evaluate(box, small.campaign, box.start, TrialRunner(5))
-    again = evaluate(box, small.campaign, box.start, TrialRunner(5))
+    space = DesignSpace(small.case, small.campaign.variables)
+    one = evaluate(space, small.campaign, space.start, TrialRunner(5))
+    again = evaluate(space, small.campaign, space.start, TrialRunner(5))
     assert one == again
 
 
 def test_a_design_that_breaks_a_limit_is_not_feasible(small):
     tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01)
     campaign = dataclasses.replace(small.campaign, requirements=tight)
-    box = DesignSpace(small.case, campaign.variables)
-    done = evaluate(box, campaign, box.start, TrialRunner(5))
-    free = evaluate(box, small.campaign, box.start, TrialRunner(5))
+    space = DesignSpace(small.case, campaign.variables)
+    done = evaluate(space, campaign, space.start, TrialRunner(5))
+    free = evaluate(space, small.campaign, space.start, TrialRunner(5))
     assert not done.feasible
     assert done.margins["mass"] < 0
     assert done.score > free.score + 10
 
 
 def test_a_box_that_meets_nothing_is_said_to(small):
-    """No lens of the box is under 10 g, and none has an update rate of 100 Hz."""
+    """No lens of the design space is under 10 g, and none has an update rate of 100 Hz."""
     tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01, min_update_rate=100.0)
     campaign = dataclasses.replace(
         small.campaign, requirements=tight, variables=small.campaign.variables[:1]
     )
     optimum = optimize(small.case, campaign, TrialRunner(5))
     assert not optimum.feasible
-    assert "no design of the box" in optimum.ending
+    assert "no design in the design space" in optimum.ending
     short = list(optimum.lacking)
     assert {"update rate", "mass"} <= set(short)
     assert sorted(short, key=lambda name: -optimum.margins[name]) == short
@@ -119,9 +119,9 @@ def test_a_start_that_sees_no_star_still_finds_some(small):
         for one in small.campaign.variables
     ]
     campaign = dataclasses.replace(small.campaign, variables=tuple(wide), evaluations=40)
-    bench = TrialRunner(5)
-    assert bench.run(dim, 12)["spots"].max() == 0
-    optimum = optimize(dim, campaign, bench)
+    runner = TrialRunner(5)
+    assert runner.run(dim, 12)["spots"].max() == 0
+    optimum = optimize(dim, campaign, runner)
     assert optimum.feasible
     assert math.isnan(optimum.factor.value)
     assert optimum.fresh[1].availability.value > 0.9
@@ -136,7 +136,7 @@ def test_branches_race_and_the_better_wins(small):
     optimum = optimize(small.case, campaign, TrialRunner(5))
     assert optimum.branch == "window 5"
     assert optimum.best.tracker.detection.window == 5
-    assert "the best took window 5." in comparison(optimum, campaign)
+    assert "The best design has the choices window 5." in comparison(optimum, campaign)
 
 
 def test_a_race_leaves_evaluations_to_the_winner(small):
@@ -152,8 +152,8 @@ def test_a_race_leaves_evaluations_to_the_winner(small):
 
 
 def test_a_design_that_cannot_be_built_is_recorded_not_raised(small, blind):
-    box = DesignSpace(blind, small.campaign.variables)
-    done = evaluate(box, small.campaign, box.start, TrialRunner(5))
+    space = DesignSpace(blind, small.campaign.variables)
+    done = evaluate(space, small.campaign, space.start, TrialRunner(5))
     assert done.summary is None
     assert "must overlap" in done.note
     assert math.isfinite(done.score)

@@ -19,8 +19,8 @@ def test_accuracy_is_paid_for_in_mass(small, method):
     campaign = dataclasses.replace(
         small.campaign, variables=small.campaign.variables[:2], analytic_evaluations=30
     )
-    box = DesignSpace(small.case, campaign.variables)
-    points = front(box, campaign, Goals("across", "mass"), TrialRunner(1), 4, method)
+    space = DesignSpace(small.case, campaign.variables)
+    points = front(space, campaign, Goals("across", "mass"), TrialRunner(1), 4, method)
     assert len(points) >= 3
     across, mass = np.transpose([one.expected for one in points])
     assert (np.diff(across) > 0).all()
@@ -38,10 +38,10 @@ def test_a_goal_is_not_traded_for_itself():
 
 
 def test_a_box_that_meets_nothing_has_no_front(small):
-    """No lens of the box is under 10 g."""
+    """No lens of the design space is under 10 g."""
     tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01)
     campaign = dataclasses.replace(
         small.campaign, requirements=tight, variables=small.campaign.variables[:2]
     )
-    with pytest.raises(ValueError, match="no design of the box meets the requirements"):
+    with pytest.raises(ValueError, match="no design in the design space meets the requirements"):
         front(DesignSpace(small.case, campaign.variables), campaign, Goals(), TrialRunner(1), 3)

@@ -11,47 +11,47 @@ LOCAL = (Algorithm.SBPLX, Algorithm.BOBYQA, Algorithm.COBYLA)
 WHOLE = (Algorithm.DIRECT, Algorithm.CRS, Algorithm.MLSL)
 
 
-def valley(place):
+def valley(coordinates):
     """Rosenbrock's (1960) on [-2, 2]^2: least at (1, 1), a quarter short of the upper corner."""
-    x, y = 4 * place - 2
+    x, y = 4 * coordinates - 2
     return 100 * (y - x * x) ** 2 + (1 - x) ** 2
 
 
 def bowl(centre):
-    return lambda place: float(((place - centre) ** 2).sum())
+    return lambda coordinates: float(((coordinates - centre) ** 2).sum())
 
 
 @pytest.mark.parametrize("algorithm", Algorithm)
 def test_a_smooth_bowl_is_found(algorithm):
     found = least(bowl(0.3), np.array([0.5, 0.6]), Search(algorithm, 400, last_step=1e-4))
-    np.testing.assert_allclose(found.place, 0.3, atol=0.01)
+    np.testing.assert_allclose(found.coordinates, 0.3, atol=0.01)
     assert found.evaluations <= 400
 
 
 def test_sbplx_follows_a_bent_valley():
     found = least(valley, np.array([0.2, 0.75]), Search(evaluations=3000, last_step=1e-6))
-    np.testing.assert_allclose(found.place, 0.75, atol=0.02)
+    np.testing.assert_allclose(found.coordinates, 0.75, atol=0.02)
 
 
 @pytest.mark.parametrize("algorithm", WHOLE)
 def test_the_deeper_of_two_valleys_is_found_from_the_other(algorithm):
-    def two(place):
-        shallow = 0.3 + ((place - 0.85) ** 2).sum()
-        return float(min(shallow, 4 * ((place - 0.2) ** 2).sum()))
+    def two(coordinates):
+        shallow = 0.3 + ((coordinates - 0.85) ** 2).sum()
+        return float(min(shallow, 4 * ((coordinates - 0.2) ** 2).sum()))
 
     found = least(two, np.array([0.85, 0.85]), Search(algorithm, 1500))
-    np.testing.assert_allclose(found.place, 0.2, atol=0.02)
+    np.testing.assert_allclose(found.coordinates, 0.2, atol=0.02)
 
 
 @pytest.mark.parametrize("algorithm", LOCAL)
 def test_a_corner_is_reached(algorithm):
     found = least(lambda p: float(-p.sum()), np.full(3, 0.4), Search(algorithm, 500))
-    np.testing.assert_allclose(found.place, 1, atol=2e-3)
+    np.testing.assert_allclose(found.coordinates, 1, atol=2e-3)
 
 
 def test_one_variable():
     found = least(bowl(0.77), np.array([0.1]), Search(last_step=1e-4))
-    assert found.place[0] == pytest.approx(0.77, abs=1e-3)
+    assert found.coordinates[0] == pytest.approx(0.77, abs=1e-3)
 
 
 def test_twenty_variables():
@@ -62,7 +62,7 @@ def test_twenty_variables():
         np.full(20, 0.5),
         Search(evaluations=4000, last_step=1e-4),
     )
-    np.testing.assert_allclose(found.place, centre, atol=0.02)
+    np.testing.assert_allclose(found.coordinates, centre, atol=0.02)
 
 
 @pytest.mark.parametrize("algorithm", Algorithm)
@@ -76,11 +76,11 @@ def test_a_flat_score_ends(algorithm):
 def test_places_without_a_score_are_avoided(algorithm):
     """NaN where x < 0.4: alone, nlopt returns NaN with one algorithm and raises with another."""
 
-    def half(place):
-        return math.nan if place[0] < 0.4 else bowl(0.3)(place)
+    def half(coordinates):
+        return math.nan if coordinates[0] < 0.4 else bowl(0.3)(coordinates)
 
     found = least(half, np.array([0.8, 0.8]), Search(algorithm, 1000))
-    assert found.place[0] >= 0.4
+    assert found.coordinates[0] >= 0.4
     assert math.isfinite(found.score)
     if algorithm not in (Algorithm.BOBYQA, Algorithm.COBYLA):  # which model the cliff
         assert found.score < 0.03  # 0.01 on the cliff, 0.5 at the start
@@ -89,26 +89,26 @@ def test_places_without_a_score_are_avoided(algorithm):
 def test_no_score_anywhere_leaves_the_start():
     found = least(lambda _: math.nan, np.array([0.2]), Search(evaluations=20))
     assert found.score == math.inf
-    assert found.place == [0.2]
+    assert found.coordinates == [0.2]
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64, np.asarray, int])
 @pytest.mark.parametrize("algorithm", Algorithm)
 def test_any_kind_of_number_is_a_score(algorithm, kind):
     """nlopt itself raises an error without a message for the first and the third."""
-    least(lambda place: kind(place[0]), np.array([0.5]), Search(algorithm, 20))
+    least(lambda coordinates: kind(coordinates[0]), np.array([0.5]), Search(algorithm, 20))
 
 
 @pytest.mark.parametrize("algorithm", Algorithm)
 def test_a_place_is_not_overwritten_and_not_tried_twice(algorithm):
     kept = []
 
-    def score(place):
-        kept.append(place)
-        return bowl(0.5)(place)
+    def score(coordinates):
+        kept.append(coordinates)
+        return bowl(0.5)(coordinates)
 
     least(score, np.array([0.5, 0.6]), Search(algorithm, 150))
-    assert len({place.tobytes() for place in kept}) == len(kept) <= 150
+    assert len({coordinates.tobytes() for coordinates in kept}) == len(kept) <= 150
 
 
 @pytest.mark.parametrize("algorithm", Algorithm)
@@ -139,14 +139,14 @@ def test_what_stops_nlopt_leaves_the_best(monkeypatch, error):
 
     monkeypatch.setattr(module, "_engine", lambda *_: Limited())
     found = least(bowl(0.4), np.array([0.3]), Search())
-    assert found.place[0] == pytest.approx(0.4)
+    assert found.coordinates[0] == pytest.approx(0.4)
     assert found.evaluations == 3
 
 
 def test_enough_ends_it():
     count = []
     found = least(
-        lambda place: count.append(1) or bowl(0.3)(place),
+        lambda coordinates: count.append(1) or bowl(0.3)(coordinates),
         np.array([0.5, 0.6]),
         Search(last_step=1e-9),
         lambda: "seen enough" if len(count) == 7 else "",
@@ -157,9 +157,9 @@ def test_enough_ends_it():
 @pytest.mark.parametrize("algorithm", WHOLE)
 def test_the_same_seed_goes_the_same_way(algorithm):
     def path():
-        places = []
-        least(lambda p: places.append(p) or valley(p), np.array([0.5, 0.5]), Search(algorithm, 60))
-        return np.array(places)
+        points = []
+        least(lambda p: points.append(p) or valley(p), np.array([0.5, 0.5]), Search(algorithm, 60))
+        return np.array(points)
 
     np.testing.assert_array_equal(path(), path())
 
@@ -172,11 +172,15 @@ def test_a_start_outside_is_refused():
 def test_a_search_of_all_ends_no_worse_than_the_start():
     """A hole around the start that the whole cube's search falls short of."""
 
-    def hole(place):
-        return min(0.01, float(np.abs(place - 0.61).max())) if near(place) else 1 + bowl(0.1)(place)
+    def hole(coordinates):
+        return (
+            min(0.01, float(np.abs(coordinates - 0.61).max()))
+            if near(coordinates)
+            else 1 + bowl(0.1)(coordinates)
+        )
 
-    def near(place):
-        return np.abs(place - 0.61).max() < 2e-3
+    def near(coordinates):
+        return np.abs(coordinates - 0.61).max() < 2e-3
 
     found = least_of_all(hole, np.full(2, 0.611), 40, 40)
     assert found.score <= hole(np.full(2, 0.611))
@@ -185,7 +189,7 @@ def test_a_search_of_all_ends_no_worse_than_the_start():
 def test_a_search_of_all_ends_where_it_is_enough():
     tried = []
     found = least_of_all(
-        lambda place: tried.append(1) or bowl(0.5)(place),
+        lambda coordinates: tried.append(1) or bowl(0.5)(coordinates),
         np.full(2, 0.5), 40, 40, lambda: "at the bottom",
     )  # fmt: skip
     assert (found.score, len(tried)) == (0, 1)

@@ -15,13 +15,13 @@ def test_a_power_law_has_known_slopes_and_indices(small, monkeypatch):
     """ln error = 2 ln focal length - 1/2 ln exposure on log scales: a sum, so that first and
     total indices are alike, in proportion to (power times range)^2."""
     focal, exposure = small.campaign.variables[0], small.campaign.variables[3]
-    box = DesignSpace(small.case, (focal, exposure))
+    space = DesignSpace(small.case, (focal, exposure))
 
     def law(case, _):
         return case.instrument.optics.focal_length**2 / math.sqrt(case.instrument.detector.exposure)
 
     monkeypatch.setattr(module, "forecast", law)
-    one, other = sensitivities(box, small.campaign, seed=1, designs=512)
+    one, other = sensitivities(space, small.campaign, seed=1, designs=512)
     assert one.slope == pytest.approx(2, rel=1e-3)
     assert other.slope == pytest.approx(-0.5, rel=1e-3)
     fractions = np.array([2 * math.log(70 / 15), 0.5 * math.log(400 / 10)]) ** 2
@@ -35,9 +35,9 @@ def test_a_power_law_has_known_slopes_and_indices(small, monkeypatch):
 
 
 def test_a_design_without_an_attitude_is_refused(small, blind):
-    box = DesignSpace(blind, small.campaign.variables[:1])
+    space = DesignSpace(blind, small.campaign.variables[:1])
     with pytest.raises(ValueError, match="must be expected to find"):
-        sensitivities(box, dataclasses.replace(small.campaign), seed=1, designs=2)
+        sensitivities(space, dataclasses.replace(small.campaign), seed=1, designs=2)
 
 
 def test_a_variable_alone_has_all_of_the_variance_and_zero_no_slope(small):
@@ -46,8 +46,8 @@ def test_a_variable_alone_has_all_of_the_variance_and_zero_no_slope(small):
     sharp = dataclasses.replace(
         small.case, instrument=dataclasses.replace(small.case.instrument, optics=optics)
     )
-    box = DesignSpace(sharp, (Variable("instrument.optics.blur", "0 um", "20 um"),))
-    (one,) = sensitivities(box, small.campaign, seed=1, designs=2)
+    space = DesignSpace(sharp, (Variable("instrument.optics.blur", "0 um", "20 um"),))
+    (one,) = sensitivities(space, small.campaign, seed=1, designs=2)
     assert one.first.value == one.total.value == 1
     assert one.slope == 0
     assert one.low == one.error
@@ -60,21 +60,21 @@ def test_base_designs_that_are_no_power_of_two_are_refused(small):
 
 def test_the_same_seed_has_the_same_intervals_and_another_one_others(small, monkeypatch):
     """The points are of the seed, and so are the resamples; the indices are those of scipy."""
-    box = DesignSpace(small.case, small.campaign.variables[:2])
+    space = DesignSpace(small.case, small.campaign.variables[:2])
 
     def law(case, _=None):
         return case.instrument.optics.focal_length * math.sqrt(case.instrument.optics.f_number)
 
     monkeypatch.setattr(module, "forecast", law)
-    first, again, other = (sensitivities(box, small.campaign, s, designs=16) for s in (1, 1, 2))
+    first, again, other = (sensitivities(space, small.campaign, s, designs=16) for s in (1, 1, 2))
     assert first == again
     assert first != other
 
-    def log_error(place):
-        return math.log(law(box.design(place)) / arcsec)
+    def log_error(coordinates):
+        return math.log(law(space.design(coordinates)) / arcsec)
 
     indices = scipy.stats.sobol_indices(
-        func=lambda places: np.array([log_error(place) for place in places.T])[None],
+        func=lambda points: np.array([log_error(coordinates) for coordinates in points.T])[None],
         n=16,
         dists=[scipy.stats.uniform()] * 2,
         rng=np.random.default_rng(1),

@@ -6,10 +6,10 @@ from startrack.optimise.tolerance import fit, terms_needed
 
 def test_a_quadratic_is_found_exactly():
     rng = np.random.default_rng(0)
-    place = rng.uniform(-1, 1, (30, 3))
-    x, y, z = place.T
+    coordinates = rng.uniform(-1, 1, (30, 3))
+    x, y, z = coordinates.T
     result = np.column_stack([1 + 2 * x - y * z + 3 * z**2, x])
-    surface = fit(place, result)
+    surface = fit(coordinates, result)
     np.testing.assert_allclose(surface(np.array([[0.5, -1.0, 0.2]])), [[2.32, 0.5]], atol=1e-12)
     assert surface.error.max() < 1e-12
 
@@ -19,8 +19,8 @@ def test_the_stated_error_is_that_on_unseen_points():
     rng = np.random.default_rng(1)
     stated, real = [], []
     for _ in range(200):
-        place, fresh = rng.uniform(-1, 1, (2, 60, 3))
-        surface = fit(place, rng.normal(0, 0.1, (60, 1)))
+        coordinates, fresh = rng.uniform(-1, 1, (2, 60, 3))
+        surface = fit(coordinates, rng.normal(0, 0.1, (60, 1)))
         stated.append(surface.error[0] ** 2)
         real.append(np.mean((surface(fresh)[:, 0] - rng.normal(0, 0.1, 60)) ** 2))
     assert np.mean(stated) == pytest.approx(np.mean(real), rel=0.15)

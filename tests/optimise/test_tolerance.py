@@ -12,12 +12,14 @@ from startrack.optimise.tolerance import designs_needed, fit, region, sample
 def test_the_region_of_a_known_surface_is_found():
     """ln rms = (x/a)^2 + (y/b)^2 below a sharp limit: a uniform ellipse, variances a^2 / 4."""
     rng = np.random.default_rng(0)
-    place = rng.uniform(-1, 1, (60, 2))
-    result = ((place / [0.4, 0.8]) ** 2).sum(axis=1, keepdims=True)
+    coordinates = rng.uniform(-1, 1, (60, 2))
+    result = ((coordinates / [0.4, 0.8]) ** 2).sum(axis=1, keepdims=True)
     chains = draw(
-        region(fit(place, result), 1.0), lambda rng, n: 0.2 * rng.uniform(-1, 1, (n, 2)), seed=4
+        region(fit(coordinates, result), 1.0),
+        lambda rng, n: 0.2 * rng.uniform(-1, 1, (n, 2)),
+        seed=4,
     )
-    assert chains.converged, chains.doubt
+    assert chains.converged, chains.reason_unconverged
     chain = chains.flat
     np.testing.assert_allclose(chain.mean(axis=0), 0, atol=0.02)
     np.testing.assert_allclose(chain.std(axis=0), [0.2, 0.4], rtol=0.03)
@@ -34,10 +36,10 @@ def test_the_tolerance_region_of_a_small_tracker(small):
     assert tolerance.chains.converged
     assert tolerance.checks > 6
     assert 0 < tolerance.check_error < 1
-    box = tolerance.box
+    space = tolerance.space
     spread = np.ptp(tolerance.samples, axis=0)
-    assert (tolerance.samples >= box.start - campaign.span - 1e-9).all()
-    assert (tolerance.samples <= box.start + campaign.span + 1e-9).all()
+    assert (tolerance.samples >= space.start - campaign.span - 1e-9).all()
+    assert (tolerance.samples <= space.start + campaign.span + 1e-9).all()
     assert (spread > 0.1).all()
     centre = tolerance.evaluations[0].error
     assert tolerance.limit == pytest.approx(centre * (1 + campaign.margin))
