@@ -66,7 +66,7 @@ def test_the_condition_is_that_of_the_information(cases):
             assert got == pytest.approx(case["info_cond"], rel=max(1e-7, rounding)), case["name"]
 
 
-def test_what_is_not_observable_is_told(cases):
+def test_unobservable_sets_are_reported(cases):
     open_cases = [case for case in cases if not case["observable"]]
     assert len(open_cases) == 4
     for case in open_cases:
@@ -78,8 +78,8 @@ def test_what_is_not_observable_is_told(cases):
             assert np.isfinite(got.source_to_target.as_matrix()).all()
 
 
-def test_a_tie_between_two_attitudes_is_told():
-    """Three axes seen mirrored: every half turn fits as well as the next."""
+def test_a_tie_between_two_attitudes_is_reported():
+    """Three mirrored axes: rotations by 180 deg about each fit equally well."""
     got = align(-np.eye(3)[None], np.eye(3)[None], np.ones((1, 3)))
     assert got.observability[0] == Observability.CONTRADICTORY
 
@@ -130,7 +130,7 @@ def test_many_sets_at_once_give_what_each_gives(solver):
 
 
 @pytest.mark.parametrize("solver", [svd, davenport, quest, foam, "align"])
-def test_a_quarter_turn_about_z_takes_x_to_y(solver):
+def test_a_rotation_by_90_deg_about_z_takes_x_to_y(solver):
     """Sign, handedness and order of the quaternion (x, y, z, w), whichever solver made it."""
     reference, observed = np.eye(3), np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]])
     if solver == "align":
@@ -142,7 +142,7 @@ def test_a_quarter_turn_about_z_takes_x_to_y(solver):
 
 
 def test_rows_taken_for_columns_show_in_the_loss():
-    """A mirrored field is no rotation of the sky; no attitude fits, and the loss tells."""
+    """A mirrored field is no rotation of the sky; no attitude fits, and the loss is large."""
     b, r, weight = random_set(np.random.default_rng(8), 6)
     right = align(b[None], r[None], weight[None])
     swapped = align(b[None][..., [1, 0, 2]], r[None], weight[None])
@@ -226,7 +226,7 @@ def test_markley_mortari_scenario_1():
 
 
 def test_markley_mortari_scenario_2():
-    """One accurate vector, two poor ones: the turn about the accurate one is poor, not the rest."""
+    """One accurate vector, two poor ones: only the rotation about the accurate one is poor."""
     error, got = scenario("MM2", 5000, 2)
     np.testing.assert_allclose(
         np.sqrt((error[:, 1:] ** 2).mean(axis=0)) / arcsec, [1.0, 1.0], rtol=0.04
@@ -236,7 +236,7 @@ def test_markley_mortari_scenario_2():
 
 
 def test_markley_mortari_scenario_3_is_flagged_by_its_loss():
-    """Wrong weights: the errors are six times what the covariance states, and the loss tells."""
+    """Wrong weights: the errors are six times what the covariance states, and the loss is large."""
     error, got = scenario("MM3", 5000, 3)
     rms = np.sqrt((error**2).mean(axis=0)) / arcsec
     np.testing.assert_allclose(rms, [3359, 1222, 1210], rtol=0.04)

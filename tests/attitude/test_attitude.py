@@ -129,7 +129,7 @@ def test_an_unsolved_match_stays_unsolved():
     assert (got.icrs_to_camera, got.stars, got.false_probability) == (None, 0, 1.0)
 
 
-def test_the_covariance_is_enlarged_by_what_surprises_alone():
+def test_the_covariance_is_enlarged_by_significant_residuals_alone():
     """By chi-square over its degrees of freedom where the noise explains it one time in 1000.
 
     Seeds whose chance, by scipy, lies on both sides of that; a fitted scale takes one more degree.
@@ -155,7 +155,7 @@ def test_the_covariance_is_enlarged_by_what_surprises_alone():
 
 
 def test_mismatched_stars_are_left_out_the_worst_first():
-    """Ten stars of which three lie where they should not; the others are without noise."""
+    """Ten stars, three of them displaced; the others are without noise."""
     attitude, pixel, direction = sky(10, 12)
     pixel[[2, 5, 9]] += [[40.0, 0], [0, -9.0], [3.0, 3.0]]
     got = solve(spots_of(pixel, 0.1), matches_of(direction), EXACT)
@@ -172,7 +172,7 @@ def test_of_four_stars_none_is_left_out():
 
 
 def test_half_of_the_stars_stay_however_wrong_they_are():
-    """Each star is wrong by four times as much as the one before: the worst stands out always."""
+    """Each error is four times the one before, so that the worst is always an outlier."""
     for count, left in ((12, 6), (13, 6)):
         _, pixel, direction = sky(count, 7)
         pixel[:, 0] += 1e-5 * 4.0 ** np.arange(count)
@@ -193,7 +193,7 @@ def test_a_star_on_the_gate_stays():
 
 
 def test_the_gate_widens_with_the_noise():
-    """Noise three times as large as stated: the gate of five sigma stands at fifteen.
+    """Noise three times as large as stated: the gate of five sigma becomes fifteen.
 
     It is known from the median over 2000 stars, to 2.2 % of a deviation.
     """
@@ -204,8 +204,8 @@ def test_the_gate_widens_with_the_noise():
         assert solve(spots_of(pixel, 0.1), matches_of(direction), EXACT).stars == left
 
 
-def test_what_stars_err_by_beside_their_noise_adds_in_squares():
-    """A floor for all, one of each, and a noise that holds it already; unknown is 0.015 pixel."""
+def test_systematic_errors_add_to_the_noise_in_squares():
+    """One floor for all, one for each star, or noise that contains it; 0.015 pixel if unknown."""
     _, pixel, direction = sky(6, 8)
     matches = matches_of(direction)
 
@@ -231,7 +231,7 @@ def test_a_fitted_scale_is_found_with_the_attitude():
         assert (got.icrs_to_camera * attitude.inv()).magnitude() < 1e-13
 
 
-def test_a_fitted_scale_costs_what_the_information_of_both_says():
+def test_a_fitted_scale_enlarges_the_covariance_by_the_joint_information():
     """The block of the attitude in the inverse of a 4 x 4 information from finite differences."""
     attitude, pixel, direction = sky(5, 3)
     covariance = np.tile([[0.04, 0.01], [0.01, 0.09]], (5, 1, 1))
@@ -250,7 +250,7 @@ def test_a_fitted_scale_costs_what_the_information_of_both_says():
     np.testing.assert_allclose(got, np.linalg.inv(information)[:3, :3], rtol=1e-6)
 
 
-def test_the_share_of_the_scale_is_that_of_vectors_too():
+def test_the_part_of_the_scale_is_the_same_for_unit_vectors():
     """`scale_unknown` for unit vectors, and the same in the image plane."""
     attitude, pixel, direction = sky(9, 4)
     covariance = np.tile(np.eye(2) * 0.01, (9, 1, 1))

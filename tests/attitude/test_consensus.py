@@ -12,7 +12,7 @@ SIGMA = 10 * arcsec
 
 
 def field(count: int, wrong: int, seed: int):
-    """Seen and catalogued directions of a field; the last `wrong` belong to nothing."""
+    """Measured and catalogue directions of a field; the last `wrong` are unrelated."""
     rng = np.random.default_rng(seed)
     attitude = Rotation.from_quat(rng.standard_normal(4))
     seen = CAMERA.unproject(rng.uniform(0, 1023, (count, 2)))
@@ -25,8 +25,8 @@ def field(count: int, wrong: int, seed: int):
 
 
 @pytest.mark.parametrize("wrong", [0, 5, 12])
-def test_it_finds_the_right_stars_among_wrong_ones(wrong):
-    """At five sigma right stars are hardly ever lost, and wrong ones enter by chance alone."""
+def test_it_finds_the_correct_matches_among_false_ones(wrong):
+    """At five sigma correct matches are hardly ever lost; false ones agree by chance alone."""
     lost = 0
     for seed in range(30):
         _, seen, known = field(20, wrong, seed)
@@ -49,7 +49,7 @@ def test_nothing_agrees_where_there_are_no_two_directions():
         assert not consensus(seen, seen, np.full(len(seen), SIGMA), 5.0).any()
 
 
-def test_solve_survives_more_wrong_matches_than_right_ones():
+def test_solve_works_with_more_false_matches_than_correct_ones():
     for seed in range(10):
         attitude, seen, known = field(14, 8, seed)
         index, ones = np.arange(14), np.ones(14)

@@ -12,7 +12,7 @@ STEP = 0.25
 
 
 def run(seed: int, steps: int, rate_size: float):
-    """Follow a camera whose rate and bias wander; error (6,) and covariance at the end."""
+    """Filter a camera with random walks of rate and bias; error (6,) and covariance at the end."""
     rng = np.random.default_rng(seed)
     truth, bias = Rotation.from_quat(rng.standard_normal(4)), 5 * arcsec * rng.standard_normal(3)
     state = start(turned(truth, rng), SEEN, 5 * arcsec)
@@ -70,8 +70,8 @@ def test_filtering_beats_single_attitudes():
     assert np.sqrt((errors[:, 2] ** 2).mean()) < 0.5 * np.sqrt(SEEN[2, 2])
 
 
-def test_a_turning_camera_sees_the_sky_turn_back():
-    """The camera turns by 90 degrees about its x axis: what was along +y is then along +z."""
+def test_stars_rotate_against_the_rotation_of_the_camera():
+    """The camera rotates by 90 degrees about its x axis: what was along +y is then along +z."""
     state = predict(
         start(Rotation.identity(), SEEN, 0.0), np.array([90 * deg, 0, 0]), 1.0, GYROSCOPE
     )

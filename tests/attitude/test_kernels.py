@@ -47,8 +47,8 @@ def products():
     return [*matrices(), *special, *(turned @ d for d in special), *(d @ turned for d in special)]
 
 
-def test_the_best_rotation_holds_as_much_as_numpys_decomposition():
-    """trace(R^T B) is the sum of the singular values, the least taken off where B mirrors."""
+def test_the_best_rotation_has_the_trace_of_numpys_decomposition():
+    """trace(R^T B) is the sum of the singular values, the smallest subtracted where B mirrors."""
     for b in products():
         rotation = np.full((3, 3), np.nan)
         first = best_rotation(b.copy(), rotation)

@@ -1,4 +1,4 @@
-"""The turn to the spacecraft's axes, and its swing."""
+"""The rotation to the spacecraft's axes, and its thermo-elastic swing."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from startrack.core.units import deg
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_a_swing_about_one_axis_is_a_swing(axis):
-    """It vanishes at the phase zero, is whole a quarter later, and `still` is without it."""
+    """It is zero at phase 0, largest at pi / 2, and absent from `still`."""
     mounting = Mounting(**{f"swing_{axis}": 2 * deg, axis: 90 * deg})
     assert mounting.swings
     assert not mounting.still.swings
@@ -26,6 +26,6 @@ def test_without_angles_the_axes_are_the_cameras():
 
 
 @pytest.mark.parametrize("name", ["x", "y", "z", "swing_x", "swing_y", "swing_z"])
-def test_what_is_no_angle_is_refused(name):
+def test_values_that_are_no_angles_are_refused(name):
     with pytest.raises(ValueError, match=name):
         Mounting(**{name: float("nan") if len(name) == 1 else -1.0})

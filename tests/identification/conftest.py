@@ -1,4 +1,4 @@
-"""Skies that the tests make themselves: what a perfect detector would hand to identification."""
+"""Simulated fields: spots as a perfect detector and detection would give them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SETTINGS = Identification()
 
 
 def make_spots(pixel: Floats, sigma: float) -> Spots:
-    """Spots at these pixels (n, 2), brightest first, with an honest covariance."""
+    """Spots at these pixels (n, 2), brightest first, with the covariance of their noise."""
     n = len(pixel)
     x, y = np.array(pixel, float).reshape(-1, 2).T.copy()
     covariance = np.tile(np.eye(2) * max(sigma, 0.01) ** 2, (n, 1, 1))
@@ -32,7 +32,7 @@ def make_spots(pixel: Floats, sigma: float) -> Spots:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Spots and the truth behind them: which star each is, -1 for none."""
+    """Spots and the index of the true star of each, -1 for none."""
 
     spots: Spots
     star: NDArray[np.int64]
@@ -92,7 +92,7 @@ class Design:
 
 @lru_cache
 def make_design(field_deg: float, limit_g: float, margin: float = 1.0) -> Design:
-    """A square camera of 1024 pixels; its catalogue goes deeper than it sees by a margin."""
+    """A square camera of 1024 pixels; its catalogue is deeper than its limit by a margin."""
     camera = Camera.from_field_of_view(1024, 1024, field_deg * deg)
     stars = open_sky(Selection(limit_g=limit_g + margin)).stars
     return Design(camera, stars, build_index(stars, field_deg * deg), limit_g)

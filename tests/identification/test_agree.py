@@ -1,4 +1,4 @@
-"""Matching and fitting in turn, about a group of stars with one false spot far from it."""
+"""Matching and fitting in turns, for a group of stars with one false spot far from it."""
 
 import numpy as np
 import pytest
@@ -21,13 +21,13 @@ def seen_at(spots_at, pixel, sigma=0.1, **settings):
 
 
 def stars_at(pixel):
-    """Directions in the sky, and their places in the plane."""
+    """Directions of stars, and their positions in the image plane."""
     return TURN.inv().apply(CAMERA.unproject(pixel)), (pixel - CAMERA.centre) / 4000.0
 
 
 @pytest.mark.parametrize("number", range(6))
-def test_what_is_left_out_of_the_first_fit_pulls_no_more(spots_at, number):
-    """The false spot, 15 pixels from a star, is believed with the group, and is not without it."""
+def test_a_match_left_out_of_the_first_fit_has_no_weight(spots_at, number):
+    """The false spot, 15 pixels from a star, is matched unless the first fit leaves it out."""
     star = np.insert(GROUP, number, LURED, axis=0)
     spot = star.copy()
     spot[number] += [10.0, -11.0]
@@ -42,8 +42,8 @@ def test_what_is_left_out_of_the_first_fit_pulls_no_more(spots_at, number):
     assert (Rotation.from_matrix(free.rotation) * TURN.inv()).magnitude() < 1e-6
 
 
-def test_an_attitude_some_pixels_off_is_brought_back(spots_at):
-    """All stars within the match radius of one another's noise are found, and the scale."""
+def test_an_attitude_wrong_by_some_pixels_is_corrected(spots_at):
+    """All stars within the match radius are found, and the scale."""
     rng = np.random.default_rng(2)
     star = rng.uniform(0, 1023, (20, 2))
     direction, _ = stars_at(star)
@@ -60,7 +60,7 @@ def test_an_attitude_some_pixels_off_is_brought_back(spots_at):
     assert found.distance.max() < 1e-6
 
 
-def test_given_matches_are_weighed_by_their_noise_and_what_all_show_beyond_it(spots_at):
+def test_given_matches_are_weighted_by_their_noise_plus_the_common_excess(spots_at):
     """Two noise levels: errors of 1500 fits are as small as those of the best weights.
 
     With equal weights they would be larger by a fifth. With all noise unstated, weights become
@@ -91,7 +91,7 @@ def test_given_matches_are_weighed_by_their_noise_and_what_all_show_beyond_it(sp
 
 
 def fits(monkeypatch, spots_at, spot, sigma, start=TURN, **settings):
-    """The weights (rounds, n) of all fits that the rounds ask for, and those of settling."""
+    """The weights (rounds, n) of all fits of the rounds, and those of the last fits."""
     weights = []
 
     def noted(plane, weight, *others):
@@ -118,7 +118,7 @@ def test_rounds_end_when_nothing_changes(monkeypatch, spots_at):
     assert len(fits(monkeypatch, spots_at, np.zeros((5, 2)), 0.1)) == 3
 
 
-def test_residuals_pull_by_the_weights_of_cauchy(monkeypatch, spots_at):
+def test_residuals_have_the_weights_of_cauchy(monkeypatch, spots_at):
     """Those of scipy's least squares, with two sigma where they begin to pull less.
 
     Four spots have so little noise that they hold the fit; the fifth, of a noise of one pixel, is
@@ -145,7 +145,7 @@ def test_residuals_pull_by_the_weights_of_cauchy(monkeypatch, spots_at):
 
 @pytest.mark.parametrize(("focal", "unknowns"), [(0.0, 3), (0.01, 4)])
 @pytest.mark.parametrize("extra", [0.0, 0.4])
-def test_what_residuals_show_beyond_their_noise(spots_at, focal, unknowns, extra):
+def test_the_variance_of_residuals_beyond_their_noise(spots_at, focal, unknowns, extra):
     """The variance that was put in, of 20 000 spots; of six, what the fit took up is put back."""
     rng = np.random.default_rng(6)
     count = 20_000

@@ -1,4 +1,4 @@
-"""What the brightness of a match says, against integrals over the zero point, and what it bears."""
+"""Likelihood ratio of brightness against integrals over the zero point, and its robustness."""
 
 import numpy as np
 import pytest
@@ -9,11 +9,11 @@ from startrack.identification.evidence import log_brightness
 
 SPOTS = np.array([-8.0, -9.5, -7.2, -10.1, -8.8, -6.4, -9.0])
 STARS = SPOTS + 12.0 + np.array([0.3, -0.2, 0.1, 0.0, 0.4, -0.3, -0.1])
-ALL_WILD = 0.1  # the fraction of stars that may be as bright as any spot
+OUTLIER_FRACTION = 0.1  # the fraction of stars that may be as bright as any spot
 
 
 def ratio(spot, star, magnitude=SPOTS, expected=STARS, spot_blur=0.4, star_blur=0.3):
-    """R of the module's equation; blurs are (k,) or the same for all."""
+    """R of the equation of `log_brightness`; blurs are (k,) or the same for all."""
     k = len(spot)
     factor = log_brightness(
         magnitude,
@@ -53,7 +53,7 @@ def test_the_ratio_is_the_mean_over_zero_points(spot, star):
     assert ratio(spot, star) == pytest.approx(integral(spot, star), rel=1e-3)
 
 
-def test_spots_of_one_brightness_are_spread_by_half_a_magnitude_all_the_same():
+def test_spots_of_one_brightness_have_a_spread_of_half_a_magnitude():
     even = np.array([-8.0, -8.02, -8.04, -8.06])
     stars = even + 12.0
     wanted = integral([0, 3], [0, 3], even, stars)
@@ -78,11 +78,11 @@ def test_each_match_has_its_own_noise():
 
 
 @pytest.mark.parametrize("matches", [1, 2, 3])
-def test_stars_of_quite_another_brightness_are_wild(matches):
-    """Each costs a tenth, and no more, however far off."""
+def test_stars_of_very_different_brightness_are_outliers(matches):
+    """Each has the factor 0.1, however large the difference."""
     expected = np.append(STARS, [60.0, 70.0, 80.0])
     far = 7 + np.arange(matches)
-    assert ratio(far - 7, far, expected=expected) == pytest.approx(ALL_WILD**matches)
+    assert ratio(far - 7, far, expected=expected) == pytest.approx(OUTLIER_FRACTION**matches)
 
 
 def test_units_of_flux_and_zero_points_do_not_matter():
@@ -96,7 +96,7 @@ def test_units_of_flux_and_zero_points_do_not_matter():
 
 
 @pytest.mark.parametrize("outlier", [-25.0, 15.0])
-def test_one_spot_of_absurd_brightness_does_not_move_the_zero_point(outlier):
+def test_one_extremely_bright_spot_does_not_move_the_zero_point(outlier):
     """The Moon among nine stars: these agree as before, in the scale of the medians."""
     expected = np.linspace(2.0, 6.0, 9)
     magnitude = np.append(expected - 12.0, outlier)
@@ -117,7 +117,7 @@ def test_zero_points_come_from_medians_of_as_many_stars_as_there_are_spots():
     assert ratio(every, every + 40, magnitude, faint_first) == pytest.approx(alone, rel=1e-12)
 
 
-def test_a_match_of_unknown_flux_says_nothing():
+def test_a_match_of_unknown_flux_has_the_factor_one():
     magnitude = np.append(SPOTS, np.nan)
     expected = np.append(STARS, 30.0)
     one = ratio([0, 2], [0, 2], magnitude, expected)

@@ -66,7 +66,7 @@ def test_unknowns_are_integrated_out(radius):
 
 
 def test_a_spot_by_chance_lies_anywhere_in_the_image():
-    """Its density is one over the area: each match in a larger image is so much more evidence."""
+    """Its density is one over the area: a match in a larger image is stronger evidence."""
     one, noise = np.zeros((3, 2)), np.full(3, 0.004)
     ratio = of(one, noise, area=12.0) - of(one, noise, area=4.0)
     assert ratio == pytest.approx(3 * np.log(3))
@@ -91,8 +91,8 @@ def test_without_stars_the_evidence_of_any_attitude_is_the_same():
 
 
 @pytest.mark.parametrize(("spots", "stars"), [(4, 3), (9, 12), (30, 60)])
-def test_bright_stars_speak_louder_than_faint_ones(spots, stars):
-    """Missing the brightest is evidence against; so is to see what no such camera has seen yet."""
+def test_bright_stars_are_stronger_evidence_than_faint_ones(spots, stars):
+    """A missing bright star is evidence against a match; so is a star fainter than all detected."""
 
     def seen(ranks):
         many = len(ranks)
@@ -142,7 +142,7 @@ def test_evidence_by_chance_is_one_in_the_mean():
     assert mean > 0.3
 
 
-def test_random_attitudes_are_as_dense_as_stated():
+def test_random_attitudes_have_the_stated_density():
     """Closer than an angle a to a given one are (a - sin a) / pi of them: a ball of radius a."""
     angle = 1e-2
     fraction = (angle - np.sin(angle)) / np.pi
@@ -168,7 +168,7 @@ def test_the_mean_of_large_numbers_is_scipys():
 @pytest.mark.parametrize("stars", [3, 4, 7, 8, 9, 18, 40])
 @pytest.mark.parametrize("ranks", [[], [0], [3], [4], [7], [8], [17, 18], [0, 2, 5, 9, 20]])
 @pytest.mark.parametrize("spots", [5, 12, 30])
-def test_what_is_seen_is_a_coin_for_each_star_and_clutter_by_poisson(depth, stars, ranks, spots):
+def test_detected_stars_are_binomial_and_clutter_is_poisson(depth, stars, ranks, spots):
     """The factors of L by scipy: the number of spots that are no star, if it is this hypothesis
     and if all are clutter, and each star seen or missed; and how well the first is known."""
     ranks = [rank for rank in ranks if rank < stars]

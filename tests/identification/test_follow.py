@@ -1,4 +1,4 @@
-"""Chains of matches from a poor prediction, among more false spots than stars."""
+"""Chains of matches from an inaccurate prediction, with more false spots than stars."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def seen_at(spots_at, pixel, sigma=0.5):
 
 
 def expected_at(pixel):
-    """Places (m, 2) in the plane and their derivatives (m, 2, 3) by the attitude."""
+    """Positions (m, 2) in the image plane and their derivatives (m, 2, 3) by the attitude."""
     star = TURN.inv().apply(CAMERA.unproject(np.array(pixel)))
     rows = np.array([derivatives(TURN.as_matrix(), d, 1.0)[:, :3] for d in star])
     return (np.array(pixel) - CAMERA.centre) / CAMERA.focal_length_px, rows
@@ -91,8 +91,8 @@ def test_a_match_adds_its_information(spots_at):
 
 
 @pytest.mark.parametrize("angle", [1e-6, 0.01, 0.5])
-def test_the_way_to_another_attitude_is_its_rotation_vector(angle):
-    """Times sin a / a, which is one for the small ones it is meant for."""
+def test_the_difference_of_attitudes_is_a_rotation_vector(angle):
+    """Times sin a / a, which is nearly one for small angles."""
     axis = np.array([2.0, -1.0, 2.0]) / 3
     other = Rotation.from_rotvec(angle * axis) * TURN
     away = _away(TURN.as_matrix(), other.as_matrix())
@@ -108,15 +108,15 @@ def chain(spots_at, spot, star, first=(0, 0)):
     return list(zip(spots.tolist(), stars.tolist(), strict=True))
 
 
-def test_a_spot_is_given_to_one_star_only(spots_at):
-    """Stars at one place: the brightest has the spot, the others none, in every rank."""
+def test_a_spot_is_matched_to_one_star_only(spots_at):
+    """Stars at one position: the brightest is matched, the others are not, in every rank."""
     twice = [STAR[0], STAR[1], STAR[1], STAR[0], STAR[2]]
     assert chain(spots_at, STAR[:3], twice) == [(0, 0), (1, 1), (2, 4)]
     assert chain(spots_at, STAR[:3], twice, (0, 3)) == [(0, 3), (1, 1), (2, 4)]
     assert chain(spots_at, STAR[:3], twice, (2, 4)) == [(2, 4), (0, 0), (1, 1)]
 
 
-def test_a_star_is_given_one_spot_only_the_nearest(spots_at):
+def test_a_star_is_matched_to_the_nearest_spot_only(spots_at):
     aside = [STAR[0], STAR[0] + [0.3, 0.0], STAR[1] + [0.0, 0.9], STAR[1], STAR[1] - [0.9, 0.0]]
     assert chain(spots_at, aside, STAR[:2]) == [(0, 0), (3, 1)]
     assert chain(spots_at, aside, STAR[:2], (1, 0)) == [(1, 0), (3, 1)]
@@ -188,8 +188,8 @@ def test_the_attitude_of_a_chain_is_that_of_least_squares(spots_at):
     assert (Rotation.from_matrix(rotation) * best.inv()).magnitude() < 1e-8
 
 
-def test_doubt_about_the_attitude_is_a_gaussian(spots_at):
-    """Its density at the attitude found by scipy; ten times the doubt about each of three axes."""
+def test_the_prior_of_the_attitude_is_a_gaussian(spots_at):
+    """Its density by scipy at the solution; ten times the sigma about each of three axes."""
     noise = np.random.default_rng(5).normal(0, 0.5, STAR.shape)
     seen = seen_at(spots_at, STAR + noise)
     root = np.array([[0.01, 0.0, 0.0], [0.004, 0.008, 0.0], [0.01, -0.01, 0.02]])
@@ -208,8 +208,8 @@ def test_doubt_about_the_attitude_is_a_gaussian(spots_at):
 
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("sigmas", [1.0, 2.0])
-def test_a_prediction_that_was_off_costs_what_a_gaussian_says(spots_at, axis, sigmas):
-    """The spots tell the attitude far better: half the square of the error in sigmas."""
+def test_a_wrong_prediction_reduces_the_evidence_as_a_gaussian(spots_at, axis, sigmas):
+    """The spots are far more accurate: half the square of the error in sigmas."""
     sigma = np.array([0.004, 0.003, 0.01])
     covariance = np.diag(sigma**2)
     seen = seen_at(spots_at, STAR, 0.1)

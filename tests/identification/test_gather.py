@@ -1,4 +1,4 @@
-"""All matches that an attitude gives, and the camera that they speak for."""
+"""All matches at an attitude, and the focal length from them."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def stretched(scale):
     return (STAR[:12] - CAMERA.centre) * scale + CAMERA.centre
 
 
-def test_matches_bear_the_names_of_the_catalogue(spots_at):
+def test_matches_are_indices_into_the_catalogue(spots_at):
     """Spots in another order than the stars, and some that are none."""
     order = np.random.default_rng(2).permutation(12)
     pixel = np.insert(STAR[order], [3, 9], [[30.5, 1000.5], [1010.5, 20.5]], axis=0)
@@ -45,20 +45,20 @@ def test_matches_bear_the_names_of_the_catalogue(spots_at):
     ("true", "believed"), [(0.9985, 0.9985), (1.0015, 1.0015), (0.997, 0.998), (1.003, 1.002)]
 )
 def test_the_focal_length_stays_within_its_tolerance(spots_at, true, believed):
-    """But for what the tolerance pulls it back by."""
+    """Except for the pull of the prior."""
     found = gathered(spots_at, stretched(true), focal=0.002)
     assert len(found.spot) == 12
     assert found.scale == pytest.approx(believed, abs=5e-6)
 
 
-def test_a_focal_length_believed_is_kept(spots_at):
+def test_a_focal_length_without_tolerance_is_kept(spots_at):
     assert gathered(spots_at, stretched(1.0004), focal=0.0).scale == 1.0
 
 
 @pytest.mark.parametrize(
     ("pixel", "sigma", "count"), [(1.6, 0.1, 12), (2.4, 0.1, 0), (3.6, 1.0, 12), (4.4, 1.0, 0)]
 )
-def test_a_start_off_by_the_match_radius_or_four_sigma_is_brought_back(
+def test_a_start_wrong_by_the_match_radius_or_four_sigma_is_corrected(
     spots_at, pixel, sigma, count
 ):
     """Two pixels, or four sigma of the noise where that is more; turned about an axis far away."""
@@ -72,7 +72,7 @@ def test_a_start_off_by_the_match_radius_or_four_sigma_is_brought_back(
 
 
 @pytest.mark.parametrize("extra", [-1, 0, 1, 90])
-def test_only_the_brightest_stars_are_asked_for(spots_at, extra):
+def test_only_the_brightest_stars_are_predicted(spots_at, extra):
     """Twice as many as there are spots, and fifty; here five spots, thus 60 stars."""
     rng = np.random.default_rng(3)
     count = 60 + extra

@@ -1,4 +1,4 @@
-"""Whole skies: solved, correct and never false."""
+"""Simulated fields: solved, correct and never false."""
 
 import time
 from dataclasses import replace
@@ -108,7 +108,7 @@ def test_a_wrong_focal_length_is_found(design, field, error):
         assert focal == pytest.approx(camera.camera.focal_length_px, rel=1e-3)
 
 
-def test_a_focal_length_beyond_the_tolerance_is_not_believed(design):
+def test_a_focal_length_beyond_the_tolerance_is_not_solved(design):
     camera = design(12, 6.0)
     rng = np.random.default_rng(5)
     believed = camera.camera.scaled(1.05)
@@ -184,7 +184,7 @@ def test_the_index_is_small_and_quick_to_build(design):
 
 
 def test_identification_is_quick_and_bounded(design, spots_at):
-    """Processor time, five times what it takes; a sky without a solution must end, too."""
+    """Processor time, five times what it takes; a frame without a solution must end, too."""
     camera = design(12, 6.0)
     rng = np.random.default_rng(11)
 

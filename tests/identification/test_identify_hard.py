@@ -1,4 +1,4 @@
-"""Odd skies and wrong input."""
+"""Unusual fields and wrong input."""
 
 from dataclasses import replace
 
@@ -15,14 +15,14 @@ SETTINGS = Identification()
 # Both poles, and the meridian at which right ascension jumps.
 @pytest.mark.parametrize("direction", [[0, 0, 1], [0, 0, -1], [1, 0, 0], [1, -1e-4, 0.7]])
 @pytest.mark.parametrize("roll", [0.0, 2.0, 4.0])
-def test_no_place_on_the_sky_is_special(design, towards, direction, roll):
+def test_poles_and_the_jump_of_right_ascension_are_solved(design, towards, direction, roll):
     camera = design(12, 6.0)
     rng = np.random.default_rng(1)
     seen = camera.look(rng, noise=0.1, false=3, attitude=towards(direction, roll))
     assert seen.error(camera.solve(seen.spots)) < 3
 
 
-def test_a_mirrored_image_is_no_sky(design):
+def test_a_mirrored_image_is_not_solved(design):
     camera = design(12, 6.0)
     rng = np.random.default_rng(2)
     for _ in range(25):
@@ -42,7 +42,7 @@ def test_too_few_spots_are_data(design, spots_at, count):
     assert matches.false_probability == 1.0
 
 
-def test_spots_at_no_finite_place_are_left_out(design):
+def test_spots_without_a_finite_position_are_left_out(design):
     camera = design(12, 6.0)
     seen = camera.look(np.random.default_rng(3), noise=0.1)
     x, y = seen.spots.x.copy(), seen.spots.y.copy()
@@ -55,14 +55,14 @@ def test_spots_at_no_finite_place_are_left_out(design):
 
 
 @pytest.mark.parametrize("sigma2", [np.nan, 0.0, -1.0, np.inf, 1e6])
-def test_a_covariance_that_says_nothing_is_survived(design, sigma2):
+def test_a_useless_covariance_is_accepted(design, sigma2):
     camera = design(12, 6.0)
     seen = camera.look(np.random.default_rng(4), noise=0.1, false=3)
     covariance = np.full_like(seen.spots.covariance, sigma2)
     assert seen.error(camera.solve(replace(seen.spots, covariance=covariance))) < 3
 
 
-def test_spots_at_the_same_place(design, spots_at):
+def test_spots_at_the_same_position(design, spots_at):
     camera = design(12, 6.0)
     seen = camera.look(np.random.default_rng(5), noise=0.1)
     pixel = np.column_stack([seen.spots.x, seen.spots.y])
@@ -99,7 +99,7 @@ def test_all_magnitudes_wrong(design, spots_at):
 
 
 def test_few_hypotheses_end_the_search(design, spots_at):
-    """A cell of the index, looked at as a whole, may exceed the number by some."""
+    """The number may be exceeded by the rest of one cell of the index."""
     camera = design(12, 6.0)
     pixel = np.random.default_rng(8).random((30, 2)) * 1024
     answer = camera.solve(spots_at(pixel, 0.1), Identification(max_hypotheses=100)).reason

@@ -1,4 +1,4 @@
-"""The parts against numpy, scipy and the definitions."""
+"""Parts of the identification against numpy, scipy and their definitions."""
 
 from itertools import combinations
 
@@ -62,8 +62,8 @@ def test_local_rank_counts_brighter_neighbours():
     np.testing.assert_array_equal(local_rank(stars, 0.2, 1000) == 0, brighter == 0)
 
 
-def test_thinning_evens_the_sky_out():
-    """Of a sky ten times denser on one half, as many stars stay per area on both."""
+def test_thinning_makes_the_density_uniform():
+    """Of stars ten times denser on one half of the sky, equally many per area are left on both."""
     stars = strewn(np.random.default_rng(3), 20_000)
     keep = (stars[:, 2] > 0) | (np.arange(20_000) % 10 == 0)
     stars = stars[keep]
@@ -72,7 +72,7 @@ def test_thinning_evens_the_sky_out():
     assert 0.8 < north / south < 1.25
 
 
-def test_code_does_not_turn_nor_grow():
+def test_code_is_invariant_to_rotation_and_scale():
     rng = np.random.default_rng(4)
     for _ in range(50):
         a, b, c = near(rng, strewn(rng, 1), 0.1, 3)
@@ -113,7 +113,7 @@ def test_codes_of_the_index_are_canonical_and_sorted(design):
 
 
 def test_no_triangle_is_missing_or_twice_among_the_brightest(design):
-    """All sets of three bright neighbours, found by trying all."""
+    """All sets of three bright neighbours, by exhaustive search."""
     index = design(12, 6.0).index
     table, field = index.table, index.field_of_view
     star = table.sky.direction
@@ -170,8 +170,8 @@ def test_stars_of_an_image_are_those_that_the_camera_projects_into_it(design):
         np.testing.assert_allclose(at, plane, atol=1e-12)
 
 
-def test_the_sieve_finds_what_a_scan_finds():
-    """But for neighbouring spots, of which a cell knows one: fewer than one in fifty."""
+def test_the_spot_grid_finds_what_a_scan_finds():
+    """Except for close spots, of which a cell has one: fewer than one in fifty."""
     rng = np.random.default_rng(13)
     low, high = np.array([-0.1, -0.07]), np.array([0.1, 0.07])
     plane = low + (high - low) * rng.random((30, 2))
@@ -223,7 +223,7 @@ def test_the_factor_of_brightness_has_a_mean_of_one_over_chance():
     assert mean > 0.6
 
 
-def test_brightness_speaks_for_the_truth_and_not_loudly_against_it():
+def test_brightness_is_evidence_for_true_matches_and_weak_against_them():
     rng = np.random.default_rng(16)
     expected = rng.uniform(2.0, 6.0, 10)
     every, blur = np.arange(10), np.full(10, 0.2)
@@ -323,8 +323,8 @@ def test_breadth_first_holds_all_choices_the_brightest_first():
     assert len(more) == 84 + 10
 
 
-def test_about_as_many_triangles_are_made_as_asked_for():
-    """Of stars strewn at random, where the estimate holds; a tenth is left to chance and edges."""
+def test_the_number_of_triangles_is_about_the_wanted_one():
+    """Of randomly distributed stars, for which the estimate holds; within a tenth."""
     stars = strewn(np.random.default_rng(20), 4000)
     sky = Stars(np.arange(4000), stars, np.linspace(0, 6, 4000), np.zeros(4000))
     index = build_index(sky, 0.35, triangles=20_000)
@@ -334,7 +334,7 @@ def test_about_as_many_triangles_are_made_as_asked_for():
             build_index(sky, 0.35, **wrong)
 
 
-def test_a_star_of_unknown_colour_is_trusted_as_one_a_magnitude_off_the_suns():
+def test_unknown_colour_has_the_error_of_one_magnitude_from_the_suns():
     """0.3 magnitude for a star like the Sun, and 0.2 per magnitude of colour, in squares."""
     stars = strewn(np.random.default_rng(21), 500)
     colour = np.tile([0.82, np.nan, 1.82, -0.68, 0.82], 100)

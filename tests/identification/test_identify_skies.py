@@ -1,4 +1,4 @@
-"""Skies that are hard in ways of their own."""
+"""Fields that are difficult for a special reason."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def joined(spots: Spots, pixel, flux) -> Spots:
 
 @pytest.mark.parametrize("direction", [PLEIADES, MILKY_WAY])
 @pytest.mark.parametrize("field", [8, 20])
-def test_where_stars_crowd(design, towards, direction, field):
+def test_crowded_fields(design, towards, direction, field):
     camera = design(field, {8: 6.5, 20: 5.0}[field])
     rng = np.random.default_rng(21)
     for roll in (0.0, 1.0, 3.0):

@@ -1,4 +1,4 @@
-"""Close stars that become one: who takes up whom, and the light and the place that are left."""
+"""Merged close stars: which are merged, their light and their direction."""
 
 import numpy as np
 import pytest
@@ -39,8 +39,8 @@ def test_stars_merge_up_to_the_resolution(apart, count):
     assert len(wide[0]) == count
 
 
-def test_what_a_merged_star_could_have_taken_up_stays():
-    """In a chain the middle goes to the brightest end, and the other end is left alone."""
+def test_a_merged_star_merges_no_other():
+    """In a chain the middle goes to the brightest end, and the other end stays alone."""
     left, names = merged(row([0.0, 0.9, 1.8], [2.0, 3.0, 4.0]), ARC)
     assert names.tolist() == [0, 2]
     np.testing.assert_array_equal(left.direction[1], row([1.8], [4.0]).direction[0])
@@ -66,7 +66,7 @@ def test_stars_leave_brightest_first_and_alone_to_the_last_digit():
 
 @pytest.mark.parametrize("most", [1, 2, 5])
 @pytest.mark.parametrize("radius", [0.05, 0.3, 1.0])
-def test_stars_that_are_thinned_out_count_for_none_after_them(most, radius):
+def test_stars_that_are_thinned_out_do_not_count_as_neighbours(most, radius):
     """Rank by a scan, star after star; the sky holds the poles of all axes."""
     rng = np.random.default_rng(2)
     star = rng.standard_normal((400, 3))

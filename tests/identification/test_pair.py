@@ -1,4 +1,4 @@
-"""One-to-one matches against a scan of all pairs, by the sentence that defines them."""
+"""One-to-one matches against a scan of all pairs, by their definition."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from startrack.identification.agree import pair
 
 
 def scan(plane, place, radius):
-    """Each star takes its nearest spot within the radius, each spot its nearest taker."""
+    """Each star takes its nearest spot within the radius, each spot its nearest star."""
     apart = np.linalg.norm(place[:, None] - plane, axis=2)
     within = np.where(apart <= radius, apart, np.inf)
     takers = {}

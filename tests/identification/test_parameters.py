@@ -1,4 +1,4 @@
-"""What identification asks for where nothing is said, and where each setting ends."""
+"""Defaults and limits of the settings of the identification."""
 
 from dataclasses import asdict
 
@@ -8,7 +8,7 @@ from startrack.identification import Identification
 
 
 def test_settings_are_by_default_those_of_all_published_rates():
-    """A change moves every measured rate: then these are measured anew."""
+    """A change of a default changes every published rate, which must be measured again."""
     assert asdict(Identification()) == {
         "focal_tolerance": 0.01,
         "match_radius": 2.0,
@@ -36,7 +36,7 @@ LIMITS = {
 
 
 @pytest.mark.parametrize("name", LIMITS)
-def test_each_setting_ends_where_it_says(name):
+def test_each_setting_has_the_stated_limits(name):
     allowed, refused = LIMITS[name]
     for value in allowed:
         assert getattr(Identification(**{name: value}), name) == value

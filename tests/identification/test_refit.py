@@ -1,4 +1,4 @@
-"""The camera that matches speak for, and the fields of view that are tried without one."""
+"""The focal length from matches, and the fields of view that are tried for an unknown camera."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ TURN = Rotation.from_rotvec([0.4, -1.0, 2.0])
 
 
 def matched(camera, turn=TURN):
-    """Matches of spots that this camera made, as a tracker with another one has them."""
+    """Matches of spots of this camera, as a tracker that assumes another one gives them."""
     every, rough = np.arange(30), Rotation.from_rotvec([3e-4, 0, -2e-4])
     direction = TURN.inv().apply(camera.unproject(STAR))
     start = None if turn is None else rough * turn
@@ -27,7 +27,7 @@ def matched(camera, turn=TURN):
 @pytest.mark.parametrize("distortion", [{}, {"k1": -0.2, "k2": 0.05, "p1": 1e-3}])
 @pytest.mark.parametrize("factor", [0.985, 1.0, 1.02])
 def test_the_focal_length_of_the_spots_is_found(spots_at, distortion, factor):
-    """Without noise, to what the tolerance pulls; with distortion, to what three rounds leave."""
+    """Without noise, except for the pull of the prior and, with distortion, three rounds."""
     believed = Camera(1024, 1024, 1500.0, **distortion)
     true = believed.scaled(factor)
     settings = Identification(focal_tolerance=0.03)

@@ -1,4 +1,4 @@
-"""Triangles of spots one by one: how they are measured and named, and a search that finds none."""
+"""Triangles of spots: their size, noise and order, and a search that finds none."""
 
 from itertools import permutations
 

@@ -51,7 +51,7 @@ def test_noise_is_the_mean_over_both_axes_within_limits():
     np.testing.assert_allclose(seen(one).sigma * FOCAL, [0.2, 0.01, 2.0, 2.0])
 
 
-def test_the_match_radius_is_never_less_than_three_sigma_of_those_that_vote():
+def test_the_match_radius_is_at_least_three_sigma_of_the_verifying_spots():
     assert seen().radius * FOCAL == pytest.approx(2.0)
     noisy = spots(covariance=[1.0, 1.0, 4.0, 4.0])
     assert seen(noisy).radius * FOCAL == pytest.approx(3 * 1.5)
@@ -83,7 +83,7 @@ def test_the_first_are_cut_from_all_arrays_and_the_image_stays():
     assert few.focal == 0.02
 
 
-def test_spots_at_no_finite_place_are_not_usable():
+def test_spots_without_a_finite_position_are_not_usable():
     one = spots()
     one.x[1], one.y[3] = np.nan, np.inf
     assert usable(one).tolist() == [0, 2]

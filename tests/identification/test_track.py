@@ -1,4 +1,4 @@
-"""A predicted attitude, frames in a row, and the index on disk."""
+"""A predicted attitude, successive frames, and the index on disk."""
 
 import numpy as np
 import pytest
@@ -78,7 +78,7 @@ def test_a_wrong_prediction_falls_back_to_the_whole_sky(design):
     assert seen.error(follow(camera, seen.spots, far, np.full(3, 0.01 * deg))) < 3
 
 
-def test_one_star_leaves_the_attitude_open(design, spots_at):
+def test_one_star_does_not_determine_the_attitude(design, spots_at):
     camera = design(12, 6.0)
     seen = camera.look(np.random.default_rng(4), noise=0.1)
     one = spots_at(np.column_stack([seen.spots.x, seen.spots.y])[:1], 0.1)
@@ -93,7 +93,7 @@ SIDES = {"left": (-1, 0), "right": (1, 0), "upper": (0, -1), "lower": (0, 1), "c
     ("side", "sigmas", "found"),
     [(side, 2.8, True) for side in SIDES] + [(side, 3.2, False) for side in ("left", "lower")],
 )
-def test_stars_that_the_prediction_puts_outside_may_be_inside(spots_at, side, sigmas, found):
+def test_stars_predicted_outside_the_image_may_be_inside(spots_at, side, sigmas, found):
     """Four stars at the border, and a prediction as many sigma out; three are looked for."""
     camera = Camera(1024, 1024, 2000.0)
     turn = Rotation.from_rotvec([0.4, -1.0, 2.0])
@@ -125,7 +125,7 @@ def test_stars_that_the_prediction_puts_outside_may_be_inside(spots_at, side, si
     assert sorted(matches.star) == (list(range(4)) if found else [])
 
 
-def test_the_focal_length_of_the_last_frame_is_believed(design):
+def test_the_focal_length_of_the_last_frame_is_held(design):
     camera = design(12, 6.0)
     rng = np.random.default_rng(8)
     for _ in range(3):
@@ -134,7 +134,7 @@ def test_the_focal_length_of_the_last_frame_is_believed(design):
         assert matches.camera == camera.camera
 
 
-def test_a_match_that_chance_makes_too_often_is_searched_anew(design, spots_at):
+def test_a_match_with_too_weak_evidence_is_searched_again(design, spots_at):
     """Two stars, good enough for one bound and not for another."""
     camera = design(12, 6.0)
     rng = np.random.default_rng(9)
@@ -213,9 +213,7 @@ def test_an_index_comes_back_from_disk_and_damage_is_noticed(design, tmp_path):
     assert len(list(folder.iterdir())) == 2
 
 
-def test_indexes_used_longest_ago_go_and_a_folder_that_cannot_be_written_is_no_failure(
-    design, tmp_path
-):
+def test_old_indexes_are_deleted_and_a_read_only_folder_is_no_failure(design, tmp_path):
     stars = design(20, 5.0).stars[:300]
     for number in range(KEPT + 3):
         cached_index(stars, (20 + number) * deg, tmp_path)

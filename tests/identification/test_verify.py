@@ -1,4 +1,4 @@
-"""Hypotheses from two stars, and what a focal length in doubt costs the evidence."""
+"""Hypotheses from two stars, and the evidence with an uncertain focal length."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def voters():
 
 @pytest.mark.parametrize("scale", [0.95, 1.0, 1.08])
 def test_two_stars_give_attitude_and_focal_length(spots_at, scale):
-    """Whatever the focal length, their separation tells it."""
+    """The separation determines any focal length."""
     spot = (STAR - CAMERA.centre) * scale + CAMERA.centre
     direction = TURN.inv().apply(CAMERA.unproject(STAR))
     seen = seen_at(spots_at, spot, 0.1)
@@ -52,8 +52,8 @@ def test_a_focal_length_known_well_enough_is_no_unknown(spots_at):
     assert evidence(spots_at, 0.01) < evidence(spots_at, 0.0) - 1
 
 
-def test_a_focal_length_two_sigma_off_costs_what_a_gaussian_says(spots_at):
-    """Stars about the axis see hardly anything else change with the scale."""
+def test_a_focal_length_two_sigma_off_reduces_the_evidence_as_a_gaussian(spots_at):
+    """For stars near the axis hardly anything else changes with the scale."""
     loss = evidence(spots_at, 0.003, 1.006) - evidence(spots_at, 0.003)
     assert loss == pytest.approx(-2, abs=0.1)
 

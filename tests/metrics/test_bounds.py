@@ -55,9 +55,9 @@ def test_attitude_bound_against_random_fields(table):
         np.testing.assert_allclose(got, row["pred_rms"], rtol=tolerance)
 
 
-def test_a_wide_field_knows_the_turn_about_its_long_axis_no_worse():
+def test_the_error_about_the_long_axis_of_the_field_is_the_larger_one():
     x, y, z = attitude_bound(20 * deg, 10 * deg, 12, 1 * arcsec)
-    assert x > y  # stars far out along x know less of a turn about x
+    assert x > y  # stars far out along x have less information about x
     assert z > 5 * x
 
 
@@ -71,6 +71,6 @@ def test_a_wide_field_knows_the_turn_about_its_long_axis_no_worse():
         (lambda: attitude_bound(0.1, 0.1, 2, 1e-5), "stars must be a whole number"),
     ],
 )
-def test_what_makes_no_sense_is_refused(refused, message):
+def test_wrong_input_is_refused(refused, message):
     with pytest.raises(ValueError, match=message):
         refused()

@@ -31,7 +31,7 @@ def test_levels_of_normal_errors_are_one_two_and_three_sigma():
 
 @pytest.mark.parametrize("fraction", [0.68, 0.9545, 0.9973])
 @pytest.mark.parametrize("count", [40, 300, 3000])
-def test_intervals_cover_whatever_the_law(fraction, count):
+def test_intervals_cover_for_any_distribution(fraction, count):
     """Heavy tails, 1500 repetitions; 95 % or more, 1e-4 of false alarm."""
     rng = np.random.default_rng(count)
     truth = stats.t(3).ppf((1 + fraction) / 2)
@@ -58,7 +58,7 @@ def test_interpretations():
 
 
 def test_indices_of_a_bias_with_a_drift():
-    """A drift of slope s leaves s T / sqrt(12) within a window and s T between neighbours."""
+    """A drift of slope s: s T / sqrt(12) rms within a window and s T between neighbours."""
     time = (np.arange(10_000) + 0.5) * 0.01
     error = np.outer(2.0 + 0.3 * time, [1.0, -1.0, 0.0])
     got = indices(error, 0.01, 10.0)
@@ -84,7 +84,7 @@ def test_white_noise_is_averaged_over_the_window():
     assert got.relative.std() == pytest.approx(math.sqrt(0.99), rel=0.005)
 
 
-def test_a_rest_after_the_last_window_counts_in_the_absolute_error_alone():
+def test_errors_after_the_last_window_are_in_the_absolute_error_alone():
     got = indices(np.arange(25.0), 1.0, 10.0)
     assert (len(got.absolute), len(got.mean), len(got.relative), len(got.drift)) == (25, 2, 20, 1)
 
@@ -94,7 +94,7 @@ def test_reproducibility_is_the_change_of_the_mean():
     np.testing.assert_array_equal(reproducibility(first, second), [3, 3, 3])
 
 
-def test_what_makes_no_sense_is_refused():
+def test_wrong_input_is_refused():
     with pytest.raises(ValueError, match="window must last from one step"):
         indices(np.zeros(10), 1.0, 11.0)
     with pytest.raises(ValueError, match="step must be positive, got 0"):

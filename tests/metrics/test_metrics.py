@@ -16,7 +16,7 @@ def estimate(error, sigma=1e-5):
 
 
 def test_the_error_is_in_camera_axes():
-    """A turn about the boresight is roll, whatever the attitude."""
+    """A rotation about the boresight is the z error at any attitude."""
     outcome = judge(estimate([0, 0, 2e-5]), TRUTH, 12)
     assert outcome.error_z == pytest.approx(2e-5, rel=1e-9)
     assert abs(outcome.error_x) < 1e-15
@@ -24,13 +24,13 @@ def test_the_error_is_in_camera_axes():
     assert (outcome.solved, outcome.false, outcome.stars, outcome.spots) == (True, False, 9, 12)
 
 
-def test_half_a_turn_away_is_false_and_finite():
+def test_an_error_of_180_deg_is_false_and_finite():
     outcome = judge(estimate([np.pi, 0, 0]), TRUTH, 3)
     assert outcome.false
     assert np.isfinite(outcome.nees)
 
 
-def test_unsolved_is_neither_right_nor_false():
+def test_unsolved_is_neither_correct_nor_false():
     none = Estimate(Status.NO_MATCH, "", None, np.full((3, 3), np.nan), np.nan, 0, 1.0)
     outcome = judge(none, TRUTH, 4)
     assert (outcome.solved, outcome.false) == (False, False)
@@ -45,7 +45,7 @@ def outcomes(rows):
     return table
 
 
-def test_summary_takes_right_attitudes_alone():
+def test_summary_takes_correct_attitudes_alone():
     summary = summarise(
         outcomes([(3, 4, 1, 1, 0), (3, 4, 7, 1, 0), (99, 99, 99, 1, 1), (np.nan,) * 3 + (0, 0)])
     )
@@ -55,7 +55,7 @@ def test_summary_takes_right_attitudes_alone():
     assert summary.false.value == 0.25
 
 
-def test_summary_of_nothing_right():
+def test_summary_without_a_correct_attitude():
     summary = summarise(outcomes([(np.nan,) * 3 + (0, 0)] * 3))
     assert np.isnan(summary.across.value)
     assert summary.availability.value == 0
@@ -69,7 +69,7 @@ def test_rms_intervals_cover():
     assert 915 < hits < 975
 
 
-def test_share_intervals_cover():
+def test_fraction_intervals_cover():
     """Exact intervals cover at least 95 %; 1e-4 below that is a false alarm."""
     hits = 0
     for count in np.random.default_rng(1).binomial(100, 0.97, 1000):
