@@ -3,7 +3,7 @@
 camera           Identified frames of one camera -> the camera model that fits them all.
 psf_width        Frames, spots -> the likelihood of each width of the PSF.
 posterior        Identified spots of one camera -> samples of its camera model (emcee).
-photon_transfer  Frames of even light and dark frames -> samples of the detector's constants
+photon_transfer  Flat and dark frames -> samples of the detector's constants
                  (emcee).
 """
 

@@ -21,24 +21,25 @@ UNKNOWNS = (
     "p2",
     "k3",
 )
-HUBER = 2.0  # sigma, from which on a residual pulls with constant force
+# Sigma, beyond which a residual counts linearly. Chosen by hand: a smaller one discards information
+# of normal residuals, a larger one gives false matches more weight.
+HUBER = 2.0
 NO_MOTION = np.zeros(3)
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """How far each unknown may lie from the camera at the start; 0 keeps it as it is.
+    """Prior standard deviation of each unknown about the starting camera; 0 fixes it.
 
     focal_length  relative
     principal     pixel, along each axis
     k1, k2, k3    1, radial distortion
     tangential    1, p1 and p2
-    floor         pixel, error of a centroid beside its noise
+    floor         pixel, systematic error of a centroid
     steps         of Gauss-Newton
 
-    The sigmas are those of Gaussian priors, so that what the frames leave open stays where it
-    was, with a covariance that shows it: one narrow frame hardly tells the principal point from the
-    attitude, nor the distortion from either.
+    The priors are Gaussian: an unknown that the frames do not constrain keeps its value, and the
+    covariance shows it. One narrow frame hardly separates principal point, attitude and distortion.
     """
 
     focal_length: float = 0.1
@@ -65,10 +66,10 @@ class Calibration:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """What the frames say of their camera.
+    """The estimate of a camera.
 
-    camera        the best one
-    covariance    (8, 8) of UNKNOWNS, in their units; zero where an unknown was kept
+    camera        of the least squares
+    covariance    (8, 8) of UNKNOWNS, in their units; zero where an unknown is fixed
     residual_rms  pixel, root mean square over both axes of all matches
     stars         matches used
     frames        frames used
@@ -84,12 +85,12 @@ class Calibrated:
 def calibrate(
     spots: Sequence[Spots], matches: Sequence[Matches], camera: Camera, settings: Calibration
 ) -> Calibrated:
-    """Least squares over the camera and the attitudes of all frames, few bad matches allowed.
+    """Robust least squares over the camera and the attitudes of all frames.
 
     Gauss-Newton with OpenCV's derivatives; the attitudes are eliminated frame by frame (Schur
-    complement), so that a thousand frames cost a thousand times one. Residuals beyond HUBER
-    sigma count less. Where residuals are larger than the noise explains, the covariance is
-    enlarged by their chi-square over the degrees of freedom.
+    complement), so that the time is proportional to the number of frames. Residuals beyond
+    HUBER sigma count less. A chi-square above the degrees of freedom enlarges the covariance in
+    proportion.
 
     spots    of each frame
     matches  of each frame; unsolved ones are left out
@@ -134,7 +135,7 @@ def calibrate(
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """The normal equations of one frame, its attitude eliminated."""
+    """The normal equations of one frame without its attitude."""
 
     schur: Floats
     right: Floats
@@ -143,7 +144,7 @@ class _Block:
     attitude_right: Floats
 
     def attitude(self, step: Floats) -> Floats:
-        """The rotation vector (3,) that goes with a step of the camera."""
+        """The rotation vector (3,) for a step of the camera."""
         return self.inverse @ (self.attitude_right - self.cross.T @ step)
 
 
@@ -165,7 +166,7 @@ class _Frame:
         return self.pixel - camera.project(self.icrs_to_camera.apply(self.direction))
 
     def chi_square(self, camera: Camera, floor: float) -> float:
-        """Of the residuals, those beyond HUBER sigma by the weight they had."""
+        """Chi-square of the residuals with Huber's weights."""
         _, square, weight = self._weigh(camera, floor)
         return float(np.sum(square * weight))
 
@@ -180,10 +181,10 @@ class _Frame:
         cross = np.einsum("nij,nik->jk", camera_rows, weighed)
         attitude_right = np.einsum("nik,ni->k", weighed, residual)
         weighed = np.einsum("nij,njk->nik", inverse, camera_rows)
-        own = np.einsum("nij,nik->jk", camera_rows, weighed)
+        camera_block = np.einsum("nij,nik->jk", camera_rows, weighed)
         right = np.einsum("nik,ni->k", weighed, residual)
         return _Block(
-            own - cross @ attitude @ cross.T,
+            camera_block - cross @ attitude @ cross.T,
             right - cross @ attitude @ attitude_right,
             attitude,
             cross,
@@ -193,8 +194,7 @@ class _Frame:
     def _weigh(self, camera: Camera, floor: float) -> tuple[Floats, Floats, Floats]:
         """Inverse covariances (n, 2, 2), squared residuals over them (n,), Huber's weights (n,).
 
-        Beyond HUBER times the typical residual, which is larger than the noise where the
-        camera is not yet right.
+        HUBER is in units of the typical residual, which exceeds the noise before convergence.
         """
         residual = self.residual(camera)
         inverse: Floats = np.linalg.inv(self.covariance + floor**2 * np.eye(2)).astype(np.float64)
@@ -229,7 +229,7 @@ def _moved(camera: Camera, free: Ints, step: Floats) -> Camera:
 
 
 def _sigma(camera: Camera, settings: Calibration) -> Floats:
-    """Of the priors, in the order of UNKNOWNS."""
+    """Standard deviations of the priors, in the order of UNKNOWNS."""
     return np.array(
         [
             settings.focal_length * camera.focal_length_px,

@@ -1,4 +1,4 @@
-"""Frames of even light and dark frames -> samples of the detector's constants (emcee)."""
+"""Flat and dark frames -> samples of the detector's constants (emcee)."""
 
 from __future__ import annotations
 
@@ -14,20 +14,24 @@ from startrack.core import Floats, non_negative
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
 NAMES = ("electrons_per_dn", "read_noise", "dark_current", "prnu", "dark_pattern", "offset")
-LOW = np.array([1e-3, 1e-2, 1e-3, 1e-5, 1e-3])  # of all but the offset, whose prior is even
+# Bounds of the uniform priors of all logarithms; the offset has none. Chosen by hand, beyond all
+# detectors: wider ones change nothing where the levels constrain a constant.
+LOW = np.array([1e-3, 1e-2, 1e-3, 1e-5, 1e-3])
 HIGH = np.array([1e4, 1e4, 1e7, 0.5, 1e4])
-ROUNDING = 1 / 12  # digital number squared, of a converter's step
-SPREAD = 0.1  # of the logarithms, at the start
-SATURATED = 0.05  # fraction of pixels at a level's largest number
+ROUNDING = 1 / 12  # digital number squared, variance of the quantisation
+SPREAD = 0.1  # of the logarithms at the start; chosen by hand: wider than usual posteriors
+# Fraction of pixels with a level's largest number, above which it is saturated. Chosen by hand: few
+# pixels bias the variance little.
+SATURATED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Frames that were taken alike, two at least.
+    """Two or more frames of the same exposure and light.
 
     frames    (m, rows, columns) digital number
     exposure  second
-    lit       whether even light fell on them
+    lit       whether they have uniform light; else dark
     """
 
     frames: NDArray[np.number]
@@ -48,7 +52,7 @@ class Level:
 class DetectorPosterior:
     """Samples of a detector's constants, in the columns of NAMES.
 
-    chains  all but the offset as natural logarithms
+    chains  natural logarithms, except of the offset
     """
 
     chains: Chains
@@ -76,15 +80,15 @@ def sample_detector(
         dark mean          offset + dark t / K,   e = K (mean - offset) - dark t where lit
 
     Source: EMVA 1288 release 4.0, 2.2, 3.1 and 4.1, with K the inverse of its system gain. For
-    normal pixels both sample variances have gamma laws and are independent of each other and of
-    the mean, so that the likelihood of all pixels is that of three numbers a level. Priors even in
-    the logarithms, and in the offset.
+    normal pixels both sample variances have gamma distributions, independent of each other and of
+    the mean, so that three numbers per level have the likelihood of all pixels. Priors: uniform in
+    the logarithms and in the offset.
 
     levels  one lit and two dark ones of different exposures at least
     Raises    ValueError where levels are missing, or the lit ones are not brighter.
-    Accuracy  model: pixels normal and independent, photons beyond a few tens a pixel or read noise
-              that rules; the signal of a lit level known to 1 / sqrt(pixels); one dark pattern at
-              all exposures.
+    Accuracy  model: pixels normal and independent, more than a few tens of photons per pixel or
+              dominant read noise; the signal of a lit level known to 1 / sqrt(pixels); the
+              same dark pattern at all exposures.
     """
     dark = {level.exposure for level in levels if not level.lit}
     if len(dark) < 2 or not any(level.lit for level in levels):
@@ -129,22 +133,22 @@ def _statistics(level: Level) -> _LevelStatistics:
 
 
 class _Law:
-    """The logarithm of the posterior at places (w, 6)."""
+    """The logarithm of the posterior at points (w, 6)."""
 
     def __init__(self, levels: list[_LevelStatistics]) -> None:
         self.levels = levels
         one = next(level for level in levels if not level.lit)
         self.scale = np.array([SPREAD] * 5 + [math.sqrt(one.spatial / one.pixels)])
 
-    def __call__(self, places: Floats) -> Floats:
-        held = np.clip(places[:, :-1], np.log(LOW), np.log(HIGH))
+    def __call__(self, points: Floats) -> Floats:
+        held = np.clip(points[:, :-1], np.log(LOW), np.log(HIGH))
         gain, read, dark, prnu, pattern = np.exp(held).T
-        offset = places[:, -1]
-        inside = (held == places[:, :-1]).all(axis=1)
-        score = np.zeros(len(places))
+        offset = points[:, -1]
+        inside = (held == points[:, :-1]).all(axis=1)
+        score = np.zeros(len(points))
         for one in self.levels:
             charge = dark * one.exposure
-            light = gain * (one.mean - offset) - charge if one.lit else np.zeros(len(places))
+            light = gain * (one.mean - offset) - charge if one.lit else np.zeros(len(points))
             inside &= light >= 0
             light = np.maximum(light, 0)
             temporal = (read**2 + charge + light) / gain**2 + ROUNDING
@@ -157,7 +161,7 @@ class _Law:
         return np.where(inside, score, -np.inf)
 
     def guess(self) -> Floats:
-        """The classical photon transfer's answer: from two levels for each constant."""
+        """Estimate by classical photon transfer, from two levels for each constant."""
         unlit = sorted((one for one in self.levels if not one.lit), key=lambda one: one.exposure)
         lit = max((one for one in self.levels if one.lit), key=lambda one: one.mean)
         short, long = unlit[0], unlit[-1]
@@ -181,5 +185,5 @@ class _Law:
 
 
 def _gamma(sample: float, variance: Floats, freedom: int) -> Floats:
-    """ln density of a sample variance of normal numbers, but for what holds no unknown."""
+    """ln density of a sample variance of normal numbers, without the constant terms."""
     return -0.5 * freedom * (np.log(variance) + sample / variance)

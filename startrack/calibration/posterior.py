@@ -15,23 +15,26 @@ from startrack.core import Camera, Floats, Frame, Matches, Spots, distort, non_n
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
 CAMERA = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
-LOGARITHMS = ("floor", "psf_sigma")  # sampled as such
-ROUNDS = 2  # of Gauss-Newton on the attitudes
-HARDLY = 0.9  # of the prior's width, from which on the frames hardly tell
-WIDER = 3.0  # times the errors of least squares, from which the walkers start around it
-FLOOR_SPREAD = 0.2  # of the logarithm of the floor, there
+LOGARITHMS = ("floor", "psf_sigma")  # sampled as their logarithms
+ROUNDS = 2  # of Gauss-Newton on the attitudes; chosen by hand: they start at solved attitudes
+# Standard deviation over that of the prior, from which a column is unconstrained. Chosen by hand: a
+# smaller one reports weakly constrained columns too.
+UNCONSTRAINED = 0.9
+# Chosen by hand: split R-hat needs starts wider than the posterior, a longer burn-in wider still.
+START_SPREAD = 3.0  # standard errors of the least squares
+FLOOR_SPREAD = 0.2  # of the logarithm of the floor
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a camera before: a normal law about its values; 0 keeps one as it is.
+    """Prior of a camera: normal about its values; 0 fixes a value.
 
     focal_length     1, relative
     principal        pixel, along each axis
     k1               1
-    floor_low, high  pixel, between which the centroids' own error beside their noise lies, its
-                     logarithm even; equal ones keep it
-    width_low, high  pixel, between which the sigma of the PSF lies, its logarithm even
+    floor_low, high  pixel, bounds of the systematic error of centroids, whose logarithm has a
+                     uniform prior; equal ones fix it
+    width_low, high  pixel, bounds of the sigma of the PSF, whose logarithm has a uniform prior
     """
 
     focal_length: float = 0.05
@@ -53,16 +56,16 @@ class Prior:
 class CameraPosterior:
     """Samples of a camera.
 
-    names        of the columns: fields of Camera, "floor" and "psf_sigma" in pixel
-    chains       of the camera; floor and width as their natural logarithms
-    correlation  (d, d) between the columns
-    open         columns that the frames hardly tell: as wide as nine tenths of their prior
+    names          of the columns: fields of Camera, "floor" and "psf_sigma" in pixel
+    chains         of the camera; floor and width as their natural logarithms
+    correlation    (d, d) between the columns
+    unconstrained  columns that the frames hardly constrain: at least 0.9 as wide as their prior
     """
 
     names: tuple[str, ...]
     chains: Chains
     correlation: Floats
-    open: tuple[str, ...]
+    unconstrained: tuple[str, ...]
 
     @property
     def samples(self) -> Floats:
@@ -87,23 +90,24 @@ def sample_camera(
     ledger: Ledger | None = None,
     images: Sequence[Frame] | None = None,
 ) -> CameraPosterior:
-    """Sample focal length, principal point, k1 and centroid floor, attitudes integrated out.
+    """Sample focal length, principal point, k1 and centroid floor, attitudes marginalised.
 
-    With the images the width of the PSF, too, from the pixels of their stars.
+    With images, also the width of the PSF from the pixels of their stars.
 
         ln L = -1/2 sum_frames (r^T W r + ln |W^-1| + ln |A^T W A|),   r the residuals at the best
         attitude of each frame, W^-1 = covariance + floor^2, A = d pixel / d attitude
 
-    which is Laplace's integral over each attitude with an even prior, exact as far as the pixels
-    are linear over the attitude's own uncertainty.
+    which is Laplace's integral over each attitude with a uniform prior, exact where the pixels are
+    linear over the uncertainty of the attitude.
 
     spots    of each frame
     matches  of each frame; those with fewer than 4 stars are left out
-    camera   where the prior has its middle
-    images   of the same order
+    camera   centre of the prior
+    images   of the frames, in the same order; None for no width
     Raises    ValueError where no frame has 4 matched stars.
-    Accuracy  model: normal errors of centroids, no bad match; a narrow frame tells the principal
-              point only through the tangent plane's bend: see `open`.
+    Accuracy  model: normal errors of centroids, no false match; a narrow frame constrains the
+              principal point only through the curvature of the tangent plane, see
+              `unconstrained`.
     """
     chosen = [pair for pair in zip(spots, matches, strict=True) if len(pair[1]) >= 4]
     if not chosen:
@@ -112,24 +116,24 @@ def sample_camera(
     if images is not None:
         width = width_likelihood(images, spots, prior.width_low, prior.width_high)
     law = _Law([_frame(*pair) for pair in chosen], camera, prior, width)
-    place, spread = _near(law, *zip(*chosen, strict=True))
+    middle, spread = _least_squares(law, *zip(*chosen, strict=True))
 
     def start(rng: np.random.Generator, n: int) -> Floats:
-        around = place + WIDER * spread * rng.standard_normal((n, len(place)))
+        around = middle + START_SPREAD * spread * rng.standard_normal((n, len(middle)))
         return np.clip(around, law.low, law.high)
 
     chains = draw(law, start, seed, settings, ledger)
-    hardly = chains.flat.std(axis=0) > HARDLY * law.before
+    wide = chains.flat.std(axis=0) > UNCONSTRAINED * law.before
     return CameraPosterior(
         law.names,
         chains,
         np.atleast_2d(np.corrcoef(chains.flat.T)),
-        tuple(name for name, one in zip(law.names, hardly, strict=True) if one),
+        tuple(name for name, one in zip(law.names, wide, strict=True) if one),
     )
 
 
 class _Law:
-    """The logarithm of the posterior, and the prior in the same columns."""
+    """The logarithm of the posterior, with the prior in the same columns."""
 
     def __init__(
         self,
@@ -157,17 +161,17 @@ class _Law:
         self.likely_floor = math.sqrt(prior.floor_low * prior.floor_high)
         self.frames, self.camera, self.width = frames, camera, width
 
-    def __call__(self, places: Floats) -> Floats:
-        """At places (w, d)."""
+    def __call__(self, points: Floats) -> Floats:
+        """Log-probability (w,) at points (w, d)."""
         count = len(self.free)
-        values = np.tile(self.middle, (len(places), 1))
-        values[:, self.free] = places[:, :count]
-        inside = ((places >= self.low) & (places <= self.high)).all(axis=1) & (values[:, 0] > 0)
+        values = np.tile(self.middle, (len(points), 1))
+        values[:, self.free] = points[:, :count]
+        inside = ((points >= self.low) & (points <= self.high)).all(axis=1) & (values[:, 0] > 0)
         values[:, 0] = np.maximum(values[:, 0], 1.0)
-        held = np.clip(places, self.low, self.high)[:, count:].T
+        held = np.clip(points, self.low, self.high)[:, count:].T
         log = dict(zip(self.even, held, strict=True))
-        floor = np.exp(log["floor"]) if "floor" in log else np.full(len(places), self.fixed_floor)
-        off = (places[:, :count] - self.middle[self.free]) / self.sigma
+        floor = np.exp(log["floor"]) if "floor" in log else np.full(len(points), self.fixed_floor)
+        off = (points[:, :count] - self.middle[self.free]) / self.sigma
         score = -0.5 * (off**2).sum(axis=1)
         for pixel, covariance, seen in self.frames:
             score += _log_likelihood(pixel, covariance, seen, self.camera, values, floor)
@@ -177,14 +181,16 @@ class _Law:
 
 
 def _frame(spots: Spots, matches: Matches) -> tuple[Floats, Floats, Floats]:
-    """Pixels (n, 2), their covariance, and where the first attitude has the stars (n, 3)."""
+    """Pixels (n, 2), their covariance, and star directions by the first attitude (n, 3)."""
     assert matches.icrs_to_camera is not None
     pixel = np.column_stack([spots.x, spots.y])[matches.spot]
     return pixel, spots.covariance[matches.spot], matches.icrs_to_camera.apply(matches.direction)
 
 
-def _near(law: _Law, spots: Sequence[Spots], matches: Sequence[Matches]) -> tuple[Floats, Floats]:
-    """The place of the least squares' camera, and its standard errors, in the law's columns."""
+def _least_squares(
+    law: _Law, spots: Sequence[Spots], matches: Sequence[Matches]
+) -> tuple[Floats, Floats]:
+    """Least-squares estimate and its standard errors, in the columns of the posterior."""
     tight = dict(zip(CAMERA, np.zeros(len(CAMERA)), strict=True))
     tight |= dict(zip(law.names, law.sigma, strict=False))
     fitted = calibrate(
@@ -198,23 +204,23 @@ def _near(law: _Law, spots: Sequence[Spots], matches: Sequence[Matches]) -> tupl
             floor=law.likely_floor,
         ),
     )
-    place = [getattr(fitted.camera, CAMERA[i]) for i in law.free]
+    middle = [getattr(fitted.camera, CAMERA[i]) for i in law.free]
     spread = list(np.sqrt(fitted.covariance.diagonal()[law.free]))
     if "floor" in law.even:
-        place.append(math.log(fitted.residual_rms + 1e-9))
+        middle.append(math.log(fitted.residual_rms + 1e-9))
         spread.append(FLOOR_SPREAD)
     if law.width:
         low, high = law.even["psf_sigma"]
         grid = np.linspace(low, high, 4001)
         fraction = np.exp(law.width(grid) - law.width(grid).max())
-        place.append(float(np.average(grid, weights=fraction)))
-        variance = float(np.average((grid - place[-1]) ** 2, weights=fraction))
+        middle.append(float(np.average(grid, weights=fraction)))
+        variance = float(np.average((grid - middle[-1]) ** 2, weights=fraction))
         spread.append(math.sqrt(variance) + 1e-6)
-    return np.array(place), np.array(spread)
+    return np.array(middle), np.array(spread)
 
 
 def project(direction: Floats, values: Floats, camera: Camera) -> Floats:
-    """Where directions fall for many cameras at once; the same as Camera.project for each.
+    """Pixels of directions for many cameras at once; as Camera.project for each.
 
     direction  (w, n, 3) in camera axes
     values     (w, 8) of CAMERA
@@ -230,9 +236,9 @@ def project(direction: Floats, values: Floats, camera: Camera) -> Floats:
 def _log_likelihood(
     pixel: Floats, covariance: Floats, seen: Floats, camera: Camera, values: Floats, floor: Floats
 ) -> Floats:
-    """(w,) of one frame for many cameras, its attitude integrated out."""
+    """(w,) of one frame for many cameras, its attitude marginalised."""
     square = floor[:, None] ** 2
-    # Cholesky's root of each star's covariance, whose inverse makes its residuals white.
+    # Cholesky's root of each star's covariance, whose inverse whitens its residuals.
     first = np.sqrt(covariance[:, 0, 0] + square)
     across = covariance[:, 0, 1] / first
     second = np.sqrt(covariance[:, 1, 1] + square - across**2)
@@ -256,13 +262,13 @@ def _log_likelihood(
 def _linear(
     pixel: Floats, seen: Floats, camera: Camera, values: Floats, turn: Floats
 ) -> tuple[Floats, Floats]:
-    """Residuals (w, n, 2) after small turns, and their slopes by turns (w, n, 2, 3)."""
+    """Residuals (w, n, 2) after small rotations, and their derivatives (w, n, 2, 3)."""
     direction = seen @ Rotation.from_rotvec(turn).as_matrix().swapaxes(1, 2)
     residual = pixel - project(direction, values, camera)
     x, y = direction[..., 0] / direction[..., 2], direction[..., 1] / direction[..., 2]
     f = values[:, 0, None]
     slope = np.empty((*x.shape, 2, 3))
-    # Distortion hardly changes the slopes, and Gauss-Newton needs them to a part in a hundred.
+    # Without distortion: Gauss-Newton needs the derivatives to about 1 %.
     slope[..., 0, :] = np.stack([-f * x * y, f * (1 + x * x), -f * y], axis=-1)
     slope[..., 1, :] = np.stack([-f * (1 + y * y), f * x * y, f * x], axis=-1)
     return residual, slope

@@ -10,13 +10,14 @@ from scipy.special import erf
 
 from startrack.core import Floats, Frame, Spots
 
-HALF = 4  # pixel, from the middle of a stamp to its edge
-APART = 2 * HALF  # pixel along either axis to the next spot, so that a stamp has one star
-BRIGHTEST = 40  # stars of a frame that are looked at
-LEAST_SNR = 15.0
-WIDTHS = 61  # at which the likelihood is tabulated, first over all, then nearer to its peak
-ZOOMS = 3
-STEPS = 3  # of Gauss-Newton on each star's place
+# All chosen by hand.
+HALF = 4  # pixel, from the middle of a stamp to its edge: light in the wings against neighbours
+MIN_SEPARATION = 2 * HALF  # pixel along either axis to the next spot, so that a stamp has one star
+MOST_STARS = 40  # of a frame: precision against time
+LEAST_SNR = 15.0  # fainter stars add time and little information
+WIDTHS = 61  # in each table of the likelihood, first over all, then nearer to its peak
+ZOOMS = 3  # tables: WIDTHS and these set the error of the interpolation
+STEPS = 3  # of Gauss-Newton on each star's position, which starts at the centroid
 
 
 def width_likelihood(
@@ -24,26 +25,26 @@ def width_likelihood(
 ) -> Callable[[Floats], Floats]:
     """The logarithm of the likelihood of the PSF's sigma, from the stars' pixels.
 
-        pixel = background + flux g(place, sigma) + noise,   g a Gaussian integrated over pixels
+        pixel = background + flux g(position, sigma) + noise,   g a Gaussian integrated over pixels
         ln L = sum_stars -1/2 (n - 4) ln(r^T V^-1 r) - 1/2 ln |V| - 1/2 ln |A^T V^-1 A|
 
-    r the residuals of the best background, flux and place at this sigma and A their slopes: all
-    four are integrated out by Laplace with even priors, and so is the size of the noise (its
-    logarithm even), so that V need but be in proportion: photons and read noise where the frame
-    knows its gain, else the same for all pixels.
+    r the residuals of the best background, flux and position at this sigma and A their derivatives:
+    all four are marginalised by Laplace with uniform priors, as is the noise level (uniform in its
+    logarithm), so that V is needed only up to a factor: photons and read noise where the frame
+    has a gain, else equal for all pixels.
 
-    low, high  pixel, the widths between which it is asked
+    low, high  pixel, the range of the widths
     Returns    a function of ln sigma (w,)
     Raises     ValueError where no star is alone in its stamp, unsaturated, and brighter than 15
                sigma.
     Accuracy   model: one Gaussian for the whole field; a PSF with wings gives the width of its core
-               and more. numerical: interpolated, by 1e-3 of ln L near its peak.
+               and more. numerical: interpolated, 1e-3 in ln L near its peak.
     """
     stars = [
-        (_stamp(image, *np.rint(place).astype(int)).ravel(), frame, place)
+        (_stamp(image, *np.rint(position).astype(int)).ravel(), frame, position)
         for frame, found in zip(frames, spots, strict=True)
         for image in [np.asarray(frame.image, float)]
-        for place in _alone(image, found)
+        for position in _alone(image, found)
     ]
     if not stars:
         raise ValueError(
@@ -64,7 +65,7 @@ def width_likelihood(
 
 
 def _alone(image: Floats, spots: Spots) -> list[Floats]:
-    """Places (2,) of the spots that have a whole stamp for themselves, with no saturated pixel."""
+    """Positions (2,) of the spots with a whole stamp of one star and no saturated pixel."""
     rows, columns = image.shape
     x, y = np.rint(spots.x).astype(int), np.rint(spots.y).astype(int)
     top = image.max()
@@ -73,11 +74,13 @@ def _alone(image: Floats, spots: Spots) -> list[Floats]:
     for i in np.flatnonzero(spots.snr >= LEAST_SNR):
         if not (HALF <= x[i] < columns - HALF and HALF <= y[i] < rows - HALF):
             continue
-        near = np.maximum(np.abs(spots.x - spots.x[i]), np.abs(spots.y - spots.y[i])) <= APART
+        near = (
+            np.maximum(np.abs(spots.x - spots.x[i]), np.abs(spots.y - spots.y[i])) <= MIN_SEPARATION
+        )
         stamp = _stamp(image, x[i], y[i])
         if near.sum() == 1 and not (clipped and stamp.max() == top):
             chosen.append(np.array([spots.x[i], spots.y[i]]))
-        if len(chosen) == BRIGHTEST:
+        if len(chosen) == MOST_STARS:
             break
     return chosen
 
@@ -86,9 +89,9 @@ def _stamp(image: Floats, x: int, y: int) -> Floats:
     return image[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1]
 
 
-def _star(value: Floats, frame: Frame, place: Floats, width: Floats) -> Floats:
+def _star(value: Floats, frame: Frame, position: Floats, width: Floats) -> Floats:
     """ln L of one star at each width, from the pixels (n,) of its stamp."""
-    at = np.tile(place - np.rint(place), (len(width), 1))
+    at = np.tile(position - np.rint(position), (len(width), 1))
     variance = np.ones((len(width), len(value)))
     for _ in range(STEPS):
         terms = _terms(at, width)
@@ -96,17 +99,17 @@ def _star(value: Floats, frame: Frame, place: Floats, width: Floats) -> Floats:
         normal = weighted @ terms.swapaxes(1, 2)
         best = np.linalg.solve(normal, (weighted @ value)[..., None])[..., 0]
         model = np.einsum("wk,wkn->wn", best, terms)
-        # The last two terms are the slopes by the place; half a pixel is far for one step.
+        # The last two terms are the derivatives by position; a step is half a pixel at most.
         at = at + np.clip(best[:, 2:] / best[:, 1:2], -0.5, 0.5)
         variance = _variance(frame, model)
     residual = ((value - model) ** 2 / variance).sum(axis=1)
-    # The slope by the place itself is the flux times its term.
+    # The derivative by position is the flux times its term.
     size = np.linalg.slogdet(normal)[1] + 4 * np.log(np.abs(best[:, 1]))
     return -0.5 * ((len(value) - 4) * np.log(residual) + np.log(variance).sum(axis=1) + size)
 
 
 def _terms(at: Floats, width: Floats) -> Floats:
-    """(w, 4, n) of each pixel: one, g, and the slopes of g by the star's x and y."""
+    """(w, 4, n) of each pixel: one, g, and the derivatives of g by the star's x and y."""
     offset = np.arange(-HALF, HALF + 1)
     scale = 1 / (np.sqrt(2) * width[:, None, None])
     right, left = (scale * (offset - at[..., None] + half) for half in (0.5, -0.5))
@@ -119,7 +122,7 @@ def _terms(at: Floats, width: Floats) -> Floats:
 
 
 def _variance(frame: Frame, model: Floats) -> Floats:
-    """Of each pixel, digital number squared; 1 where the frame does not know its gain."""
+    """Variance of each pixel, digital number squared; 1 where the frame has no gain."""
     if not (frame.electrons_per_dn > 0 and frame.read_noise > 0):
         return np.ones_like(model)
     light = np.maximum(model - frame.offset, 0) / frame.electrons_per_dn

@@ -138,7 +138,7 @@ def _posterior(
         return values, f"posterior: {chain_text(found.chains)}"
     values |= {
         "median_and_95": {name: found.interval(name) for name in found.names},
-        "open": list(found.open),
+        "open": list(found.unconstrained),
         "correlation": found.correlation.tolist(),
     }
     save_json(options.posterior / "posterior.json", finite(values))
@@ -152,7 +152,7 @@ def _posterior(
     lines = ["", "posterior: median and 95 % interval"]
     for name in found.names:
         middle, low, high = found.interval(name)
-        note = ", hardly constrained by these images" if name in found.open else ""
+        note = ", hardly constrained by these images" if name in found.unconstrained else ""
         lines.append(f"{name:16} {middle:12.6g} [{low:.6g}, {high:.6g}]{note}")
     return values, "\n".join([*lines, chain_text(found.chains)])
 

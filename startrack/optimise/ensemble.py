@@ -128,8 +128,8 @@ def draw(
     Raises           ValueError where the log-probability is NaN, minus infinity at all starts, or
                      is random with a standard deviation above 1. emcee evaluates it once for each
                      position of a walker, so that an unbiased estimate of the density with less
-                     noise gives the right distribution (Andrieu and Roberts 2009). Other failures are in
-                     `Chains.reason_unconverged`.
+                     noise gives the right distribution (Andrieu and Roberts 2009). For other
+                     failures see `Chains.reason_unconverged`.
     """
     settings = settings or Ensembles()
     chains = [

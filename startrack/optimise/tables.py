@@ -83,7 +83,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         "",
         f"Better by a factor of {factor.value:.2f} [{factor.low:.2f}, {factor.high:.2f}] in the "
         f"{Objective.read(campaign.objective)}, on {start.trials} fresh frames, paired. {designs} "
-        f"designs were evaluated, with {campaign.trials} to {campaign.most_trials} trials each. The "
+        f"designs were evaluated, {campaign.trials} to {campaign.most_trials} trials each. The "
         f"error on the tuning trials was {tuning:.{_digits(tuning)}f} arcsec; fresh frames show "
         f"{optimism.value:.3f} [{optimism.low:.3f}, {optimism.high:.3f}] of that. {trials} trials "
         f"were done in all. The availability is at least {100 * fraction.low:.2f} % "
@@ -131,10 +131,11 @@ def chain_values(chains: Chains) -> dict[str, Any]:
 
 def chain_text(chains: Chains) -> str:
     """Convergence diagnostics as a sentence."""
+    reason = chains.reason_unconverged
     return (
         f"{chains.effective.min():.0f} independent samples, acceptance {chains.acceptance:.2f}, "
         f"split R-hat {chains.split_r_hat.max():.4f} over {len(chains.samples)} independent "
-        f"ensembles, {f'NOT converged: {chains.reason_unconverged}' if chains.reason_unconverged else 'converged'}"
+        f"ensembles, {f'NOT converged: {reason}' if reason else 'converged'}"
     )
 
 
@@ -158,7 +159,7 @@ def tolerance_table(tolerance: Tolerance) -> str:
         f"Quantiles of the designs that keep the error below {tolerance.limit / arcsec:.2f} "
         f"arcsec and meet the requirements: {chain_text(tolerance.chains)}. The response surface "
         f"has an error of {100 * tolerance.surface_error:.1f} % by leave-one-out and of "
-        f"{100 * tolerance.check_error:.1f} % at {tolerance.checks} designs that are not in the fit "
+        f"{100 * tolerance.check_error:.1f} % at {tolerance.checks} designs not in the fit "
         f"({len(tolerance.evaluations)} designs in all); it predicted that a fraction of "
         f"{tolerance.expected:.2f} of these is within the limits, Monte Carlo found "
         f"{tolerance.kept:.2f}.",

@@ -82,8 +82,8 @@ def test_one_narrow_frame_leaves_the_principal_point_open():
     posterior = sample_camera(
         *zip(frame(narrow, narrow, rng, 15), strict=True), narrow, PRIOR, 1, SHORT
     )
-    assert {"principal_x", "principal_y"} <= set(posterior.open)
-    assert "focal_length_px" not in posterior.open
+    assert {"principal_x", "principal_y"} <= set(posterior.unconstrained)
+    assert "focal_length_px" not in posterior.unconstrained
 
 
 def test_without_a_frame_there_is_no_posterior():
