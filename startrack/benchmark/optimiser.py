@@ -15,7 +15,7 @@ from startrack.io import shipped
 from startrack.optimise import Search, foresee, least, prospect
 
 TRIES = 100
-LONG = 300  # tries of the search that the others are held against
+LONG = 300  # tries of the reference search
 REFUSED = 50.0  # score of a design that cannot be built, far above all others
 
 

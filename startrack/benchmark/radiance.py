@@ -26,7 +26,7 @@ from startrack.io import shipped
 WAVELENGTHS: Floats = np.array([450, 550, 800]) * nm
 ALBEDO = 0.2
 SIDE = 180  # pixels of the image
-PLACES = 24  # pixels that the solver is asked for
+PLACES = 24  # pixels that the solver computes
 REACH = Reach((0.0, 2e3), (0.0, 5 * deg), (40 * deg, 45 * deg), (0.0, math.pi))
 
 

@@ -73,7 +73,7 @@ def apparent(
     """
     place = catalog.place(epoch)
     if observer_position is not None:
-        # A negative parallax is noise around a distant star; it stands for no parallax.
+        # A negative parallax is noise around a distant star; it counts as zero.
         place = place - np.maximum(catalog.parallax, 0)[:, None] * np.asarray(observer_position)
     direction = place / np.linalg.norm(place, axis=1, keepdims=True)
     if observer_velocity is not None:

@@ -78,8 +78,8 @@ class Sky:
 def _around(direction, rank, centre, radius):  # type: ignore[no-untyped-def]
     """The ranks of the directions within an angle of a centre, in rising order.
 
-    Chords stand for angles: exact for small ones, blunt close to pi. So beyond a right angle, what
-    counts is how far a star is from the opposite point.
+    Angles are compared by their chords, which are exact for small angles and insensitive close to
+    pi. Beyond a right angle, the chord to the opposite point is compared instead.
     """
     wide = radius > math.pi / 2
     chord = 2 * math.sin((math.pi - radius if wide else radius) / 2)

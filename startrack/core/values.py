@@ -123,7 +123,7 @@ class LineOfSight:
     """How the line of sight moves in one exposure.
 
     time      (m,) second from the middle of the exposure
-    weight    (m,) 1, fraction of the exposure that each point stands for; sums to 1
+    weight    (m,) 1, fraction of the exposure of each point; sums to 1
     rotation  (m, 3) radian, rotation vector of icrs_to_camera at `time` times the inverse of that
               at the middle, in camera axes: apparent rotation of the sky
     """

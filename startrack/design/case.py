@@ -80,7 +80,7 @@ class Tracker:
 
     camera    its calibration; None for a perfect one, which follows the instrument's design
     catalog   its cut of the star catalogue, None for the one that the sky is made of
-    mounting  how it believes the camera to sit, None for as it does, but for its swing
+    mounting  mounting that it assumes, None for the true one without its swing
     delay     second that it takes off its time stamps, None for all of the delay there is
     motion    how it believes the camera to turn, None for as it does, jitter apart; where lines
               scan, each spot has its own time

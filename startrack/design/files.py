@@ -27,10 +27,10 @@ class Design:
 def load_design(path: Path) -> Design:
     """Read a design file.
 
-    `product = "cmv4000"` under `[instrument.detector]` stands for the values of that detector in
-    the catalogue; keys beside it override them.
+    `product = "cmv4000"` under `[instrument.detector]` takes the values of that detector from
+    the catalogue; other keys of the table override them.
 
-    Raises  ValueError, one sentence with the file, the place in it, the rule and the value.
+    Raises  ValueError, one sentence with the file, the position in it, the rule and the value.
     """
     path = Path(path)
     table = read_table(path, "a design file")

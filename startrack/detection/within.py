@@ -157,7 +157,7 @@ def _cut(value, left, top, right, bottom):  # type: ignore[no-untyped-def]
 
 @kernel(inline="always")
 def _mirrored(place, size):  # type: ignore[no-untyped-def]
-    """The pixel that stands for one beyond the border."""
+    """Index of the mirror image of a pixel beyond the border."""
     if place < 0:
         return min(-1 - place, size - 1)
     return place if place < size else max(2 * size - 1 - place, 0)
