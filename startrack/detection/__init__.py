@@ -49,7 +49,7 @@ from startrack.detection.pixels import divide_flat, pixels, subtract_dark, witho
 from startrack.detection.plan import DetectionPlan, false_alarms, plan_detection, threshold_of
 from startrack.detection.psf_table import gaussian_psf
 from startrack.detection.response import Response, half_of, joined, response
-from startrack.detection.star_model import smeared
+from startrack.detection.star_model import StarModel, smeared
 from startrack.detection.within import (
     Ground,
     detect_within,
@@ -64,6 +64,7 @@ from startrack.detection.within import (
 __all__ = [
     "Detection",
     "DetectionPlan",
+    "StarModel",
     "detect",
     "detect_near",
     "divide_flat",

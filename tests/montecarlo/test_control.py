@@ -69,7 +69,10 @@ def test_trials_are_those_of_the_chain():
 
 @pytest.mark.parametrize(
     ("change", "sentence"),
-    [({"lag": 0.1}, "without lag"), ({"nonlinearity": 0.05}, "without bend, bow and hits")],
+    [
+        ({"lag": 0.1}, "without lag"),
+        ({"nonlinearity": 0.05}, "without nonlinearity, adc_inl and hits"),
+    ],
 )
 def test_detectors_whose_law_is_not_linear_are_refused(change, sentence):
     instrument = CASE.instrument

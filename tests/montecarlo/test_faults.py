@@ -140,7 +140,7 @@ def test_ctrl_c_ends_clearly_and_nothing_is_lost(tmp_path):
     finally:
         process.kill()
     assert process.returncode == 1
-    assert shown.strip().endswith("stopped; what is on disk is whole")
+    assert shown.strip().endswith("stopped; the files on disk are complete")
     assert "Traceback" not in shown
     with Store(store) as held:
         outcomes = held.outcomes()
