@@ -53,7 +53,7 @@ def lit(image: Image, level: Image, mesh: int) -> Ints:
 
 @kernel
 def _any_above(values: Image, level: float) -> bool:
-    """Told without a branch, which the processor does for many pixels at once."""
+    """Whether a value exceeds the level; without a branch, so that the loop is vectorised."""
     above = False
     for k in range(len(values)):
         above |= values[k] > level
