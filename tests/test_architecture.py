@@ -188,6 +188,18 @@ def test_heavy_packages_have_one_place():
     assert not wrong, "\n".join(wrong)
 
 
+def test_functions_are_compiled_in_one_way():
+    """With numba's own cache an edit of a called kernel would go unnoticed."""
+    wrong = [
+        f"{name(path)} uses numba's {node.id}, not core.kernel"
+        for path in FILES
+        if name(path) != "core/kernel.py"
+        for node in ast.walk(TREES[path])
+        if isinstance(node, ast.Name) and node.id in ("njit", "jit")
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
 def test_no_hidden_randomness_and_no_pickle():
     allowed = {"SeedSequence", "Generator", "SFC64", "default_rng", "RandomState", "MT19937"}
     wrong = []

@@ -38,7 +38,7 @@ def scan(
     the charge.
 
     icrs_to_camera  attitude at time zero
-    turn            seconds (m,) -> rotation vectors (m, 3) as in Path
+    turn            seconds (m,) -> rotation vectors (m, 3) as in LineOfSight
     camera          the true one; lines lie at its rows
     detector        as many rows as there are lines; `exposure` is that of one line
     Raises          ValueError where sizes differ, or for a `read_noise_spread`.
