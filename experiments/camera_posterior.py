@@ -22,7 +22,17 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from startrack import Camera, Frame, Matches, Spots, Status, Tracker, lost_in_space, read_image
+from startrack import (
+    Camera,
+    Frame,
+    Matches,
+    PatternIndexes,
+    Spots,
+    Status,
+    Tracker,
+    lost_in_space,
+    read_image,
+)
 from startrack.calibration import CameraPosterior, Prior, sample_camera
 from startrack.catalog import Selection, open_sky
 from startrack.core import Floats
@@ -149,7 +159,7 @@ def posterior(path: Path, stars: Any) -> CameraPosterior:
     rows, columns = frame.image.shape
     camera = Camera.from_field_of_view(columns, rows, math.radians(FIELD))
     tracker = Tracker(Detection(), Identification(focal_tolerance=0.02))
-    spots, matches, _ = lost_in_space(frame, camera, stars, tracker)
+    spots, matches, _ = lost_in_space(frame, camera, PatternIndexes(stars), tracker)
     prior = Prior(0.05, 20.0, 0.3, 0.01, 2.0)
     found = sample_camera([spots], [matches], camera, prior, 1, images=[frame])
     focal = found.interval("focal_length_px")

@@ -30,6 +30,7 @@ from scipy.spatial.transform import Rotation
 from startrack import (
     Case,
     Fidelity,
+    PatternIndexes,
     Spots,
     Streams,
     identify_and_solve,
@@ -88,15 +89,15 @@ def sample(
     case: Case, search: Callable[[Case, Rotation, Streams], Spots], seed: int, count: int
 ) -> Sample:
     """Try a way to get spots many times."""
-    camera, sky = case.believed_camera, open_sky(case.catalog).stars
+    camera, indexes = case.believed_camera, PatternIndexes(open_sky(case.catalog).stars)
     rows = []
     for number in range(count):
         streams = Streams(seed, number)
         attitude = random_attitude(streams)
         spots = search(case, attitude, streams)
-        _, estimate = identify_and_solve(spots, camera, sky, case.tracker)
+        _, estimate = identify_and_solve(spots, camera, indexes, case.tracker)
         outcome = judge(estimate, attitude, len(spots))
-        pixel = camera.project(attitude.apply(sky.direction))
+        pixel = camera.project(attitude.apply(indexes.stars.direction))
         pixel = pixel[camera.holds(pixel, NEAR)]
         found = np.column_stack([spots.x, spots.y])
         away, star = cKDTree(pixel).query(found)

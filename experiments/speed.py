@@ -32,7 +32,6 @@ from startrack import (
     Streams,
     arcsec,
     deg,
-    index_of,
     load_design,
     random_attitude,
     run_trials,
@@ -201,7 +200,6 @@ def wall_ms(case: Case, fidelity: Fidelity, workers: int) -> float:
 def cpu_ms(case: Case, fidelity: Fidelity) -> float:
     """Milliseconds of CPU a trial, best of three."""
     n = BATCH[fidelity] // 4
-    index_of(open_sky(case.believed_catalog).stars, case.believed_camera)
     run_trials(case, SEED, range(3), fidelity)
     best = math.inf
     for _ in range(REPEATS):

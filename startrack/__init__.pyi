@@ -45,6 +45,7 @@ from .design import Instrument as Instrument
 from .design import Tracker as Tracker
 from .design import load_design as load_design
 from .design import save_design as save_design
+from .identification import PatternIndexes as PatternIndexes
 from .io import camera_to_wcs as camera_to_wcs
 from .io import celestial as celestial
 from .io import pointing as pointing
@@ -58,7 +59,6 @@ from .plots import draw_spots as draw_spots
 from .trial import OUTCOMES as OUTCOMES
 from .trial import Record as Record
 from .trial import identify_and_solve as identify_and_solve
-from .trial import index_of as index_of
 from .trial import light_of as light_of
 from .trial import line_of_sight as line_of_sight
 from .trial import lost_in_space as lost_in_space

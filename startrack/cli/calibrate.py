@@ -20,10 +20,10 @@ from startrack.cli.options import (
     describe,
 )
 from startrack.cli.terminal import finite, print_message, print_result, read_stars
-from startrack.core import Camera, Frame, Matches, Spots, Stars, within
+from startrack.core import Camera, Frame, Matches, Spots, within
 from startrack.design import Tracker
 from startrack.detection import Detection, subtract_dark
-from startrack.identification import Identification
+from startrack.identification import Identification, PatternIndexes
 from startrack.io import read_image, save_json
 from startrack.optimise import Ledger, chain_text, chain_values, thinned
 from startrack.plots import draw_corner
@@ -82,7 +82,7 @@ def command(options: argparse.Namespace) -> int:
         frames = [read_image(path) for path in options.images]
         if dark is not None:
             frames = [subtract_dark(frame, dark) for frame in frames]
-    stars = read_stars(options.catalog, options.epoch)
+    indexes = PatternIndexes(read_stars(options.catalog, options.epoch))
     shapes = {frame.image.shape for frame in frames}
     if len(shapes) > 1:
         raise WrongUse(f"images must be of one camera, got sizes {sorted(shapes)}")
@@ -90,7 +90,7 @@ def command(options: argparse.Namespace) -> int:
     camera = Camera.from_field_of_view(columns, rows, math.radians(options.fov))
     found, answers = None, list[tuple[Spots, Matches]]()
     for _ in range(ROUNDS):
-        answers = _solved(frames, camera, stars, identification)
+        answers = _solved(frames, camera, indexes, identification)
         if any(len(matches) for _, matches in answers):
             spots, matches = [one for one, _ in answers], [one for _, one in answers]
             found = calibrate(spots, matches, camera, settings)
@@ -115,10 +115,10 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _solved(
-    frames: list[Frame], camera: Camera, stars: Stars, identification: Identification
+    frames: list[Frame], camera: Camera, indexes: PatternIndexes, identification: Identification
 ) -> list[tuple[Spots, Matches]]:
     tracker = Tracker(Detection(), identification)
-    return [lost_in_space(frame, camera, stars, tracker)[:2] for frame in frames]
+    return [lost_in_space(frame, camera, indexes, tracker)[:2] for frame in frames]
 
 
 def _posterior(

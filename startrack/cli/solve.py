@@ -25,10 +25,10 @@ from startrack.cli.terminal import (
 from startrack.core import Camera, Estimate, Frame, Matches, Spots, Stars, positive, within
 from startrack.design import Tracker
 from startrack.detection import Detection, detect, subtract_dark
-from startrack.identification import Identification, identify_blind
+from startrack.identification import Identification, PatternIndexes, identify_blind
 from startrack.io import celestial, read_image
 from startrack.plots import draw_solution
-from startrack.trial import index_of, lost_in_space, solve_matches
+from startrack.trial import lost_in_space, solve_matches
 
 # Sigma of the detection: an image of few faint stars is searched twice. The bound of the false
 # match probability holds for each search.
@@ -66,6 +66,7 @@ def command(options: argparse.Namespace) -> int:
         identification = Identification(focal_tolerance=options.fov_tolerance)
         dark = read_image(options.dark) if options.dark else None
     stars = read_stars(options.catalog, options.epoch)
+    indexes = PatternIndexes(stars)
     if options.fov is None:
         print_message("startrack solve: no --fov, searching from 3 to 40 deg; slow the first time")
     statuses = set()
@@ -78,7 +79,7 @@ def command(options: argparse.Namespace) -> int:
             print_failed_image(options, path, error)
             statuses.add(Exit.FAILED)
             continue
-        spots, matches, estimate = _solve(frame, options.fov, stars, identification)
+        spots, matches, estimate = _solve(frame, options.fov, indexes, identification)
         result = {"image": str(path), **_values(spots, matches, estimate)}
         text = f"{path}: {_text(spots, matches, estimate)}"
         if options.overlay:
@@ -91,7 +92,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _solve(
-    frame: Frame, fov_deg: float | None, stars: Stars, identification: Identification
+    frame: Frame, fov_deg: float | None, indexes: PatternIndexes, identification: Identification
 ) -> tuple[Spots, Matches, Estimate]:
     """The first search that finds an attitude, or the last; fov_deg None: unknown."""
     rows, columns = frame.image.shape
@@ -99,11 +100,11 @@ def _solve(
         tracker = Tracker(Detection(threshold=threshold), identification)
         if fov_deg is None:
             spots = detect(frame, tracker.detection)
-            matches = identify_blind(spots, columns, rows, stars, index_of, identification)
+            matches = identify_blind(spots, columns, rows, indexes.stars, indexes, identification)
             estimate = solve_matches(spots, matches, tracker)
         else:
             camera = Camera.from_field_of_view(columns, rows, math.radians(fov_deg))
-            spots, matches, estimate = lost_in_space(frame, camera, stars, tracker)
+            spots, matches, estimate = lost_in_space(frame, camera, indexes, tracker)
         if estimate.icrs_to_camera is not None:
             break
     return spots, matches, estimate

@@ -20,7 +20,7 @@ track        Matches from spots and a predicted attitude.
 
 from startrack.identification.agree import refit
 from startrack.identification.blind import identify_blind
-from startrack.identification.cache import cache_folder, cached_index
+from startrack.identification.cache import PatternIndexes, cached_index
 from startrack.identification.identify import identify, identify_all
 from startrack.identification.index import POINTS, PatternIndex, build_index, indexed_field
 from startrack.identification.index_stars import merged
@@ -31,6 +31,7 @@ from startrack.identification.track import track
 __all__ = [
     "Identification",
     "PatternIndex",
+    "PatternIndexes",
     "build_index",
     "cached_index",
     "identify",

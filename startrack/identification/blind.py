@@ -37,7 +37,7 @@ def identify_blind(
     columns: int,
     rows: int,
     stars: Stars,
-    index_of: Callable[[Stars, Camera], PatternIndex],
+    index_of: Callable[[Camera], PatternIndex],
     settings: Identification,
 ) -> Matches:
     """Try one field of view after the other until one is solved.
@@ -46,7 +46,7 @@ def identify_blind(
     together.
 
     columns, rows  pixel
-    index_of       the index for a catalogue and a camera, best from a cache: a dozen are needed
+    index_of       the index of the stars for a camera, best `PatternIndexes`: a dozen are needed
     settings       its focal tolerance is replaced by 0.1
     Returns        as `identify`; of the last field tried where none is solved
     """
@@ -58,7 +58,7 @@ def identify_blind(
     )
     for field in tries:
         camera = Camera.from_field_of_view(columns, rows, field)
-        matches = identify(spots, camera, stars, index_of(stars, camera), one_try)
+        matches = identify(spots, camera, stars, index_of(camera), one_try)
         if matches.icrs_to_camera is not None:
             break
     return matches

@@ -14,13 +14,14 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Stars
-from startrack.identification.index import CodeTable, PatternIndex, build_index
+from startrack.core import Camera, Stars
+from startrack.identification.index import CodeTable, PatternIndex, build_index, indexed_field
 from startrack.identification.sky import SkyGrid, VerificationStars
 
 FORMAT = 6  # grows with every change of what an index holds or how it is built
 # Files of some 10 MB; `identify_blind` needs 14. Chosen by hand: trades disk against rebuilding.
 KEPT = 24
+HELD = 16  # of 10 MB in memory; chosen by hand, as KEPT
 
 
 class _Parts(NamedTuple):
@@ -58,6 +59,30 @@ def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternInd
             _write(path, key, index)
             _prune(folder)
     return index
+
+
+class PatternIndexes:
+    """The pattern indexes of one catalogue, by field of view; the 16 used last stay in memory.
+
+    stars   the tracker's catalogue
+    folder  where they are kept from one run to the next; None: `cache_folder()`
+    """
+
+    def __init__(self, stars: Stars, folder: Path | None = None):
+        self.stars = stars
+        self._folder = cache_folder() if folder is None else folder
+        self._held: dict[float, PatternIndex] = {}
+
+    def __call__(self, camera: Camera) -> PatternIndex:
+        """The index for a camera; cameras of nearly the same field share one."""
+        field = indexed_field(camera)
+        index = self._held.pop(field, None)
+        if index is None:
+            index = cached_index(self.stars, field, self._folder)
+        self._held[field] = index  # last, so that the first is the one not used for longest
+        while len(self._held) > HELD:
+            del self._held[next(iter(self._held))]
+        return index
 
 
 def _prune(folder: Path) -> None:

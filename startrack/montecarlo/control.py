@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import refine, tangent
-from startrack.catalog import open_sky
 from startrack.core import Camera, Floats, Frame, Ints, Stars
 from startrack.design import Case
 from startrack.detection import Response, half_of, joined, peak_border, response
 from startrack.detector import Detector, law_of, require_independent_pixels
-from startrack.trial import detection_plan, index_of, systematic_variance
+from startrack.trial import detection_plan, pattern_indexes, systematic_variance
 
 FEWEST = 3  # stars; two observe an attitude, one more checks it
 SAME = 2.0  # pixel, between two stars that make one spot
@@ -166,7 +165,7 @@ def _known(
     the nearest.
     """
     camera = case.believed_camera
-    index = index_of(open_sky(case.believed_catalog).stars, camera)
+    index = pattern_indexes(case.believed_catalog)(camera)
     pixel, direction, star = _inside(index.faint.direction, icrs_to_camera, camera, -NEAR)
     systematic = systematic_variance(case)[index.faint.member[star]]
     if not len(pixel):

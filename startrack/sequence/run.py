@@ -27,8 +27,8 @@ from startrack.sequence.follow import TrackerState, predict_state, update_state
 from startrack.sequence.parameters import Sequence
 from startrack.trial import (
     detection_plan,
-    index_of,
     light_of,
+    pattern_indexes,
     psf_of,
     random_attitude,
     solve_matches,
@@ -152,7 +152,7 @@ def _see(
     tracker = case.tracker
     stars = open_sky(case.believed_catalog).stars
     spots = detect(frame, detection_plan(case.instrument, tracker.detection))
-    rooms = spots, camera, stars, index_of(stars, case.believed_camera)
+    rooms = spots, camera, stars, pattern_indexes(case.believed_catalog)(case.believed_camera)
     if predicted is None:
         matches = identify(*rooms, tracker.identification)
     else:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import solve
-from startrack.catalog import open_sky
+from startrack.catalog import Selection, open_sky
 from startrack.core import (
     Camera,
     Estimate,
@@ -29,11 +29,8 @@ from startrack.design import Case, Fidelity, Tracker
 from startrack.detection import detect
 from startrack.detector import expose
 from startrack.identification import (
-    PatternIndex,
-    cache_folder,
-    cached_index,
+    PatternIndexes,
     identify,
-    indexed_field,
 )
 from startrack.metrics import JUDGED, Outcome, judge
 from startrack.trial.covariance import outcomes as drawn_outcomes
@@ -126,8 +123,8 @@ def run_trial(
         return Outcome(*drawn[0].item())
     make = spots_in_windows if fidelity is Fidelity.WINDOW else spots_of
     spots = make(case, icrs_to_camera, streams)
-    camera, stars = case.believed_camera, open_sky(case.believed_catalog).stars
-    _, estimate = identify_and_solve(spots, camera, stars, case.tracker, systematic_variance(case))
+    indexes, systematic = pattern_indexes(case.believed_catalog), systematic_variance(case)
+    _, estimate = identify_and_solve(spots, case.believed_camera, indexes, case.tracker, systematic)
     return judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
 
 
@@ -143,7 +140,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     path = line_of_sight(case.instrument, streams)
     frame = _exposed(case, light, path, icrs_to_camera, streams)
     spots = _detected(case, frame)
-    index = index_of(catalog, believed)
+    index = pattern_indexes(case.believed_catalog)(believed)
     matches = identify(spots, believed, catalog, index, case.tracker.identification)
     estimate = solve_matches(spots, matches, case.tracker, systematic_variance(case))
     outcome = judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
@@ -171,27 +168,36 @@ def _detected(case: Case, frame: Frame) -> Spots:
 
 
 def lost_in_space(
-    frame: Frame, camera: Camera, stars: Stars, tracker: Tracker, psf: Psf | None = None
+    frame: Frame,
+    camera: Camera,
+    indexes: PatternIndexes,
+    tracker: Tracker,
+    psf: Psf | None = None,
 ) -> tuple[Spots, Matches, Estimate]:
     """What the flight software does with a frame, real or rendered.
 
     camera   as the tracker believes it
-    stars    the tracker's catalogue
+    indexes  of the tracker's catalogue
     tracker  its settings
     psf      as the tracker believes it; None: a Gaussian
     """
     spots = detect(frame, tracker.detection, psf)
-    return spots, *identify_and_solve(spots, camera, stars, tracker)
+    return spots, *identify_and_solve(spots, camera, indexes, tracker)
 
 
 def identify_and_solve(
-    spots: Spots, camera: Camera, stars: Stars, tracker: Tracker, systematic: Floats | None = None
+    spots: Spots,
+    camera: Camera,
+    indexes: PatternIndexes,
+    tracker: Tracker,
+    systematic: Floats | None = None,
 ) -> tuple[Matches, Estimate]:
     """What the flight software does with its spots; arguments as of `lost_in_space`.
 
     systematic  (n,) pixel^2 per axis, of each star of the catalogue, as `systematic_variance`
     """
-    matches = identify(spots, camera, stars, index_of(stars, camera), tracker.identification)
+    settings = tracker.identification
+    matches = identify(spots, camera, indexes.stars, indexes(camera), settings)
     return matches, solve_matches(spots, matches, tracker, systematic)
 
 
@@ -204,14 +210,7 @@ def solve_matches(
     return solve(spots, matches, tracker.attitude, tolerance, known)
 
 
-def index_of(stars: Stars, camera: Camera) -> PatternIndex:
-    """The pattern index of a catalogue; cameras of nearly the same field share one.
-
-    The 16 last are kept, by the object of the stars: `open_sky` gives one for each selection.
-    """
-    return _index(stars, indexed_field(camera))
-
-
 @lru_cache(maxsize=16)
-def _index(stars: Stars, field_of_view: float) -> PatternIndex:
-    return cached_index(stars, field_of_view, cache_folder())
+def pattern_indexes(catalog: Selection) -> PatternIndexes:
+    """The pattern indexes of a tracker's catalogue; those of the 16 last catalogues are kept."""
+    return PatternIndexes(open_sky(catalog).stars)

@@ -113,8 +113,8 @@ def test_a_camera_of_which_nothing_is_known(design):
     rng = np.random.default_rng(5)
     built = {}
 
-    def index_of(stars, camera):
-        return built.setdefault(round(camera.fov_x, 6), build_index(stars, camera.fov_x))
+    def index_of(camera):
+        return built.setdefault(round(camera.fov_x, 6), build_index(sky.stars, camera.fov_x))
 
     for _ in range(3):
         seen = sky.look(rng, noise=0.1, false=3)

@@ -38,7 +38,7 @@ def test_solved_without_any_field_of_view(outside, name):
         truth["width"],
         truth["height"],
         stars,
-        lambda stars, camera: build_index(stars, camera.fov_y),
+        lambda camera: build_index(stars, camera.fov_y),
         Identification(),
     )
     assert matches.icrs_to_camera is not None, matches.reason
