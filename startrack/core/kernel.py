@@ -52,7 +52,7 @@ def digest(function: Callable[..., Any], options: object = ()) -> bytes:
 
 def _parts(function: Any, options: object, seen: set[int]) -> Iterator[str]:
     seen.add(id(function))
-    yield f"{function.__module__}.{function.__qualname__} {options!r}"
+    yield f"{function.__module__}.{function.__qualname__} {_written(options)}"
     code = function.__code__
     yield from _code(code)
     names = {name for one in _codes(code) for name in one.co_names}
@@ -88,7 +88,7 @@ def _value(value: Any, seen: set[int]) -> Iterator[str]:
     elif callable(value):
         yield getattr(value, "__qualname__", type(value).__name__)
     else:
-        yield repr(value)
+        yield _written(value)
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
@@ -100,8 +100,17 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 def _code(code: CodeType) -> Iterator[str]:
     for one in _codes(code):
-        constants = [each for each in one.co_consts if not isinstance(each, CodeType)]
-        yield f"{one.co_code.hex()} {one.co_names} {one.co_varnames} {constants!r}"
+        constants = [_written(each) for each in one.co_consts if not isinstance(each, CodeType)]
+        yield f"{one.co_code.hex()} {one.co_names} {one.co_varnames} {constants}"
+
+
+def _written(value: Any) -> str:
+    """As repr, the same in every process: the order of a set of texts is not."""
+    if isinstance(value, dict):
+        return repr([(name, _written(one)) for name, one in sorted(value.items())])
+    if isinstance(value, set | frozenset):
+        return repr(sorted(map(_written, value)))
+    return repr(value)
 
 
 class _File(IndexDataCacheFile):

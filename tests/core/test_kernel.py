@@ -43,7 +43,7 @@ from inner import TABLE, Pair, first_of, inner
 def middle(x):
     return inner(x) + TABLE[1]
 
-@kernel
+@kernel(fastmath={"contract", "reassoc", "nsz", "arcp"})
 def outer(x, pair):
     return middle(x) + 100 * first_of(pair)
 """
