@@ -48,7 +48,6 @@ from startrack.detector.threshold_crossings import (
     NumberDistributions,
     ProposalRates,
     TiltedLaw,
-    are_rare,
     number_distributions,
     proposal_rates,
     threshold_crossings,

@@ -29,7 +29,6 @@ from startrack.detector.parameters import Detector
 from startrack.detector.tables import BITS, build, levels_between
 
 LEAST_CUMULANT = -1e9  # K of tiles without pixels
-MOST_PROPOSALS = 0.05  # of the pixels; above, the whole frame takes less time; chosen by hand
 BISECTIONS = 30  # of the search for theta
 
 
@@ -130,11 +129,6 @@ def proposal_rates(numbers: NumberDistributions, tilt: TiltedLaw, level: Floats)
     rate = np.exp(tilt.most - tilt.theta * shift) * tilt.among[:, -1]
     total = float(rate.sum())
     return ProposalRates(shift, np.cumsum(rate) / total, total)
-
-
-def are_rare(numbers: NumberDistributions, rates: ProposalRates) -> bool:
-    """Whether proposals are so few that they take less time than whole frames."""
-    return rates.total < max(MOST_PROPOSALS * numbers.place.size, 100.0)
 
 
 def threshold_crossings(

@@ -17,6 +17,7 @@ from startrack.design import Case, Instrument
 from startrack.detection import (
     DetectionPlan,
     Ground,
+    detect,
     detect_within,
     grown_mask,
     margin,
@@ -29,8 +30,8 @@ from startrack.detector import (
     NumberDistributions,
     ProposalRates,
     TiltedLaw,
-    are_rare,
     arriving,
+    expose,
     expose_within,
     frame_of,
     independent_pixels,
@@ -48,6 +49,7 @@ from startrack.trial.view import (
     detection_plan,
     electrons_of,
     expected_electrons,
+    exposure_of,
     light_of,
     line_of_sight,
     motion_before,
@@ -66,8 +68,10 @@ DARKEST = 0.1  # sigma of the filtered frame; a star that adds less moves no fal
 LEAST_HALF = 3  # pixel, least half side of a star's window; chosen by hand
 # Standard deviations of a pixel, by which the expectation of an outlier deviates. Each outlier
 # costs a window; the other pixels make noise pass the level more often: more proposals are drawn.
-# Chosen by hand: the first serves detectors of few hot pixels, the second those of many.
-OUTLIER_LIMITS = (4.0, 0.6)
+OUTLIER_LIMITS = (4.0, 2.0, 1.2, 0.6)
+# Time over that of a pixel in a whole frame, measured on frames of 512 and 1024 pixels a side.
+WINDOW_PIXEL = 3.0  # a pixel that is rendered in a window
+PROPOSAL = 300.0  # a proposal of a crossing, with the windows of those that are accepted
 
 
 def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
@@ -77,6 +81,7 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     the frame are rendered. Elsewhere noise alone makes spots: the pixels where it passes the level
     of the search are drawn, with the numbers around them, from their exact law. Background and
     noise, which the search compares with, are those of one of sixteen whole frames of the design.
+    Where the windows would take more time than the whole frame, that is rendered and searched.
 
     icrs_to_camera  true attitude at the middle of the exposure
     Returns         Spots, brightest first
@@ -84,9 +89,11 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     """
     plan, instrument = plan_of(case), case.instrument
     detector, sky, psf, settings = plan.detector, plan.sky, plan.psf, case.tracker.detection
+    noise = plan.noise
+    if noise is None:
+        return spots_of_frame(case, icrs_to_camera, streams)
     direction, star = arrive(case, plan, icrs_to_camera, streams)
     weight, x, y = path_points(instrument, direction, icrs_to_camera, streams)
-    noise = plan.noise
     ground, rates = noise.grounds[int(streams("sample of the sky").integers(SAMPLES))]
     half = reach_of(star / detector.electrons_per_dn, ground.noise, plan)
     size = detector.columns, detector.rows
@@ -94,6 +101,9 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     apart = independent_pixels(detector, noise.outliers, streams)
     if len(apart):
         regions = np.concatenate([regions, around_pixels(apart, plan.spread, *size)])
+    rendered = grown_mask(regions, plan.far, *size)
+    if cost(area(rendered), rates.total) > detector.columns * detector.rows:
+        return spots_of_frame(case, icrs_to_camera, streams)
     pixel, numbers = threshold_crossings(
         noise.numbers, noise.tilt, rates, ground.sky.mesh, plan.border, regions, streams
     )
@@ -110,6 +120,26 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     spots = detect_within(frame, regions, ground, plan.detection)
     write_numbers(frame, pixel, numbers)
     return merged(spots, detect_within(frame, noisy, ground, plan.detection), settings.max_spots)
+
+
+def spots_of_frame(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
+    """The spots of the whole frame."""
+    instrument = case.instrument
+    stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, instrument.camera)
+    light = light_of(case, stars, icrs_to_camera, streams)
+    path = line_of_sight(instrument, streams)
+    frame = expose(exposure_of(instrument, light, path, icrs_to_camera, streams), streams)
+    return detect(frame, detection_plan(instrument, case.tracker.detection))
+
+
+def area(windows: Ints) -> int:
+    """Pixels of windows (w, 4), those that several share as often."""
+    return int(((windows[:, 2] - windows[:, 0]) * (windows[:, 3] - windows[:, 1])).sum())
+
+
+def cost(pixels: float, proposals: float) -> float:
+    """Time of windows and of drawing crossings, in pixels of a whole frame."""
+    return WINDOW_PIXEL * pixels + PROPOSAL * proposals
 
 
 def arrive(
@@ -175,7 +205,7 @@ class Plan:
     detector   without its lag, which changes stars only, not a uniform background
     catalog    the sky;  star  (n,) electron of each in it, None for a scene with other lights
     sky        electron in a pixel of mean response
-    noise      what makes false spots
+    noise      what makes false spots; None where whole frames take less time than windows
     threshold  sigma
     fraction   (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
     spread     pixel, that the filter reaches;  far  to which the detection reads from a peak
@@ -189,7 +219,7 @@ class Plan:
     star: Floats | None
     sky: float
     psf: Psf
-    noise: Noise
+    noise: Noise | None
     threshold: float
     fraction: Floats
     spread: int
@@ -209,18 +239,19 @@ def plan_of(case: Case) -> Plan:
     _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]
     border, detection = peak_border(settings), detection_plan(instrument, settings)
-    kernel = detection.kernel
+    kernel, reads = detection.kernel, margin(detection)
+    far = kernel.half + reads
     return Plan(
         detector,
         open_sky(case.catalog),
         None if case.scene.lights else electrons_of(case),
         sky,
         psf,
-        noise_of(detector, sky, grounds, kernel.whole.astype(float), border),
+        noise_of(detector, sky, grounds, kernel.whole.astype(float), border, far),
         detection.threshold(detector.columns * detector.rows),
         star_profile(psf, kernel),
         kernel.half,
-        margin(detection),
+        reads,
         border,
         detection,
         Workspace(),
@@ -228,35 +259,41 @@ def plan_of(case: Case) -> Plan:
 
 
 def noise_of(
-    detector: Detector, sky: float, grounds: Sequence[Ground], weight: Floats, border: int
-) -> Noise:
-    """Laws with as few outlier pixels as possible, such that noise seldom passes the level.
+    detector: Detector,
+    sky: float,
+    grounds: Sequence[Ground],
+    weight: Floats,
+    border: int,
+    far: int,
+) -> Noise | None:
+    """Laws with the number of outlier pixels that makes windows take the least time.
 
     weight, border  as `tilted_law` takes them
-    Raises          ValueError where noise passes the level so often that whole frames take less
-                    time, or spans too many digital numbers.
+    far     pixel, from an outlier to the side of its window
+    Returns  None where whole frames take less time, or where the noise spans so many digital
+             numbers that there is no table of them
     """
     level, mesh = float(np.median([one.lowest for one in grounds])), grounds[0].sky.mesh
-    refusal = ""
+    best, least = None, float(detector.columns * detector.rows)
     for limit in OUTLIER_LIMITS:
         outliers = outlier_pixels(detector, sky, limit)
+        apart = cost(len(outliers) * (2 * far + 1) ** 2, 0)
+        if apart >= least:
+            break  # and a lower limit makes more of them
         numbers = number_distributions(detector, sky, outliers)
         if numbers is None:
-            refusal = (
-                "windows need noise that spans fewer than 4096 digital numbers, and the detector "
-                "has more; choose the fidelity frame or fewer bits"
-            )
             continue
         tilt = tilted_law(numbers, weight, level, mesh, border)
         rates = [proposal_rates(numbers, tilt, one.lowest) for one in grounds]
-        frequent = [one.total for one in rates if not are_rare(numbers, one)]
-        if not frequent:
-            return Noise(outliers, numbers, tilt, tuple(zip(grounds, rates, strict=True)))
-        refusal = (
-            "windows need a detection threshold that noise seldom passes, and here it passes "
-            f"{frequent[0]:.0f} times a frame; choose the fidelity frame"
-        )
-    raise ValueError(refusal)
+        drawn = cost(0, float(np.mean([one.total for one in rates])))
+        if apart + drawn < least:
+            best, least = (
+                Noise(outliers, numbers, tilt, tuple(zip(grounds, rates, strict=True))),
+                apart + drawn,
+            )
+        if drawn <= apart:
+            break  # a lower limit saves less than it costs
+    return best
 
 
 def ground_of(case: Case, streams: Streams) -> Ground:

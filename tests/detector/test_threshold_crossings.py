@@ -12,7 +12,6 @@ from startrack.detector import Defects, Detector, frame_of
 from startrack.detector.collect import background, background_tables
 from startrack.detector.threshold_crossings import (
     NumberDistributions,
-    are_rare,
     number_distributions,
     proposal_rates,
     threshold_crossings,
@@ -148,15 +147,6 @@ def test_regions_are_left_out():
     _, column, _ = drawn(22.0 + 1.6, regions, 50)
     assert len(column)
     assert (column >= 70).all()
-
-
-def test_levels_in_the_midst_of_the_noise_are_refused(filtered):
-    numbers = number_distributions(DETECTOR, SKY, outlier_pixels(DETECTOR, SKY, 4.0))
-    for sigmas, rare in ((1.0, False), (4.5, True)):
-        level = float(filtered.mean()) + sigmas * float(filtered.std())
-        tilt = tilted_law(numbers, WEIGHT, level, MESH, BORDER)
-        rates = proposal_rates(numbers, tilt, np.full(len(tilt.most), level))
-        assert are_rare(numbers, rates) is rare
 
 
 def test_a_region_takes_the_excesses_in_it_and_no_other():

@@ -14,6 +14,7 @@ from startrack.detection import Detection
 from startrack.detector import Defects, Hits, Pattern
 from startrack.io import shipped
 from startrack.motion import Motion
+from startrack.trial import window
 from startrack.trial.chain import observe, run_random_trial, run_trials
 from startrack.trial.view import random_attitude
 from startrack.trial.window import plan_of, spots_in_windows
@@ -43,11 +44,11 @@ def both(case, number, seed=5):
         {},
         {"row_delay": 20e-6},
         {"hits": Hits(5e4)},
-        {"defects": Defects(dsnu=20.0, hot=2e-4, hot_current=5e3, dead=1e-4, dead_columns=1)},
+        {"defects": Defects(dsnu=20.0, hot=1e-4, hot_current=5e3, dead=5e-5)},
         {"bits": 14, "adc_inl": 3.0, "nonlinearity": 0.02},
         {"crosstalk": 0.03, "columns": 200},
         {"lag": 0.05},
-        {"lag": 0.05, "row_delay": 20e-6, "defects": Defects(hot=2e-4, hot_current=5e3)},
+        {"lag": 0.05, "row_delay": 20e-6, "defects": Defects(hot=1e-4, hot_current=5e3)},
         {"columns": 100, "rows": 300},
     ],
     ids=lambda changes: "-".join(changes) or "plain",
@@ -55,10 +56,34 @@ def both(case, number, seed=5):
 def test_spots_are_those_of_the_frame(changes):
     """The stars' pixels have the noise of the frame; what is not marginal is found in both."""
     case = with_detector(**changes)
+    assert plan_of(case).noise
     for number in range(3):
         whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, number))
         assert len(whole) == len(parts) > 0
         np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("threshold", "defects"),
+    [
+        (6.0, Defects(dsnu=60.0, hot=1e-3, hot_current=3e3)),
+        (4.0, None),
+    ],
+    ids=["hot pixels", "noise"],
+)
+def test_the_whole_frame_is_searched_where_windows_would_take_longer(
+    monkeypatch, threshold, defects
+):
+    """Work is counted, in pixels: those of windows are never more than those of the frame."""
+    case = with_detector(defects=defects)
+    tracker = dataclasses.replace(CASE.tracker, detection=Detection(threshold=threshold))
+    case = dataclasses.replace(case, tracker=tracker)
+    within = []
+    monkeypatch.setattr(window, "expose_within", lambda windows, *_: within.append(windows))
+    for one in both(case, 2):
+        assert len(one) > 10
+    assert not within
+    np.testing.assert_array_equal(*both(case, 3))
 
 
 def test_streaks_are_those_of_the_frame():
