@@ -3,6 +3,7 @@
 main                The list of commands, and the exit status of their errors.
 options             What commands share: exit status, wrong use, readers of numbers, and common
                     options.
+stopping            A signal or an error -> what ends a command, and the words that tell it.
 terminal            Inputs by name, and outputs: results on standard output, messages on standard
                     error.
 campaign            What the commands on campaigns share: the design, the runner of its trials, and

@@ -79,7 +79,7 @@ def command(options: argparse.Namespace) -> int:
             if flat is not None:
                 frame = divide_flat(frame, flat)
             spots = detect(frame, plan)
-        except (ValueError, TypeError) as error:
+        except Exception as error:  # whatever is wrong with it, the others are searched
             print_failed_image(options, path, error)
             status = Exit.FAILED
             continue

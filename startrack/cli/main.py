@@ -1,20 +1,22 @@
 """The command `startrack`: the list of commands, and the exit status of their errors.
 
-Exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved.
+Exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved, 130 stopped by Ctrl-C,
+143 by SIGTERM.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+import traceback
 import warnings
 from collections.abc import Sequence
-from concurrent.futures import BrokenExecutor
 from importlib import import_module
 from typing import TextIO
 
 from startrack import __version__
-from startrack.cli.options import Exit, WrongUse
+from startrack.cli.options import add_common, memory_of
+from startrack.cli.stopping import one_line, stopped_by_signals, told
 
 # Each command is a file of this name with `declare(parser)` and `command(options)`, which imports
 # what it needs. Only the command that is called is imported.
@@ -39,7 +41,7 @@ COMMANDS = {
     "bench": "measure CPU time and error of every stage on this machine",
 }
 EPILOG = """\
-exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved
+exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved; 130, 143 stopped
 
 startrack COMMAND --help lists the options and the output files of a command. Examples:
   startrack simulate                        one frame of the example design
@@ -62,25 +64,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     options = _parser(arguments).parse_args(arguments)
-    # The command imports what it needs, so that --help is quick.
-    command = import_module(f"startrack.cli.{options.name}").command
-    report_compiling = import_module("startrack.cli.terminal").report_compiling
+    with stopped_by_signals():
+        return _run(options)
+
+
+def _run(options: argparse.Namespace) -> int:
+    """The exit status of a command; all that it raises becomes one sentence here, nowhere else."""
     try:
-        with warnings.catch_warnings(), report_compiling():
+        # The command imports what it needs, so that --help is quick.
+        command = import_module(f"startrack.cli.{options.name}").command
+        terminal = import_module("startrack.cli.terminal")
+        core = import_module("startrack.core")
+        with (
+            warnings.catch_warnings(),
+            core.limited_memory(memory_of(options, core.memory_limit())),
+            terminal.report_compiling(),
+        ):
             warnings.showwarning = _print_warning
-            return int(command(options))
-    except WrongUse as error:
-        status, message = Exit.WRONG_USE, str(error)
-    except OSError as error:
-        named = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-        status, message = Exit.FAILED, named
-    except (ValueError, ImportError) as error:
-        status, message = Exit.FAILED, str(error)
-    except BrokenExecutor:
-        status, message = Exit.FAILED, "a worker process died; the files on disk are complete"
-    except KeyboardInterrupt:
-        status, message = Exit.FAILED, "stopped; the files on disk are complete"
-    print(f"startrack {options.name}: {message}", file=sys.stderr)
+            status = int(command(options))
+            sys.stdout.flush()
+            return status
+    except (Exception, KeyboardInterrupt) as error:
+        status, message = told(error)
+        if options.debug and not isinstance(error, KeyboardInterrupt):
+            traceback.print_exception(error)
+    if message:
+        print(f"startrack {options.name}: {message}", file=sys.stderr)
     return int(status)
 
 
@@ -93,7 +102,7 @@ def _print_warning(
     line: str | None = None,
 ) -> None:
     """Print a warning as one line, without the line of code that raised it."""
-    print(f"startrack: {message}", file=sys.stderr)
+    print(f"startrack: {one_line(message)}", file=sys.stderr)
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
@@ -114,4 +123,5 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         )  # fmt: skip
         if name == called:
             import_module(f"startrack.cli.{name}").declare(one)
+            add_common(one)
     return parser

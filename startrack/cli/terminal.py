@@ -7,6 +7,7 @@ import json
 import math
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, open_sky
 from startrack.cli.options import WrongUse, as_wrong_use
+from startrack.cli.stopping import one_line, told
 from startrack.core import UNKEPT, Stars, arcsec
 from startrack.design import Campaign, Design, load_design
 from startrack.io import shipped
@@ -75,14 +77,21 @@ def print_result(options: argparse.Namespace, result: dict[str, Any], text: str)
     if options.json:
         print(json.dumps(finite(result), allow_nan=False), flush=True)
     else:
-        print(text, flush=True)
+        # The name of a file may hold what its encoding cannot.
+        encoding = sys.stdout.encoding or "utf-8"
+        print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
 
 
 def print_failed_image(options: argparse.Namespace, path: Path, error: Exception) -> None:
     """Print why an image was skipped, as a result, too, where results are JSON."""
-    print_message(f"startrack {options.name}: {error}")
+    _, reason = told(error)
+    if str(path) not in reason:
+        reason = f"{path}: {reason}"
+    print_message(f"startrack {options.name}: {one_line(reason)}")
+    if options.debug:
+        traceback.print_exception(error)
     if options.json:
-        print_result(options, {"image": str(path), "status": "failed", "reason": str(error)}, "")
+        print_result(options, {"image": str(path), "status": "failed", "reason": reason}, "")
 
 
 def finite(value: Any) -> Any:

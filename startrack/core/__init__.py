@@ -5,6 +5,7 @@ units      Units as SI floats, constants with their source, and `"50 mm"` read a
 arrays     Types of arrays, for annotations.
 kernel     A function enters; compiled code leaves, kept on disk until what it is made of changes.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value.
+memory     Bytes that a step needs -> refused, with the figure, where they exceed the limit.
 streams    Seed, trial, cause -> random generator, the same for any number of workers.
 scratch    Large arrays that a plan keeps between calls: a new one costs more than a few windows
            in it.
@@ -19,10 +20,28 @@ variates   Random variates for compiled code: bits of a counter, normal and Pois
 
 from startrack.core.arrays import Floats, Ints
 from startrack.core.camera import Camera, distort, plane_slopes
-from startrack.core.checks import finite, non_negative, one_of, positive, whole, within
+from startrack.core.checks import (
+    finite,
+    moderate,
+    non_negative,
+    one_of,
+    positive,
+    shown,
+    whole,
+    within,
+)
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
 from startrack.core.kernel import FOLDERS, UNKEPT, kernel
+from startrack.core.memory import (
+    GIB,
+    begin_limited,
+    gib,
+    limited_memory,
+    machine_memory,
+    memory_limit,
+    require_memory,
+)
 from startrack.core.rotations import quaternion, rotation_of
 from startrack.core.scratch import Workspace
 from startrack.core.streams import Streams

@@ -5,14 +5,49 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
+# Of any number in a file that is not zero, in SI units. Chosen by hand: nothing that a camera has
+# lies near the ends, and products of some of them still fit into a float.
+SMALLEST, LARGEST = 1e-30, 1e30
+LONGEST = 80  # characters of a value in a message
+
+
+def shown(value: object) -> str:
+    """A value in a message: its repr, shortened where it is long."""
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 2**200:
+        return f"a whole number of {math.floor(value.bit_length() * math.log10(2)) + 1} digits"
+    if isinstance(value, str | bytes):
+        value = value[: LONGEST + 1]
+    elif isinstance(value, list | tuple | dict) and len(value) > LONGEST:
+        return f"{len(value)} values"
+    try:
+        text = repr(value)
+    except RecursionError:
+        return "a deeply nested value"
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def moderate(**values: float) -> None:
+    """Refuse what is neither zero nor of a size that a quantity of a camera can have."""
+    finite(**values)
+    for name, value in values.items():
+        if value and not SMALLEST <= abs(value) <= LARGEST:
+            raise ValueError(
+                f"{name} must be 0 or of a size from {SMALLEST:g} to {LARGEST:g} in SI units, got "
+                f"{shown(value)}"
+            )
+
 
 def finite(**values: float) -> None:
     """Refuse what is not a finite number."""
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise TypeError(f"{name} must be a number, got {value!r}")
-        if not math.isfinite(value):
-            raise ValueError(f"{name} must be finite, got {value}")
+            raise TypeError(f"{name} must be a number, got {shown(value)}")
+        try:
+            known = math.isfinite(value)
+        except OverflowError:  # a whole number beyond all floats
+            known = False
+        if not known:
+            raise ValueError(f"{name} must be finite, got {shown(value)}")
 
 
 def positive(**values: float) -> None:
@@ -43,13 +78,15 @@ def whole(low: int, high: int, /, **values: int) -> None:
     """Refuse what is not an integer in [low, high]."""
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, int):
-            raise TypeError(f"{name} must be a whole number, got {value!r}")
+            raise TypeError(f"{name} must be a whole number, got {shown(value)}")
         if not low <= value <= high:
-            raise ValueError(f"{name} must be a whole number in [{low}, {high}], got {value}")
+            raise ValueError(
+                f"{name} must be a whole number in [{low}, {high}], got {shown(value)}"
+            )
 
 
 def one_of(choices: Collection[str], /, **values: str) -> None:
     """Refuse what is not one of the choices."""
     for name, value in values.items():
         if value not in choices:
-            raise ValueError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
+            raise ValueError(f"{name} must be one of {', '.join(choices)}, got {shown(value)}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from decimal import Decimal
+from decimal import Decimal, DecimalException
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ arcsec = deg / 3600  # radian
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radian; turns by it fill a disc evenly
 
+LONGEST = 100  # characters of a quantity, so that no text takes long to read
 NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?)?\s*")
 
 
@@ -46,15 +47,26 @@ def parse(text: str, unit: str) -> float:
     text     a number and a unit as astropy writes them: "50 mm", "5 deg", "10 electron / s"
     unit     unit of the result
     Returns  the value in that unit, correctly rounded
-    Raises   ValueError where the text is no number with a unit, or its unit does not convert.
+    Raises   ValueError where the text is no number with a unit, its unit does not convert, or the
+             number is beyond all floats.
     """
+    if len(text) > LONGEST:
+        raise ValueError(
+            f"must be a number with a unit of at most {LONGEST} characters, got {len(text)}"
+        )
     found = NUMBER.fullmatch(text)
     if not found or not found[2]:
         raise ValueError(f"must be a number with a unit, such as '1 {unit}', got {text!r}")
     scale = _scale(found[2], unit)
     if scale is None:
         raise ValueError(f"must have a unit that converts to {unit}, got {text!r}")
-    return float(Decimal(found[1]) * scale)
+    try:
+        value = float(Decimal(found[1]) * scale)
+    except DecimalException:
+        value = math.inf
+    if not math.isfinite(value):
+        raise ValueError(f"must be a finite number in {unit}, got {text!r}")
+    return value
 
 
 def write(value: float, unit: str, shown: str) -> str:
@@ -79,6 +91,7 @@ def _scale(source: str, target: str) -> Decimal | None:
     from astropy import units  # costs 0.3 s, and only files with units need it
 
     try:
-        return Decimal(repr(float(units.Unit(source).to(units.Unit(target)))))
-    except (ValueError, TypeError, units.UnitConversionError):
+        scale = float(units.Unit(source).to(units.Unit(target)))
+    except Exception:  # a text from anybody: its parser raises errors of many kinds
         return None
+    return Decimal(repr(scale)) if 0 < scale < math.inf else None

@@ -1,6 +1,7 @@
 """Files: design tables, images, WCS, SQLite, atomic writes, shipped data.
 
 shipped       Name of shipped data -> its path on this computer.
+reading       Path of a file from anybody -> its bytes, where it is regular and not too large.
 saving        Files that are written whole or not at all.
 sqlite        SQLite file of one kind -> its tables, open for one process at a time; errors as
               sentences.
@@ -9,11 +10,13 @@ tables        Frozen dataclasses to tables of TOML and back, units in strings, e
 checked_fits  FITS file -> its parts with verified checksums, or a sentence that says what is wrong.
 wcs           Camera and attitude as a FITS world coordinate system, and back to pixels by any
               reader.
+picture_size  Bytes of a PNG, JPEG or TIFF file -> its size, without decoding it.
 images        Image files to frames, and frames to FITS with their WCS and their truth.
 """
 
 from startrack.io.checked_fits import open_checked
 from startrack.io.images import read_image, write_fits
+from startrack.io.reading import read_bytes, regular_file, unpacked
 from startrack.io.saving import save_csv, save_figure, save_json, save_netcdf, save_text, whole
 from startrack.io.shipped import shipped
 from startrack.io.sqlite import Database, Execute, FileKind

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import warnings
 from pathlib import Path
 
@@ -10,11 +11,14 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Frame, Stars
+from startrack.core import Camera, Frame, Stars, require_memory
+from startrack.io.picture_size import picture_size
+from startrack.io.reading import read_bytes, unpacked
 from startrack.io.saving import whole
 from startrack.io.wcs import camera_to_wcs
 
 FITS = {".fits", ".fit", ".fts"}
+SEARCHED = 24  # bytes that the detection takes for each pixel of an image; measured: 20 at most
 
 
 def read_image(path: Path) -> Frame:
@@ -27,15 +31,29 @@ def read_image(path: Path) -> Frame:
             image, or holds no finite number.
     """
     path = Path(path)
-    if not path.is_file():
-        raise ValueError(f"{path} must be a file, but there is none")
-    if path.stat().st_size == 0:
+    try:
+        data = read_bytes(path, "a file")
+    except FileNotFoundError as error:
+        raise ValueError(str(error)) from None
+    if not data:
         raise ValueError(f"{path} must hold an image, but it is empty")
     is_fits = bool(FITS & {suffix.lower() for suffix in path.suffixes})
-    frame = _read_fits(path) if is_fits else Frame(_read_picture(path))
+    frame = _read_fits(path, data) if is_fits else Frame(_read_picture(path, data))
     if frame.image.size == 0 or not np.isfinite(frame.image).any():
         raise ValueError(f"{path} must hold finite pixel values, but it has none")
     return frame
+
+
+def require_image_memory(path: Path, columns: int, rows: int, pixel: int) -> None:
+    """Refuse an image that cannot be read and searched within the memory that there may be.
+
+    pixel   bytes of a pixel in the file
+    Raises  ValueError with the size and the limit.
+    """
+    require_memory(
+        columns * rows * (2 * pixel + SEARCHED),
+        f"{path}, an image of {columns} x {rows} pixels,",
+    )
 
 
 def write_fits(
@@ -100,35 +118,56 @@ def _truth(camera: Camera, icrs_to_camera: Rotation, stars: Stars):  # type: ign
     return fits.BinTableHDU.from_columns(columns, name="TRUTH")
 
 
-def _read_fits(path: Path) -> Frame:
+def _read_fits(path: Path, data: bytes) -> Frame:
     from astropy.io import fits
 
+    data = unpacked(path, data, 2)
+    if not data.startswith(b"SIMPLE"):  # nor what astropy would unpack by itself, without a limit
+        raise ValueError(f"{path} must be a whole FITS file, which begins with SIMPLE")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a cut file is only a warning to astropy
             # From memory: astropy leaves a cut file open when it gives up.
-            with fits.open(io.BytesIO(path.read_bytes())) as units:
-                image, header = next(
-                    (np.asarray(unit.data), unit.header)
-                    for unit in units
-                    if unit.is_image and unit.header.get("NAXIS", 0) >= 2
+            with fits.open(io.BytesIO(data)) as units:
+                unit = next(
+                    unit for unit in units if unit.is_image and unit.header.get("NAXIS", 0) >= 2
                 )
+                _require_fits_memory(path, unit.header)
+                image, header = np.asarray(unit.data), unit.header
+                known = [_number(header, key) for key in ("EXPTIME", "GAIN", "RDNOISE")]
+                offset = _number(header, "PEDESTAL", 0.0)
     except StopIteration:
         raise ValueError(f"{path} must hold an image of two axes, but it has none") from None
-    except (OSError, ValueError, TypeError, Warning) as error:
-        raise ValueError(f"{path} must be a whole FITS file: {error}") from None
+    except MemoryError:
+        raise
+    except _TooLarge as error:
+        raise ValueError(str(error)) from None
+    except Exception as error:  # astropy, zlib and CFITSIO each raise their own
+        reason = " ".join(str(error).split()) or type(error).__name__
+        missing = f"it has no {reason}" if isinstance(error, KeyError) else reason
+        raise ValueError(f"{path} must be a whole FITS file: {missing}") from None
     image = np.squeeze(image)
     if image.ndim == 3:
         image = image.max(axis=0)
     if image.ndim != 2:
         raise ValueError(f"{path} must hold an image of two axes, got shape {image.shape}")
-    return Frame(
-        image.astype(image.dtype.newbyteorder("=")),
-        _number(header, "EXPTIME"),
-        _number(header, "GAIN"),
-        _number(header, "PEDESTAL", 0.0),
-        _number(header, "RDNOISE"),
-    )
+    return Frame(image.astype(image.dtype.newbyteorder("=")), known[0], known[1], offset, known[2])
+
+
+class _TooLarge(Exception):
+    """What `require_memory` refuses, past what astropy raises."""
+
+
+def _require_fits_memory(path: Path, header) -> None:  # type: ignore[no-untyped-def]
+    axes = [header.get(f"NAXIS{n}", 0) for n in range(1, header["NAXIS"] + 1)]
+    sizes = [size if isinstance(size, int) and size >= 0 else 0 for size in axes]
+    bits = header.get("BITPIX", 8)
+    try:
+        require_image_memory(
+            path, sizes[0], math.prod(sizes[1:]), abs(bits) // 8 if isinstance(bits, int) else 8
+        )
+    except ValueError as error:
+        raise _TooLarge(error) from None
 
 
 def _number(header, key: str, otherwise: float = float("nan")) -> float:  # type: ignore[no-untyped-def]
@@ -136,12 +175,16 @@ def _number(header, key: str, otherwise: float = float("nan")) -> float:  # type
     return float(value) if isinstance(value, int | float) else otherwise
 
 
-def _read_picture(path: Path) -> np.ndarray:
+def _read_picture(path: Path, data: bytes) -> np.ndarray:
+    size = picture_size(data)
+    if size is None:
+        raise ValueError(f"{path} must be a whole FITS, TIFF, PNG or JPEG image")
+    require_image_memory(path, *size)
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    except (OSError, cv2.error) as error:
-        raise ValueError(f"{path} must be readable as an image: {error}") from None
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{path} must be readable as an image: {reason}") from None
     if image is None:
         raise ValueError(f"{path} must be a whole FITS, TIFF, PNG or JPEG image")
     return image if image.ndim == 2 else image[:, :, :3].max(axis=2)

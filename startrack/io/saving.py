@@ -47,7 +47,22 @@ def save_json(path: Path, value: Any) -> None:
 
 
 def save_figure(path: Path, figure: Figure) -> None:
-    """Write a picture whole, at the figure's own resolution."""
+    """Write a picture whole, at the figure's own resolution.
+
+    Titles hold names of files, which may have bytes that are no text, or a $, as of formulas.
+    """
+    from matplotlib.text import Text
+
+    own = {
+        text
+        for axes in figure.axes
+        for axis in (axes.xaxis, axes.yaxis)
+        for text in axis.findobj(Text)
+    }
+    for text in set(figure.findobj(Text)) - own:
+        words = text.get_text()
+        text.set_text("".join(c if c.isprintable() or c == "\n" else "?" for c in words))
+        text.set_parse_math(False)
     with whole(path) as draft:
         figure.savefig(draft)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import re
 import tomllib
 import types
 import typing
@@ -12,10 +14,17 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
-from startrack.core import Unit, parse, write
+from startrack.core import Unit, moderate, parse, shown, write
+from startrack.io.reading import read_bytes
 
 T = TypeVar("T")
 NUMBER_OR_TEXT = float | str
+LARGEST = 2**20  # byte; the largest design of the catalogue has 5 kB
+LONGEST_KEY = 32  # parts between dots; keys of some 10000 parts take tomllib minutes
+QUOTED = re.compile(r"\"(?:[^\"\\\n]|\\.)*+\"|'[^'\n]*+'")
+BREAKS = str.maketrans("=,[]{}", "      ")
+NAMES = {float: "a number", int: "a whole number", str: "a string", bool: "true or false"}
+LARGEST_INTEGER = 2**63 - 1
 
 
 def from_table(kind: type[T], table: object, place: str = "") -> T:
@@ -32,25 +41,29 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
     with a FutureWarning of one line.
     """
     if not isinstance(table, Mapping):
-        raise ValueError(f"{place or 'the file'} must be a table, got {table!r}")
+        raise ValueError(f"{place or 'the file'} must be a table, got {shown(table)}")
     fields = _fields(kind)
     table = _with_new_keys(kind, table, place)
     for key in table:
         if key not in fields:
             raise ValueError(
-                f"{_join(place, key)} is unknown; known here are {', '.join(fields) or 'no keys'}"
+                f"{_join(place, shown(key)[1:-1])} is unknown; known here are "
+                f"{', '.join(fields) or 'no keys'}"
             )
-    values = {
-        key: _read(fields[key].kind, fields[key].unit, value, _join(place, key))
-        for key, value in table.items()
-    }
+    values = {key: _read(fields[key], value, _join(place, key)) for key, value in table.items()}
     missing = [name for name, each in fields.items() if name not in values and each.required]
     if missing:
         raise ValueError(f"{_join(place, missing[0])} is missing")
     try:
         return kind(**values)
-    except (ValueError, TypeError) as error:
-        raise ValueError(_join(place, str(error))) from None
+    except (ValueError, TypeError, ArithmeticError) as error:
+        raise ValueError(_join(place, _sentence(error))) from None
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, ArithmeticError):
+        return f"values must be of usual sizes together, got: {error}"
+    return str(error)
 
 
 def current_key(kind: type, key: str) -> str:
@@ -78,11 +91,36 @@ def read_table(path: Path, what: str) -> dict[str, Any]:
     Raises  ValueError, one sentence with the file.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ValueError(f"{path} must be {what}, but there is none") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        text = read_bytes(path, what, LARGEST).decode("utf-8")
+    except UnicodeDecodeError as error:
         raise ValueError(f"{path} must be a TOML file: {error}") from None
+    except OSError as error:
+        raise ValueError(str(error) if error.errno is None else f"{path}: {error}") from None
+    if key := _long_key(text):
+        raise ValueError(
+            f"{path} must have keys of at most {LONGEST_KEY} parts, got {shown(key)} of "
+            f"{key.count('.') + 1}"
+        )
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(f"{path} must be a TOML file without deeply nested values") from None
+    except ValueError as error:
+        raise ValueError(f"{path} must be a TOML file: {error}") from None
+
+
+def _long_key(text: str) -> str:
+    """A dotted key of too many parts, empty where there is none."""
+    if text.count(".") < LONGEST_KEY:
+        return ""
+    for line in text.splitlines():
+        if line.count(".") < LONGEST_KEY:
+            continue
+        bare = "".join(QUOTED.sub("q", line).split("#", 1)[0].split())
+        for key in bare.translate(BREAKS).split():
+            if key.count(".") >= LONGEST_KEY:
+                return key
+    return ""
 
 
 def to_table(value: Any) -> dict[str, Any]:
@@ -96,11 +134,18 @@ def to_table(value: Any) -> dict[str, Any]:
 
 
 class Field(NamedTuple):
-    """A field of a parameter object: its type without None, its unit, whether it must be given."""
+    """A field of a parameter object.
+
+    kind      its type without None and without a unit
+    unit      None where it has none
+    required  whether it must be given
+    open      whether it may be infinite or NaN in a file, as its default is
+    """
 
     kind: Any
     unit: Unit | None
     required: bool
+    open: bool = False
 
 
 def unit_of(kind: type, name: str) -> Unit | None:
@@ -112,42 +157,71 @@ def _fields(kind: type) -> dict[str, Field]:
     hints = typing.get_type_hints(kind, include_extras=True)
     fields = {}
     for entry in dataclasses.fields(kind):
-        hint, unit = hints[entry.name], None
-        if typing.get_origin(hint) is Annotated:
-            hint, unit = typing.get_args(hint)[:2]
+        kind, unit = _bare(hints[entry.name])
         required = entry.default is entry.default_factory is dataclasses.MISSING
-        fields[entry.name] = Field(_not_none(hint), unit, required)
+        default = entry.default
+        fields[entry.name] = Field(
+            kind, unit, required, isinstance(default, float) and not math.isfinite(default)
+        )
     return fields
 
 
-def _read(kind: Any, unit: Unit | None, value: object, place: str) -> Any:
+def _bare(hint: Any) -> tuple[Any, Unit | None]:
+    """The type inside `X | None` and `Annotated[X, unit]`, in either order, and the unit."""
+    unit = None
+    while True:
+        inner = _not_none(hint)
+        if typing.get_origin(inner) is Annotated:
+            inner, unit = typing.get_args(inner)[:2]
+        if inner is hint:
+            return hint, unit
+        hint = inner
+
+
+def _read(field: Field, value: object, place: str) -> Any:
+    kind, unit = field.kind, field.unit
     if dataclasses.is_dataclass(kind):
         return from_table(typing.cast(type, kind), value, place)
     if typing.get_origin(kind) is tuple:
         if not isinstance(value, list):
-            raise ValueError(f"{place} must be a list, got {value!r}")
-        inner = typing.get_args(kind)[0]
-        return tuple(_read(inner, unit, item, f"{place}[{i}]") for i, item in enumerate(value))
+            raise ValueError(f"{place} must be a list, got {shown(value)}")
+        inner, own = _bare(typing.get_args(kind)[0])
+        each = field._replace(kind=inner, unit=own or unit)
+        return tuple(_read(each, item, f"{place}[{i}]") for i, item in enumerate(value))
     if unit and kind is float:
         if not isinstance(value, str):
-            raise ValueError(f"{place} must have a unit, such as '1 {unit.shown}', got {value!r}")
+            raise ValueError(
+                f"{place} must have a unit, such as '1 {unit.shown}', got {shown(value)}"
+            )
         try:
-            return parse(value, unit.si)
+            return _moderate(parse(value, unit.si), place)
         except ValueError as error:
-            raise ValueError(f"{place} {error}") from None
-    if kind in (float, NUMBER_OR_TEXT) and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
+            text = str(error)
+            raise ValueError(text if text.startswith(place) else f"{place} {text}") from None
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    if whole and abs(typing.cast(int, value)) > LARGEST_INTEGER:
+        raise ValueError(f"{place} must be a number below 2^63, got {shown(value)}")
+    if kind in (float, NUMBER_OR_TEXT) and whole:
+        return float(typing.cast(int, value))
     if kind == NUMBER_OR_TEXT:
         if not isinstance(value, float | str):
-            raise ValueError(f"{place} must be a number or a string with a unit, got {value!r}")
-        return value
+            raise ValueError(
+                f"{place} must be a number or a string with a unit, got {shown(value)}"
+            )
+        return _moderate(value, place) if isinstance(value, float) else value
     if isinstance(kind, type) and issubclass(kind, StrEnum):
         if value not in list(kind):
-            raise ValueError(f"{place} must be one of {', '.join(kind)}, got {value!r}")
+            raise ValueError(f"{place} must be one of {', '.join(kind)}, got {shown(value)}")
         return kind(str(value))
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-        name = {float: "a number", int: "a whole number", str: "a string", bool: "true or false"}
-        raise ValueError(f"{place} must be {name.get(kind, kind.__name__)}, got {value!r}")
+        raise ValueError(f"{place} must be {NAMES.get(kind, kind.__name__)}, got {shown(value)}")
+    if kind is float and not field.open:
+        return _moderate(typing.cast(float, value), place)
+    return value
+
+
+def _moderate(value: float, place: str) -> float:
+    moderate(**{place: value})
     return value
 
 
@@ -155,7 +229,8 @@ def _write(kind: Any, unit: Unit | None, value: Any) -> Any:
     if dataclasses.is_dataclass(kind):
         return to_table(value)
     if typing.get_origin(kind) is tuple:
-        return [_write(typing.get_args(kind)[0], unit, item) for item in value]
+        inner, own = _bare(typing.get_args(kind)[0])
+        return [_write(inner, own or unit, item) for item in value]
     if isinstance(value, StrEnum):
         return value.value
     if unit and kind is float:

@@ -14,7 +14,7 @@ from typing import Any
 
 import cv2
 
-from startrack.core import whole
+from startrack.core import begin_limited, whole
 
 
 class Serial(Executor):
@@ -65,6 +65,11 @@ class Lasting(Executor):
             self._pool = self._fresh()
             return self._pool.submit(fn, *args, **kwargs)
 
+    def kill(self) -> None:
+        """End the processes at once, whatever they do: what they did not return is lost."""
+        for process in list((self._pool._processes or {}).values()):
+            process.kill()
+
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes."""
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
@@ -81,6 +86,9 @@ def pool(workers: int) -> Iterator[Executor]:
     executor = Lasting(workers)
     try:
         yield executor
+    except KeyboardInterrupt:
+        executor.kill()  # a block may take minutes
+        raise
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
 
@@ -92,8 +100,10 @@ def one_thread() -> None:
 
 def _begin_worker() -> None:
     one_thread()
+    begin_limited()
     # Ctrl-C goes to all processes of the terminal; the main process alone handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_main, daemon=True).start()
 
 

@@ -1,4 +1,8 @@
+import gzip
+import io
+import struct
 import warnings
+import zlib
 
 import cv2
 import numpy as np
@@ -114,3 +118,90 @@ def test_equal_frames_are_equal_files_with_valid_checksums(frame_file):
         with fits.open(frame_file, checksum=True) as parts:
             assert [part.verify_checksum() for part in parts] == [1, 1]
             assert [part.verify_datasum() for part in parts] == [1, 1]
+
+
+def fits_bytes(*parts) -> bytes:
+    file = io.BytesIO()
+    fits.HDUList([fits.PrimaryHDU(), *parts]).writeto(file)
+    return file.getvalue()
+
+
+PLAIN = fits_bytes(fits.ImageHDU(IMAGE))
+RICE = fits_bytes(fits.CompImageHDU(np.arange(4096, dtype=np.int16).reshape(64, 64)))
+
+
+def without_card(data: bytes, name: bytes) -> bytes:
+    return data.replace(name.ljust(8) + b"=", b"COMMENT =")
+
+
+def with_card(data: bytes, name: bytes, value: bytes) -> bytes:
+    at = data.rindex(name.ljust(8) + b"=")
+    return data[:at] + (name.ljust(8) + b"= " + value.rjust(20)).ljust(80) + data[at + 80 :]
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (without_card(PLAIN, b"NAXIS1"), "NAXIS1"),
+        (with_card(PLAIN, b"NAXIS1", b"9999999"), "GiB|whole FITS"),
+        (with_card(PLAIN, b"NAXIS1", b"-5"), "whole FITS|two axes"),
+        (with_card(PLAIN, b"BITPIX", b"'x'"), "whole FITS"),
+        (PLAIN.replace(b"EXTEND", b"\x00\xff\n=/'"), "whole FITS"),
+        (gzip.compress(PLAIN)[:-30], "gzip"),
+        (gzip.compress(PLAIN)[:40] + b"\0" * 60, "gzip"),
+        (RICE[:-2880] + b"\xff" * 2880, "whole FITS"),
+        (with_card(RICE, b"ZNAXIS1", b"2000000000"), "GiB|whole FITS"),
+        (with_card(RICE, b"ZTILE1", b"0"), "whole FITS"),
+        (b"BZh9" + PLAIN, "begins with SIMPLE"),
+    ],
+)
+def test_damaged_fits_is_refused_in_a_sentence(tmp_path, data, words):
+    path = tmp_path / "any.fits"
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=words) as caught:
+        read_image(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def png_of(columns, rows) -> bytes:
+    """A PNG whose header promises a size."""
+    header = b"IHDR" + struct.pack(">IIBBBBB", columns, rows, 16, 0, 0, 0, 0)
+    chunk = struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
+    return b"\x89PNG\r\n\x1a\n" + chunk
+
+
+def jpeg_of(columns, rows) -> bytes:
+    return b"\xff\xd8\xff\xc0" + struct.pack(">HBHHB", 17, 8, rows, columns, 3) + b"\0" * 20
+
+
+def tiff_of(columns, rows) -> bytes:
+    tags = [(256, columns), (257, rows), (258, 16), (277, 1)]
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags)
+    return b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + b"\0" * 4
+
+
+@pytest.mark.parametrize("make", [png_of, jpeg_of, tiff_of])
+def test_a_picture_too_large_for_the_memory_is_refused_unread(tmp_path, make, monkeypatch):
+    monkeypatch.setenv("STARTRACK_MEMORY", str(2**30))
+    path = tmp_path / f"large.{make.__name__[:3]}"
+    path.write_bytes(make(30_000, 30_000))
+    with pytest.raises(ValueError, match=r"30000 x 30000 .*need 2[0-9.]* GiB .*limit of 1 GiB"):
+        read_image(path)
+    path.write_bytes(make(3, 3))
+    with pytest.raises(ValueError, match="must be"):
+        read_image(path)
+
+
+def test_a_gzip_bomb_is_refused_while_it_is_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setenv("STARTRACK_MEMORY", str(2**24))
+    path = tmp_path / "bomb.fits.gz"
+    path.write_bytes(gzip.compress(PLAIN + b"\0" * 2**25))
+    with pytest.raises(ValueError, match=r"unpacked, would need .* the limit of"):
+        read_image(path)
+
+
+def test_gzipped_fits_is_read(tmp_path):
+    path = tmp_path / "whole.fits.gz"
+    path.write_bytes(gzip.compress(PLAIN[:100]) + gzip.compress(PLAIN[100:]))
+    np.testing.assert_array_equal(read_image(path).image, IMAGE)

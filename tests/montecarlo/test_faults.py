@@ -139,7 +139,7 @@ def test_ctrl_c_ends_clearly_and_nothing_is_lost(tmp_path):
         _, shown = process.communicate(timeout=60)
     finally:
         process.kill()
-    assert process.returncode == 1
+    assert process.returncode == 130
     assert shown.strip().endswith("stopped; the files on disk are complete")
     assert "Traceback" not in shown
     with Store(store) as held:
