@@ -60,7 +60,7 @@ def _present(case: Case) -> Iterator[Cause]:
         yield Cause(HITS, Term.NOISE, lambda one: _with(one, hits=None))
     if detector.prnu:
         yield Cause("PRNU", Term.PIXEL, lambda one: _with(one, prnu=0.0))
-    if detector.defects:
+    if detector.defects or case.tracker.detection.dark_map:
         yield Cause("DSNU", Term.PIXEL, _flawless)
     if detector.settling or detector.lag or detector.nonlinearity or detector.adc_inl:
         yield Cause("read-out", Term.PIXEL, _linear)
@@ -111,7 +111,8 @@ def _calm(case: Case) -> Case:
 
 def _flawless(case: Case) -> Case:
     mean, _ = dark_currents(case.instrument.detector)
-    return _with(case, defects=None, dark_current=mean)
+    detection = replace(case.tracker.detection, dark_map=None)
+    return _believing(_with(case, defects=None, dark_current=mean), detection=detection)
 
 
 def _linear(case: Case) -> Case:

@@ -18,7 +18,7 @@ from startrack.budget.causes import ALWAYS, HITS, NEIGHBOURS, Term, bare, causes
 from startrack.catalog import open_sky
 from startrack.core import Floats, Frame, Ints, Spots, Streams, whole
 from startrack.design import Case, Instrument
-from startrack.detection import Candidates, centroid, pixels
+from startrack.detection import Candidates, calibrated, centroid
 from startrack.detector import electron_rate, frame_of, shot
 from startrack.identification import refit
 from startrack.scene import illuminate
@@ -252,7 +252,7 @@ class _Trial:
             np.rint(old.x).astype(np.int64), np.rint(old.y).astype(np.int64), old.area
         )
         plan = detection_plan(instrument, self._case.tracker.detection)
-        new = centroid(frame, pixels(frame), candidates, plan)
+        new = centroid(frame, calibrated(frame, plan), candidates, plan)
         if not len(new):
             return old
         distance = np.hypot(old.x[:, None] - new.x, old.y[:, None] - new.y)

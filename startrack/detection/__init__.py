@@ -1,5 +1,7 @@
 """Numbers into spots: a Frame becomes Spots (OpenCV).
 
+dark_map     DarkMap: what a tracker knows of the dark signal; dark frames -> pixels without that
+             signal.
 parameters   Detection: how spots are distinguished from noise, and how they are measured.
 pixels       A Frame enters, with its dark frame and flat field; calibrated pixels as float32
              leave.
@@ -40,13 +42,20 @@ response     Frame without noise, places of stars -> what a centroid is there, a
 """
 
 from startrack.detection.centroid import centroid
+from startrack.detection.dark_map import DarkFrames, DarkMap, correction_image
 from startrack.detection.detect import detect, detect_near
 from startrack.detection.expectation import Expectation, expect
 from startrack.detection.find import Candidates
 from startrack.detection.matched import filtered
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import divide_flat, pixels, subtract_dark, without_pixels
-from startrack.detection.plan import DetectionPlan, false_alarms, plan_detection, threshold_of
+from startrack.detection.plan import (
+    DetectionPlan,
+    calibrated,
+    false_alarms,
+    plan_detection,
+    threshold_of,
+)
 from startrack.detection.psf_table import gaussian_psf
 from startrack.detection.response import Response, half_of, joined, response
 from startrack.detection.star_model import StarModel, smeared
@@ -62,6 +71,8 @@ from startrack.detection.within import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
+    "DarkFrames",
+    "DarkMap",
     "Detection",
     "DetectionPlan",
     "StarModel",

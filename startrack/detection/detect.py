@@ -11,8 +11,8 @@ from startrack.core import Floats, Frame, Ints, Psf, Spots, positive
 from startrack.detection.centroid import centroid
 from startrack.detection.find import Candidates, find
 from startrack.detection.parameters import Detection
-from startrack.detection.pixels import Pixels, pixels
-from startrack.detection.plan import DetectionPlan, planned
+from startrack.detection.pixels import Pixels
+from startrack.detection.plan import DetectionPlan, calibrated, planned
 
 
 def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = None) -> Spots:
@@ -30,7 +30,8 @@ def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = 
     Raises    TypeError or ValueError where the image is not a two-dimensional array of real numbers
               with at least one finite value. Those of `centroid` for the accuracy.
     """
-    image, plan = pixels(frame), planned(settings, psf)
+    plan = planned(settings, psf)
+    image = calibrated(frame, plan)
     return centroid(frame, image, find(image, plan), plan)
 
 
@@ -61,7 +62,8 @@ def detect_near(
     place = np.asarray(place, float)
     if place.ndim != 2 or place.shape[1] != 2:
         raise ValueError(f"place must have the shape (m, 2), got {place.shape}")
-    image, plan = pixels(frame), planned(settings, psf)
+    plan = planned(settings, psf)
+    image = calibrated(frame, plan)
     return centroid(frame, image, _near(image, place, reach, plan), plan)
 
 

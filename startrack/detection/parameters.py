@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from startrack.core import non_negative, one_of, positive, whole, within
+from startrack.detection.dark_map import DarkMap
 from startrack.detection.methods import CENTROIDS
 
 KERNELS = ("gaussian", "psf")
@@ -36,6 +37,7 @@ class Detection:
     sharpest_sigma  pixel, sigma of the sharpest star; what is sharper is a hot pixel. 0 keeps all
     saturation      digital number from which a pixel's value is no longer known; None if never
     edge            pixel, how far a window must stay from the border of the frame
+    dark_map        what the tracker knows of the dark signal of its pixels; None: nothing
     """
 
     centroid: str = "gravity"
@@ -54,6 +56,7 @@ class Detection:
     sharpest_sigma: float = 0.35
     saturation: float | None = None
     edge: int = 0
+    dark_map: DarkMap | None = None
 
     def __post_init__(self) -> None:
         one_of(CENTROIDS, centroid=self.centroid)

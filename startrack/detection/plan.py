@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
-from startrack.core import Floats, Psf, Workspace
+from startrack.core import Floats, Frame, Psf, Workspace
+from startrack.detection.dark_map import Calibration, Correction, corrected, correction_of
 from startrack.detection.matched import Kernel, kernel_of
 from startrack.detection.parameters import Detection
+from startrack.detection.pixels import Pixels, pixels
 from startrack.detection.psf_table import gaussian_psf
 from startrack.detection.star_model import StarModel, smeared
 from startrack.detection.threshold import offset_filters, peak_density, roughness, threshold_for
@@ -19,17 +21,34 @@ class DetectionPlan:
 
     settings   thresholds and windows
     star       image of a star that the tracker assumes
+    dark       takes the dark frames for the dark map of the settings; None: there are none
     workspace  arrays that the calls with this plan use again; never returned
     """
 
     settings: Detection
     star: StarModel
+    dark: Calibration | None = None
     workspace: Workspace = field(default_factory=Workspace, repr=False)
 
     @cached_property
     def kernel(self) -> Kernel:
         """Matched filter of a star in the middle of a pixel."""
         return kernel_of(self.settings, self.star.psf)
+
+    @cached_property
+    def correction(self) -> Correction | None:
+        """What the tracker's dark map tells of each pixel; None without one.
+
+        Raises  ValueError where the settings have a dark map and there are no dark frames.
+        """
+        if self.settings.dark_map is None:
+            return None
+        if self.dark is None:
+            raise ValueError(
+                "detection.dark_map needs dark frames of the detector, and this image comes "
+                "without: subtract a dark frame from it and leave dark_map out"
+            )
+        return correction_of(self.settings.dark_map, self.dark())
 
     @cached_property
     def filters(self) -> Floats:
@@ -48,15 +67,31 @@ class DetectionPlan:
         return threshold_for(self.settings.false_per_frame / (area * self.roughness))
 
 
-def plan_detection(settings: Detection, psf: Psf | None = None) -> DetectionPlan:
+def plan_detection(
+    settings: Detection, psf: Psf | None = None, dark: Calibration | None = None
+) -> DetectionPlan:
     """Plan the detection for many frames.
 
-    psf  of the design at rest, where the settings use it; None: a Gaussian of their kernel_sigma
+    psf   of the design at rest, where the settings use it; None: a Gaussian of their kernel_sigma
+    dark  takes the dark frames for the dark map of the settings
     """
     if psf is None:
         return _plan_gaussian(settings)
     image = smeared(psf, settings.smear_x, settings.smear_y)
-    return DetectionPlan(settings, StarModel(image, settings.window // 2))
+    return DetectionPlan(settings, StarModel(image, settings.window // 2), dark)
+
+
+def calibrated(frame: Frame, plan: DetectionPlan) -> Pixels:
+    """The pixels of a whole frame, without the dark signal that the plan's dark map knows.
+
+    Raises  as `pixels`, and ValueError where the map is missing or differs in shape.
+    """
+    known, correction = pixels(frame), plan.correction
+    if correction is None:
+        return known
+    value = corrected(known.value, correction, plan.settings.saturation, known.pivot)
+    dead = correction.marks if known.dead is None else correction.marks | known.dead
+    return known._replace(value=value, dead=dead)
 
 
 @lru_cache(maxsize=16)

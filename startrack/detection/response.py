@@ -13,8 +13,7 @@ from startrack.core import Floats, Frame, Ints
 from startrack.detection.centroid import measured, sample
 from startrack.detection.find import Candidates
 from startrack.detection.methods import CENTROIDS
-from startrack.detection.pixels import pixels
-from startrack.detection.plan import DetectionPlan
+from startrack.detection.plan import DetectionPlan, calibrated
 from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 
 
@@ -71,7 +70,7 @@ def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan)
     """
     nothing: NDArray[np.int64] = np.ones(len(x), np.int64)
     # Frames are whole numbers, though their expectation is not.
-    stars = sample(frame, pixels(frame), Candidates(x, y, nothing), plan.settings)
+    stars = sample(frame, calibrated(frame, plan), Candidates(x, y, nothing), plan.settings)
     stars = stars._replace(floor=1 / math.sqrt(12))
     middle = measured(stars, plan)
     half = half_of(plan)

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from startrack.core import Floats, Frame, Ints, Psf, Spots, kernel
 from startrack.detection.background import Sky, between
 from startrack.detection.centroid import centroid
+from startrack.detection.dark_map import corrected_within
 from startrack.detection.find import choose, examination_level, ground_of, ring_half, threshold_grid
 from startrack.detection.matched import Kernel, filtered
 from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
-from startrack.detection.pixels import Pixels, gain_of, pixels
-from startrack.detection.plan import DetectionPlan
+from startrack.detection.pixels import Pixels, gain_of
+from startrack.detection.plan import DetectionPlan, calibrated
 
 Image = NDArray[np.float32]
 RING = 3  # pixel, from a window to the far side of the ring about it
@@ -41,7 +42,7 @@ class Ground(NamedTuple):
 
 def measure_ground(frame: Frame, plan: DetectionPlan) -> Ground:
     """Background and noise of a whole frame, as `detect` measures them."""
-    image, kernel = pixels(frame), plan.kernel
+    image, kernel = calibrated(frame, plan), plan.kernel
     sky = ground_of(image, filtered(image.value, kernel), kernel, plan.settings.mesh)
     far = threshold_grid(sky, plan.threshold(frame.image.size))
     look = examination_level(sky, far)
@@ -62,19 +63,30 @@ def detect_within(frame: Frame, regions: Ints, ground: Ground, plan: DetectionPl
     kernel, (rows, columns) = plan.kernel, frame.image.shape
     seen = grown_mask(regions, margin(plan) - kernel.half, columns, rows)
     image = plan.workspace.canvas("filtered", (rows, columns), frame.offset, seen)
-    value = np.asarray(frame.image, np.float32)
+    value, dead = np.asarray(frame.image, np.float32), None
+    if plan.correction is not None:
+        windows = grown_mask(regions, margin(plan), columns, rows)
+        value = corrected_within(
+            *(value, windows, frame.offset, plan.correction),
+            *(plan.settings.saturation, plan.workspace),
+        )
+        dead = plan.correction.marks
     bright = _filter(value, seen, kernel.whole, image, ground.look, ground.sky.mesh)
-    known = Pixels(value, 0.0, 1.0, None, gain_of(frame, 0.0))
+    known = Pixels(value, 0.0, 1.0, dead, gain_of(frame, 0.0))
     found = choose(known, image, bright, ground.sky, ground.far, plan, regions)
     return centroid(frame, known, found, plan)
 
 
 def margin(plan: DetectionPlan) -> int:
-    """Largest distance from a peak of a pixel that the detection uses, pixel."""
+    """Largest distance from a peak of a pixel that the detection uses, pixel.
+
+    A hot pixel of a dark map uses its neighbours.
+    """
     settings, half = plan.settings, plan.settings.window // 2
     ring = ring_half(settings, plan.kernel) + RING + plan.kernel.half
     read = CENTROIDS[settings.centroid].reads(half, settings.kernel_sigma, plan.star)
-    return max(ring, 2 * half + RING, read + RING)
+    beside = 1 if settings.dark_map else 0
+    return max(ring, 2 * half + RING, read + RING) + beside
 
 
 def peak_border(settings: Detection) -> int:

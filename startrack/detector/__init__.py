@@ -17,6 +17,7 @@ tables               Tables of the exact distribution of digital numbers, one fo
                      expected electrons.
 digitise             Expected electrons -> digital numbers: one uniform number a pixel, exact
                      distribution.
+dark_frames          Detector -> the mean of dark frames that are taken to calibrate it.
 readout              Expected electrons -> digital numbers with all effects: charge, signal, image.
 expose               Exposure: what a frame depends on -> expected electrons, and a Frame.
 windows              Stars and windows -> a Frame whose numbers are valid inside these windows
@@ -28,6 +29,7 @@ star_grid            Stars and companions -> one noise-free Frame with a cell fo
 """
 
 from startrack.detector.collect import electron_rate
+from startrack.detector.dark_frames import dark_frames
 from startrack.detector.digitise import normals, shot
 from startrack.detector.effects import diffuse, settle
 from startrack.detector.expose import Exposure, arriving, expected, expose, frame_of, seen

@@ -36,7 +36,8 @@ class NumberDistributions(NamedTuple):
     """The laws of the numbers of a frame without stars.
 
     probability  (levels, n) of the numbers lowest, lowest + 1, ...
-    place        (rows, columns) level of each pixel, between two of them
+    place        (rows, columns) level of each pixel, between two of them; NaN for one that takes
+                 the mean of its neighbours instead of its own number
     lowest       digital number
     """
 
@@ -46,22 +47,28 @@ class NumberDistributions(NamedTuple):
 
 
 def number_distributions(
-    detector: Detector, sky: float, outliers: Ints
+    detector: Detector, sky: float, outliers: Ints, replaced: Ints | None = None
 ) -> NumberDistributions | None:
     """The laws of a uniform background, with outlier pixels replaced by the median pixel.
 
     outliers  (k,) row * columns + column of these pixels
+    replaced  (k,) of the pixels that take the mean of their neighbours; None: none
     Returns   None where the noise spans too many numbers (4096) for a table
     """
     law, mean = law_of(detector), background(detector, sky).copy()
     mean.ravel()[outliers] = np.median(mean)
+    if replaced is not None:
+        mean.ravel()[replaced] = np.median(mean)
     place = levels_between(mean, law.noise)
     first, last = math.floor(place.min()), math.ceil(place.max())
     tables = build(law, first, last - first + 1)
     if not tables.levels:
         return None
     fraction = np.diff(tables.limit.astype(float), axis=1, prepend=0.0) / 2.0**BITS
-    return NumberDistributions(fraction, (place - first).astype(np.float32), tables.lowest)
+    place -= first
+    if replaced is not None:
+        place.ravel()[replaced] = np.nan
+    return NumberDistributions(fraction, place.astype(np.float32), tables.lowest)
 
 
 class TiltedLaw(NamedTuple):
@@ -74,6 +81,10 @@ class TiltedLaw(NamedTuple):
     weight  (2 m + 1, 2 n + 1) of the filter
     kind    (2 m + 1, 2 n + 1) index of each weight in the different weights
     sums    (kinds, levels, n) of the tilted law, of the numbers up to the lowest, lowest + 1, ...
+    whole   (rows, columns) whether the filter there is the same as in most pixels, neither
+            mirrored at the border nor on a replaced pixel
+    shift   (rows, columns) digital number, of the filtered frame, that a correction subtracts; one
+            element where there is none
     """
 
     theta: float
@@ -82,29 +93,52 @@ class TiltedLaw(NamedTuple):
     weight: Floats
     kind: Ints
     sums: Floats
+    whole: NDArray[np.bool_]
+    shift: NDArray[np.float32]
+
+
+NO_SHIFT = np.zeros((1, 1), np.float32)
 
 
 def tilted_law(
-    numbers: NumberDistributions, weight: Floats, level: float, mesh: int, border: int
+    numbers: NumberDistributions,
+    weight: Floats,
+    level: float,
+    mesh: int,
+    border: int,
+    shift: NDArray[np.float32] = NO_SHIFT,
 ) -> TiltedLaw:
     """The theta whose mean is the level, and K of each pixel with its neighbours.
 
-    weight  of the filter, which is mirrored at the frame's border
+    weight  of the filter, which is mirrored at the frame's border; with a border of zeros where
+            pixels are replaced, so that their neighbours lie under it
     level   digital number, in the filtered frame
     mesh    pixel, side of a tile
     border  pixel; nearer to the frame's border no crossing is drawn
+    shift   as in TiltedLaw
     """
-    middle = float(np.median(numbers.place))
+    middle = float(np.nanmedian(numbers.place))
     theta = _theta(numbers, weight, level - numbers.lowest * weight.sum(), middle)
     each, kind = np.unique(weight, return_inverse=True)
     kind = kind.reshape(weight.shape)
     tilted = np.exp(theta * np.outer(each, np.arange(numbers.probability.shape[1])))
     sums = np.cumsum(numbers.probability * tilted[:, None], axis=2)
-    tiles = _cumulants(*numbers[:2], theta, weight, kind, sums, mesh, border)
+    whole = _whole(numbers.place, weight)
+    tiles = _cumulants(*numbers[:2], theta, weight, kind, sums, whole, shift, mesh, border)
     most = np.maximum(tiles.max(axis=1), LEAST_CUMULANT)
     tiles -= most[:, None]
     np.cumsum(np.exp(tiles, out=tiles), axis=1, out=tiles)
-    return TiltedLaw(theta, most, tiles.astype(np.float32), weight, kind, sums)
+    return TiltedLaw(theta, most, tiles.astype(np.float32), weight, kind, sums, whole, shift)
+
+
+def _whole(place: NDArray[np.float32], weight: Floats) -> NDArray[np.bool_]:
+    rows, columns = place.shape
+    down, across = weight.shape[0] // 2, weight.shape[1] // 2
+    whole = np.zeros(place.shape, bool)
+    whole[down : max(rows - down, 0), across : max(columns - across, 0)] = True
+    for y, x in np.argwhere(np.isnan(place)):
+        whole[max(y - down, 0) : y + down + 1, max(x - across, 0) : x + across + 1] = False
+    return whole
 
 
 class ProposalRates(NamedTuple):
@@ -197,9 +231,13 @@ def _cumulant(probability, place, tilts):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _folded_weights(weight, x, y, shape):  # type: ignore[no-untyped-def]
-    """The weights around a pixel, those beyond the border added to the mirrored pixels."""
-    rows, columns = shape
+def _folded_weights(weight, x, y, place):  # type: ignore[no-untyped-def]
+    """The weights around a pixel of the pixels whose numbers it has.
+
+    Those beyond the border are added to the mirrored pixels, those of a replaced pixel to its
+    neighbours; where all of these are replaced too, which is rare, they are left out.
+    """
+    rows, columns = place.shape
     down, across = weight.shape[0] // 2, weight.shape[1] // 2
     folded = np.zeros_like(weight)
     for j in range(weight.shape[0]):
@@ -209,11 +247,27 @@ def _folded_weights(weight, x, y, shape):  # type: ignore[no-untyped-def]
             u = x + i - across
             u = -1 - u if u < 0 else (2 * columns - 1 - u if u >= columns else u)
             folded[v - y + down, u - x + across] += weight[j, i]
+    for j in range(1, weight.shape[0] - 1):
+        for i in range(1, weight.shape[1] - 1):
+            v, u = y + j - down, x + i - across
+            if folded[j, i] == 0.0 or not np.isnan(place[v, u]):
+                continue
+            count = 0
+            for q in range(max(v - 1, 0), min(v + 2, rows)):
+                for p in range(max(u - 1, 0), min(u + 2, columns)):
+                    count += not np.isnan(place[q, p])
+            for q in range(max(v - 1, 0), min(v + 2, rows)):
+                for p in range(max(u - 1, 0), min(u + 2, columns)):
+                    if not np.isnan(place[q, p]):
+                        folded[q - y + down, p - x + across] += folded[j, i] / count
+            folded[j, i] = 0.0
     return folded
 
 
 @kernel
-def _cumulants(probability, place, theta, weight, kind, sums, mesh, border):  # type: ignore[no-untyped-def]
+def _cumulants(  # type: ignore[no-untyped-def]
+    probability, place, theta, weight, kind, sums, whole, shift, mesh, border
+):
     """K of each pixel, (tiles, mesh^2); minus infinity where none is drawn."""
     rows, columns = place.shape
     down, across = -(-rows // mesh), -(-columns // mesh)
@@ -227,11 +281,12 @@ def _cumulants(probability, place, theta, weight, kind, sums, mesh, border):  # 
     for y in range(border, rows - border):
         for x in range(border, columns - border):
             tile, at = (y // mesh) * across + x // mesh, (y % mesh) * mesh + x % mesh
-            if _inside(x, y, place, weight):
+            if whole[y, x]:
                 tiles[tile, at] = usual + math.log(_product(x, y, moment, kind, place))
             else:
-                folded = _folded_weights(weight, x, y, place.shape)
-                tiles[tile, at] = _at_border(probability, place, x, y, theta * folded)
+                folded = _folded_weights(weight, x, y, place)
+                tiles[tile, at] = _folded_cumulant(probability, place, x, y, theta * folded)
+            tiles[tile, at] -= theta * _shift(shift, x, y)
     return tiles
 
 
@@ -250,14 +305,14 @@ def _product(x, y, moment, kind, place):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _at_border(probability, place, x, y, tilts):  # type: ignore[no-untyped-def]
-    """K of a pixel near the border of the frame."""
+def _folded_cumulant(probability, place, x, y, tilts):  # type: ignore[no-untyped-def]
+    """K of a pixel near the border of the frame, or near a replaced pixel."""
     rows, columns = place.shape
     total = 0.0
     for j in range(tilts.shape[0]):
         for i in range(tilts.shape[1]):
             v, u = y + j - tilts.shape[0] // 2, x + i - tilts.shape[1] // 2
-            if 0 <= v < rows and 0 <= u < columns:
+            if 0 <= v < rows and 0 <= u < columns and not np.isnan(place[v, u]):
                 total += math.log(_moment(probability, place[v, u], tilts[j, i]))
     return total
 
@@ -281,14 +336,14 @@ def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probabilit
         if _in_region(x, y, regions):
             continue
         first = at + np.uint64(3)
-        if _inside(x, y, place, tilt.weight):
+        if tilt.whole[y, x]:
             filtered = _draw_by_sums(drawn[kept], start, first, x, y, tilt, place)
         else:
-            folded = _folded_weights(tilt.weight, x, y, place.shape)
+            folded = _folded_weights(tilt.weight, x, y, place)
             filtered = _draw(
                 drawn[kept], start, first, x, y, tilt.theta, folded, probability, place
             )
-        over = filtered - rates.level[tile]
+        over = filtered - rates.level[tile] - _shift(tilt.shift, x, y)
         chance = uniform(bits(start, at + np.uint64(2)))
         if over > 0 and chance < math.exp(-tilt.theta * over):
             pixel[kept] = y * columns + x
@@ -310,11 +365,9 @@ def _in_region(x, y, regions):  # type: ignore[no-untyped-def]
     return False
 
 
-@kernel
-def _inside(x, y, place, weight):  # type: ignore[no-untyped-def]
-    """Whether the filter around a pixel lies in the frame."""
-    down, across = weight.shape[0] // 2, weight.shape[1] // 2
-    return down <= y < place.shape[0] - down and across <= x < place.shape[1] - across
+@kernel(inline="always")
+def _shift(shift, x, y):  # type: ignore[no-untyped-def]
+    return shift[y, x] if shift.size > 1 else shift[0, 0]
 
 
 @kernel
@@ -356,6 +409,9 @@ def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type:
                 numbers[j, i] = -1
                 continue
             tilt = theta * folded[j, i]
+            if np.isnan(place[v, u]):
+                numbers[j, i] = 0
+                continue
             moment = _moment(probability, place[v, u], tilt)
             wanted = uniform(bits(start, at + np.uint64(j * folded.shape[1] + i))) * moment
             number = _number_at(probability, place[v, u], tilt, wanted)

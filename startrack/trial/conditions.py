@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,7 +12,8 @@ from scipy.special import ndtr
 from startrack.catalog import Selection, Sky, open_sky
 from startrack.core import Camera, Floats, Ints, Stars
 from startrack.design import Case
-from startrack.detector import Detector, electron_rate
+from startrack.detection import DarkMap
+from startrack.detector import Defects, Detector, electron_rate
 from startrack.identification import POINTS, indexed_field, merged
 from startrack.scene import illuminate
 from startrack.trial.view import throughput
@@ -46,6 +47,36 @@ def dark_electrons(detector: Detector) -> tuple[float, float]:
     growth = detector.thermal.growth if detector.thermal else 1.0
     mean, spread = (growth * detector.exposure * one for one in dark_currents(detector))
     return mean * detector.binning**2, spread * detector.binning
+
+
+def dark_residual(detector: Detector, dark_map: DarkMap | None) -> float:
+    """Rms over the pixels of the dark signal that a tracker does not know of, electron.
+
+        with a map        sqrt(noise^2 / frames + step^2 / 12)
+        list of hot ones  sqrt(s^2 + v (1 - (a^2 / 2 + a + 1) exp(-a))),   a = hot noise / h
+
+    with the variances s^2 of the usual pixels and v of the hot ones, and their mean signal h.
+
+    Accuracy  model: stars beside a hot pixel, of which some are lost, are left out.
+    """
+    _, spread = dark_electrons(detector)
+    if dark_map is None:
+        return spread
+    defects, step = detector.defects or Defects(), detector.electrons_per_dn
+    usual = replace(detector, defects=replace(defects, hot=0.0))
+    mean, unmapped = dark_electrons(usual)
+    noise = math.hypot(math.sqrt(mean), detector.noise, step / math.sqrt(12))
+    if dark_map.subtracted:
+        error = noise / math.sqrt(dark_map.frames)
+        rounding = dark_map.step * step / math.sqrt(12)  # of a map that spans several steps
+        return math.hypot(error, min(rounding, math.hypot(error, unmapped)))
+    growth = detector.thermal.growth if detector.thermal else 1.0
+    h = growth * detector.exposure * defects.hot_current
+    if not defects.hot * h:
+        return unmapped
+    a = dark_map.hot * noise / h
+    kept = 1 - (a * a + 2 * a + 2) * math.exp(-a) / 2
+    return math.sqrt(unmapped**2 + (spread**2 - unmapped**2) * kept)
 
 
 COLOURS = np.linspace(-0.6, 4.0, 24)  # BP - RP, from the hottest stars to the reddest

@@ -115,6 +115,7 @@ def refuse(case: Case) -> None:
             abs(motion.rate_z) * detector.exposure * corner > MOST_ROLL
         ),
         "lights of the scene": case.scene.lights,
+        "a dark map of the tracker": case.tracker.detection.dark_map,
     }
     named = [name for name, is_there in there.items() if is_there]
     if named:

@@ -10,7 +10,7 @@ import numpy as np
 
 from startrack.core import Floats
 from startrack.design import Case
-from startrack.trial.conditions import dark_electrons
+from startrack.trial.conditions import dark_residual
 from startrack.trial.star_response import chart, magnitudes, pattern, point_images
 
 TYPICAL = 4.5  # G of a star of high weight in most trackers; chosen by hand
@@ -56,7 +56,7 @@ def errors(case: Case) -> Errors:
     if detector.prnu:
         gain = 1 + detector.prnu / detector.binning * pattern("photo response", shape)
         random["PRNU"] = _moment(chart(case, magnitude, gain=gain).offset - plain.offset)
-    _, spread = dark_electrons(detector)
+    spread = dark_residual(detector, case.tracker.detection.dark_map)
     if spread:
         extra = spread * pattern("dark current", shape)
         random["DSNU"] = _moment(chart(case, magnitude, extra=extra).offset - plain.offset)

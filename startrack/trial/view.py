@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from startrack.catalog import Sky, open_sky
 from startrack.core import Camera, Floats, Ints, Light, LineOfSight, Psf, Stars, Streams
 from startrack.design import Case, Instrument
-from startrack.detection import Detection, DetectionPlan, plan_detection
-from startrack.detector import Exposure, MotionFunction, arriving, expected
+from startrack.detection import DarkFrames, Detection, DetectionPlan, plan_detection
+from startrack.detector import Exposure, MotionFunction, arriving, dark_frames, expected
 from startrack.motion import realise_motion, sample_jitter
 from startrack.optics import pixel_psf, stray_light
 from startrack.scene import SUN, WAVELENGTH, Sight, blackbody_photons, illuminate
@@ -99,8 +99,16 @@ def psf_of(instrument: Instrument) -> Psf:
 
 @lru_cache(maxsize=16)
 def detection_plan(instrument: Instrument, detection: Detection) -> DetectionPlan:
-    """The plan of a tracker that knows the PSF of its design, made once per design."""
-    return plan_detection(detection, psf_of(instrument))
+    """The plan of a tracker that knows the PSF of its design, made once per design.
+
+    Its dark map comes from dark frames of the detector.
+    """
+
+    def dark() -> DarkFrames:
+        assert detection.dark_map
+        return DarkFrames(*dark_frames(instrument.detector, detection.dark_map.frames))
+
+    return plan_detection(detection, psf_of(instrument), dark)
 
 
 def detected_spectrum(instrument: Instrument) -> NDArray[np.float64]:

@@ -17,8 +17,10 @@ from startrack.design import Case, Instrument
 from startrack.detection import (
     DetectionPlan,
     Ground,
+    correction_image,
     detect,
     detect_within,
+    filtered,
     grown_mask,
     margin,
     measure_ground,
@@ -208,7 +210,8 @@ class Plan:
     noise      what makes false spots; None where whole frames take less time than windows
     threshold  sigma
     fraction   (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
-    spread     pixel, that the filter reaches;  far  to which the detection reads from a peak
+    spread     pixel, to which a pixel of the filtered frame depends on others;  far  to which the
+               detection reads from a peak
     border     pixel, least distance of a peak from the frame's border
     detection  of the tracker
     workspace  of the frames
@@ -239,19 +242,18 @@ def plan_of(case: Case) -> Plan:
     _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]
     border, detection = peak_border(settings), detection_plan(instrument, settings)
-    kernel, reads = detection.kernel, margin(detection)
-    far = kernel.half + reads
+    kernel = detection.kernel
     return Plan(
         detector,
         open_sky(case.catalog),
         None if case.scene.lights else electrons_of(case),
         sky,
         psf,
-        noise_of(detector, sky, grounds, kernel.whole.astype(float), border, far),
+        noise_of(detector, sky, grounds, detection),
         detection.threshold(detector.columns * detector.rows),
         star_profile(psf, kernel),
-        kernel.half,
-        reads,
+        kernel.half + (detection.correction is not None),
+        margin(detection),
         border,
         detection,
         Workspace(),
@@ -259,31 +261,33 @@ def plan_of(case: Case) -> Plan:
 
 
 def noise_of(
-    detector: Detector,
-    sky: float,
-    grounds: Sequence[Ground],
-    weight: Floats,
-    border: int,
-    far: int,
+    detector: Detector, sky: float, grounds: Sequence[Ground], plan: DetectionPlan
 ) -> Noise | None:
     """Laws with the number of outlier pixels that makes windows take the least time.
 
-    weight, border  as `tilted_law` takes them
-    far     pixel, from an outlier to the side of its window
+    plan     of the detection; a hot pixel of its dark map is no outlier
     Returns  None where whole frames take less time, or where the noise spans so many digital
              numbers that there is no table of them
     """
     level, mesh = float(np.median([one.lowest for one in grounds])), grounds[0].sky.mesh
+    weight, border = plan.kernel.whole.astype(float), peak_border(plan.settings)
+    hot, shift = None, {}
+    if plan.correction is not None:
+        hot, weight = plan.correction.hot, np.pad(weight, 1)
+        shift["shift"] = filtered(correction_image(plan.correction), plan.kernel)
+    far = margin(plan) + max(weight.shape) // 2
     best, least = None, float(detector.columns * detector.rows)
     for limit in OUTLIER_LIMITS:
         outliers = outlier_pixels(detector, sky, limit)
+        if hot is not None:
+            outliers = np.setdiff1d(outliers, hot, assume_unique=True)
         apart = cost(len(outliers) * (2 * far + 1) ** 2, 0)
         if apart >= least:
             break  # and a lower limit makes more of them
-        numbers = number_distributions(detector, sky, outliers)
+        numbers = number_distributions(detector, sky, outliers, hot)
         if numbers is None:
             continue
-        tilt = tilted_law(numbers, weight, level, mesh, border)
+        tilt = tilted_law(numbers, weight, level, mesh, border, **shift)
         rates = [proposal_rates(numbers, tilt, one.lowest) for one in grounds]
         drawn = cost(0, float(np.mean([one.total for one in rates])))
         if apart + drawn < least:

@@ -7,12 +7,16 @@ import pytest
 
 from startrack.core.streams import Streams
 from startrack.design.files import load_design
+from startrack.detection import DarkMap
 from startrack.detector import Defects
+from startrack.detector.maps import dark
 from startrack.detector.nonuniformity import dark_response
 from startrack.io import shipped
-from startrack.trial.conditions import dark_currents, dark_electrons
+from startrack.trial.conditions import dark_currents, dark_electrons, dark_residual
+from startrack.trial.view import detection_plan
 
-SENSOR = load_design(shipped("designs/nanosatellite.toml")).case.instrument.detector
+CASE = load_design(shipped("designs/nanosatellite.toml")).case
+SENSOR = CASE.instrument.detector
 
 
 @pytest.mark.parametrize(
@@ -33,3 +37,17 @@ def test_it_is_that_of_a_million_pixels(mean, defects):
 
 def test_an_even_sensor_has_no_spread():
     assert dark_electrons(SENSOR) == (pytest.approx(60 * SENSOR.exposure), 0.0)
+
+
+@pytest.mark.parametrize("settings", [{}, {"frames": 4, "step": 2.0}, {"subtracted": False}])
+def test_what_a_dark_map_leaves_is_that_of_the_pixels(settings):
+    """Of the 262,144 pixels of a device, less those that the map knows to be hot; within 3 %."""
+    sensor = replace(SENSOR, defects=Defects(dsnu=30.0, hot=0.01, hot_current=2000.0))
+    instrument = replace(CASE.instrument, detector=sensor)
+    known = replace(CASE.tracker.detection, dark_map=DarkMap(**settings))
+    found = detection_plan(instrument, known).correction
+    electrons = np.asarray(dark(sensor)) * sensor.exposure
+    left = electrons - found.offset * sensor.electrons_per_dn
+    assert left[found.marks == 0].std() == pytest.approx(
+        dark_residual(sensor, known.dark_map), rel=0.03
+    )

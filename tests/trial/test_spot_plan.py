@@ -4,7 +4,8 @@ import dataclasses
 
 import pytest
 
-from startrack.design.case import Fidelity
+from startrack.design.case import Fidelity, Tracker
+from startrack.detection import DarkMap, Detection
 from startrack.detector import Defects, Hits
 from startrack.motion import Motion, Tone
 from startrack.scene import Scene
@@ -22,6 +23,10 @@ from .designs import CASE, changed, with_detector
         (with_detector(blooming=True), "blooming"),
         (changed(motion=Motion(tones=(Tone(30.0, 1e-5),))), "jitter that each trial draws"),
         (changed(motion=Motion(rate_z=0.1)), "a rate_z that smears"),
+        (
+            dataclasses.replace(CASE, tracker=Tracker(Detection(dark_map=DarkMap()))),
+            "a dark map of the tracker",
+        ),
         (dataclasses.replace(CASE, scene=Scene(lights=("starlight",))), "lights of the scene"),
     ],
 )

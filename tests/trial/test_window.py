@@ -10,7 +10,7 @@ from startrack.core.curve import Curve
 from startrack.core.streams import Streams
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design
-from startrack.detection import Detection
+from startrack.detection import DarkMap, Detection
 from startrack.detector import Defects, Hits, Pattern
 from startrack.io import shipped
 from startrack.motion import Motion
@@ -21,6 +21,7 @@ from startrack.trial.window import plan_of, spots_in_windows
 
 MARGINAL = 60.0  # digital number, twice the flux at which the threshold lies
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
+BLIND = Curve((300e-9, 1200e-9), (1e-9, 1e-9))
 
 
 def with_detector(**changes):
@@ -63,10 +64,50 @@ def test_spots_are_those_of_the_frame(changes):
         np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
 
 
+HOT = Defects(dsnu=60.0, hot=1e-3, hot_current=3e3)
+
+
+def with_map(case, **settings):
+    detection = dataclasses.replace(case.tracker.detection, dark_map=DarkMap(**settings))
+    return dataclasses.replace(case, tracker=dataclasses.replace(case.tracker, detection=detection))
+
+
+@pytest.mark.parametrize(
+    ("changes", "settings"),
+    [
+        ({"defects": HOT}, {}),
+        ({"defects": dataclasses.replace(HOT, dsnu=10.0)}, {"subtracted": False}),
+        ({"defects": HOT, "hits": Hits(5e4), "bits": 14}, {"frames": 4, "step": 8.0}),
+        ({}, {"frames": 16}),
+    ],
+    ids=["map", "list", "coarse map with hits", "no defects"],
+)
+def test_spots_less_the_dark_map_are_those_of_the_frame(changes, settings):
+    """Pixels of a dark map need no windows."""
+    case = with_map(with_detector(**changes), **settings)
+    noise = plan_of(case).noise
+    assert noise
+    assert len(noise.outliers) < 20
+    for number in range(3):
+        whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, number))
+        assert len(whole) == len(parts) > 0
+        np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
+
+
+def test_hot_pixels_make_spots_that_a_dark_map_removes():
+    """Frames without stars, 20 of each; at 6 sigma, noise makes one spot in 1000 of them."""
+    spots = {}
+    hot = with_detector(defects=HOT, quantum_efficiency=BLIND)
+    for name, case in (("without", hot), ("with", with_map(hot))):
+        spots[name] = sum(len(next(both(case, number))) for number in range(20))
+    assert spots["without"] > 20
+    assert spots["with"] <= 2
+
+
 @pytest.mark.parametrize(
     ("threshold", "defects"),
     [
-        (6.0, Defects(dsnu=60.0, hot=1e-3, hot_current=3e3)),
+        (6.0, HOT),
         (4.0, None),
     ],
     ids=["hot pixels", "noise"],
@@ -125,15 +166,25 @@ def test_what_needs_the_whole_frame_is_refused_by_name(effect, value):
         run_random_trial(with_detector(**{effect: value}), 1, 0, Fidelity.WINDOW)
 
 
-def test_noise_makes_as_many_false_spots_as_in_frames():
+@pytest.mark.parametrize("mapped", [False, True], ids=["plain", "dark map"])
+def test_noise_makes_as_many_false_spots_as_in_frames(monkeypatch, mapped):
     """Frames without stars, at a threshold that noise passes once a frame: 5 standard deviations
     of the difference in the count, 1e-4 for the fluxes by Kolmogorov and Smirnov."""
-    blind = Curve((300e-9, 1200e-9), (1e-9, 1e-9))
     case = dataclasses.replace(
-        with_detector(columns=256, rows=256, dark_current=400.0, quantum_efficiency=blind),
+        with_detector(columns=256, rows=256, dark_current=400.0, quantum_efficiency=BLIND),
         tracker=dataclasses.replace(CASE.tracker, detection=Detection(threshold=4.5)),
     )
-    found = [list(both(case, number)) for number in range(300)]
+    if mapped:
+        monkeypatch.setattr(window, "PROPOSAL", 1.0)  # windows, though frames would take less time
+        defects = Defects(dsnu=100.0, hot=0.01, hot_current=1e4)
+        detector = dataclasses.replace(case.instrument.detector, defects=defects)
+        case = with_map(
+            dataclasses.replace(
+                case, instrument=dataclasses.replace(case.instrument, detector=detector)
+            )
+        )
+        assert plan_of(case).noise
+    found = [list(both(case, number)) for number in range(200 if mapped else 300)]
     whole, parts = (np.concatenate(each)[:, 2] for each in zip(*found, strict=True))
     assert len(whole) > 100
     assert abs(len(whole) - len(parts)) < 5 * np.sqrt(len(whole) + len(parts))
