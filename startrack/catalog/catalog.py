@@ -122,6 +122,10 @@ def join(first: Catalog, second: Catalog) -> Catalog:
 
 
 MAS = arcsec / 1000
+FASTEST = (
+    1e5  # mas / yr, or mas: ten times what the fastest and 100 times what the nearest star has
+)
+FAINTEST = 100.0  # magnitude, so that 99.99 may stand for an unknown one
 
 
 def assemble(
@@ -153,6 +157,9 @@ def assemble(
     if len(identifier) == 0:
         raise ValueError(f"{path} must hold stars, got none")
     # NaN fails every comparison, so this catches what is not finite too.
+    finite(**{f"{path}: epoch": epoch})
+    if not 1000 <= epoch <= 3000:
+        raise ValueError(f"{path}: epoch must be a Julian year in [1000, 3000], got {epoch:g}")
     good = (ra_deg >= 0) & (ra_deg <= 360) & (np.abs(dec_deg) <= 90)
     if not good.all():
         i = int(np.argmin(good))
@@ -161,6 +168,21 @@ def assemble(
             f"{path}, {where}: the position must lie in [0, 360] x [-90, 90] deg, "
             f"got {ra_deg[i]}, {dec_deg[i]}"
         )
+    for name, values, most in (
+        ("proper motion in right ascension", pm_ra_mas, FASTEST),
+        ("proper motion in declination", pm_dec_mas, FASTEST),
+        ("parallax", parallax_mas, FASTEST),
+        ("magnitude", magnitude_g, FAINTEST),
+        ("colour", colour, FAINTEST),
+    ):
+        with np.errstate(invalid="ignore"):
+            odd = np.abs(np.asarray(values, float)) > most
+        if odd.any():
+            i = int(np.argmax(odd))
+            where = f"line {line[i]}" if line is not None else f"row {i + 1}"
+            raise ValueError(
+                f"{path}, {where}: {name} must lie in [-{most:g}, {most:g}], got {values[i]:g}"
+            )
     known = np.isfinite(pm_ra_mas) & np.isfinite(pm_dec_mas)
     return Catalog(
         identifier=np.asarray(identifier, np.int64),

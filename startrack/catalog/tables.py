@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import gzip
+import io
 import math
 import re
 import warnings
@@ -13,7 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from startrack.core import Floats, Ints
+from startrack.core import Floats, Ints, require_memory, shown
+from startrack.io import read_bytes, unpacked
+
+NEEDED = 5  # bytes of memory for a byte of text; Tycho-2 takes 2.5 GB for 0.5 GB
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +62,8 @@ class Records:
             text = self.columns[name][wrong[0]]
             where = f"{self.path}, line {self.line[wrong[0]]}"
             raise ValueError(f"{where}: {name} must be a whole number, got {text!r}")
+        if (np.abs(values) >= 2.0**63).any() or np.isnan(values).any():
+            raise ValueError(f"{self.path}: {name} must be a number of 64 bits in each line")
         return values.astype(np.int64)
 
 
@@ -139,12 +144,8 @@ def content(path: Path) -> str:
 
     Raises  ValueError for a file that is empty, cut, or not text.
     """
-    data = path.read_bytes()
-    if data[:2] == b"\x1f\x8b":
-        try:
-            data = gzip.decompress(data)
-        except (EOFError, OSError) as error:
-            raise ValueError(f"{path} must be a whole gzip file, got: {error}") from None
+    data = unpacked(path, read_bytes(path, "a star catalogue"), NEEDED)
+    require_memory(len(data) * NEEDED, f"{path}, a star catalogue of {len(data)} bytes,")
     if not data.strip():
         raise ValueError(f"{path} must hold stars, got an empty file")
     if b"\0" in data:
@@ -171,10 +172,31 @@ def csv_table(path: Path) -> Any:
         {} if kind == "ecsv" else {"delimiter": ",", "fill_values": [("", "0"), ("null", "0")]}
     )
     try:
-        return ascii.read(text, format=kind, guess=False, **options)
-    except (ValueError, ascii.InconsistentTableError) as error:
-        reason = str(error).strip().splitlines()[0]
-        raise ValueError(f"{path} must be a table of comma-separated rows, got: {reason}") from None
+        table = ascii.read(text, format=kind, guess=False, **options)
+    except MemoryError:
+        raise
+    except Exception as error:  # of the parts of its parsers, which each raise their own
+        raise ValueError(
+            f"{path} must be a table of comma-separated rows, got: {_first_line(error)}"
+        ) from None
+    return in_lower_case(path, table)
+
+
+def in_lower_case(path: Path, table: Any) -> Any:
+    """The table with the names of its columns in lower case.
+
+    Raises  ValueError where two have one name.
+    """
+    names = [name.lower() for name in table.colnames]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{path} must have one column {shown(name)}, got {names.count(name)}")
+    table.rename_columns(table.colnames, names)
+    return table
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)
 
 
 def numbers(path: Path, table: Any, name: str) -> Floats:
@@ -186,9 +208,30 @@ def numbers(path: Path, table: Any, name: str) -> Floats:
         return np.full(len(table), np.nan)
     column = table[name]
     try:
-        return np.asarray(np.ma.filled(np.ma.asarray(column).astype(float), np.nan))
-    except ValueError:
-        raise ValueError(f"{path}: {name} must be numbers, got {column[0]!r} and others") from None
+        values = np.asarray(np.ma.filled(np.ma.asarray(column).astype(float), np.nan))
+    except (ValueError, TypeError, OverflowError):
+        raise ValueError(
+            f"{path}: {name} must be numbers, got {shown(column[0])} and others"
+        ) from None
+    if values.shape != (len(table),):
+        raise ValueError(f"{path}: {name} must be a number in each row, got {values.shape[1:]}")
+    return values
+
+
+def whole_numbers(path: Path, table: Any, name: str) -> Ints:
+    """A column of a table as whole numbers, none of them masked.
+
+    Raises  ValueError where they are not: as floats they would have lost their last digits.
+    """
+    column = table[name]
+    if column.dtype.kind not in "iu" or column.shape != (len(table),):
+        raise ValueError(f"{path}: {name} must be whole numbers, got {shown(column[0])}")
+    masked = np.ma.getmaskarray(np.ma.asarray(column))
+    if masked.any():
+        raise ValueError(
+            f"{path}: {name} must be in each row, got none in row {masked.argmax() + 1}"
+        )
+    return np.asarray(column, np.int64)
 
 
 def degrees(records: Records, name: str, cuts: tuple[int, int] | None = None) -> Floats:
@@ -236,7 +279,8 @@ def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", AstropyWarning)  # astropy only warns of a cut file
-            with path.open("rb") as raw, fits.open(raw, checksum=True, memmap=False) as file:
+            data = unpacked(path, read_bytes(path, "a star catalogue"), 2)
+            with fits.open(io.BytesIO(data), checksum=True, memmap=False) as file:
                 tables = [unit for unit in file if isinstance(unit, fits.BinTableHDU)]
                 if not tables:
                     raise ValueError("it has no table")
@@ -245,9 +289,10 @@ def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
                     name.lower(): data[name].astype(data[name].dtype.newbyteorder("="))
                     for name in data.names
                 }
-    except (OSError, ValueError, TypeError, AstropyWarning) as error:
-        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise ValueError(f"{path} must be a whole FITS table, got: {reason}") from None
+    except (MemoryError, FileNotFoundError):
+        raise
+    except Exception as error:  # astropy and numpy each raise their own
+        raise ValueError(f"{path} must be a whole FITS table, got: {_first_line(error)}") from None
     return header, columns
 
 
@@ -267,11 +312,14 @@ def votable(path: Path) -> Any:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", VOWarning)  # the archives' own files are not perfect
-            table = parse(path).get_first_table().to_table()
+            data = read_bytes(path, "a star catalogue")
+            require_memory(len(data) * NEEDED, f"{path}, a VOTable of {len(data)} bytes,")
+            table = parse(io.BytesIO(data)).get_first_table().to_table()
+    except (MemoryError, FileNotFoundError):
+        raise
     except Exception as error:  # expat, astropy and numpy each raise their own
-        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise ValueError(f"{path} must be a whole VOTable, got: {reason}") from None
-    said = NROWS.search(path.read_bytes())  # astropy does not hold the file to it
+        raise ValueError(f"{path} must be a whole VOTable, got: {_first_line(error)}") from None
+    said = NROWS.search(data)  # astropy does not hold the file to it
     if said and int(said[1]) != len(table):
         raise ValueError(f"{path} must have the {int(said[1])} rows it says, got {len(table)}")
-    return table
+    return in_lower_case(path, table)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -43,7 +43,8 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
     )
     if options.workers > 1:
         for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
-            warm(design.case, Sampling(fidelity))
+            with suppress(Exception):  # a start that cannot be rendered is judged by the search
+                warm(design.case, Sampling(fidelity))
     with (
         Ledger(options.out / LEDGER) as ledger,
         pool(options.workers) as executor,

@@ -44,6 +44,7 @@ from startrack.montecarlo import (
     cluster,
     export,
     half_width,
+    last_words,
     mean_square,
     pool,
     resume,
@@ -143,8 +144,7 @@ def command(options: argparse.Namespace) -> int:
     sampling = _sampling(options)
     where: Path | None = options.store or (options.out / STORE if options.out else None)
     workers = cluster(options.scheduler) if options.scheduler else pool(options.workers)
-    if options.workers > 1 and not options.scheduler:
-        warm(case, sampling)
+    warm(case, sampling)  # what no trial can do is refused before the first
     began = time.perf_counter()
     with _open(where, case, options.seed, sampling) as store, workers as executor:
         held = sum(len(block) for block in store.done())
@@ -182,7 +182,7 @@ def command(options: argparse.Namespace) -> int:
             f"{100 * precision.confidence:g} % confidence"
         )
     if failures:
-        last = failures[-1][1].strip().splitlines()[-1]
+        last = last_words(failures[-1][1])
         result["failed_trials"] = sum(len(numbers) for numbers, _ in failures)
         print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
     if where:

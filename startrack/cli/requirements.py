@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 
 from startrack.cli.earth_requirements import earth_requirements
 from startrack.cli.options import Exit, WrongUse, add_campaign, describe
@@ -41,7 +42,8 @@ def command(options: argparse.Namespace) -> int:
     budget, margins = expect(design.case, campaign)
     objective = Objective.read(campaign.objective)
     error = expected_error(objective, budget) / arcsec
-    met = all(margin >= 0 for margin in margins.values())
+    # No requirement is met by what is no number.
+    met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())
     needs = campaign.requirements
     costs = {
         "mass_kg": needs.mass(design.case),

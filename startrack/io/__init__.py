@@ -3,6 +3,7 @@
 shipped       Name of shipped data -> its path on this computer.
 reading       Path of a file from anybody -> its bytes, where it is regular and not too large.
 saving        Files that are written whole or not at all.
+claim         A folder or a file -> claimed for this process; others are told by which.
 sqlite        SQLite file of one kind -> its tables, open for one process at a time; errors as
               sentences.
 tables        Frozen dataclasses to tables of TOML and back, units in strings, each error with its
@@ -15,6 +16,7 @@ images        Image files to frames, and frames to FITS with their WCS and their
 """
 
 from startrack.io.checked_fits import open_checked
+from startrack.io.claim import claimed_folder
 from startrack.io.images import read_image, write_fits
 from startrack.io.reading import read_bytes, regular_file, unpacked
 from startrack.io.saving import save_csv, save_figure, save_json, save_netcdf, save_text, whole

@@ -8,6 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from startrack.io.claim import forget_owner, note_owner, owner
+from startrack.io.reading import regular_file
+
 # Runs one statement with its values, in a transaction.
 Execute = Callable[..., sqlite3.Cursor]
 
@@ -56,14 +59,19 @@ class Database:
         with self._translated_errors():
             if path and create:
                 path.parent.mkdir(parents=True, exist_ok=True)
-            if path and not create and not path.is_file():
-                raise ValueError(f"{path} must be a {kind.what}, but there is none")
+            if path and (not create or (path.exists() and not path.is_dir())):
+                try:
+                    regular_file(path, f"a {kind.what}")
+                except FileNotFoundError as error:
+                    raise ValueError(str(error)) from None
             self._base = sqlite3.connect(path or ":memory:", timeout=0, isolation_level=None)
             try:
                 self._open(create, begin)
             except BaseException:
                 self._base.close()
                 raise
+            if path:
+                note_owner(path)
 
     def _open(self, create: bool, begin: Callable[[Execute], None] | None) -> None:
         ask = self._base.execute
@@ -118,6 +126,8 @@ class Database:
 
     def close(self) -> None:
         """Merge the log into the file."""
+        if self.path:
+            forget_owner(self.path)
         self._base.close()
 
     @contextmanager
@@ -128,12 +138,15 @@ class Database:
         except sqlite3.DatabaseError as error:
             code = getattr(error, "sqlite_errorname", "")
             if code.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
-                raise OSError(f"{self.path} is in use by another process") from None
+                other = owner(self.path) if self.path else ""
+                raise OSError(f"{self.path} is in use by another process{other}") from None
             if code.startswith("SQLITE_NOTADB"):
                 raise ValueError(
                     f"{self.path} must be a {self.kind.what}, but is not one"
                 ) from None
-            if code.startswith("SQLITE_CORRUPT"):
+            # Of statements that are right, where tables are missing or hold what is none.
+            odd = code in ("", "SQLITE_ERROR", "SQLITE_SCHEMA", "SQLITE_MISMATCH", "SQLITE_FORMAT")
+            if code.startswith("SQLITE_CORRUPT") or odd or isinstance(error, sqlite3.DataError):
                 raise ValueError(f"{self.path} is damaged: {error}") from None
             raise OSError(
                 f"{self.path} cannot be written: {error}; what it held is whole"

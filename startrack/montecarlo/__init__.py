@@ -27,10 +27,10 @@ from startrack.montecarlo.estimate import (
 from startrack.montecarlo.mean_square import combined, mean_square
 from startrack.montecarlo.precision import STATISTICS, Precision, half_width, quantile_interval
 from startrack.montecarlo.rare import chances, probability, where_likely
-from startrack.montecarlo.resume import resume
+from startrack.montecarlo.resume import last_words, resume
 from startrack.montecarlo.run import run, warm
 from startrack.montecarlo.sampling import Sampling, sample_controlled
-from startrack.montecarlo.store import Store, export, origin
+from startrack.montecarlo.store import Store, checksum, export, impossible, origin
 from startrack.montecarlo.watch import Watch
 from startrack.montecarlo.workers import Serial, cluster, dask_pool, mpi_pool, one_thread, pool
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
@@ -18,6 +19,8 @@ from startrack.montecarlo.store import Store
 BLOCK = 64  # trials: a second of work, 83 bytes a trial on disk; chosen by hand
 FIRST_TEST = 200  # trials, at the first test of the precision; chosen by hand
 MOST_FAILURES = 10  # blocks
+# The line of a traceback that names what was raised, as those that Python writes.
+RAISED = re.compile(r"[A-Za-z_][\w.]*(Error|Exception|Executor|Warning|Pool)\b")
 
 
 def resume(
@@ -53,12 +56,23 @@ def resume(
         _fill(store, plan, executor, workers, progress)
         outcomes = store.outcomes(size)
         if not len(outcomes) and (failures := store.failures()):
-            raise ValueError(f"all trials failed: {failures[-1][1].strip()}")
+            raise ValueError(f"all trials failed: {last_words(failures[-1][1])}")
         if precision is None or size == trials or precision.reached(outcomes):
             return outcomes
         if end is not None and time.monotonic() >= end:
             return outcomes
         size = min(precision.next_size(outcomes, size), trials)
+
+
+def last_words(report: str) -> str:
+    """What a traceback says in the end: trial, kind of error and sentence, on one line."""
+    lines = [line for line in report.splitlines() if line.strip()]
+    notes = list[str]()
+    while lines and lines[-1].startswith("in trial "):
+        notes.insert(0, lines.pop())
+    raised = [n for n, line in enumerate(lines) if RAISED.match(line)]
+    words = " ".join(" ".join(lines[raised[-1] if raised else -1 :]).split())
+    return ", ".join((*notes, words)) if words or notes else "no words"
 
 
 def _fill(
@@ -73,8 +87,10 @@ def _fill(
         if isinstance(result, Exception):
             store.keep_failure(numbers, "".join(traceback.format_exception(result)))
             if len(store.failures()) > MOST_FAILURES:
+                report = store.failures()[-1][1]
                 raise ValueError(
-                    f"more than {MOST_FAILURES} blocks of trials failed, the last with: {result}"
+                    f"more than {MOST_FAILURES} blocks of trials failed, the last with: "
+                    f"{last_words(report)}"
                 ) from result
         else:
             store.keep(numbers.start, result)

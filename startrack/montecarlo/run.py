@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -68,12 +67,18 @@ def run(
 
 
 def warm(case: Case, sampling: Sampling = FRAMES) -> None:
-    """Let numba compile in this process what workers will then find in its cache on disk.
+    """Run a trial in this process: numba compiles what workers then find in its cache on disk.
 
-    What a broken case raises here, the trials of the workers raise again.
+    Raises  ValueError, TypeError, ImportError, MemoryError or OSError, where no trial of the case
+            can be run; what else may be raised by this trial alone is left to the trials.
     """
-    with suppress(Exception):
+    try:
         sampling.trials(case, 0, range(1))
+    except (ValueError, TypeError, ImportError, MemoryError, OSError) as error:
+        error.__notes__ = []  # of this trial, which is none of the campaign's
+        raise
+    except Exception:
+        return
 
 
 def blocks(

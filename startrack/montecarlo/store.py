@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -22,7 +25,11 @@ from startrack.io import Database, Execute, FileKind, from_table, save_csv, to_t
 from startrack.io import whole as whole_file
 from startrack.montecarlo.run import FRAMES
 from startrack.montecarlo.sampling import Sampling
+from startrack.trial import OUTCOMES
 
+LARGEST_TRIAL = 1024  # byte
+FULL = math.pi * (1 + 1e-9)  # radian
+HUGE = 1e100
 PACKAGES = ("numpy", "scipy", "numba", "astropy", "opencv-contrib-python-headless")
 
 
@@ -47,6 +54,9 @@ CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WI
 CREATE TABLE IF NOT EXISTS sessions (began TEXT NOT NULL, origin TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS blocks (
     first INTEGER PRIMARY KEY, trials INTEGER NOT NULL, outcomes BLOB NOT NULL
+);
+CREATE TABLE IF NOT EXISTS checksums (
+    first INTEGER PRIMARY KEY, checksum BLOB NOT NULL
 );
 CREATE TABLE IF NOT EXISTS failures (
     first INTEGER PRIMARY KEY, trials INTEGER NOT NULL, seed INTEGER NOT NULL, report TEXT NOT NULL
@@ -86,6 +96,7 @@ class Store:
                 or seed; OSError where it cannot be opened or another process has it.
         """
         self.path = path
+        self._checked = set[Any]()
         begin = None if case is None or seed is None else partial(_begin, case, seed, sampling)
         self._database = Database(path, STORE, begin is not None, begin)
         try:
@@ -95,22 +106,45 @@ class Store:
             raise
 
     def _open(self, case: Case | None, seed: int | None, sampling: Sampling) -> None:
-        about = dict(self._database.read("SELECT name, value FROM about"))
-        self.seed = int(about["seed"])
-        # Stores from before there was a choice hold random attitudes without controls.
-        self.sampling = Sampling(
-            Fidelity(about["fidelity"]),
-            about.get("attitudes", "random"),
-            about.get("control", "no") == "yes",
-        )
-        self._table = json.loads(about["case"])
-        self.dtype = np.dtype([(name, kind) for name, kind in json.loads(about["fields"])])
-        self.startrack = about["startrack"]
+        with self._damage():
+            about = dict(self._database.read("SELECT name, value FROM about"))
+            self.seed = int(about["seed"])
+            whole(0, 2**63 - 1, seed=self.seed)
+            # Stores from before there was a choice hold random attitudes without controls.
+            self.sampling = Sampling(
+                Fidelity(about["fidelity"]),
+                about.get("attitudes", "random"),
+                about.get("control", "no") == "yes",
+            )
+            self._table = json.loads(about["case"])
+            self.dtype = np.dtype([(name, kind) for name, kind in json.loads(about["fields"])])
+            self.startrack = about["startrack"]
+            self._case = from_table(Case, self._table)
+            if not set(OUTCOMES.names or ()) <= set(self.dtype.names or ()):
+                raise ValueError("its trials lack fields")
+            if self.dtype.hasobject or self.dtype.itemsize > LARGEST_TRIAL:
+                raise ValueError("its trials are none")
         if case is not None:
             self._must_match(case, self.seed if seed is None else seed, sampling)
             session = (datetime.now(UTC).isoformat(timespec="seconds"), json.dumps(origin()))
             with self._database.transaction() as execute:
                 execute("INSERT INTO sessions VALUES (?, ?)", session)
+
+    @contextmanager
+    def _damage(self) -> Iterator[None]:
+        """Raise what contents cannot be used as damage; which trials can be saved is told."""
+        try:
+            yield
+        except OSError:
+            raise
+        except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
+            reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+            if str(self.path) in reason:
+                raise ValueError(reason) from None
+            raise ValueError(
+                f"{self.path} is damaged, and none of its trials can be used: {reason}; begin "
+                "another store"
+            ) from None
 
     def _must_match(self, case: Case, seed: int, sampling: Sampling) -> None:
         if seed != self.seed:
@@ -130,13 +164,14 @@ class Store:
     @property
     def case(self) -> Case:
         """The case of the trials."""
-        return from_table(Case, self._table)
+        return self._case
 
     def keep(self, first: int, outcomes: NDArray[np.void]) -> None:
         """Commit a block of trials first, first + 1, ...; it may have failed before."""
-        row = (first, len(outcomes), outcomes.tobytes())
+        data = outcomes.tobytes()
         with self._database.transaction() as execute:
-            execute("INSERT INTO blocks VALUES (?, ?, ?)", row)
+            execute("INSERT INTO blocks VALUES (?, ?, ?)", (first, len(outcomes), data))
+            execute("INSERT INTO checksums VALUES (?, ?)", (first, checksum(data)))
             _forget_failures(execute, range(first, first + len(outcomes)))
 
     def keep_failure(self, numbers: range, report: str) -> None:
@@ -147,28 +182,75 @@ class Store:
             execute("INSERT INTO failures VALUES (?, ?, ?, ?)", row)
 
     def done(self) -> list[range]:
-        """The trials that are kept, a range a block, in order."""
-        rows = self._database.read("SELECT first, trials FROM blocks ORDER BY first")
-        return [range(first, first + trials) for first, trials in rows]
+        """The trials that are kept, a range a block, in order.
+
+        Raises  ValueError where a block of them is damaged; as `outcomes`.
+        """
+        return [numbers for numbers, _ in self._blocks()]
 
     def failures(self) -> list[tuple[range, str]]:
         """The blocks that failed each time, with their tracebacks."""
         rows = self._database.read("SELECT first, trials, report FROM failures ORDER BY first")
-        return [(range(first, first + trials), report) for first, trials, report in rows]
+        with self._damage():
+            return [
+                (range(int(first), int(first) + int(trials)), str(report))
+                for first, trials, report in rows
+            ]
 
     def sessions(self) -> list[tuple[str, Mapping[str, str]]]:
         """When this store was worked on (UTC), and by which software and machine."""
         rows = self._database.read("SELECT began, origin FROM sessions ORDER BY rowid")
-        return [(began, json.loads(text)) for began, text in rows]
+        with self._damage():
+            return [(str(began), dict(json.loads(text))) for began, text in rows]
 
     def outcomes(self, trials: int | None = None) -> NDArray[np.void]:
-        """What is kept of the first `trials` trials (None: of all), in order of trial."""
+        """What is kept of the first `trials` trials (None: of all), in order of trial.
+
+        Raises  ValueError where a block is damaged: its checksum is wrong, or what it holds is no
+                outcome of its trials. The message says how many of the others are whole.
+        """
         end = 2**63 - 1 if trials is None else trials
-        rows = self._database.read(
-            "SELECT outcomes FROM blocks WHERE first < ? ORDER BY first", end
-        )
-        table = np.frombuffer(b"".join(row[0] for row in rows), self.dtype)
+        blocks = [
+            np.frombuffer(data, self.dtype)
+            for numbers, data in self._blocks()
+            if numbers.start < end
+        ]
+        table = np.concatenate([np.empty(0, self.dtype), *blocks])
         return table[: np.searchsorted(table["trial"], end)]
+
+    def _blocks(self) -> list[tuple[range, bytes]]:
+        """The blocks in order, all of them checked; those checked before are not checked again."""
+        rows = self._database.read("SELECT first, trials, outcomes FROM blocks ORDER BY first")
+        sums: dict[Any, Any] | None = None
+        blocks, damaged, last = list[tuple[range, bytes]](), 0, 0
+        for first, trials, data in rows:
+            key = (first, trials, data if isinstance(data, str) else hash(data))
+            if key not in self._checked:
+                if sums is None:
+                    sums = dict(self._sums())
+                if fault(first, trials, data, sums.get(first), self.dtype):
+                    damaged += 1
+                    continue
+            if first < last:
+                damaged += 1
+                continue
+            self._checked.add(key)
+            last = first + trials
+            blocks.append((range(first, last), data))
+        if damaged:
+            saved = sum(len(numbers) for numbers, _ in blocks)
+            raise ValueError(
+                f"{self.path} is damaged: {damaged} of its {len(rows)} blocks of trials are not as "
+                f"they were written; {saved} trials are whole; begin another store, or delete "
+                "those blocks with sqlite3"
+            )
+        return blocks
+
+    def _sums(self) -> list[Any]:
+        # Stores from before there were checksums, and opened only to be read, lack the table.
+        if not self._database.read("SELECT 1 FROM sqlite_master WHERE name = 'checksums'"):
+            return []
+        return self._database.read("SELECT first, checksum FROM checksums")
 
     def close(self) -> None:
         """Merge the log into the file."""
@@ -179,6 +261,47 @@ class Store:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def checksum(data: bytes) -> bytes:
+    """Of the outcomes of a block."""
+    return hashlib.blake2b(data, digest_size=8).digest()
+
+
+def fault(first: Any, trials: Any, data: Any, known: Any, dtype: np.dtype[Any]) -> str:
+    """What is wrong with the outcomes of a block; empty where nothing is.
+
+    known  their checksum; None where the block was kept without one
+    """
+    if not all(isinstance(one, int) and 0 <= one < 2**62 for one in (first, trials)):
+        return "its numbers are none"
+    if not isinstance(data, bytes) or len(data) != trials * dtype.itemsize:
+        return f"it holds no {trials} trials"
+    table = np.frombuffer(data, dtype)
+    if known is not None:
+        return "" if checksum(data) == known else "its checksum is wrong"
+    return impossible(table, first)
+
+
+def impossible(table: NDArray[np.void], first: int | None = None) -> str:
+    """What no trial has as its outcome; empty where there is nothing of it.
+
+    first  number of the first trial, None: unknown
+    """
+    if first is not None and (table["trial"] != first + np.arange(len(table))).any():
+        return "its trials have other numbers"
+    for name in ("solved", "false"):
+        if (table[name].view(np.uint8) > 1).any():
+            return f"{name} is neither true nor false"
+    if (table["stars"] < 0).any() or (table["spots"] < 0).any():
+        return "numbers of stars are negative"
+    solved = table[table["solved"]]
+    for name in (*(f"error_{axis}" for axis in "xyz"), *(f"sigma_{axis}" for axis in "xyz")):
+        # A rotation vector is not longer than pi; a sigma of an attitude has no such bound.
+        least, most = (-FULL, FULL) if name.startswith("error") else (0.0, HUGE)
+        if not ((solved[name] >= least) & (solved[name] <= most)).all():
+            return f"{name} is out of range"
+    return "" if (solved["nees"] > -HUGE).all() and (solved["nees"] < HUGE).all() else "no nees"
 
 
 def _begin(case: Case, seed: int, sampling: Sampling, execute: Execute) -> None:

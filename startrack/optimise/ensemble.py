@@ -26,6 +26,7 @@ REPEATS = 12  # of a random log-probability, to estimate its noise; chosen by ha
 # Standard deviation of a log-probability that may still be sampled. Chosen by hand: above about 1,
 # walkers stay for long at points whose value was high by chance.
 NOISIEST = 1.0
+PARTS = ("chain", "log_prob", "accepted", "key", "rest")  # of a stretch in the ledger
 
 
 @dataclass(frozen=True)
@@ -215,7 +216,17 @@ class _Ensemble:
         return file.getvalue()
 
     def _unpack(self, held: bytes) -> None:
-        stretch = np.load(io.BytesIO(held), allow_pickle=False)
+        try:
+            with np.load(io.BytesIO(held), allow_pickle=False) as file:
+                stretch = {name: file[name] for name in PARTS}
+            shape = (self._settings.stretch, *self._at.coords.shape)
+            if stretch["chain"].shape != shape or not np.isfinite(stretch["chain"]).all():
+                raise ValueError("its chain is none")
+        except Exception as error:  # zipfile and numpy each raise their own
+            raise ValueError(
+                f"{self._ledger.path} is damaged: a stretch of a chain is not as it was written "
+                f"({error}); delete it, and the same command samples again"
+            ) from None
         backend, size = self.sampler.backend, self._settings.stretch
         if not backend.initialized:
             backend.reset(self.sampler.nwalkers, self.sampler.ndim)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.io import Database, FileKind
+from startrack.montecarlo import checksum, impossible
 from startrack.trial import OUTCOMES
 
 LEDGER = FileKind(
@@ -20,9 +21,19 @@ CREATE TABLE IF NOT EXISTS trials (
 CREATE TABLE IF NOT EXISTS stretches (
     key BLOB NOT NULL, number INTEGER NOT NULL, steps BLOB NOT NULL, PRIMARY KEY (key, number)
 ) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS checksums (
+    key BLOB NOT NULL, first INTEGER NOT NULL, checksum BLOB NOT NULL, PRIMARY KEY (key, first)
+) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS refused (key BLOB PRIMARY KEY, reason TEXT NOT NULL) WITHOUT ROWID;
 """,
 )
+
+
+def fault_of(table: NDArray[np.void], data: bytes, known: bytes | None) -> str:
+    """What is wrong with outcomes; empty where nothing is; known: None without a checksum."""
+    if known is not None:
+        return "" if checksum(data) == known else "their checksum is wrong"
+    return impossible(table)
 
 
 class Ledger:
@@ -41,20 +52,38 @@ class Ledger:
         self._database = Database(path, LEDGER)
 
     def held(self, key: bytes) -> NDArray[np.void]:
-        """The outcomes kept under a key, in the order in which they came."""
-        rows = self._database.read("SELECT outcomes FROM trials WHERE key = ? ORDER BY first", key)
-        return np.frombuffer(b"".join(row[0] for row in rows), OUTCOMES)
+        """The outcomes kept under a key, in the order in which they came.
+
+        Raises  ValueError where they are not as they were written.
+        """
+        rows = self._database.read(
+            "SELECT first, outcomes, checksum FROM trials LEFT JOIN checksums USING (key, first) "
+            "WHERE key = ? ORDER BY first",
+            key,
+        )
+        done = 0
+        for first, data, known in rows:
+            length = len(data) if isinstance(data, bytes) else -1
+            wrong = first != done or length <= 0 or length % OUTCOMES.itemsize
+            if wrong or fault_of(np.frombuffer(data, OUTCOMES), data, known):
+                raise ValueError(
+                    f"{self.path} is damaged: trials of a design are not as they were written; "
+                    "delete it, and the same command does its trials again"
+                )
+            done += length // OUTCOMES.itemsize
+        return np.frombuffer(b"".join(row[1] for row in rows), OUTCOMES)
 
     def keep(self, key: bytes, first: int, outcomes: NDArray[np.void]) -> None:
         """Keep outcomes after the `first` ones that the key already has."""
+        data = outcomes.tobytes()
         with self._database.transaction() as execute:
-            row = (key, first, outcomes.tobytes())
-            execute("INSERT INTO trials VALUES (?, ?, ?)", row)
+            execute("INSERT INTO trials VALUES (?, ?, ?)", (key, first, data))
+            execute("INSERT INTO checksums VALUES (?, ?, ?)", (key, first, checksum(data)))
 
     def refusal(self, key: bytes) -> str:
         """Why the trials of a key cannot be run; empty where they can."""
         rows = self._database.read("SELECT reason FROM refused WHERE key = ?", key)
-        return rows[0][0] if rows else ""
+        return str(rows[0][0]) if rows else ""
 
     def keep_refusal(self, key: bytes, reason: str) -> None:
         """Keep the reason why the trials of a key cannot be run."""

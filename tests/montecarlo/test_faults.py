@@ -43,7 +43,7 @@ def test_two_processes_on_one_store_are_shown_apart(tmp_path):
         time.sleep(0.02)
     second = subprocess.run(command, capture_output=True, text=True)
     assert second.returncode == 1
-    assert second.stderr.strip().endswith("is in use by another process")
+    assert f"is in use by another process, {first.pid} on " in second.stderr
     assert first.wait() == 0
     with Store(store) as held:
         assert len(held.outcomes()) == 300

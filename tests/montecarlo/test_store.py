@@ -6,6 +6,7 @@ import resource
 import sqlite3
 import subprocess
 import sys
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from startrack.design.case import Fidelity
 from startrack.io.tables import to_table
 from startrack.montecarlo.sampling import Sampling
-from startrack.montecarlo.store import Store, export
+from startrack.montecarlo.store import Store, export, fault
 from startrack.trial.chain import OUTCOMES
 
 
@@ -138,7 +139,10 @@ def test_two_processes_on_one_store_are_refused(path, case):
     with Store(path, case, 3):
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 1
-    assert done.stderr.strip().endswith("is in use by another process")
+    words = done.stderr.strip().splitlines()[-1]
+    assert f"is in use by another process, {os.getpid()} on " in words
+    assert datetime.now(UTC).strftime("since %Y-%m-%dT%H") in words
+    assert not path.with_name(f"{path.name}-process").exists()
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
@@ -201,3 +205,65 @@ def test_export_to_parquet(tmp_path, outcomes):
     again = parquet.read_table(tmp_path / "trials.parquet")
     assert again.column_names == list(table.dtype.names)
     np.testing.assert_array_equal(again["error_x"].to_numpy(), table["error_x"])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            "DELETE FROM about WHERE name = 'seed'",
+            "none of its trials can be used: it lacks 'seed'",
+        ),
+        ("DELETE FROM about WHERE name = 'case'", "it lacks 'case'"),
+        ("DELETE FROM about WHERE name = 'fields'", "it lacks 'fields'"),
+        ("DELETE FROM about WHERE name = 'fidelity'", "it lacks 'fidelity'"),
+        ("DELETE FROM about WHERE name = 'startrack'", "it lacks 'startrack'"),
+        ("UPDATE about SET value = 'x'", "is damaged"),
+        (
+            "UPDATE about SET value = replace(hex(zeroblob(50000)), '0', '[') WHERE name = 'case'",
+            "is damaged",
+        ),
+        ("UPDATE about SET value = '[[\"trial\", \"O\"]]' WHERE name = 'fields'", "lack fields"),
+        ("DROP TABLE blocks", "is damaged: no such table: blocks"),
+        ("UPDATE blocks SET outcomes = 'text' WHERE first = 4", "1 of its 2 blocks.*4 trials are"),
+        ("UPDATE blocks SET outcomes = zeroblob(8)", "2 of its 2 blocks .* 0 trials are whole"),
+        ("UPDATE blocks SET outcomes = substr(outcomes, 9) || zeroblob(8)", "not as they were wri"),
+        ("UPDATE blocks SET trials = 9223372036854775807", "0 trials are whole"),
+        ("UPDATE blocks SET first = 1 WHERE first = 4", "1 of its 2 blocks"),
+    ],
+)
+def test_contents_that_were_changed_are_damage(path, case, outcomes, change, words):
+    with Store(path, case, 3) as store:
+        store.keep(0, outcomes(4))
+        store.keep(4, outcomes(4, first=4))
+    with sqlite3.connect(path) as base:
+        base.execute(change)
+    base.close()
+    with pytest.raises(ValueError, match=words), Store(path) as store:
+        store.outcomes()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [("error_x", np.nan, "error_x"), ("error_z", 7.0, "error_z"), ("sigma_y", -1.0, "sigma_y"),
+     ("stars", -1, "negative"), ("trial", 9, "other numbers")],
+)  # fmt: skip
+def test_outcomes_without_a_checksum_must_be_possible(outcomes, field, value, words):
+    """As those of stores from before there were checksums."""
+    table = outcomes(4)
+    assert fault(0, 4, table.tobytes(), None, table.dtype) == ""
+    table[field][2] = value
+    assert words in fault(0, 4, table.tobytes(), None, table.dtype)
+
+
+def test_a_store_without_checksums_is_read_and_continued(path, case, outcomes):
+    with Store(path, case, 3) as store:
+        store.keep(0, outcomes(4))
+    with sqlite3.connect(path) as base:
+        base.execute("DROP TABLE checksums")
+    base.close()
+    with Store(path) as store:
+        assert len(store.outcomes()) == 4
+    with Store(path, case, 3) as store:
+        store.keep(4, outcomes(4, first=4))
+        assert len(store.outcomes()) == 8

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Streams, finite, positive, whole
 from startrack.earth.terrain.surface import FULL_TURN, Grid
+from startrack.io import regular_file
 
 Singles = NDArray[np.float32]
 
@@ -102,6 +103,7 @@ class Raster:
 
 def _open(path: Path) -> Any:
     rasterio = _rasterio()
+    regular_file(path, "a raster file")  # GDAL would wait for a FIFO, and read a network
     try:
         return rasterio.open(path)
     except rasterio.errors.RasterioIOError as error:

@@ -1,0 +1,99 @@
+"""How many inputs from anybody end in something else than a result or a sentence?
+
+    python experiments/robust.py --json robust.json --cases 10000
+    python experiments/robust.py --quick
+
+Cases come from the grammar of tests/fuzz and a seed. Each runs a command in a process with a limit
+of 30 s and 1 GiB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hypothesis import HealthCheck, Phase, given, seed, settings
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+from tests.fuzz.arena import Arena, Case, Verdict  # noqa: E402
+from tests.fuzz.grammar import cases  # noqa: E402
+
+
+def judged(
+    number: int, start: int, report: Callable[[Case, Verdict], None], seconds: float
+) -> None:
+    """Run so many new cases of a seed."""
+    with Arena(seconds) as arena:
+
+        @seed(start)
+        @settings(
+            max_examples=number, deadline=None, database=None, phases=[Phase.generate],
+            suppress_health_check=list(HealthCheck),
+        )  # fmt: skip
+        @given(cases())
+        def run(case: Case) -> None:
+            report(case, arena.judge(case))
+
+        run()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--cases", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--quick", action="store_true", help="60 cases")
+    parser.add_argument("--keep", type=Path, help="folder for the files of each fault")
+    options = parser.parse_args()
+    number = 60 if options.quick else options.cases
+    counted, kinds, statuses = Counter[str](), Counter[str](), Counter[int | None]()
+    slowest: list[float] = [0.0]
+
+    def report(case: Case, verdict: Verdict) -> None:
+        kinds[case.kind] += 1
+        statuses[verdict.status] += 1
+        slowest[0] = max(slowest[0], verdict.seconds)
+        if verdict.fault:
+            counted[verdict.fault] += 1
+            print(f"{verdict.fault}: {case.kind}: {' '.join(case.arguments)!r}: {verdict.detail!r}")
+            sys.stdout.flush()
+            if options.keep:
+                keep(options.keep / f"{sum(counted.values())}", case)
+
+    judged(number, options.seed, report, 30.0)
+    figures: dict[str, Any] = {
+        "seed": options.seed,
+        "cases": sum(kinds.values()),
+        "kinds": dict(kinds),
+        "statuses": {str(status): count for status, count in statuses.items()},
+        "tracebacks": counted["traceback"],
+        "hangs": counted["hang"],
+        "memory": counted["memory"],
+        "silent_nan": counted["silent_nan"],
+        "slowest_s": slowest[0],
+    }
+    print(json.dumps(figures, indent=1))
+    if options.json:
+        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+def keep(folder: Path, case: Case) -> None:
+    """Write the files of a case, and its command."""
+    for name, content in case.files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if content is not None:
+            path.write_bytes(content)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "command.json").write_text(json.dumps([case.kind, *case.arguments]))
+
+
+if __name__ == "__main__":
+    main()

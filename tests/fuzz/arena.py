@@ -1,0 +1,165 @@
+"""Case -> verdict, by a process of its own with limits of time and memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SECONDS = 30.0  # after which a case has hung
+MEMORY = 2**30  # byte that a case may take, as it is told by --memory
+EXCESS = 1.1  # of that, at which the limit is broken: libraries take some, too
+STATUSES = {0, 1, 2, 3}
+# Keys of JSON that may be null, each with the reason; `docs/json.md` documents them.
+NULLS = ROOT / "docs" / "json.md"
+
+
+@dataclass(frozen=True)
+class Case:
+    """Files, and a command that reads them.
+
+    kind       of the input, for the figures
+    arguments  of the command; the files stand in its folder
+    files      content by name; None: a FIFO
+    """
+
+    kind: str
+    arguments: tuple[str, ...]
+    files: dict[str, bytes | None] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a case.
+
+    fault    "" where it was done or refused well; else traceback, hang, memory or silent_nan
+    detail   the words that show it
+    status   exit status, None after a hang or a crash
+    seconds, bytes  that it took
+    """
+
+    fault: str
+    detail: str
+    status: int | None
+    seconds: float
+    bytes: int
+
+
+class Arena:
+    """Runs cases one after the other in a worker process, which is made anew where it ended."""
+
+    def __init__(self, seconds: float = SECONDS, memory: int = MEMORY):
+        self.seconds, self.memory = seconds, memory
+        self._worker: subprocess.Popen[str] | None = None
+        self._folder = Path(tempfile.mkdtemp(prefix="startrack-fuzz-"))
+        self._errors = (self._folder / "worker.txt").open("w+")
+
+    def __enter__(self) -> Arena:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+        self._errors.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def judge(self, case: Case) -> Verdict:
+        """Run a case and look at its status, its output and what it took."""
+        folder = self._folder / "case"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        for name, content in case.files.items():
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            os.mkfifo(path) if content is None else path.write_bytes(content)
+        arguments = [*case.arguments, "--memory", str(self.memory)]
+        answer = self._ask({"folder": str(folder), "arguments": arguments})
+        out, err = (
+            path.read_text(errors="replace") if (path := folder / name).is_file() else ""
+            for name in ("out.txt", "err.txt")
+        )
+        if answer is None:
+            return Verdict("hang", err[-300:], None, self.seconds, 0)
+        if not answer:
+            self._errors.flush()
+            died = Path(self._errors.name).read_text(errors="replace")[-300:]
+            return Verdict("traceback", f"the process died: {died}{err[-300:]}", None, 0.0, 0)
+        status, seconds, size = answer["status"], answer["seconds"], answer["bytes"]
+        fault, detail = _fault(case, status, out, err, answer["escaped"])
+        if not fault and size > self.memory * EXCESS:
+            fault, detail = "memory", f"{size / 2**20:.0f} MiB; {err[-200:]}"
+        return Verdict(fault, detail, status, seconds, size)
+
+    def _ask(self, question: dict) -> dict | None:
+        """The worker's answer; {} where it died, None where it hung."""
+        worker = self._worker = self._worker or self._begin()
+        assert worker.stdin
+        assert worker.stdout
+        try:
+            worker.stdin.write(json.dumps(question) + "\n")
+            worker.stdin.flush()
+            ready, _, _ = select.select([worker.stdout], [], [], self.seconds)
+            if not ready:
+                self._end()
+                return None
+            line = worker.stdout.readline()
+        except BrokenPipeError:
+            line = ""
+        if not line:
+            self._end()
+            return {}
+        return json.loads(line)
+
+    def _begin(self) -> subprocess.Popen[str]:
+        environment = os.environ | {"PYTHONPATH": str(ROOT), "STARTRACK_CACHE": str(self._folder)}
+        return subprocess.Popen(
+            [sys.executable, "-m", "tests.fuzz.worker"], cwd=ROOT, env=environment, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+        )  # fmt: skip
+
+    def _end(self) -> None:
+        if self._worker:
+            self._worker.kill()
+            self._worker.communicate()
+            self._worker = None
+
+
+def _fault(case: Case, status: int, out: str, err: str, escaped: str) -> tuple[str, str]:
+    for words in ("Traceback (most recent", ": unexpected ", "On entry to D"):
+        if words in out or words in err:
+            return "traceback", (out + err)[-600:]
+    if escaped or status not in STATUSES:
+        return "traceback", f"status {status} {escaped} {err[-300:]}"
+    if status in (1, 2) and not err.strip():
+        return "traceback", f"status {status} without a word"
+    if "--json" not in case.arguments:
+        return "", ""
+    try:
+        rows = [json.loads(line, parse_constant=_refuse) for line in out.splitlines()]
+    except ValueError as error:
+        return "silent_nan", f"no JSON: {error}: {out[-200:]}"
+    known = NULLS.read_text(encoding="utf-8") if NULLS.is_file() else ""
+    for row in rows:
+        for name in _nulls(row):
+            if f"`{name}`" not in known:
+                return "silent_nan", f"{name} is null with status {status}"
+    return "", ""
+
+
+def _refuse(text: str) -> float:
+    raise ValueError(f"{text} is no JSON")
+
+
+def _nulls(value: object, name: str = "") -> list[str]:
+    """The keys that are null; those of lists by the key of the list."""
+    if isinstance(value, dict):
+        return [found for key, one in value.items() for found in _nulls(one, key)]
+    if isinstance(value, list):
+        return [found for one in value for found in _nulls(one, name)]
+    return [name] if value is None else []

@@ -1,0 +1,609 @@
+"""Hypothesis draws -> cases: files of each kind, valid, mutated or damaged, and a command."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import gzip
+import io
+import sqlite3
+import struct
+import tomllib
+import typing
+import zlib
+from collections.abc import Callable
+from enum import StrEnum
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import tomli_w
+from hypothesis import strategies as st
+
+from startrack.design import Campaign, Fidelity, load_design
+from startrack.design import Case as Design
+from startrack.earth.geometry import EarthScene
+from startrack.io import shipped
+from startrack.io.tables import _fields
+from startrack.montecarlo import Sampling, Serial, Store, resume
+from startrack.motion import Motion
+from startrack.optimise import Ledger
+from startrack.sequence import Sequence
+from startrack.trial import OUTCOMES
+from tests.catalog import layouts
+from tests.fuzz.arena import Case
+
+# Each size of a number occurs, from what no float holds to what no machine holds.
+NUMBERS = (
+    0, 1, -1, 2, 3, 64, 0.5, -0.5, 1e-3, 1e-9, 1e-15, 1e-30, 1e-320, 1e3, 1e6, 1e9, 1e12, 1e20,
+    1e30, 1e308, -1e308, 65536, 2**31, 2**63, 10**50, float("nan"), float("inf"), -float("inf"),
+)  # fmt: skip
+OTHERS = (
+    "", "x", "auto", "1", "1 m", "1e999999999 s", "1e-999999999 m", "5 parsnips", "\x00",
+    "ü\U0001f600", " " * 200, "a" * 5000, "(a+)+$" * 30, "9" * 400 + " m", "1 m**(2**99)",
+    "../../etc/passwd",
+    "/dev/zero", "2026-13-45T99:99:99", "0001-01-01", "9999-12-31T23:59:60", True, False, [], {},
+    [[]], [[[]]], [1, "x"], [None] * 0, {"a": 1}, {"value": []}, [{}], ["1 m"] * 3, [0.0] * 200,
+)  # fmt: skip
+SCALES = (1e-30, 1e-12, 1e-6, 1e-3, 0.1, 0.5, 2, 10, 1e3, 1e6, 1e12, 1e30, -1, 0)
+SMALL = (
+    ("columns = 512", "columns = 96"),
+    ("rows = 512", "rows = 96"),
+    ('pixel_pitch = "11 um"', 'pixel_pitch = "58 um"'),
+    ('blur = "5 um"', 'blur = "26 um"'),
+    ("limit_g = 7.0", "limit_g = 5.5"),
+    ("\ntrials = 50\nmost_trials = 200", "\ntrials = 2\nmost_trials = 2\nsample_trials = 2"),
+    ("evaluations = 120", "evaluations = 2\nanalytic_evaluations = 2"),
+    ("fresh_trials = 1000", "fresh_trials = 2"),
+)
+
+
+def changed(text: str, changes: tuple[tuple[str, str], ...]) -> dict[str, Any]:
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    return tomllib.loads(text)
+
+
+@cache
+def bases() -> dict[str, dict[str, Any]]:
+    """Valid tables that run quickly."""
+    scenes, designs = shipped("scenes"), shipped("designs")
+    return {
+        "design": changed((designs / "nanosatellite.toml").read_text(), SMALL),
+        "scene": changed(
+            (scenes / "mountains.toml").read_text(),
+            (
+                ("sky_rays = 16", "sky_rays = 0"),
+                ("= 480", "= 12"),
+                ('"20 um"', '"800 um"'),
+                ("cells = 768", "cells = 200"),
+            ),
+        ),
+        "survey": changed(
+            (scenes / "hsrs.toml").read_text(),
+            (
+                ("lines = 300", "lines = 8"),
+                ("columns = 300", "columns = 8"),
+                ("cells = 1024", "cells = 200"),
+            ),
+        ),
+        "goals": tomllib.loads((scenes / "goals.toml").read_text()),
+        "sequence": {"period": "0.25 s", "legs": [{"duration": "0.5 s", "rate_x": "0.06 deg / s"}]},
+    }  # fmt: skip
+
+
+KINDS: dict[str, type] = {"design": Design, "scene": EarthScene, "sequence": Sequence}
+
+
+class Draw:
+    """What the grammar asks of Hypothesis, so that a case shrinks."""
+
+    def __init__(self, draw: Callable[[st.SearchStrategy], Any]):
+        self._draw = draw
+
+    def one_of(self, choices: Any) -> Any:
+        choices = tuple(choices)
+        return copy.deepcopy(choices[self.below(len(choices))])  # which mutations change
+
+    def below(self, count: int) -> int:
+        return self._draw(st.integers(0, max(count - 1, 0)))
+
+    def bytes(self, most: int) -> bytes:
+        return self._draw(st.binary(min_size=1, max_size=most))
+
+
+def value_of(draw: Draw, kind: Any, unit: Any, depth: int = 0) -> Any:
+    """A value for a field: of its type three times in four, and of any size."""
+    if draw.below(4) == 0:
+        return draw.one_of(NUMBERS + OTHERS)
+    if dataclasses.is_dataclass(kind):
+        return table_of(draw, typing.cast(type, kind), depth + 1) if depth < 4 else {}
+    if typing.get_origin(kind) is tuple:
+        inner = typing.get_args(kind)[0]
+        return [value_of(draw, inner, unit, depth + 1) for _ in range(draw.below(4))]
+    if unit and kind is float:
+        return f"{draw.one_of(NUMBERS)} {unit.shown}"
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        return draw.one_of(kind).value
+    if kind is bool:
+        return bool(draw.below(2))
+    return draw.one_of((*OTHERS[:2], "x", "y", "airy", "sun") if kind is str else NUMBERS)
+
+
+def table_of(draw: Draw, kind: type, depth: int = 0) -> dict[str, Any]:
+    """A table of a class: its required keys, and some of the others."""
+    fields = _fields(kind)
+    return {
+        name: value_of(draw, each.kind, each.unit, depth)
+        for name, each in fields.items()
+        if each.required or draw.below(3) == 0
+    }
+
+
+def places(table: Any, path: tuple = ()) -> list[tuple]:
+    """The paths of all values in a table."""
+    items = table.items() if isinstance(table, dict) else enumerate(table)
+    found = []
+    for key, value in items:
+        found.append((*path, key))
+        if isinstance(value, dict | list):
+            found += places(value, (*path, key))
+    return found
+
+
+def mutated(draw: Draw, table: dict[str, Any], kind: type | None) -> dict[str, Any]:
+    """The table with one to five changes."""
+    table = copy.deepcopy(table)
+    for _ in range(1 + draw.below(5)):
+        path = draw.one_of(places(table) or [()])
+        if not path:
+            break
+        holder: Any = table
+        for key in path[:-1]:
+            holder = holder[key]
+        held = holder[path[-1]]
+        match draw.below(6):
+            case 0:
+                del holder[path[-1]]
+            case 1:
+                holder[path[-1]] = draw.one_of(NUMBERS + OTHERS)
+            case 2 | 3:
+                holder[path[-1]] = scaled(draw, held)
+            case _:
+                added(draw, table, kind)
+    return table
+
+
+def scaled(draw: Draw, held: Any) -> Any:
+    """Another number in place of one; a quantity keeps its unit."""
+    if isinstance(held, bool) or not isinstance(held, int | float | str):
+        return draw.one_of(NUMBERS + OTHERS)
+    if isinstance(held, str):
+        number, _, unit = held.partition(" ")
+        try:
+            return f"{float(number) * draw.one_of(SCALES):.9g} {unit}"
+        except ValueError:
+            return draw.one_of(OTHERS)
+    factor = draw.one_of(SCALES)
+    return round(held * factor) if isinstance(held, int) and draw.below(2) else held * factor
+
+
+def added(draw: Draw, table: dict[str, Any], kind: type | None) -> None:
+    """Add a key somewhere that its class knows."""
+    if kind is None:
+        table[draw.one_of(("x", "campaign", "camera", "terrain"))] = draw.one_of(NUMBERS + OTHERS)
+        return
+    holder: Any = table
+    while True:
+        fields = _fields(kind)
+        name = draw.one_of(fields)
+        each = fields[name]
+        inner = holder.get(name) if isinstance(holder, dict) else None
+        if dataclasses.is_dataclass(each.kind) and isinstance(inner, dict) and draw.below(4):
+            holder, kind = inner, typing.cast(type, each.kind)
+            continue
+        if isinstance(holder, dict):
+            holder[name] = value_of(draw, each.kind, each.unit)
+        return
+
+
+def toml(draw: Draw, table: dict[str, Any]) -> bytes:
+    """The text of a table; sometimes damaged."""
+    try:
+        data = tomli_w.dumps(_writable(table)).encode("utf-8", "surrogateescape")
+    except (TypeError, ValueError):
+        data = repr(table).encode("utf-8", "replace")
+    return damaged(draw, data) if draw.below(12) == 0 else data
+
+
+def _writable(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _writable(one) for key, one in value.items()}
+    return [_writable(one) for one in value] if isinstance(value, list | tuple) else value
+
+
+HOSTILE_TOML = (
+    b"", b"\0" * 100, b"\xff\xfe", b"a = " + b"[" * 9000 + b"]" * 9000, b"a" + b".a" * 9000 + b"=1",
+    b"a = " + b"9" * 5000, b"#" * 2**21, b"a = {" * 2000, b"[[a]]\n" * 2000,
+    b'"' * 999, b"a='" + b"'" * 999,
+)  # fmt: skip
+
+
+def damaged(draw: Draw, data: bytes) -> bytes:
+    """Bytes cut, changed, repeated or put in."""
+    if not data:
+        return draw.bytes(64)
+    at = draw.below(len(data))
+    match draw.below(5):
+        case 0:
+            return data[:at]
+        case 1:
+            return data[:at] + draw.bytes(8) + data[at + 8 :]
+        case 2:
+            return data[:at] + draw.bytes(40) + data[at:]
+        case 3:
+            return data[:at] + bytes([data[at] ^ (1 << draw.below(8))]) + data[at + 1 :]
+    return data[at:] + data[:at]
+
+
+DESIGN_COMMANDS = (
+    ("requirements", "design.toml"),
+    ("montecarlo", "design.toml", "--trials", "2", "--fidelity", "covariance", "--workers", "1"),
+    ("montecarlo", "design.toml", "--trials", "2", "--fidelity", "spots", "--workers", "1"),
+    ("simulate", "design.toml", "--out", "out"),
+    ("montecarlo", "design.toml", "--trials", "1", "--fidelity", "window", "--workers", "1"),
+    ("psf", "design.toml", "--out", "out"),
+    ("budget", "design.toml", "--out", "out", "--workers", "1"),
+)
+
+
+def design_case(draw: Draw) -> Case:
+    text = draw.one_of(HOSTILE_TOML) if draw.below(25) == 0 else None
+    table = mutated(draw, {k: v for k, v in bases()["design"].items() if k != "campaign"}, Design)
+    table.setdefault("campaign", {"requirements": {}})
+    data = toml(draw, table) if text is None else text
+    return Case("design", (*draw.one_of(DESIGN_COMMANDS), "--json"), {"design.toml": data})
+
+
+def campaign_case(draw: Draw) -> Case:
+    base = bases()["design"]
+    table = base | {"campaign": mutated(draw, base["campaign"], Campaign)}
+    command = draw.one_of(("requirements", "requirements", "requirements", "sensitivity"))
+    more = ("--designs", "2", "--workers", "1", "--out", "out") if command == "sensitivity" else ()
+    return Case(
+        "campaign", (command, "design.toml", *more, "--json"), {"design.toml": toml(draw, table)}
+    )
+
+
+def scene_case(draw: Draw) -> Case:
+    if draw.below(3) == 0:
+        data = toml(draw, mutated(draw, bases()["survey"], None))
+        command = draw.one_of(
+            (("earth", "render", "s.toml", "--out", "out"), ("requirements", "s.toml"))
+        )
+        return Case("scene", (*command, "--json"), {"s.toml": data})
+    if draw.below(10) == 0:
+        data = toml(draw, mutated(draw, bases()["goals"], None))
+        return Case("scene", ("requirements", "s.toml", "--json"), {"s.toml": data})
+    table = mutated(draw, bases()["scene"], EarthScene)
+    if draw.below(4) == 0:
+        table["motion"] = table_of(draw, Motion)
+    data = toml(draw, table)
+    return Case(
+        "scene", ("earth", "geometry", "s.toml", "--out", "out", "--json"), {"s.toml": data}
+    )
+
+
+def sequence_case(draw: Draw) -> Case:
+    data = toml(draw, mutated(draw, bases()["sequence"], Sequence))
+    files = {"p.toml": data, "design.toml": tomli_w.dumps(bases()["design"]).encode()}
+    arguments = (
+        "sequence", "design.toml", "--profile", "p.toml", "--sequences", "1", "--workers", "1",
+        "--out", "out", "--json",
+    )  # fmt: skip
+    return Case("sequence", arguments, files)
+
+
+@cache
+def pictures() -> dict[str, bytes]:
+    """Whole images of some stars."""
+    from astropy.io import fits
+
+    image = np.random.default_rng(1).normal(100, 3, (48, 64))
+    for x, y in ((10, 10), (40, 20), (20, 40), (55, 30)):
+        image[y - 1 : y + 2, x - 1 : x + 2] += 500
+    deep = image.astype(np.uint16)
+    found = {
+        f"a.{suffix}": cv2.imencode(f".{suffix}", picture)[1].tobytes()
+        for suffix, picture in (("png", deep), ("tiff", deep), ("jpg", image.astype(np.uint8)))
+    }
+    for name, part in (
+        ("a.fits", fits.ImageHDU(image)),
+        ("b.fits", fits.ImageHDU(deep)),
+        ("rice.fits", fits.CompImageHDU(deep.astype(np.int16))),
+    ):
+        file = io.BytesIO()
+        fits.HDUList([fits.PrimaryHDU(), part]).writeto(file)
+        found[name] = file.getvalue()
+    found["a.fits.gz"] = gzip.compress(found["a.fits"], mtime=0)
+    return found
+
+
+CARDS = (
+    b"NAXIS",
+    b"NAXIS1",
+    b"NAXIS2",
+    b"BITPIX",
+    b"BZERO",
+    b"BSCALE",
+    b"ZNAXIS1",
+    b"ZTILE1",
+    b"PCOUNT",
+)
+CARD_VALUES = (b"0", b"-1", b"1", b"99999999", b"1e308", b"'x'", b"T", b"", b"nan", b"7", b"2.5")
+BOMB = gzip.compress(b"SIMPLE  = T".ljust(2880) + b"\0" * 2**23, mtime=0)
+
+
+def image_case(draw: Draw) -> Case:
+    name = draw.one_of(pictures())
+    data = pictures()[name]
+    match draw.below(5):
+        case 0 | 1 if name.endswith(".fits"):
+            card = draw.one_of(CARDS).ljust(8) + b"="
+            at = data.rfind(card)
+            if at >= 0:
+                new = (card + b" " + draw.one_of(CARD_VALUES).rjust(20)).ljust(80)
+                data = (
+                    data[:at] + (new if draw.below(4) else b"COMMENT".ljust(80)) + data[at + 80 :]
+                )
+        case 0 if name == "a.png":
+            size = struct.pack(
+                ">II", draw.one_of((0, 1, 2**16, 2**31 - 1)), draw.one_of((0, 1, 2**16))
+            )
+            head = b"IHDR" + size + data[24:29]
+            data = data[:12] + head + struct.pack(">I", zlib.crc32(head)) + data[33:]
+        case 1:
+            data = draw.one_of((b"", b"\0" * 3000, BOMB, b"II*\0" + b"\xff" * 99, b"SIMPLE" * 700))
+        case _:
+            for _ in range(1 + draw.below(3)):
+                data = damaged(draw, data)
+    command = draw.one_of((("detect",), ("detect", "--overlay", "out"), ("solve", "--fov", "12")))
+    # A name that is no UTF-8 cannot be an argument of a line of JSON: surrogates stand for it.
+    name = draw.one_of((name, name, "$\\frac" + name, "\udcff" + name))
+    return Case("image", (*command, name, "--json"), {name: data})
+
+
+@cache
+def star_files() -> dict[str, bytes]:
+    """Whole catalogues of few stars."""
+    from astropy.table import Table
+
+    files = {
+        name: text.encode()
+        for name, text in (
+            ("hip.dat", layouts.HIP_MAIN), ("tyc2.dat", layouts.TYCHO2), ("bsc.dat", layouts.BSC),
+            ("hyg.csv", layouts.HYG), ("gaia.csv", layouts.GAIA),
+        )
+    }  # fmt: skip
+    files["gaia.csv.gz"] = gzip.compress(files["gaia.csv"], mtime=0)
+    table = Table(
+        {"source_id": [1, 2], "ra": [1.0, 2.0], "dec": [3.0, 4.0], "phot_g_mean_mag": [5.0, 6.0]}
+    )
+    for name, form in (("gaia.fits", "fits"), ("gaia.vot", "votable")):
+        file = io.BytesIO()
+        table.write(file, format=form)
+        files[name] = file.getvalue()
+    record = struct.pack("<qddfff", 1, 10.0, 20.0, 5.0, 5.5, 4.5)
+    files["gaia.bin"] = b"GDR3" + struct.pack("<IQ", 1, 1) + record
+    return files
+
+
+FIELDS = (
+    b"",
+    b"nan",
+    b"-1e308",
+    b"1e308",
+    b"x",
+    b'"',
+    b"999",
+    b",",
+    b"|",
+    b"null",
+    b"1e-320",
+    b"\n",
+)
+
+
+def catalog_case(draw: Draw) -> Case:
+    name = draw.one_of(star_files())
+    data = star_files()[name]
+    match draw.below(5):
+        case 0:
+            data = damaged(draw, data)
+        case 1 | 2:
+            between = b"|" if b"|" in data else b","
+            parts = data.split(between)
+            for _ in range(1 + draw.below(3)):
+                parts[draw.below(len(parts))] = draw.one_of(FIELDS)
+            data = between.join(parts)
+        case 3:
+            lines = data.splitlines(keepends=True)
+            lines.insert(draw.below(len(lines)), draw.one_of(lines))
+            if draw.below(2):  # a column twice
+                lines = [
+                    lines[0].rstrip(b"\n") + b",ra\n",
+                    *(x.rstrip(b"\n") + b",1\n" for x in lines[1:]),
+                ]
+            data = b"".join(lines)
+        case _:
+            data = draw.one_of(
+                (
+                    b"",
+                    b"\0" * 99,
+                    b"\n" * 99,
+                    b"source_id\n",
+                    b"<VOTABLE>",
+                    gzip.compress(bytes(2**22)),
+                    data[:-1],
+                )
+            )
+    if draw.below(3):
+        files = {name: data, "a.png": pictures()["a.png"]}
+        return Case(
+            "catalogue", ("solve", "a.png", "--fov", "12", "--catalog", name, "--json"), files
+        )
+    table = copy.deepcopy(bases()["design"])
+    table["catalog"] = {"source": name, "epoch": draw.one_of((2026.0, 1991.25))}
+    files = {name: data, "design.toml": tomli_w.dumps(table).encode()}
+    return Case("catalogue", (*draw.one_of(DESIGN_COMMANDS[:2]), "--json"), files)
+
+
+@cache
+def stores() -> dict[str, bytes]:
+    """Whole stores of few trials of two fidelities, and a ledger."""
+    import tempfile
+
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "design.toml"
+        path.write_bytes(tomli_w.dumps(bases()["design"]).encode())
+        case = load_design(path).case
+        for fidelity in (Fidelity.SPOTS, Fidelity.COVARIANCE):
+            path = Path(folder) / f"{fidelity}.sqlite"
+            with Store(path, case, 1, Sampling(fidelity)) as store:
+                resume(store, Serial(), 1, 16, block=4)
+            found[path.name] = path.read_bytes()
+        with Ledger(path := Path(folder) / "ledger.sqlite") as ledger:
+            ledger.keep(b"0" * 16, 0, np.zeros(2, OUTCOMES))
+            ledger.keep_refusal(b"1" * 16, "no")
+        found["ledger.sqlite"] = path.read_bytes()
+    return found
+
+
+STATEMENTS = (
+    "DELETE FROM about WHERE name = 'seed'",
+    "DELETE FROM about WHERE name = 'case'",
+    "DELETE FROM about WHERE name = 'fields'",
+    "DELETE FROM about WHERE name = 'fidelity'",
+    "DELETE FROM about WHERE name = 'startrack'",
+    "DELETE FROM about",
+    "UPDATE about SET value = '' WHERE name = 'seed'",
+    "UPDATE about SET value = '-1' WHERE name = 'seed'",
+    "UPDATE about SET value = 'x' WHERE name = 'fidelity'",
+    "UPDATE about SET value = '{' WHERE name = 'case'",
+    "UPDATE about SET value = '[[' || hex(zeroblob(50000)) WHERE name = 'case'",
+    "UPDATE about SET value = replace(hex(zeroblob(50000)), '0', '[') WHERE name = 'case'",
+    "UPDATE about SET value = '[]' WHERE name = 'fields'",
+    "UPDATE about SET value = '[[\"trial\", \"<i8\"]]' WHERE name = 'fields'",
+    "UPDATE about SET value = '[[\"trial\", \"O\"]]' WHERE name = 'fields'",
+    "UPDATE about SET value = 7",
+    "UPDATE blocks SET outcomes = 'text'",
+    "UPDATE blocks SET outcomes = zeroblob(8)",
+    "UPDATE blocks SET outcomes = zeroblob(length(outcomes))",
+    "UPDATE blocks SET outcomes = substr(outcomes, 9) || zeroblob(8)",
+    "UPDATE blocks SET outcomes = replace(outcomes, x'00', x'ff')",
+    "UPDATE blocks SET trials = -1",
+    "UPDATE blocks SET trials = 9223372036854775807",
+    "UPDATE blocks SET trials = 'x'",
+    "UPDATE blocks SET first = first - 5",
+    "UPDATE blocks SET first = first + 2 WHERE first = 12",
+    "DELETE FROM blocks",
+    "INSERT INTO failures VALUES (99, 1, 1, '')",
+    "INSERT INTO failures VALUES (99, 'x', 'y', zeroblob(9))",
+    "INSERT INTO sessions VALUES ('x', '{')",
+    "DROP TABLE blocks",
+    "DROP TABLE about",
+    "DROP TABLE failures",
+    "PRAGMA user_version = 99",
+    "PRAGMA application_id = 1",
+    "UPDATE trials SET outcomes = 'text'",
+    "UPDATE trials SET outcomes = zeroblob(9)",
+    "DROP TABLE trials",
+)
+
+
+def store_case(draw: Draw) -> Case:
+    files = dict(stores())
+    name = draw.one_of(files)
+    files[name] = changed_store(draw, files[name])
+    files["design.toml"] = tomli_w.dumps(bases()["design"]).encode()
+    if name == "ledger.sqlite":
+        files = {"out/ledger.sqlite": files[name], "design.toml": files["design.toml"]}
+        arguments = (
+            "sensitivity",
+            "design.toml",
+            "--designs",
+            "2",
+            "--workers",
+            "1",
+            "--out",
+            "out",
+        )
+        return Case("store", (*arguments, "--json"), files)
+    fidelity = Path(name).stem
+    arguments = draw.one_of(
+        (
+            ("combine", "spots.sqlite", "covariance.sqlite"),
+            ("montecarlo", "design.toml", "--trials", "16", "--fidelity", fidelity,
+             "--workers", "1", "--store", name),
+        )
+    )  # fmt: skip
+    return Case("store", (*arguments, "--json"), files)
+
+
+def changed_store(draw: Draw, data: bytes) -> bytes:
+    match draw.below(4):
+        case 0:
+            return damaged(draw, data)
+        case 1:
+            # Within the pages of the file, where SQLite looks for no damage.
+            at = 4096 + draw.below(max(len(data) - 4096, 1))
+            return data[:at] + draw.bytes(16) + data[at + 16 :]
+    base = sqlite3.connect(":memory:", isolation_level=None)
+    try:
+        base.deserialize(data[:18] + b"\1\1" + data[20:])  # no write-ahead log in memory
+        for _ in range(1 + draw.below(2)):
+            try:
+                base.execute(draw.one_of(STATEMENTS))
+            except sqlite3.Error:
+                continue
+        return base.serialize()
+    finally:
+        base.close()
+
+
+SPECIAL = (
+    Case("special", ("simulate", "fifo", "--json"), {"fifo": None}),
+    Case("special", ("requirements", "/dev/zero", "--json")),
+    Case("special", ("detect", "fifo.png", "--json"), {"fifo.png": None}),
+    Case("special", ("detect", "/dev/zero", "--json")),
+    Case("special", ("solve", "fifo.fits", "--fov", "9", "--json"), {"fifo.fits": None}),
+    Case("special", ("combine", "fifo", "/dev/zero", "--json"), {"fifo": None}),
+    Case("special", ("earth", "geometry", "fifo", "--json"), {"fifo": None}),
+    Case("special", ("earth", "render", "fifo", "--json"), {"fifo": None}),
+    Case("special", ("earth", "terrain", "fifo", "--json"), {"fifo": None}),
+    Case("special", ("sequence", "--profile", "fifo", "--json"), {"fifo": None}),
+    Case("special", ("report", "fifo", "--json"), {"fifo": None}),
+)
+
+
+def special_case(draw: Draw) -> Case:
+    return draw.one_of(SPECIAL)
+
+
+WEIGHTS = (
+    *(design_case,) * 6, campaign_case, *(scene_case,) * 4, sequence_case, *(image_case,) * 4,
+    *(catalog_case,) * 4, *(store_case,) * 3,
+)  # fmt: skip
+
+
+@st.composite
+def cases(draw) -> Case:
+    """A case of any kind."""
+    own = Draw(draw)
+    if own.below(200) == 0:
+        return special_case(own)
+    return own.one_of(WEIGHTS)(own)
