@@ -12,7 +12,7 @@ import numpy as np
 
 from startrack.cli.options import Exit, WrongUse, add_out, add_seed, as_wrong_use, describe
 from startrack.cli.terminal import print_result, progress
-from startrack.core import Floats, Streams, um
+from startrack.core import Floats, Streams, require_memory, um
 from startrack.earth.geometry import EarthScene, Strip, find, observe_earth
 from startrack.earth.imager import (
     Channel,
@@ -121,6 +121,10 @@ def geometry(options: argparse.Namespace) -> int:
     scene, motion = read_scene(path)
     turn = jitter(scene, motion, options.seed)
     lines, columns = scene.sensor.lines, scene.sensor.columns
+    require_memory(
+        8 * (10 + len(scene.terrain.maps)) * lines * columns,
+        f"maps of {columns} x {lines} pixels",
+    )
     maps: dict[str, Floats] = {}
     with progress("lines", lines) as advance:
         for strip in observe_earth(scene, path.parent, turn):

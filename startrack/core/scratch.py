@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import Any
 
@@ -10,6 +11,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from startrack.core.arrays import Ints
 from startrack.core.kernel import kernel
+from startrack.core.memory import require_memory
 
 Image = NDArray[np.float32]
 
@@ -29,6 +31,8 @@ class Workspace(threading.local):
         """The array of that name as the last call left it; zeros at first."""
         array = self._arrays.get(name)
         if array is None or array.shape != shape or array.dtype != kind:
+            size = math.prod(shape) * np.dtype(kind).itemsize
+            require_memory(size, f"an array of {' x '.join(map(str, shape))} numbers")
             array = self._arrays[name] = np.zeros(shape, kind)
         return array
 

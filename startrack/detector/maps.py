@@ -6,9 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from startrack.core import Floats, Streams
+from startrack.core import Floats, Streams, require_memory
 from startrack.detector.nonuniformity import dark_response, photo_response
 from startrack.detector.parameters import Detector
+
+BYTES = 40  # of a pixel of a map while it is drawn; measured
 
 
 def response(detector: Detector) -> Floats | None:
@@ -92,9 +94,13 @@ def _spread(device: Detector) -> Floats:
 
 def _array(device: Detector) -> tuple[int, int]:
     """Rows and columns of the array that the image is read from."""
+    rows, columns = device.rows * device.binning, device.columns * device.binning
     if device.region:
-        return device.region.array_rows, device.region.array_columns
-    return device.rows * device.binning, device.columns * device.binning
+        rows, columns = device.region.array_rows, device.region.array_columns
+    require_memory(
+        BYTES * rows * columns, f"the map of an array of {columns} x {rows} pixels of a device"
+    )
+    return rows, columns
 
 
 def _binned(device: Detector, array: Floats) -> Floats:

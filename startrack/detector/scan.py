@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Frame, Light, Psf, Streams, whole
+from startrack.core import Camera, Floats, Frame, Light, Psf, Streams, require_memory, whole
 from startrack.detector.collect import diffuse_electrons, electron_rate
 from startrack.detector.expose import frame_of
 from startrack.detector.lines import Line
@@ -77,6 +77,10 @@ def scanned(
     sky = sky_rate * camera.focal_length_px**-2 * detector.exposure
     diffuse = diffuse_electrons(light, camera, detector, throughput)
     phases = 1 + max(line.phase for line in lines)
+    require_memory(
+        8 * (phases + 3) * count * detector.columns,
+        f"an image of {count} lines of {phases * detector.columns} pixels",
+    )
     image = np.zeros((phases, count, detector.columns))
     gain = response(detector)
     for number, line in enumerate(lines):

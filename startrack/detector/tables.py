@@ -100,15 +100,16 @@ def _level(mean: float, noise: float) -> int:
 def build(law: Law, first: int, count: int) -> Tables:
     """The tables of some levels; empty where the numbers spread too far."""
     mean = level_mean(np.arange(first, first + count), law.noise)
-    electrons = np.arange(
-        max(math.floor(mean[0] - FARTHEST * math.sqrt(mean[0])), 0.0),
-        math.ceil(mean[-1] + FARTHEST * math.sqrt(mean[-1]) + SKEW),
-    )
+    least = max(math.floor(mean[0] - FARTHEST * math.sqrt(mean[0])), 0.0)
+    most = math.ceil(mean[-1] + FARTHEST * math.sqrt(mean[-1]) + SKEW)
+    if count * (most - least) > MOST_TERMS:
+        return EMPTY
+    electrons = np.arange(least, most)
     held = np.minimum(electrons, law.full_well)
     held = nonlinear_signal(held, law.full_well, law.nonlinearity)
     far = FARTHEST * law.noise
     least, most = (int(converted(held[i] + s * far, law)) for i, s in ((0, -1), (-1, 1)))
-    if most - least >= MOST_NUMBERS or count * len(electrons) > MOST_TERMS:
+    if most - least >= MOST_NUMBERS:
         return EMPTY
     span = np.arange(least, most + 1.0)
     # Electrons before `start` give at most a number, those from `end` on give more; between the

@@ -65,6 +65,8 @@ class Database:
                 except FileNotFoundError as error:
                     raise ValueError(str(error)) from None
             self._base = sqlite3.connect(path or ":memory:", timeout=0, isolation_level=None)
+            # Text that is none is looked at by those who read it.
+            self._base.text_factory = lambda data: data.decode("utf-8", "replace")
             try:
                 self._open(create, begin)
             except BaseException:

@@ -10,7 +10,7 @@ import scipy
 from scipy import fft, special
 from scipy.linalg import eigh_tridiagonal
 
-from startrack.core import Floats, Psf, non_negative, positive, within
+from startrack.core import Floats, Psf, non_negative, positive, require_memory, within
 from startrack.optics.choose import AIRY_SIGMA, choose
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.fraunhofer import intensity, pupil_samples
@@ -62,6 +62,7 @@ BAND_NODES = 12  # wavelengths of a band; chosen by hand: each costs one diffrac
 FINEST, COARSEST = 64, 12  # samples per pixel; chosen by hand: memory against the finest PSF
 PER_SIGMA = 8.0  # samples per sigma of the core: six-point interpolation errs by 1e-6 of the peak
 MOST_SAMPLES = 1024  # across a pupil; chosen by hand: seconds of computing time
+BYTES = 72  # of a sample of a transfer function; measured
 MOST_POINTS = 3072  # across the field of an irradiance; chosen by hand: 75 MB
 
 
@@ -173,7 +174,9 @@ def pixel_response(
     half = _half_samples(half_width, oversampling)
     # A core of less than one and a half samples has frequencies above their Nyquist frequency.
     fine = 2 if finest * oversampling < 1.5 else 1
+    require_memory(BYTES * (8 * half * fine) ** 2, "the table of so wide a PSF")
     samples = fft.next_fast_len(8 * half * fine, real=True)
+    require_memory(BYTES * samples**2, f"a transfer function of {samples} x {samples} samples")
     spacing = pitch / oversampling / fine
     fx, fy = fft.rfftfreq(samples, spacing), fft.fftfreq(samples, spacing)
     radius = np.hypot(fx, fy[:, None])

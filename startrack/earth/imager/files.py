@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import gib
 from startrack.earth.atmosphere import Terms
 from startrack.earth.imager.render import Picture
 from startrack.io import whole
@@ -45,6 +47,7 @@ def open_fits(path: Path, lines: int, columns: int, cards: dict[str, Any]) -> Pi
     for name in ("longitude", "latitude"):
         parts.append(fits.ImageHDU(np.zeros((1, 1)), name=name))
         parts[-1].header["BUNIT"] = "deg"
+    require_room(path, 40 * lines * columns)
     positions = []
     with path.open("wb") as file:
         for part in parts:
@@ -57,6 +60,16 @@ def open_fits(path: Path, lines: int, columns: int, cards: dict[str, Any]) -> Pi
         file.truncate(file.tell())
     arrays = [np.memmap(path, kind, "r+", offset, (lines, columns)) for offset, kind in positions]
     return Picture(arrays[0], Terms(*arrays[1:6]), arrays[6], arrays[7])
+
+
+def require_room(path: Path, size: int) -> None:
+    """Refuse a file that the disk has no room for: a write to its memory would end the process.
+
+    Raises  OSError with the bytes that it needs and those that there are.
+    """
+    free = shutil.disk_usage(path.parent).free
+    if size > free:
+        raise OSError(f"{path.parent} must have room for {gib(size)}, but has {gib(free)}")
 
 
 def write_geotiff(path: Path, picture: Picture) -> None:

@@ -11,13 +11,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Streams, finite, positive, whole
+from startrack.core import Floats, Streams, positive, require_memory, whole, within
 from startrack.earth.terrain.surface import FULL_TURN, Grid
 from startrack.io import regular_file
 
 Singles = NDArray[np.float32]
 
 GEOGRAPHIC = "EPSG:4326"  # longitude and latitude in degree on WGS84
+FRACTAL_BYTES = 40  # of a height while terrain is made; measured: 36
 SEAM = 1e-6  # of a step
 
 
@@ -248,7 +249,8 @@ def fractal(
     """
     whole(2, 2**15, rows=rows, columns=columns)
     positive(relief=relief)
-    finite(roughness=roughness)
+    within(-10, 10, roughness=roughness)
+    require_memory(FRACTAL_BYTES * rows * columns, f"terrain of {columns} x {rows} heights")
     k = np.hypot(np.fft.fftfreq(rows, 1 / rows)[:, None], np.fft.rfftfreq(columns, 1 / columns))
     k[0, 0] = np.inf
     phase = streams("terrain").random(k.shape) * 2j * np.pi
