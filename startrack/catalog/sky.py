@@ -46,7 +46,7 @@ class Sky:
         if not 0 < length < math.inf:
             raise ValueError("directions must be finite and have a length, got one that has not")
         unit = np.asarray(direction, float) / length
-        return self._by_brightness[_around(*self._by_height, unit, radius)]
+        return self._by_brightness[np.sort(_around(*self._by_height, unit, radius))]
 
     def cones(self, directions: Floats, radius: float) -> list[Ints]:
         """Which stars lie within an angle of each of many directions.
@@ -76,7 +76,7 @@ class Sky:
 
 @kernel
 def _around(direction, rank, centre, radius):  # type: ignore[no-untyped-def]
-    """The ranks of the directions within an angle of a centre, in rising order.
+    """The ranks of the directions within an angle of a centre.
 
     Angles are compared by their chords, which are exact for small angles and insensitive close to
     pi. Beyond a right angle, the chord to the opposite point is compared instead.
@@ -94,7 +94,7 @@ def _around(direction, rank, centre, radius):  # type: ignore[no-untyped-def]
         if (square > chord * chord or radius == math.pi) if wide else square <= chord * chord:
             found[count] = rank[k]
             count += 1
-    return np.sort(found[:count])
+    return found[:count]
 
 
 @kernel
@@ -108,7 +108,20 @@ def belt(direction, height, radius):  # type: ignore[no-untyped-def]
     middle = math.asin(min(max(height, -1.0), 1.0))
     low = math.sin(max(middle - radius, -math.pi / 2)) - SLACK
     high = math.sin(min(middle + radius, math.pi / 2)) + SLACK
-    return np.searchsorted(direction[:, 2], low), np.searchsorted(direction[:, 2], high)
+    return _first_from(direction, low), _first_from(direction, high)
+
+
+@kernel
+def _first_from(direction, height):  # type: ignore[no-untyped-def]
+    """The place of the first direction of at least this height."""
+    low, high = 0, len(direction)
+    while low < high:
+        middle = (low + high) // 2
+        if direction[middle, 2] < height:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @lru_cache(maxsize=8)

@@ -10,6 +10,8 @@ streams    Seed, trial, cause -> random generator, the same for any number of wo
 scratch    Large arrays that a plan keeps between calls: a new one costs more than a few windows
            in it.
 curve      A dimensionless curve over wavelength, such as a transmission or a quantum efficiency.
+dispatcher Kernels -> machine code, once for each kernel that Python calls.
+order      Order, median and place of values, within kernels.
 rotations  Rotation matrices -> quaternions and scipy's Rotations, in compiled code.
 camera     Direction to pixel and pixel to direction, both ways together, with OpenCV's
            distortion.
@@ -42,6 +44,7 @@ from startrack.core.memory import (
     memory_limit,
     require_memory,
 )
+from startrack.core.order import first_not_below, median, order
 from startrack.core.rotations import quaternion, rotation_of
 from startrack.core.scratch import Workspace
 from startrack.core.streams import Streams

@@ -158,8 +158,9 @@ class Camera:
 @kernel
 def _pinhole(direction: Floats, focal: float, x: float, y: float) -> Floats:
     """Pixels (n, 2); NaN for what does not lie ahead."""
-    pixel = np.full((len(direction), 2), np.nan)
+    pixel = np.empty((len(direction), 2))
     for k in range(len(direction)):
+        pixel[k, 0], pixel[k, 1] = np.nan, np.nan
         if direction[k, 2] > 0:
             pixel[k, 0] = direction[k, 0] / direction[k, 2] * focal + x
             pixel[k, 1] = direction[k, 1] / direction[k, 2] * focal + y

@@ -15,9 +15,11 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba import njit, types
+from numba import config, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
+
+from startrack.core.dispatcher import InnerCode, KernelDispatcher
 
 OTHERS = ("math", "numba", "numpy", "scipy")  # whose versions stand in the key
 UNKEPT = list[str]()  # kernels that no folder could be found for
@@ -35,13 +37,16 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """
     if function is None:
         return lambda found: kernel(found, **options)
-    compiled: Any = njit(error_model="numpy", **options)(function)
-    if hasattr(compiled, "enable_caching"):  # and not plain Python, as NUMBA_DISABLE_JIT has it
-        try:
-            compiled._cache = _Cache(function, options)
-            FOLDERS.add(compiled._cache.cache_path)
-        except RuntimeError:  # numba found no folder that can be written to
-            UNKEPT.append(f"{function.__module__}.{function.__qualname__}")
+    if getattr(config, "DISABLE_JIT", False):
+        return function
+    compiled: Any = KernelDispatcher(
+        function, targetoptions={"nopython": True, "error_model": "numpy", **options}
+    )
+    try:
+        compiled._cache = _Cache(function, options)
+        FOLDERS.add(compiled._cache.cache_path)
+    except RuntimeError:  # numba found no folder that can be written to
+        UNKEPT.append(f"{function.__module__}.{function.__qualname__}")
     return compiled
 
 
@@ -145,6 +150,8 @@ class _Cache(FunctionCache):
         return super()._load_overload(sig, target_context)
 
     def _save_overload(self, sig: Any, data: Any) -> None:
+        if isinstance(data.library, InnerCode):
+            return  # kept as a part of the kernels that Python calls
         self._fresh()
         super()._save_overload(sig, data)
 

@@ -47,4 +47,7 @@ def quaternion(rotation: Floats) -> Floats:  # pragma: no cover
         q[j] = rotation[j, i] + rotation[i, j]
         q[k] = rotation[k, i] + rotation[i, k]
         q[3] = rotation[k, j] - rotation[j, k]
-    return q / math.sqrt(np.sum(q**2))
+    length = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+    for m in range(4):
+        q[m] /= length
+    return q

@@ -7,7 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Camera, Floats, Ints, Matches, Spots, kernel, quaternion
+from startrack.core import (
+    Camera,
+    Floats,
+    Ints,
+    Matches,
+    Spots,
+    first_not_below,
+    kernel,
+    median,
+    order,
+    quaternion,
+)
 from startrack.identification.fit import fit
 from startrack.identification.parameters import Identification
 from startrack.identification.predict import predict, project
@@ -26,24 +37,34 @@ def pair(
     radius   (n,) largest distance of each spot from its star, in the image plane
     Returns  (k,) spots in rising order, (k,) stars, (k,) distances
     """
-    taker = np.full(len(plane), -1)
-    nearest = radius**2
-    order = np.argsort(plane[:, 0])
-    x = plane[order, 0]
-    widest = np.max(radius) if len(radius) else 0.0
+    n = len(plane)
+    taker, nearest = np.empty(n, np.int64), np.empty(n)
+    x, rising = np.empty(n), np.empty(n)
+    widest = 0.0
+    for i in range(n):
+        taker[i], nearest[i], x[i] = -1, radius[i] ** 2, plane[i, 0]
+        widest = max(widest, radius[i])
+    along_x = order(x)
+    for k in range(n):
+        rising[k] = x[along_x[k]]
     for j in range(len(place)):
         best, least = -1, np.inf
-        for k in range(np.searchsorted(x, place[j, 0] - widest), len(x)):
-            if x[k] > place[j, 0] + widest:
+        for k in range(first_not_below(rising, place[j, 0] - widest), n):
+            if rising[k] > place[j, 0] + widest:
                 break
-            i = order[k]
+            i = along_x[k]
             square = (plane[i, 0] - place[j, 0]) ** 2 + (plane[i, 1] - place[j, 1]) ** 2
             if square <= radius[i] ** 2 and square < least:
                 best, least = i, square
         if best >= 0 and least <= nearest[best]:
             taker[best], nearest[best] = j, least
-    spot = np.flatnonzero(taker >= 0)
-    return spot, taker[spot], np.sqrt(nearest[spot])
+    spot, star, distance = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
+    count = 0
+    for i in range(n):
+        if taker[i] >= 0:
+            spot[count], star[count], distance[count] = i, taker[i], math.sqrt(nearest[i])
+            count += 1
+    return spot[:count], star[:count], distance[:count]
 
 
 # Chosen by hand.
@@ -100,10 +121,11 @@ def agree(
     fewest     matches; with fewer it ends
     without    which of the first matches to leave out of the first fit, -1 for none
     """
-    widest = np.maximum(seen.radius, REACH * seen.sigma)
-    variance = seen.sigma**2
-    spot, taken, distance = pair(seen.plane, place, np.full(len(variance), reach))
-    weight = 1 / variance
+    n = len(seen.sigma)
+    radius, weight = np.empty(n), np.empty(n)
+    for i in range(n):
+        radius[i], weight[i] = reach, 1 / seen.sigma[i] ** 2
+    spot, taken, distance = pair(seen.plane, place, radius)
     if 0 <= without < len(spot):
         weight[spot[without]] = 0.0
     for turn in range(ROUNDS):
@@ -114,16 +136,29 @@ def agree(
             seen.plane, weight, direction, spot, star[taken], rotation, scale, seen.focal, 2
         )
         place = project(direction, star, rotation, scale)
-        variance = seen.sigma**2 + _excess(seen, spot, taken, place)
-        radius = np.maximum(REACH * np.sqrt(variance), NARROWEST * seen.excess)
-        spot, taken, distance = pair(seen.plane, place, np.minimum(radius, widest))
-        weight = 1 / variance
-        weight[spot] /= 1 + distance**2 / (PULL**2 * variance[spot])
-        if turn > 1 and len(spot) == len(before) and (spot == before).all():
+        excess = _excess(seen, spot, taken, place)
+        for i in range(n):
+            sigma = math.sqrt(seen.sigma[i] ** 2 + excess)
+            widest = max(seen.radius, REACH * seen.sigma[i])
+            radius[i] = min(max(REACH * sigma, NARROWEST * seen.excess), widest)
+            weight[i] = 1 / (seen.sigma[i] ** 2 + excess)
+        spot, taken, distance = pair(seen.plane, place, radius)
+        for k in range(len(spot)):
+            variance = seen.sigma[spot[k]] ** 2 + excess
+            weight[spot[k]] /= 1 + distance[k] ** 2 / (PULL**2 * variance)
+        if turn > 1 and _equal(spot, before):
             break
     if len(spot) >= fewest:
         rotation, scale = fit_matches(seen, direction, spot, star[taken], rotation, scale)
     return Agreed(spot, taken, distance, rotation, scale)
+
+
+@kernel
+def _equal(one: Ints, other: Ints) -> bool:  # pragma: no cover
+    equal = len(one) == len(other)
+    for k in range(min(len(one), len(other))):
+        equal &= one[k] == other[k]
+    return equal
 
 
 @kernel
@@ -136,13 +171,17 @@ def fit_matches(
     spot, star  (k,) which spot is which star
     rotation    (3, 3) icrs_to_camera to start from, as scale
     """
-    variance = seen.sigma**2
+    weight, every = np.empty(len(seen.sigma)), np.empty(len(spot), np.int64)
+    for k in range(len(spot)):
+        every[k] = k
+    excess = 0.0
     for _ in range(2):
+        for i in range(len(weight)):
+            weight[i] = 1 / (seen.sigma[i] ** 2 + excess)
         rotation, scale = fit(
-            seen.plane, 1 / variance, direction, spot, star, rotation, scale, seen.focal, 3
+            seen.plane, weight, direction, spot, star, rotation, scale, seen.focal, 3
         )
-        place = project(direction, star, rotation, scale)
-        variance = seen.sigma**2 + _excess(seen, spot, np.arange(len(spot)), place)
+        excess = _excess(seen, spot, every, project(direction, star, rotation, scale))
     return rotation, scale
 
 
@@ -154,14 +193,15 @@ def _excess(seen: Seen, spot: Ints, taken: Ints, place: Floats) -> float:  # pra
     two-dimensional Gaussian is 2 ln 2 times its variance per axis. Corrected for the degrees of
     freedom of the fit.
     """
-    square = np.empty(len(spot))
+    square, variance = np.empty(len(spot)), np.empty(len(spot))
     for i in range(len(spot)):
-        x, y = seen.plane[spot[i]] - place[taken[i]]
+        x = seen.plane[spot[i], 0] - place[taken[i], 0]
+        y = seen.plane[spot[i], 1] - place[taken[i], 1]
         square[i] = x * x + y * y
+        variance[i] = seen.sigma[spot[i]] ** 2
     unknowns = 4 if seen.focal > 0 else 3
     left = max(2 * len(spot) - unknowns, 1) / (2 * len(spot))
-    noise = np.median(seen.sigma[spot] ** 2)
-    return max(np.median(square) / (2 * math.log(2) * left) - noise, 0.0)
+    return max(median(square) / (2 * math.log(2) * left) - median(variance), 0.0)
 
 
 class Gathered(NamedTuple):
@@ -193,7 +233,7 @@ def gather(
     magnitude  (stars,) of these, in the catalogue's order
     """
     star, place = _brightest(seen, faint, magnitude, rotation, scale)
-    reach = max(seen.excess, REACH * float(np.median(seen.sigma)))
+    reach = max(seen.excess, REACH * median(seen.sigma))
     found = agree(seen, faint.direction, star, place, rotation, scale, reach, 2)
     matched = star[found.taken]
     return Gathered(
@@ -218,7 +258,10 @@ def _brightest(
     star, place = predict(seen, faint, rotation, scale)
     most = 2 * len(seen.plane) + 50
     if len(star) > most:
-        chosen = np.argsort(magnitude[faint.member[star]])[:most]
+        brightness = np.empty(len(star))
+        for k in range(len(star)):
+            brightness[k] = magnitude[faint.member[star[k]]]
+        chosen = order(brightness)[:most]
         star, place = star[chosen], place[chosen]
     return star, place
 

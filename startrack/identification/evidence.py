@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, kernel
+from startrack.core import Floats, kernel, median, order
 
 # Priors, chosen by hand; experiments/identification.py shows the success and the false solutions
 # that they lead to, but does not vary them.
@@ -42,14 +42,26 @@ def log_brightness(
     spot       (k,) indices into `magnitude` of the matches
     star       (k,) indices into `expected` of the matches
     """
-    known = magnitude[np.isfinite(magnitude)]
-    if len(known) < 2:
+    known, n = np.empty(len(magnitude)), 0
+    for i in range(len(magnitude)):
+        if math.isfinite(magnitude[i]):
+            known[n] = magnitude[i]
+            n += 1
+    if n < 2:
         return 0.0
-    centre, spread = np.mean(known), max(float(np.std(known)), LEAST_SPREAD)
-    reach = np.max(known) - np.min(known) + 1.0
-    seen = np.sort(expected)[: len(magnitude)]
-    shift = np.median(known) - np.median(seen)
-    product = np.ones(len(ZERO_POINTS))
+    known = known[:n]
+    centre = _mean(known)
+    faintest, brightest, squares = known[0], known[0], 0.0
+    for i in range(n):
+        faintest, brightest = max(faintest, known[i]), min(brightest, known[i])
+        squares += (known[i] - centre) ** 2
+    spread = max(math.sqrt(squares / n), LEAST_SPREAD)
+    reach = faintest - brightest + 1.0
+    brightest_stars = order(expected)[: len(magnitude)]
+    shift = median(known) - median(expected[brightest_stars])
+    product = np.empty(len(ZERO_POINTS))
+    for z in range(len(ZERO_POINTS)):
+        product[z] = 1.0
     for i in range(len(spot)):
         m = magnitude[spot[i]]
         if not math.isfinite(m) or not math.isfinite(spot_blur[i]):
@@ -61,7 +73,15 @@ def log_brightness(
             difference = m - expected[star[i]] - shift - ZERO_POINTS[z]
             numerator = (1 - OUTLIER_FRACTION) * _normal(difference, variance)
             product[z] *= numerator / chance + OUTLIER_FRACTION
-    return math.log((1 + np.mean(product)) / 2)
+    return math.log((1 + _mean(product)) / 2)
+
+
+@kernel
+def _mean(values: Floats) -> float:  # pragma: no cover
+    total = 0.0
+    for value in values:
+        total += value
+    return total / len(values)
 
 
 @kernel
@@ -127,7 +147,9 @@ def log_evidence(
     near_all = np.empty(len(EXCESSES))
     for e, excess in enumerate(EXCESSES):
         near = 0.0
-        information[:] = prior
+        for a in range(unknowns):
+            for b in range(unknowns):
+                information[a, b] = prior[a, b]
         for i in range(len(square)):
             v = variance[i] + (excess * radius) ** 2
             near += math.log(area / (2 * math.pi * v * spots)) - square[i] / (2 * v)
@@ -146,8 +168,12 @@ def log_evidence(
 @kernel
 def _log_mean(logarithm: Floats) -> float:  # pragma: no cover
     """ln of the mean of numbers whose logarithms are given."""
-    most = np.max(logarithm)
-    return most + math.log(np.mean(np.exp(logarithm - most)))
+    most, total = -np.inf, 0.0
+    for each in logarithm:
+        most = max(most, each)
+    for each in logarithm:
+        total += math.exp(each - most)
+    return most + math.log(total / len(logarithm))
 
 
 @kernel

@@ -34,10 +34,12 @@ def align(a: Floats, b: Floats, u: Floats, v: Floats) -> Floats:  # pragma: no c
 def _triad(a: Floats, b: Floats) -> Floats:  # pragma: no cover
     """Three unit vectors as rows: along a + b, along b - a, and normal to both."""
     triad = np.empty((3, 3))
-    triad[0] = a + b
-    triad[1] = b - a
+    for i in range(3):
+        triad[0, i], triad[1, i] = a[i] + b[i], b[i] - a[i]
     for k in range(2):
-        triad[k] /= math.sqrt(np.sum(triad[k] ** 2))
+        length = math.sqrt(triad[k, 0] ** 2 + triad[k, 1] ** 2 + triad[k, 2] ** 2)
+        for i in range(3):
+            triad[k, i] /= length
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
         triad[2, k] = triad[0, i] * triad[1, j] - triad[0, j] * triad[1, i]
@@ -107,8 +109,9 @@ def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:  #
     x, y = px / pz, py / pz
     rows = np.empty((2, 4))
     slope_x, slope_y = plane_slopes(x, y)
-    rows[0] = slope_x[0] * scale, slope_x[1] * scale, slope_x[2] * scale, x
-    rows[1] = slope_y[0] * scale, slope_y[1] * scale, slope_y[2] * scale, y
+    for k in range(3):
+        rows[0, k], rows[1, k] = slope_x[k] * scale, slope_y[k] * scale
+    rows[0, 3], rows[1, 3] = x, y
     return rows
 
 

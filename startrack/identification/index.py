@@ -245,27 +245,35 @@ def _triangles(
     """
     found = np.empty((1024, 3), np.int32)
     count = 0
-    shortest, longest = 2 * np.sin(smallest / 2), 2 * np.sin(largest / 2)
+    shortest, longest = 2 * math.sin(smallest / 2), 2 * math.sin(largest / 2)
     for a in range(len(grid.member)):
         near = cone(grid, grid.direction[a], largest)
         chord = np.empty(len(near))
         for i in range(len(near)):
-            chord[i] = np.sqrt(np.sum((grid.direction[near[i]] - grid.direction[a]) ** 2))
+            chord[i] = math.sqrt(_square(grid.direction[near[i]], grid.direction[a]))
         for i in range(len(near)):
             b = near[i]
             most = crowding / chord[i]
             if b <= a or not shortest <= chord[i] <= longest or max(rank[a], rank[b]) >= most:
                 continue
             if count + len(near) > len(found):
-                found = np.concatenate((found, np.empty_like(found)))
+                more = np.empty((2 * len(found), 3), np.int32)
+                more[: len(found)] = found
+                found = more
             for j in range(len(near)):
                 c = near[j]
                 if c == a or chord[j] >= chord[i] or rank[c] >= most:
                     continue
-                if np.sum((grid.direction[c] - grid.direction[b]) ** 2) < chord[i] ** 2:
+                if _square(grid.direction[c], grid.direction[b]) < chord[i] ** 2:
                     found[count, 0], found[count, 1], found[count, 2] = a, b, c
                     count += 1
     return found[:count]
+
+
+@kernel
+def _square(a: Floats, b: Floats) -> float:  # pragma: no cover
+    """The squared chord between two unit vectors (3,)."""
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
 
 
 @kernel
@@ -278,7 +286,7 @@ def _encode(direction: Floats, triangle: Indices, smallest: float) -> Indices:  
         if x > 0.5:
             a, b = b, a
             x, y = 1 - x, -y
-        triangle[i] = a, b, c
+        triangle[i, 0], triangle[i, 1], triangle[i, 2] = a, b, c
         row = cell_x(x) * CELLS_Y + cell_y(y)
         cell[i] = row * CELLS_BASE + cell_base(separation(direction[a], direction[b]), smallest)
     return cell
@@ -287,16 +295,16 @@ def _encode(direction: Floats, triangle: Indices, smallest: float) -> Indices:  
 @kernel
 def cell_x(x: float) -> int:  # pragma: no cover
     """Cell along x, the nearest one where x lies outside."""
-    return min(max(int(np.floor(x / CELL)), 0), CELLS_X - 1)
+    return min(max(math.floor(x / CELL), 0), CELLS_X - 1)
 
 
 @kernel
 def cell_y(y: float) -> int:  # pragma: no cover
     """Cell along y, the nearest one where y lies outside."""
-    return min(max(int(np.floor(y / CELL)) + CELLS_Y // 2, 0), CELLS_Y - 1)
+    return min(max(math.floor(y / CELL) + CELLS_Y // 2, 0), CELLS_Y - 1)
 
 
 @kernel
 def cell_base(base: float, smallest: float) -> int:  # pragma: no cover
     """Cell along the length of the base (radian), the nearest one where it lies outside."""
-    return min(max(int(np.floor(np.log(base / smallest) / STRETCH)), 0), CELLS_BASE - 1)
+    return min(max(math.floor(math.log(base / smallest) / STRETCH), 0), CELLS_BASE - 1)

@@ -56,5 +56,5 @@ def project(
     place = np.empty((len(star), 2))
     for i in range(len(star)):
         x, y, z = turned(rotation, direction[star[i]])
-        place[i] = scale * x / z, scale * y / z
+        place[i, 0], place[i, 1] = scale * x / z, scale * y / z
     return place

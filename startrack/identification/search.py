@@ -164,11 +164,11 @@ def _namings(
             continue
         x, y = triangle_code(direction[a], direction[b], direction[c])
         if x <= 0.5 + error:
-            names[count] = a, b, c
-            codes[count] = x, y
+            names[count, 0], names[count, 1], names[count, 2] = a, b, c
+            codes[count, 0], codes[count, 1] = x, y
             count += 1
         if x >= 0.5 - error:
-            names[count] = b, a, c
-            codes[count] = 1 - x, -y
+            names[count, 0], names[count, 1], names[count, 2] = b, a, c
+            codes[count, 0], codes[count, 1] = 1 - x, -y
             count += 1
     return count

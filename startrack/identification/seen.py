@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Camera, Floats, Ints, Spots, kernel
+from startrack.core import Camera, Floats, Ints, Spots, kernel, median
 from startrack.identification.parameters import Identification
 
 # Chosen by hand: a larger gate matches more false spots, a smaller one loses noisy stars.
@@ -99,25 +99,28 @@ def _see(
     left, top, right, bottom = border
     plane, direction = np.empty((n, 2)), np.empty((n, 3))
     sigma, magnitude, blur = np.empty(n), np.empty(n), np.empty(n)
+    low, high = np.empty(2), np.empty(2)
+    low[0], low[1] = left, top
+    high[0], high[1] = right, bottom
     for i in range(n):
-        plane[i] = x[i], y[i]
+        plane[i, 0], plane[i, 1] = x[i], y[i]
         z = 1 / math.sqrt(1 + x[i] ** 2 + y[i] ** 2)
-        direction[i] = x[i] * z, y[i] * z, z
+        direction[i, 0], direction[i, 1], direction[i, 2] = x[i] * z, y[i] * z, z
         pixel = math.sqrt(max((covariance[i, 0, 0] + covariance[i, 1, 1]) / 2, 0.0))
         if not math.isfinite(pixel):
             pixel = match_radius
         sigma[i] = min(max(pixel, LEAST_SIGMA), match_radius)
         magnitude[i] = -2.5 * math.log10(flux[i]) if 0 < flux[i] < np.inf else np.nan
         blur[i] = PER_SNR / snr[i] if snr[i] > 0 else np.inf
-    radius = max(match_radius, GATE * float(np.median(sigma[:voting]))) if n else match_radius
+    radius = max(match_radius, GATE * median(sigma[:voting])) if n else match_radius
     return Seen(
         plane,
         direction,
         sigma / focal,
         magnitude,
         blur,
-        np.array([left, top]),
-        np.array([right, bottom]),
+        low,
+        high,
         math.atan(math.hypot(max(-left, right), max(-top, bottom))),
         radius / focal,
         match_radius / focal,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, kernel
+from startrack.core import Floats, kernel, order
 from startrack.identification.agree import Agreed, agree
 from startrack.identification.evidence import LOG_ATTITUDES, log_brightness, log_evidence
 from startrack.identification.fit import align, derivatives
@@ -135,8 +135,10 @@ def _verdict(
         seen, voters, star, found.spot, found.taken, found.distance, found.rotation, found.scale
     )
     magnitude = voters.magnitude[star]
-    limit = np.sort(magnitude)[matches - 1]
-    expected = np.sum(magnitude[found.taken] <= limit)
+    limit = magnitude[order(magnitude)[matches - 1]]
+    expected = 0
+    for taken in found.taken:
+        expected += magnitude[taken] <= limit
     return Verdict(found.rotation, found.scale, matches, expected, min(-evidence, 0.0))
 
 
@@ -145,7 +147,9 @@ def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
     """The direction (3,) of a spot for a focal length times the scale."""
     x, y = plane[0] / scale, plane[1] / scale
     z = 1 / math.sqrt(1 + x * x + y * y)
-    return np.array([x * z, y * z, z])
+    direction = np.empty(3)
+    direction[0], direction[1], direction[2] = x * z, y * z, z
+    return direction
 
 
 @kernel
@@ -207,13 +211,20 @@ def weigh_prior(
     expected = voters.magnitude[star]
     brighter = np.empty(len(matched_star), np.int64)
     rows = np.empty((len(matched_star), 2, unknowns))
+    square, variance = np.empty(len(matched_star)), np.empty(len(matched_star))
     for i in range(len(matched_star)):
-        brighter[i] = np.sum(expected < expected[matched_star[i]])
+        brighter[i] = 0
+        for each in expected:
+            brighter[i] += each < expected[matched_star[i]]
         direction = voters.sky.direction[star[matched_star[i]]]
-        rows[i] = derivatives(rotation, direction, scale)[:, :unknowns]
+        slopes = derivatives(rotation, direction, scale)
+        for axis in range(2):
+            for k in range(unknowns):
+                rows[i, axis, k] = slopes[axis, k]
+        square[i], variance[i] = distance[i] ** 2, seen.sigma[matched_spot[i]] ** 2
     positions = log_evidence(
-        distance**2,
-        seen.sigma[matched_spot] ** 2,
+        square,
+        variance,
         brighter,
         rows,
         prior,

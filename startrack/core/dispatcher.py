@@ -1,0 +1,113 @@
+"""Kernels enter; machine code leaves, made once for each kernel that Python calls.
+
+Numba optimises each function by itself and with a copy of all that it calls, makes machine code of
+it, and wraps it for Python: a kernel six calls deep is optimised six times and wrapped without
+need. Here a kernel that only other kernels call stays intermediate code, which is optimised and
+becomes machine code as a part of those that Python calls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from numba.core import sigutils
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.environment import lookup_environment
+from numba.core.registry import CPUDispatcher
+
+_REPLACED = list[Any]()  # kernels that include this code point to its constants
+ENVIRONMENT = "_ZN08NumbaEnv"  # how numba names the globals that point to a function's constants
+
+
+class InnerCode(JITCodeLibrary):
+    """Intermediate code of a kernel and of those that it calls, neither optimised nor compiled."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def finalize(self) -> None:
+        """Link what is called."""
+        self._raise_if_finalized()
+        for library in dict.fromkeys(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _Inner(Compiler):
+    """Numba's compiler up to the intermediate code."""
+
+    def define_pipelines(self) -> Any:
+        """Numba's passes, without wrappers and machine code."""
+        state = self.state
+        state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = True
+        state.flags.no_compile = True
+        state.library = InnerCode(state.targetctx.codegen(), state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
+class _Outer(Compiler):
+    """Numba's compiler, without the wrapper for C, which nobody calls."""
+
+    def define_pipelines(self) -> Any:
+        """Numba's passes."""
+        self.state.flags.no_cfunc_wrapper = True
+        return super().define_pipelines()
+
+
+class _Place:
+    """Stands where numba keeps what Python calls: numba finds the intermediate code by it."""
+
+
+class KernelDispatcher(CPUDispatcher):
+    """A function that is compiled for the types that it is called with, as `numba.njit` does."""
+
+    calls_within = 0  # of `get_call_template`: a kernel is being compiled, and calls this one
+    _compiler: Any  # numba's, of this function
+    _cache: Any  # its compiled code on disk
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """As numba, which asks when it finds a call of this kernel in another one."""
+        with _within():
+            return super().get_call_template(args, kws)
+
+    def compile(self, sig: Any) -> Any:
+        """The callable for these types, from memory, from disk, or compiled."""
+        with global_compiler_lock:
+            inner = KernelDispatcher.calls_within > 0
+            types = tuple(sigutils.normalize_signature(sig)[0])
+            known: Any = self.overloads.get(types)
+            if known is not None and not inner and isinstance(known.library, InnerCode):
+                _REPLACED.append(self.overloads.pop(types))
+            self._compiler.pipeline_class = _Inner if inner else _Outer
+            return super().compile(sig)
+
+    def add_overload(self, cres: Any) -> None:
+        """Keep what was compiled; Python finds it where it is machine code."""
+        if isinstance(cres.library, InnerCode):
+            place = _Place()
+            cres.target_context.insert_user_function(place, cres.fndesc, [cres.library])
+            self.overloads[tuple(cres.signature.args)] = cres._replace(entry_point=place)
+            return
+        super().add_overload(cres)
+        for variable in cres.library._final_module.global_variables:
+            if variable.name.startswith(ENVIRONMENT):
+                constants = lookup_environment(variable.name)
+                if constants is not None:
+                    cres.codegen.set_env(variable.name, constants)
+
+
+@contextmanager
+def _within() -> Iterator[None]:
+    """A kernel is being compiled; what is compiled now is called by it."""
+    with global_compiler_lock:
+        KernelDispatcher.calls_within += 1
+        try:
+            yield
+        finally:
+            KernelDispatcher.calls_within -= 1
