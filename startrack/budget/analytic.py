@@ -73,11 +73,11 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
 
     count   fields over the sky, a power of two
     Raises    ValueError where the case contradicts itself, or no field can be solved.
-    Accuracy  model: to first order; cosmic rays, the smear of a roll, a rolling shutter, lag and
+    Accuracy  model: to first order; cosmic rays, the smear of a roll, lag and
               what the PSF does over the field are left out; so is light that varies over the sky
-              (`scene.lights`); a star near the threshold counts by its chance, and one so sharp
-              that the tracker takes it for a hot pixel counts as seen. numerical: 1 % across and 3
-              % about for 512 fields.
+              (`scene.lights`); a star near the threshold, or so sharp that the tracker may take it
+              for a hot pixel, counts by its chance. numerical: 1 % across and 3 % about for 512
+              fields.
     """
     budget = budget_if_solved(case, count)
     if budget is None:

@@ -45,6 +45,7 @@ ALWAYS = (
     (NEIGHBOURS, Term.FIELD),
 )
 HITS = "hits"
+SHUTTER = "rolling shutter"
 
 
 def causes(case: Case) -> tuple[Cause, ...]:
@@ -78,6 +79,8 @@ def _present(case: Case) -> Iterator[Cause]:
         yield Cause("mounting", Term.BIAS, _aligned)
     if case.instrument.mounting.swings:
         yield Cause("mounting swing", Term.THERMO_ELASTIC, _cool)
+    if detector.row_delay and motion.rate:
+        yield Cause(SHUTTER, Term.FIELD, lambda one: _with(one, row_delay=0.0))
     if case.time_tag_error and motion.rate:
         yield Cause("time stamp", Term.MEASUREMENT_DATE, _punctual)
 

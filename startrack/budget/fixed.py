@@ -5,8 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from startrack.budget.causes import Cause, Term
+from startrack.budget.causes import SHUTTER, Cause, Term
 from startrack.budget.fields import Fields
 from startrack.catalog import Selection, open_sky
 from startrack.core import Floats, Ints
@@ -39,7 +40,8 @@ def believed_index(true: Selection, believed: Selection) -> Ints:
     return np.where(known, star, -1)
 
 
-OF_STARS = ("camera model", "proper motion", "parallax", "aberration")  # move single stars
+# Causes that move single stars.
+OF_STARS = ("camera model", "proper motion", "parallax", "aberration", SHUTTER)
 
 
 def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
@@ -47,6 +49,8 @@ def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
     correct = cause.without(case)
     camera = case.believed_camera
     x, y = view.x[inside], view.y[inside]
+    if cause.name == SHUTTER:
+        return _sheared(case, x, y)
     if camera != correct.believed_camera:
         pixel = correct.believed_camera.project(np.column_stack([x, y, np.ones(len(x))]))
         seen = camera.unproject(pixel)
@@ -58,6 +62,17 @@ def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
         for one in (case, correct)
     )
     return camera.focal_length_px * (true - wrong)
+
+
+def _sheared(case: Case, x: Floats, y: Floats) -> Floats:
+    """Pixel (n, 2) by which the sky turns between the middle row's exposure and a star's own."""
+    camera, motion = case.instrument.camera, case.instrument.motion
+    direction = np.column_stack([x, y, np.ones(len(x))])
+    row = camera.project(direction)[:, 1]
+    late = case.instrument.detector.row_delay * (row - (camera.rows - 1) / 2)
+    rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
+    turned = Rotation.from_rotvec(-np.multiply.outer(late, rate)).apply(direction)
+    return camera.focal_length_px * (_plane(turned) - np.column_stack([x, y]))
 
 
 def displaced(case: Case, view: Fields, inside: Ints) -> Floats:

@@ -247,11 +247,11 @@ class _Trial:
 
     def _measured(self, frame: Frame) -> Spots:
         """All spots of the record, measured in another frame; lost ones stay as they are."""
-        old, instrument = self._record.spots, self._case.instrument
+        old = self._record.spots
         candidates = Candidates(
             np.rint(old.x).astype(np.int64), np.rint(old.y).astype(np.int64), old.area
         )
-        plan = detection_plan(instrument, self._case.tracker.detection)
+        plan = detection_plan(self._case)
         new = centroid(frame, calibrated(frame, plan), candidates, plan)
         if not len(new):
             return old

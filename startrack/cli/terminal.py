@@ -195,6 +195,8 @@ def summary_values(summary: Summary) -> dict[str, Any]:
         "false_attitudes": summary.false.value,
         "false_attitudes_95": [summary.false.low, summary.false.high],
         "nees": summary.nees,
+        "beyond_ten_sigma": summary.beyond,
+        "covariance_doubt": summary.doubt,
         "stars": summary.stars,
         "trials": summary.trials,
     }
@@ -206,6 +208,7 @@ def summary_text(summary: Summary) -> str:
     fraction = summary.availability
     return "\n".join(
         [
+            *([summary.doubt] if summary.doubt else []),
             f"across the boresight  {across['value']:9.3f} arcsec rms per axis "
             f"[{across['low']:.3f}, {across['high']:.3f}]",
             f"about the boresight   {about['value']:9.3f} arcsec rms "

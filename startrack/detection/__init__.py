@@ -44,12 +44,13 @@ response     Frame without noise, places of stars -> what a centroid is there, a
 from startrack.detection.centroid import centroid
 from startrack.detection.dark_map import DarkFrames, DarkMap, correction_image
 from startrack.detection.detect import detect, detect_near
-from startrack.detection.expectation import Expectation, expect
+from startrack.detection.expectation import Expectation, chance_kept, expect
 from startrack.detection.find import Candidates
 from startrack.detection.matched import filtered
-from startrack.detection.parameters import Detection
+from startrack.detection.parameters import LONGEST_STREAK, Detection
 from startrack.detection.pixels import divide_flat, pixels, subtract_dark, without_pixels
 from startrack.detection.plan import (
+    STREAK,
     DetectionPlan,
     calibrated,
     false_alarms,

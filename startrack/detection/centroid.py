@@ -8,7 +8,6 @@ import numpy as np
 
 from startrack.core import Floats, Frame, Ints, Spots, kernel
 from startrack.detection.find import Candidates
-from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan
@@ -54,8 +53,7 @@ def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detec
 def measured(stars: Sample, plan: DetectionPlan) -> Floats:
     """One row per candidate, as `gravity` describes it."""
     settings = plan.settings
-    method = CENTROIDS[settings.centroid]
-    return method.measure(stars, plan.star, settings.kernel_sigma, settings.compensation)
+    return plan.method.measure(stars, plan.star, settings.kernel_sigma, settings.compensation)
 
 
 @kernel

@@ -5,16 +5,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from startrack.core import Floats, Frame, kernel
+from startrack.core import Floats, Frame, Ints, kernel
 from startrack.detection.centroid import measured, sample
 from startrack.detection.examine import chance_to_pass, largest_fraction
 from startrack.detection.find import Candidates
 from startrack.detection.matched import filtered
-from startrack.detection.pixels import Pixels, gain_of
+from startrack.detection.parameters import Detection
+from startrack.detection.pixels import Gain, Pixels, gain_of
 from startrack.detection.plan import DetectionPlan
 from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 from startrack.detection.threshold import equivalent_sigmas, highest_between, noise_from_gain
+
+Image = NDArray[np.float32]
 
 
 class Expectation(NamedTuple):
@@ -69,10 +73,8 @@ def expect(
     spread = np.sqrt(1 + light / gain.electrons_per_dn / rms**2)
     # The search takes the highest of all places about the peak, which are two more to fit.
     height = np.where(height > 0, np.sqrt(height**2 + 2 * spread**2), height)
-    dark, kept = float(rms[0]) / kernel.noise, np.ones(len(row))
-    if settings.sharpest_sigma > 0:
-        shot, fraction = 1 / gain.electrons_per_dn, largest_fraction(settings.sharpest_sigma)
-        kept = chance_to_pass(image, column, row, level, dark, shot, fraction)
+    dark = float(rms[0]) / kernel.noise
+    kept = _kept(image, column, row, level, dark, gain, settings)
     seen = sample(frame, known, Candidates(column, row, np.ones_like(row)), settings)
     # The ring about a star shows no noise here. So all that a dark pixel has is given as the
     # least noise there is, which the ring then has too.
@@ -80,6 +82,26 @@ def expect(
     covariance = table[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
     x, y, flux, sigma = (table[:, column] for column in (X, Y, FLUX, FLUX_SIGMA))
     return Expectation(x, y, flux, sigma, covariance, height - far, spread, kept)
+
+
+def chance_kept(frame: Frame, place: Floats, level: float, plan: DetectionPlan) -> Floats:
+    """Chance that noise does not make a hot pixel of a star (n,), alone of `expect`."""
+    gain = gain_of(frame, 0.0)
+    image = np.ascontiguousarray(frame.image, np.float32)
+    column, row = _peaks(filtered(image, plan.kernel), np.rint(place).astype(np.int64))
+    rms, _, _ = noise_from_gain(np.array([level], np.float32), gain, 1.0, plan.kernel)
+    dark = float(rms[0]) / plan.kernel.noise
+    return _kept(image, column, row, level, dark, gain, plan.settings)
+
+
+def _kept(
+    image: Image, x: Ints, y: Ints, level: float, dark: float, gain: Gain, settings: Detection
+) -> Floats:
+    """`Expectation.kept` of peaks; `dark` is the noise of an empty pixel, digital number."""
+    if not settings.sharpest_sigma > 0:
+        return np.ones(len(x))
+    shot, fraction = 1 / gain.electrons_per_dn, largest_fraction(settings.sharpest_sigma)
+    return chance_to_pass(image, x, y, level, dark, shot, fraction)
 
 
 @kernel

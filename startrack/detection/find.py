@@ -13,7 +13,6 @@ from startrack.detection.background import Sky, sky, with_gain_noise
 from startrack.detection.connect import lit, peaks, split
 from startrack.detection.examine import has_dead_pixel, is_hot, largest_fraction, stands_out
 from startrack.detection.matched import Kernel, filtered
-from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan
@@ -103,7 +102,7 @@ def choose(
     if settings.sharpest_sigma > 0:
         good &= ~is_hot(pixels.value, x, y, ring, largest_fraction(settings.sharpest_sigma))
     if pixels.dead is not None:
-        beside = 0 if CENTROIDS[settings.centroid].skips_dead else 1
+        beside = 0 if plan.method.skips_dead else 1
         good &= ~has_dead_pixel(pixels.dead, x, y, beside)
     return Candidates(x[good], y[good], area[good])
 

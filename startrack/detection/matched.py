@@ -62,7 +62,7 @@ def filtered(image: Image, kernel: Kernel) -> Image:
 
 def kernel_of(settings: Detection, psf: Psf) -> Kernel:
     """The matched filter that the settings name."""
-    if settings.kernel == "psf" or settings.smear_x or settings.smear_y:
+    if settings.kernel == "psf" or any(settings.smear):
         return psf_kernel(psf)
     return gaussian_kernel(settings.kernel_sigma)
 

@@ -10,6 +10,7 @@ from startrack.detection.methods import CENTROIDS
 
 KERNELS = ("gaussian", "psf")
 COMPENSATIONS = ("none", "gaussian", "psf")
+LONGEST_STREAK = 100.0  # pixel
 
 
 @dataclass(frozen=True)
@@ -22,8 +23,10 @@ class Detection:
     compensation    of "gravity" for what its window cuts off and pixels average: "none",
                     "gaussian" as for a Gaussian star of unknown width, "psf" by the design's PSF
     kernel          of the matched filter: "gaussian" of kernel_sigma, or the design's "psf"
-    smear_x, _y     pixel, by which the tracker knows a star's image to move in the exposure; not
-                    0, they draw the PSF out and make it the kernel
+    smear_x, _y     pixel, by which the tracker assumes that a star's image moves in the exposure:
+                    they draw the PSF out and make it the kernel, and beyond a pixel "likelihood"
+                    the centroid, whatever that says. None: in a trial or a sequence that of the
+                    rates that the tracker knows, elsewhere none; 0: none
     threshold       sigma of the filtered frame, above the background, that a spot must exceed
     false_per_frame false spots that noise may make on average in what is searched; where given,
                     the threshold follows from it
@@ -43,8 +46,8 @@ class Detection:
     centroid: str = "gravity"
     compensation: str = "gaussian"
     kernel: str = "gaussian"
-    smear_x: float = 0.0
-    smear_y: float = 0.0
+    smear_x: float | None = None
+    smear_y: float | None = None
     threshold: float = 5.5
     false_per_frame: float | None = None
     kernel_sigma: float = 1.0
@@ -62,7 +65,7 @@ class Detection:
         one_of(CENTROIDS, centroid=self.centroid)
         one_of(COMPENSATIONS, compensation=self.compensation)
         one_of(KERNELS, kernel=self.kernel)
-        within(-100, 100, smear_x=self.smear_x, smear_y=self.smear_y)
+        within(-LONGEST_STREAK, LONGEST_STREAK, smear_x=self.smear[0], smear_y=self.smear[1])
         positive(threshold=self.threshold)
         if self.false_per_frame is not None:
             within(1e-12, 1e3, false_per_frame=self.false_per_frame)
@@ -80,3 +83,8 @@ class Detection:
         if self.saturation is not None:
             positive(saturation=self.saturation)
         whole(0, 2**20, edge=self.edge)
+
+    @property
+    def smear(self) -> tuple[float, float]:
+        """Pixel along x and y; 0 where it is left out."""
+        return self.smear_x or 0.0, self.smear_y or 0.0

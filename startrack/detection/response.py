@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from startrack.core import Floats, Frame, Ints
 from startrack.detection.centroid import measured, sample
 from startrack.detection.find import Candidates
-from startrack.detection.methods import CENTROIDS
 from startrack.detection.plan import DetectionPlan, calibrated
 from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 
@@ -95,5 +94,4 @@ def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan)
 def half_of(plan: DetectionPlan) -> int:
     """Half the side of the square of pixels that move a centroid."""
     settings = plan.settings
-    method = CENTROIDS[settings.centroid]
-    return method.moved_by(settings.window // 2, settings.kernel_sigma, plan.star)
+    return plan.method.moved_by(settings.window // 2, settings.kernel_sigma, plan.star)

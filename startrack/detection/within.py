@@ -14,7 +14,6 @@ from startrack.detection.centroid import centroid
 from startrack.detection.dark_map import corrected_within
 from startrack.detection.find import choose, examination_level, ground_of, ring_half, threshold_grid
 from startrack.detection.matched import Kernel, filtered
-from startrack.detection.methods import CENTROIDS
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
@@ -84,7 +83,7 @@ def margin(plan: DetectionPlan) -> int:
     """
     settings, half = plan.settings, plan.settings.window // 2
     ring = ring_half(settings, plan.kernel) + RING + plan.kernel.half
-    read = CENTROIDS[settings.centroid].reads(half, settings.kernel_sigma, plan.star)
+    read = plan.method.reads(half, settings.kernel_sigma, plan.star)
     beside = 1 if settings.dark_map else 0
     return max(ring, 2 * half + RING, read + RING) + beside
 

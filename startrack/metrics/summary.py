@@ -19,6 +19,13 @@ class Interval:
     high: float
 
 
+# Mean normalised error squared outside of which a stated covariance is not to be trusted: errors
+# are then 1.2 times smaller or larger than stated. Chosen by hand.
+NEES_LIMITS = (2.0, 4.5)
+BEYOND = 10.0  # stated standard deviations about an axis, by which no noise moves an attitude
+CHANCE = 1e-3  # probability below which a mean so far from 3 is no chance
+
+
 @dataclass(frozen=True)
 class Summary:
     """Statistics of many trials.
@@ -31,6 +38,8 @@ class Summary:
                   correct
     stars         mean number of matched stars in the solved trials
     trials        number of trials
+    beyond        number of attitudes, false ones too, that are off by more than ten of their
+                  stated standard deviations about an axis
     """
 
     across: Interval
@@ -40,6 +49,30 @@ class Summary:
     nees: float
     stars: float
     trials: int
+    beyond: int
+
+    @property
+    def doubt(self) -> str:
+        """Why the stated covariance is not to be trusted, one sentence; empty where it may be.
+
+        Where the mean normalised error squared lies outside of [2, 4.5], and a sum of chi-squares
+        of three degrees of freedom does so by chance in less than one of a thousand campaigns; or
+        where attitudes are off by more than ten stated standard deviations.
+        """
+        reasons = []
+        correct = round(self.trials * self.availability.value) if self.trials else 0
+        low, high = NEES_LIMITS
+        if correct and not low <= self.nees <= high:
+            tail = special.chdtrc if self.nees > high else special.chdtr
+            if tail(3 * correct, correct * self.nees) < CHANCE:
+                reasons.append(f"the normalised error squared is {self.nees:.3g} (3 expected)")
+        if self.beyond:
+            solved = round(self.trials * (self.availability.value + self.false.value))
+            reasons.append(
+                f"{self.beyond} of {solved} attitudes are off by more than ten of their stated "
+                "sigma"
+            )
+        return f"covariance not trustworthy: {' and '.join(reasons)}" if reasons else ""
 
 
 def summarise(outcomes: NDArray[np.void]) -> Summary:
@@ -57,7 +90,16 @@ def summarise(outcomes: NDArray[np.void]) -> Summary:
         float(correct["nees"].mean()) if len(correct) else float("nan"),
         float(correct["stars"].mean()) if len(correct) else float("nan"),
         len(outcomes),
+        _beyond(outcomes[outcomes["solved"]]),
     )
+
+
+def _beyond(solved: NDArray[np.void]) -> int:
+    """`Summary.beyond`, of the trials with an attitude."""
+    error, sigma = (
+        np.column_stack([solved[f"{of}_{axis}"] for axis in "xyz"]) for of in ("error", "sigma")
+    )
+    return int((np.abs(error) > BEYOND * sigma).any(axis=1).sum())
 
 
 def rms_interval(squares: NDArray[np.float64], confidence: float = 0.95) -> Interval:

@@ -59,7 +59,7 @@ def control(
     mean, variance = _law(detector, electrons)
     sigma = np.sqrt(variance)
     settings = case.tracker.detection
-    plan = detection_plan(case.instrument, settings)
+    plan = detection_plan(case)
     side = half_of(plan)
     pixel = _inside(stars.direction, icrs_to_camera, camera, max(side, peak_border(settings)))[0]
     x, y = np.rint(pixel).astype(np.int64).T

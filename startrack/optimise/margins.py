@@ -15,7 +15,7 @@ from startrack.detection import threshold_of
 from startrack.detector import electron_rate
 from startrack.motion import blur
 from startrack.scene import illuminate
-from startrack.trial import psf_of, stars_in_field, throughput
+from startrack.trial import detection_plan, psf_of, stars_in_field, throughput
 
 # Chosen by hand: finer ones cost a count of the stars in every field for each new focal length.
 FIELDS = 1024  # attitudes at which stars are counted
@@ -73,7 +73,7 @@ def limiting_magnitude(case: Case) -> float:
     sharpness /= np.sqrt(1 + length**2 * sharpness)
     signal = star * detector.integration * np.sqrt(sharpness)
     ratio = signal / np.sqrt(noise)
-    threshold = threshold_of(case.tracker.detection, detector.columns, detector.rows, psf)
+    threshold = threshold_of(detection_plan(case), detector.columns, detector.rows)
     return float(np.interp(-np.log(threshold), -np.log(ratio), MAGNITUDES))
 
 

@@ -47,7 +47,8 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     """Start and best side by side, as Markdown."""
     space = optimum.space
     before, after = space.text(optimum.start), space.text(optimum.best)
-    lines = ["| | start | best |", "|---|---|---|"]
+    lines = [f"Best design: {optimum.fresh[1].doubt}.", ""] if optimum.fresh[1].doubt else []
+    lines += ["| | start | best |", "|---|---|---|"]
     lines += [f"| {name.split('.', 1)[1]} | {before[name]} | {after[name]} |" for name in before]
     start, best = optimum.fresh
     for name in ("across", "about"):

@@ -95,6 +95,9 @@ def write_report(
         f"{len(outcomes)} trials of seed {seed}, {store.sampling}. Brackets hold "
         "the true value with 95 % confidence; a trial is one random attitude with random noise."
     )
+    doubt = summarise(outcomes).doubt
+    if doubt:
+        lead = f"{doubt[0].upper()}{doubt[1:]}. {lead}"
     return page(title, lead, sections)
 
 

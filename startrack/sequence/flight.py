@@ -116,8 +116,7 @@ def gyro_rates(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
     Accuracy  model: scale factors, misalignments and quantisation are left out; the rate is taken
               as constant between two frames.
     """
-    step = np.diff(flight.time)[:, None]
-    true = -(flight.attitude[1:] * flight.attitude[:-1].inv()).as_rotvec() / step
+    step, true = np.diff(flight.time)[:, None], _mean_rates(flight)
     rng = streams("gyroscope")
     begin = gyro.bias * rng.standard_normal(3)
     white, walk, within = rng.standard_normal((3, len(step), 3))
@@ -125,3 +124,23 @@ def gyro_rates(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
     bias = begin + np.cumsum(change, axis=0) - change / 2
     bias += gyro.rate_random_walk * np.sqrt(step / 12) * within
     return true + bias + gyro.angle_random_walk / np.sqrt(step) * white
+
+
+def exposure_rates(flight: Flight, shown: Floats) -> Floats:
+    """Rates (m, 3) in the exposures, as the gyroscope that showed mean rates measures them.
+
+    The slew's rate, with the gyroscope's error of the step before; in the first exposure with that
+    of the step after.
+
+    shown  (m - 1, 3) radian / second, as `gyro_rates` gives them
+    """
+    error = shown - _mean_rates(flight)
+    slew = np.array([turn.rate for turn in flight.turns])
+    return np.asarray(slew + np.concatenate([error[:1], error]) if len(error) else slew)
+
+
+def _mean_rates(flight: Flight) -> Floats:
+    """True mean rates from each frame to the next, (m - 1, 3) radian / second."""
+    step = np.diff(flight.time)[:, None]
+    turned = flight.attitude[1:] * flight.attitude[:-1].inv()
+    return np.asarray(-turned.as_rotvec() / step)

@@ -50,6 +50,17 @@ def predict_state(
     return replace(known, state=predict(known.state, rate, step, believed))
 
 
+def known_rate(state: State | None, shown: Floats | None) -> Floats:
+    """Rate of the camera (3,), radian / second, that the tracker knows in an exposure.
+
+    That of its gyroscope less the estimated bias, or of its filter; zero where it has neither.
+
+    shown  (3,) radian / second, of the gyroscope; None without one
+    """
+    rate = np.zeros(3) if shown is None else shown
+    return rate if state is None else rate - state.bias
+
+
 def update_state(known: TrackerState, estimate: Estimate, sequence: Sequence) -> TrackerState:
     """Update with the attitude of a frame, or coast for at most `max_coasted_frames` frames.
 

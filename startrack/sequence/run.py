@@ -15,15 +15,15 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import State
 from startrack.catalog import open_sky
-from startrack.core import Camera, Estimate, Frame, Matches, Spots, Status, Streams, whole
+from startrack.core import Camera, Estimate, Floats, Frame, Matches, Spots, Status, Streams, whole
 from startrack.design import Case
 from startrack.detection import detect
 from startrack.detector import Exposure, expected, frame_of
 from startrack.identification import identify, track
 from startrack.metrics import Outcome, judge
 from startrack.motion import trace
-from startrack.sequence.flight import Flight, flight, gyro_rates
-from startrack.sequence.follow import TrackerState, predict_state, update_state
+from startrack.sequence.flight import Flight, exposure_rates, flight, gyro_rates
+from startrack.sequence.follow import TrackerState, known_rate, predict_state, update_state
 from startrack.sequence.parameters import Sequence
 from startrack.trial import (
     detection_plan,
@@ -31,6 +31,7 @@ from startrack.trial import (
     pattern_indexes,
     psf_of,
     random_attitude,
+    smear_of,
     solve_matches,
     stars_in_field,
     systematic_variance,
@@ -39,6 +40,7 @@ from startrack.trial import (
 
 NUMBER_OF_FRAMES = 2**32  # distance between the trial numbers of two sequences
 AXES = "xyz"
+SMEAR_STEP = 0.25  # pixel; a smear that is wrong by half of it costs nothing
 
 
 class Mode(IntEnum):
@@ -100,6 +102,7 @@ def run(case: Case, sequence: Sequence, seed: int, number: int) -> NDArray[np.vo
     streams = Streams(seed, number)
     true = flight(case.instrument, sequence, random_attitude(streams), streams)
     rates = gyro_rates(true, sequence.gyro, streams) if sequence.gyro else None
+    seen = None if rates is None else exposure_rates(true, rates)
     table = np.empty(len(true.time), FRAMES)
     known, camera = TrackerState(), case.believed_camera
     for k, frame in enumerate(_frames(case, true, seed, number)):
@@ -107,7 +110,8 @@ def run(case: Case, sequence: Sequence, seed: int, number: int) -> NDArray[np.vo
             step = float(true.time[k] - true.time[k - 1])
             known = predict_state(known, None if rates is None else rates[k - 1], step, sequence)
         predicted = known.state
-        spots, matches, estimate = _see(case, frame, camera, predicted)
+        rate = known_rate(predicted, None if seen is None else seen[k])
+        spots, matches, estimate = _see(case, frame, camera, predicted, rate)
         known = update_state(known, estimate, sequence)
         if estimate.status is Status.SOLVED:
             camera = matches.camera
@@ -146,12 +150,14 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]
 
 
 def _see(
-    case: Case, frame: Frame, camera: Camera, predicted: State | None
+    case: Case, frame: Frame, camera: Camera, predicted: State | None, rate: Floats
 ) -> tuple[Spots, Matches, Estimate]:
     """What the flight software does with a frame, with a prediction or without."""
     tracker = case.tracker
+    # In steps, so that frames at nearly the same rate share a plan.
+    x, y = (SMEAR_STEP * round(one / SMEAR_STEP) for one in smear_of(case, rate[0], rate[1]))
     stars = open_sky(case.believed_catalog).stars
-    spots = detect(frame, detection_plan(case.instrument, tracker.detection))
+    spots = detect(frame, detection_plan(case, smear=(x, y)))
     rooms = spots, camera, stars, pattern_indexes(case.believed_catalog)(case.believed_camera)
     if predicted is None:
         matches = identify(*rooms, tracker.identification)

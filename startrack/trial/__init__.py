@@ -60,6 +60,7 @@ from startrack.trial.view import (
     detected_spectrum,
     detection_plan,
     expected_electrons,
+    known_smear,
     light_of,
     line_of_sight,
     psf_of,
@@ -67,6 +68,7 @@ from startrack.trial.view import (
     random_attitudes,
     reference_attitude,
     rotations_from_cube,
+    smear_of,
     stars_in_field,
     throughput,
 )

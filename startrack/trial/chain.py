@@ -159,7 +159,7 @@ def _exposed(
 def _detected(case: Case, frame: Frame) -> Spots:
     """The spots of a frame; those of lines where a matrix would have them at time zero."""
     detector = case.instrument.detector
-    spots = detect(frame, detection_plan(case.instrument, case.tracker.detection))
+    spots = detect(frame, detection_plan(case))
     if not detector.scan:
         return spots
     return straighten(

@@ -13,11 +13,13 @@ from startrack.core import Floats, Ints
 from startrack.design import Case
 from startrack.trial.conditions import colour_correction, index_resolution, separated
 from startrack.trial.star_response import RING, cell_side, measure, phases, scale, star_images
+from startrack.trial.view import detection_plan
 
 CONTRAST = np.arange(-2.0, 6.0)  # magnitude, of the neighbour less that of the star
 STEP = 0.5  # pixel
 MERGED = 1.5  # pixel beyond the window's half side, within which two stars are one spot
 TILT = math.radians(30)  # of the line from the star to its neighbour against the columns
+TILTS = TILT + np.arange(4) * math.pi / 4  # the same for streaks, which are not round
 LOST = 1e4  # pixel, shift of a star that is not detected beside its neighbour
 SNR = 100.0  # of the brightest pixel of the star in the chart
 
@@ -33,8 +35,8 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
 
     catalog  the true one, or that of the tracker
     Returns  (n, 3) pixel, ICRS axes, in the order of `separable_stars`
-    Accuracy  model: pairs at one angle to the columns represent all, and smear and scale are those
-              of the boresight.
+    Accuracy  model: pairs at one angle to the columns represent all, and of streaks the rms of
+              pairs at four angles; smear and scale are those of the boresight.
     """
     camera = case.instrument.camera
     resolution = index_resolution(camera)
@@ -69,6 +71,14 @@ def _shift(case: Case, distance: Floats, contrast: Floats) -> Floats:
 @lru_cache(maxsize=8)
 def _table(case: Case) -> Floats:
     """Shift by contrast and distance, pixel; LOST where the star is lost at any position."""
+    if not any(detection_plan(case).settings.smear):
+        return _at_angle(case, TILT)
+    pulls = np.stack([_at_angle(case, tilt) for tilt in TILTS])
+    return np.asarray(np.sqrt((pulls**2).mean(axis=0)))
+
+
+def _at_angle(case: Case, tilt: float) -> Floats:
+    """`_table` for neighbours at one angle to the columns."""
     instrument, detection = case.instrument, case.tracker.detection
     reach = _reach(case)
     distance = np.arange(0, reach + STEP, STEP)
@@ -76,7 +86,7 @@ def _table(case: Case) -> Floats:
     place = phases()[::4]  # nine positions on a diagonal pattern
     star, size = star_images(instrument, place, side), scale(case)
     light = SNR * size.pixel / float(star.max())
-    line = np.array([math.cos(TILT), math.sin(TILT)])
+    line = np.array([math.cos(tilt), math.sin(tilt)])
     other = np.stack([star_images(instrument, place + far * line, side) for far in distance])
     ratio = 10 ** (-0.4 * CONTRAST[:, None, None, None, None])
     shape = len(CONTRAST), len(distance), len(place)
@@ -89,7 +99,8 @@ def _table(case: Case) -> Floats:
 
 def _reach(case: Case) -> float:
     """Pixel, beyond which a neighbour does not matter."""
-    return case.tracker.detection.window // 2 + RING + 2.0
+    smear = math.hypot(*detection_plan(case).settings.smear)
+    return case.tracker.detection.window // 2 + RING + 2.0 + smear
 
 
 @lru_cache(maxsize=8)

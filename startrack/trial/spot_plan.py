@@ -135,7 +135,7 @@ def plan_of(case: Case) -> Plan:
     background = sky + detector.dark_rate * detector.exposure
     rounding = detector.electrons_per_dn / math.sqrt(12)
     noise = math.hypot(math.sqrt(background), detector.noise, rounding)
-    detection = detection_plan(instrument, settings)
+    detection = detection_plan(case)
     noise *= float(np.linalg.norm(detection.kernel.whole.astype(float)))
     threshold = detection.threshold(detector.columns * detector.rows)
     faintest = (

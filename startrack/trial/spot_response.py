@@ -53,7 +53,7 @@ class Grid:
     def expect(self, stars: Floats, companions: Floats, across: int) -> tuple[Expectation, Floats]:
         """What is to be expected of stars (n, 3), and their places; arguments as `star_grid`."""
         detector = self.case.instrument.detector
-        plan = detection_plan(self.case.instrument, self.case.tracker.detection)
+        plan = detection_plan(self.case)
         psf, smear = psf_of(self.case.instrument), _smear(self.case)
         longest = math.ceil(np.abs(smear[:, 1:]).max())
         side = 2 * (margin(plan) + longest + 2) + 1

@@ -13,6 +13,7 @@ from startrack.design import Case
 from startrack.trial.conditions import dark_residual
 from startrack.trial.star_response import chart, magnitudes, pattern, point_images
 
+LEAST_KEPT = 1e-6  # sum of chances below which a magnitude tells nothing
 TYPICAL = 4.5  # G of a star of high weight in most trackers; chosen by hand
 SHOT, READ, METHOD = "shot noise", "read noise", "centroid method"
 
@@ -21,7 +22,7 @@ class Errors(NamedTuple):
     """Of single stars.
 
     magnitude  (m,) G of a sunlike star
-    kept       (m,) fraction of the positions in the pixel at which the tracker keeps a star
+    kept       (m,) chance that the tracker measures a detected star and takes it for no hot pixel
     stated     (m, 2, 2) pixel^2, by the tracker
     random     (m, 2, 2) pixel^2 by cause, covariance over positions, times and devices
     mean       (m, 2) pixel, over the positions, of the centroid's method
@@ -40,49 +41,53 @@ def errors(case: Case) -> Errors:
     detector = case.instrument.detector
     magnitude = magnitudes(case, case.believed_catalog.limit_g)
     plain = chart(case, magnitude)
-    method = _mean(plain.offset)
+    kept = np.where(np.isfinite(plain.offset[..., 0]), plain.kept, 0.0)
+    method = _mean(plain.offset, kept)
     # The tracker overstates the covariance of a saturated star on purpose.
     bold = replace(case.tracker, detection=replace(case.tracker.detection, saturation=None))
     noise, shot = (
-        _mean(chart(replace(case, tracker=bold), magnitude, noisy=noisy).covariance)
+        _mean(chart(replace(case, tracker=bold), magnitude, noisy=noisy).covariance, kept)
         for noisy in (True, False)
     )
     random = {
         SHOT: shot,
         READ: noise - shot,
-        METHOD: _moment(plain.offset - method[:, None]),
+        METHOD: _moment(plain.offset - method[:, None], kept),
     }
     shape = (len(magnitude), *point_images(case).shape)
     if detector.prnu:
         gain = 1 + detector.prnu / detector.binning * pattern("photo response", shape)
-        random["PRNU"] = _moment(chart(case, magnitude, gain=gain).offset - plain.offset)
+        moved = chart(case, magnitude, gain=gain).offset - plain.offset
+        random["PRNU"] = _moment(moved, kept)
     spread = dark_residual(detector, case.tracker.detection.dark_map)
     if spread:
         extra = spread * pattern("dark current", shape)
-        random["DSNU"] = _moment(chart(case, magnitude, extra=extra).offset - plain.offset)
-    kept = np.isfinite(plain.offset[..., 0]).mean(axis=1)
-    return Errors(magnitude, kept, _mean(plain.covariance), random, method)
+        moved = chart(case, magnitude, extra=extra).offset - plain.offset
+        random["DSNU"] = _moment(moved, kept)
+    stated = _mean(plain.covariance, kept)
+    return Errors(magnitude, kept.mean(axis=1), stated, random, method)
 
 
-def _mean(values: Floats) -> Floats:
-    """Mean over the positions (second axis) at which a star was kept.
+def _mean(values: Floats, kept: Floats) -> Floats:
+    """Mean over the positions (second axis), weighted by the chance (m, p) that a star is kept.
 
-    Where none was, that of the nearest magnitude with some, because values between two magnitudes
+    Where none is, that of the nearest magnitude with some, because values between two magnitudes
     are interpolated; zero where no star of any magnitude was kept, where it is never used.
     """
-    kept = np.isfinite(values)
-    total, count = np.where(kept, values, 0).sum(axis=1), kept.sum(axis=1)
-    mean = total / np.maximum(count, 1)
+    weight = kept.reshape(*kept.shape, *[1] * (values.ndim - 2)) * np.isfinite(values)
+    total = (weight * np.nan_to_num(values)).sum(axis=1)
+    count = weight.sum(axis=1)
+    mean = total / np.where(count > 0, count, 1.0)
     row = np.arange(len(mean))
-    some = np.flatnonzero(count.reshape(len(mean), -1).any(axis=1))
+    some = np.flatnonzero((count > LEAST_KEPT).reshape(len(mean), -1).any(axis=1))
     if len(some):
         mean = mean[some[np.abs(row[:, None] - some).argmin(axis=1)]]
     return np.asarray(mean)
 
 
-def _moment(offset: Floats) -> Floats:
+def _moment(offset: Floats, kept: Floats) -> Floats:
     """Second moments (m, 2, 2) of offsets (m, p, 2)."""
-    return _mean(offset[..., :, None] * offset[..., None, :])
+    return _mean(offset[..., :, None] * offset[..., None, :], kept)
 
 
 def lasting(star: Errors, magnitude: Floats | float = TYPICAL) -> Floats:

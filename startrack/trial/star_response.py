@@ -16,6 +16,7 @@ from startrack.detection import (
     Candidates,
     Detection,
     centroid,
+    chance_kept,
     filtered,
     pixels,
 )
@@ -97,11 +98,13 @@ class Chart(NamedTuple):
     magnitude   (m,) G of a sunlike star
     offset      (m, p, 2) pixel, measured minus true; NaN where the tracker drops the star
     covariance  (m, p, 2, 2) pixel^2, as the tracker states it
+    kept        (m, p) chance that the tracker takes none for a hot pixel
     """
 
     magnitude: Floats
     offset: Floats
     covariance: Floats
+    kept: Floats
 
 
 class Scale(NamedTuple):
@@ -167,9 +170,11 @@ def chart(
     if extra is not None:
         electrons = electrons + extra
     side, shape = electrons.shape[-1], electrons.shape[:2]
-    place, covariance = measure(case, electrons.reshape(-1, side, side), noisy)
+    every = electrons.reshape(-1, side, side)
+    place, covariance = measure(case, every, noisy)
     offset = place.reshape(*shape, 2) - phases()
-    return Chart(magnitude, offset, covariance.reshape(*shape, 2, 2))
+    kept = _chance_kept(case, every).reshape(shape)
+    return Chart(magnitude, offset, covariance.reshape(*shape, 2, 2), kept)
 
 
 def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, Floats]:
@@ -180,18 +185,13 @@ def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, 
                star that the tracker drops
     """
     size, detection = scale(case), case.tracker.detection
-    side, across = electrons.shape[-1], math.gcd(len(electrons), PHASES**2)
-    cells = electrons.reshape(-1, across, side, side).transpose(0, 2, 1, 3)
     noise = size.noise if noisy else 0.0
-    frame = noise_free_frame(
-        cells.reshape(-1, across * side) + size.background,
-        case.instrument.detector,
-        math.hypot(noise, math.sqrt(size.background)),
-        noise,
-    )
+    ripple = math.hypot(noise, math.sqrt(size.background))
+    frame, across = _in_cells(case, electrons, ripple, noise)
+    side = electrons.shape[-1]
     row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
     every = replace(detection, max_spots=2**20)
-    plan = detection_plan(case.instrument, every)
+    plan = detection_plan(case, every)
     candidates = Candidates(column, row, np.ones(len(row), np.int64))
     spots = centroid(frame, pixels(frame), candidates, plan)
     found = np.column_stack([spots.x, spots.y])
@@ -201,6 +201,24 @@ def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, 
     place[star] = found - np.column_stack([column, row])[star]
     covariance[star] = spots.covariance
     return place, covariance
+
+
+def _in_cells(case: Case, electrons: Floats, ripple: float, noise: float) -> tuple[Frame, int]:
+    """A frame of the stars of `measure`, and how many there are in a row of it."""
+    side, across = electrons.shape[-1], math.gcd(len(electrons), PHASES**2)
+    cells = electrons.reshape(-1, across, side, side).transpose(0, 2, 1, 3)
+    light = cells.reshape(-1, across * side) + scale(case).background
+    return noise_free_frame(light, case.instrument.detector, ripple, noise), across
+
+
+def _chance_kept(case: Case, electrons: Floats) -> Floats:
+    """Chance (n,) that the tracker takes a detected star for none of the hot pixels."""
+    size, side = scale(case), electrons.shape[-1]
+    frame, across = _in_cells(case, electrons, 0.0, size.noise)
+    empty, _ = _in_cells(case, np.zeros((1, 2, 2)), 0.0, size.noise)
+    row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
+    place = np.column_stack([column, row]).astype(float)
+    return chance_kept(frame, place, float(empty.image[0, 0]), detection_plan(case))
 
 
 def detection_probability(case: Case, magnitude: Floats) -> Floats:
@@ -213,11 +231,11 @@ def detection_probability(case: Case, magnitude: Floats) -> Floats:
     Accuracy  model: the noise of the peak is that of the background; neighbours, and the tests
               against hot pixels, are left out.
     """
-    size, detection = scale(case), case.tracker.detection
+    size = scale(case)
     if size.background >= size.largest:
         return np.zeros(len(magnitude))
     point = point_images(case)
-    plan = detection_plan(case.instrument, detection)
+    plan = detection_plan(case)
     kernel = plan.kernel
     middle = point.shape[-1] // 2
     near = slice(middle - 1, middle + 2)

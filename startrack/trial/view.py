@@ -14,7 +14,14 @@ from scipy.spatial.transform import Rotation
 from startrack.catalog import Sky, open_sky
 from startrack.core import Camera, Floats, Ints, Light, LineOfSight, Psf, Stars, Streams
 from startrack.design import Case, Instrument
-from startrack.detection import DarkFrames, Detection, DetectionPlan, plan_detection
+from startrack.detection import (
+    LONGEST_STREAK,
+    STREAK,
+    DarkFrames,
+    Detection,
+    DetectionPlan,
+    plan_detection,
+)
 from startrack.detector import Exposure, MotionFunction, arriving, dark_frames, expected
 from startrack.motion import realise_motion, sample_jitter
 from startrack.optics import pixel_psf, stray_light
@@ -97,18 +104,57 @@ def psf_of(instrument: Instrument) -> Psf:
     )
 
 
-@lru_cache(maxsize=16)
-def detection_plan(instrument: Instrument, detection: Detection) -> DetectionPlan:
+def detection_plan(
+    case: Case, detection: Detection | None = None, smear: tuple[float, float] | None = None
+) -> DetectionPlan:
     """The plan of a tracker that knows the PSF of its design, made once per design.
 
-    Its dark map comes from dark frames of the detector.
+    detection  None for that of the tracker
+    smear      pixel, where the settings leave it out; None for `known_smear`
     """
+    detection = detection or case.tracker.detection
+    return _planned(case.instrument, _with_smear(detection, *(smear or known_smear(case))))
+
+
+@lru_cache(maxsize=16)
+def _planned(instrument: Instrument, detection: Detection) -> DetectionPlan:
+    """The plan, whose dark map comes from dark frames of the detector."""
 
     def dark() -> DarkFrames:
         assert detection.dark_map
         return DarkFrames(*dark_frames(instrument.detector, detection.dark_map.frames))
 
     return plan_detection(detection, psf_of(instrument), dark)
+
+
+def known_smear(case: Case) -> tuple[float, float]:
+    """Smear on the boresight (pixel, x and y) by the rates that the tracker knows.
+
+    Zero where lines scan: each of their spots has its own time.
+    """
+    detector, motion = case.instrument.detector, case.believed_motion
+    if detector.scan:
+        return 0.0, 0.0
+    return smear_of(case, motion.rate_x, motion.rate_y)
+
+
+def smear_of(case: Case, rate_x: float, rate_y: float) -> tuple[float, float]:
+    """Smear on the boresight (pixel, x and y) that a tracker computes from rates (rad / s).
+
+    The sky turns by r: a star on the boresight moves by (r_y, -r_x).
+    """
+    scale = case.believed_camera.focal_length_px * case.instrument.detector.exposure
+    return rate_y * scale, -rate_x * scale
+
+
+def _with_smear(detection: Detection, x: float, y: float) -> Detection:
+    """The settings with a smear where they leave it out, unless it is too short to matter."""
+    if detection.smear_x is not None or detection.smear_y is not None:
+        return detection
+    if not math.hypot(x, y) > STREAK:
+        return detection
+    scale = min(1.0, LONGEST_STREAK / max(abs(x), abs(y)))
+    return replace(detection, smear_x=scale * x, smear_y=scale * y)
 
 
 def detected_spectrum(instrument: Instrument) -> NDArray[np.float64]:

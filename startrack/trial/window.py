@@ -131,7 +131,7 @@ def spots_of_frame(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Sp
     light = light_of(case, stars, icrs_to_camera, streams)
     path = line_of_sight(instrument, streams)
     frame = expose(exposure_of(instrument, light, path, icrs_to_camera, streams), streams)
-    return detect(frame, detection_plan(instrument, case.tracker.detection))
+    return detect(frame, detection_plan(case))
 
 
 def area(windows: Ints) -> int:
@@ -241,7 +241,7 @@ def plan_of(case: Case) -> Plan:
     light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
     _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]
-    border, detection = peak_border(settings), detection_plan(instrument, settings)
+    border, detection = peak_border(settings), detection_plan(case)
     kernel = detection.kernel
     return Plan(
         detector,
@@ -309,7 +309,7 @@ def ground_of(case: Case, streams: Streams) -> Ground:
         case, stars, line_of_sight(instrument, streams), attitude, streams
     )
     frame = frame_of(electrons, instrument.detector, streams)
-    return measure_ground(frame, detection_plan(instrument, case.tracker.detection))
+    return measure_ground(frame, detection_plan(case))
 
 
 @kernel

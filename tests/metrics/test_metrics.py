@@ -76,3 +76,23 @@ def test_fraction_intervals_cover():
         interval = fraction_interval(int(count), 100)
         hits += interval.low <= 0.97 <= interval.high
     assert hits >= stats.binom.ppf(1e-4, 1000, 0.95)
+
+
+def campaign(nees, error=1.0, trials=50):
+    """Trials with a stated sigma of 1 about each axis."""
+    table = outcomes([(error, 0, 0, 1, 0)] * trials)
+    table["sigma_x"] = table["sigma_y"] = table["sigma_z"] = 1.0
+    table["nees"] = nees
+    return summarise(table)
+
+
+def test_a_covariance_is_doubted_where_its_errors_are_not_those_stated():
+    assert not campaign(3.0).doubt
+    assert "squared is 5.1" in campaign(5.1).doubt
+    assert "squared is 1.2" in campaign(1.2).doubt
+    assert not campaign(5.1, trials=2).doubt  # chance: one of six such pairs has more
+    assert campaign(3.0, error=11.0).doubt == (
+        "covariance not trustworthy: 50 of 50 attitudes are off by more than ten of their stated "
+        "sigma"
+    )
+    assert not summarise(outcomes([(np.nan,) * 3 + (0, 0)] * 3)).doubt
