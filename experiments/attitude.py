@@ -9,7 +9,7 @@ errors (normalised error squared, 3 where it is), on several designs; how near t
 budget of five published trackers comes to trials, end to end over many windows, cause by cause over
 fewer frames; and what is predicted of trackers that flew, beside what was published.
 
-    python experiments/attitude.py [--trials N] [--members N] [--json FILE]
+    python experiments/attitude.py [--trials N] [--members N] [--json FILE] [--quick]
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from startrack.core import Floats
 
 import one_thread  # noqa: F401  # isort: skip
+import command
 import numpy as np
 from markley_mortari import SCENARIOS, scenario
 from scipy.spatial.transform import Rotation
@@ -40,8 +42,8 @@ from startrack.montecarlo import Serial
 ORACLE = Path(__file__).parents[1] / "tests/oracle/wahba_cases.json"
 EPS = 2.0**-52
 STARS = 15
-BATCH = 4000
-REPEATS = 7
+BATCH, REPEATS = 4000, 7  # attitudes at once, and how often
+BOUNDED = 20_000  # fields of a row of the bounds
 NOISE = 6 * arcsec
 TRACKERS = ("rigel-l", "st5000", "apst", "rufino-2013", "altair-hb")
 
@@ -83,13 +85,13 @@ def hard_cases() -> dict[str, Any]:
     return {"missed": missed, "worst": worst, "flagged": int(flagged)}
 
 
-def speed() -> list[dict[str, Any]]:
+def speed(batch: int, repeats: int) -> list[dict[str, Any]]:
     """Time for each star and attitude, and error without noise, of each solver and precision.
 
     Solvers take turns in each repeat; the least of the repeats counts.
     """
-    truth, b, r = fields(BATCH, STARS, 10 * deg, 0.0, 1)
-    w = np.full((BATCH, STARS), NOISE**-2)
+    truth, b, r = fields(batch, STARS, 10 * deg, 0.0, 1)
+    w = np.full((batch, STARS), NOISE**-2)
     runs = []
     for kind in (np.float64, np.float32):
         vectors = tuple(each.astype(kind) for each in (b, r, w))
@@ -97,7 +99,7 @@ def speed() -> list[dict[str, Any]]:
             if kind is np.float64 or name not in ("align", "scipy"):  # these compute in double
                 runs.append((name, kind.__name__, solver, vectors))
     best, errors = [np.inf] * len(runs), [0.0] * len(runs)
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         for k, (_, _, solver, vectors) in enumerate(runs):
             start = time.process_time()
             got = solver(*vectors)
@@ -107,8 +109,8 @@ def speed() -> list[dict[str, Any]]:
         {
             "solver": name,
             "precision": kind,
-            "us_per_star": best[k] / BATCH / STARS * 1e6,
-            "us_per_attitude": best[k] / BATCH * 1e6,
+            "us_per_star": best[k] / batch / STARS * 1e6,
+            "us_per_attitude": best[k] / batch * 1e6,
             "error_rms_rad": errors[k],
             "covariance": name == "align",
         }
@@ -116,11 +118,11 @@ def speed() -> list[dict[str, Any]]:
     ]
 
 
-def bounds() -> list[dict[str, Any]]:
+def bounds(trials: int) -> list[dict[str, Any]]:
     """Analytic attitude error of random square fields beside trials, arcsec."""
     rows = []
     for field, stars in ((20, 10), (20, 20), (14, 15), (10, 8), (8, 5)):
-        truth, b, r = fields(20_000, stars, field * deg / 2, NOISE, field)
+        truth, b, r = fields(trials, stars, field * deg / 2, NOISE, field)
         got = align(b, r, np.full(b.shape[:2], NOISE**-2)).source_to_target
         error = np.sqrt(((got * truth.inv()).as_rotvec() ** 2).mean(axis=0))
         stated = np.array(attitude_bound(field * deg, field * deg, stars, NOISE))
@@ -162,20 +164,20 @@ def rendered(case: Case, trials: int) -> dict[str, float]:
     }
 
 
-def designs() -> dict[str, Case]:
-    """The example, and five published trackers."""
+def designs(published: Sequence[str]) -> dict[str, Case]:
+    """The example, and published trackers."""
     files = {"nanosatellite": "designs/nanosatellite.toml"}
-    files |= {name: f"trackers/{name}.toml" for name in TRACKERS}
+    files |= {name: f"trackers/{name}.toml" for name in published}
     return {name: load_design(shipped(file)).case for name, file in files.items()}
 
 
-def budgets(members: int) -> list[dict[str, Any]]:
+def budgets(cases: Mapping[str, Case], members: int) -> list[dict[str, Any]]:
     """The analytic budget of each design beside trials: each cause, and end to end, arcsec.
 
     A difference counts where the cause makes a tenth of the whole or more.
     """
     rows = []
-    for name, case in designs().items():
+    for name, case in cases.items():
         start = time.process_time()
         expected = analytic(case)
         spent = time.process_time() - start
@@ -225,13 +227,15 @@ def largest(rows: list[dict[str, Any]], cause: str | None) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--json", type=Path, help="write the numbers to this file")
     parser.add_argument("--trials", type=int, default=5000, help="rendered windows (5000)")
     parser.add_argument("--members", type=int, default=250, help="trials of a budget (250)")
-    arguments = parser.parse_args()
+    options = command.read(parser, trials=20, members=2)
+    quick = options.quick
+    cases = designs(TRACKERS[:1] if quick else TRACKERS)
     _, b, r = fields(2, 3, 0.1, 0.0, 0)
     aligned(b, r, np.ones((2, 3)))  # compile
-    hard, rows, near = hard_cases(), speed(), bounds()
+    hard, rows = hard_cases(), speed(*((20, 1) if quick else (BATCH, REPEATS)))
+    near = bounds(50 if quick else BOUNDED)
     runs = {name: scenario(name) for name in SCENARIOS}
 
     print("solver     missed of 98   worst error / (eps sqrt(condition))")
@@ -266,8 +270,8 @@ def main() -> None:
         )
     print("\nrendered windows    solved   normalised error squared (3)   median (2.37)")
     frames = {}
-    for name, case in designs().items():
-        frame = frames[name] = rendered(case, arguments.trials)
+    for name, case in cases.items():
+        frame = frames[name] = rendered(case, options.trials)
         expected = analytic(case)
         frame["analytic_across_arcsec"] = expected.across / arcsec
         frame["analytic_about_arcsec"] = expected.about / arcsec
@@ -288,7 +292,7 @@ def main() -> None:
             f"{frame['across_arcsec']:13.3f}{frame['about_arcsec']:10.3f}{''.join(ratios)}"
         )
     print("\nbudget, arcsec        cause             analytic across, about   measured")
-    table = budgets(arguments.members)
+    table = budgets(cases, options.members)
     for row in table:
         told = (
             f"   {row['difference']:.0%} +- {row['sigma']:.0%}" if row["difference"] > 0.1 else ""
@@ -300,34 +304,33 @@ def main() -> None:
             )
             + told
         )
-    whole = max(difference(frames[name]) for name in TRACKERS)
-    print(f"largest difference of five trackers end to end, over all windows {whole:.1%}")
+    whole = max(difference(frames[name]) for name in cases if name in TRACKERS)
+    print(f"largest difference of the published trackers end to end, over all windows {whole:.1%}")
     print(f"over the members of the measured budgets {largest(table, 'end to end'):.1%}\n")
-    known = validation()
+    known = validation(quick)
     show(known)
-    if arguments.json:
-        figures = {
-            "wahba_cases_missed": hard["missed"]["align"],
-            "wahba_cases_missed_by_solver": hard["missed"],
-            "wahba_unobservable_flagged": hard["flagged"],
-            "mm1_sigma_arcsec": runs["1"]["rms_arcsec"],
-            "mm1_loss": runs["1"]["loss"],
-            "nees": frames["nanosatellite"]["nees"],
-            "nees_sigma": frames["nanosatellite"]["nees_sigma"],
-            "nees_by_design": frames,
-            "budget_max_relative_difference": whole,
-            "budget_max_relative_difference_of_members": largest(table, "end to end"),
-            "budget_max_relative_difference_of_a_cause": largest(table, None),
-            "budgets": table,
-            "sky_20deg_v6_mean": next(row["predicted"] for row in known if row["name"] == "sky"),
-            "validation": known,
-            "nees_of_vectors": runs["1"]["nees"],
-            "markley_mortari": runs,
-            "batch_us_per_star": rows[0]["us_per_star"],
-            "solvers": rows,
-            "attitude_bound": near,
-        }
-        arguments.json.write_text(json.dumps(figures, indent=1) + "\n")
+    figures = {
+        "wahba_cases_missed": hard["missed"]["align"],
+        "wahba_cases_missed_by_solver": hard["missed"],
+        "wahba_unobservable_flagged": hard["flagged"],
+        "mm1_sigma_arcsec": runs["1"]["rms_arcsec"],
+        "mm1_loss": runs["1"]["loss"],
+        "nees": frames["nanosatellite"]["nees"],
+        "nees_sigma": frames["nanosatellite"]["nees_sigma"],
+        "nees_by_design": frames,
+        "budget_max_relative_difference": whole,
+        "budget_max_relative_difference_of_members": largest(table, "end to end"),
+        "budget_max_relative_difference_of_a_cause": largest(table, None),
+        "budgets": table,
+        "sky_20deg_v6_mean": next(row["predicted"] for row in known if row["name"] == "sky"),
+        "validation": known,
+        "nees_of_vectors": runs["1"]["nees"],
+        "markley_mortari": runs,
+        "batch_us_per_star": rows[0]["us_per_star"],
+        "solvers": rows,
+        "attitude_bound": near,
+    }
+    command.save(options, figures)
 
 
 if __name__ == "__main__":

@@ -5,17 +5,16 @@ transmittance falls from 1e-3 at 10 degrees by a decade every 6 degrees to 1e-13
 ring: the brightness of the zodiacal light, the electrons of a pixel that sky and veil leave, the
 stars that are matched, the error across. The last row is a sky of nothing but stars.
 
-    python experiments/backgrounds.py [--trials N] [--json FILE]
+    python experiments/backgrounds.py [--trials N] [--json FILE] [--quick]
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import math
-from pathlib import Path
 
+import command
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -91,8 +90,7 @@ def ring(case: Case, angle: float | None, trials: int) -> dict[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=20, help="in each ring (default: 20)")
-    parser.add_argument("--json", type=Path, help="write the figures here")
-    options = parser.parse_args()
+    options = command.read(parser, trials=1)
     plain = load_design(shipped("designs/nanosatellite.toml")).case
     case = dataclasses.replace(
         plain, scene=SCENE, instrument=dataclasses.replace(plain.instrument, baffle=BAFFLE)
@@ -100,7 +98,7 @@ def main() -> None:
     dark = dataclasses.replace(plain, scene=Scene())
     print("Sun / deg  zodiacal / S10  sky and veil / e-  matched  solved  error / arcsec")
     figures = []
-    for angle in (*ANGLES, None):
+    for angle in (*(ANGLES[-1:] if options.quick else ANGLES), None):
         row = ring(
             dark if angle is None else case,
             None if angle is None else angle * deg,
@@ -112,8 +110,7 @@ def main() -> None:
             f"{row['stars']:7.1f}  {row['solved']:6.2f}  {row['error_arcsec']:14.2f}",
             flush=True,
         )
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    command.save(options, figures)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Is the posterior of a camera right: on synthetic cameras, and on four images of one real one?
 
-STARTRACK_DATA=folder python experiments/camera_posterior.py --json FILE [--cameras 100]
+STARTRACK_DATA=folder python experiments/camera_posterior.py [--json FILE] [--cameras 100] [--quick]
 
 Simulation-based calibration (Talts et al. 2018): cameras are drawn from the prior, one frame of
 each is sampled, and the ranks of the truth among the samples must be uniform, for focal length,
@@ -14,10 +14,10 @@ import argparse
 import dataclasses
 import json
 import math
-import os
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 from scipy import stats
 from scipy.spatial.transform import Rotation
@@ -47,21 +47,23 @@ NOISE = 0.05  # pixel, of a centroid
 BINS = 10
 # Some hundred independent samples are enough for a rank in ten bins, though not to be quoted.
 SHORT = Ensembles(count=2, stretch=1500, most_steps=1500)
+FEWEST = Ensembles(count=2, stretch=100, most_steps=100)  # under --quick
 FINE = 50  # places along a pixel at which its light is summed
 FIELD = 11.43  # deg, of the real images
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--cameras", type=int, default=100)
-    options = parser.parse_args()
-    figures = calibration(options.cameras) | real()
-    options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    options = command.read(parser, cameras=1)
+    figures = calibration(options.cameras, FEWEST if options.quick else SHORT)
+    if folder := command.images("the real images are"):
+        figures |= real(sorted(folder.glob("esa_*.tiff")), options.quick)
+    command.save(options, figures)
     print(json.dumps(figures, indent=1))
 
 
-def calibration(cameras: int) -> dict[str, Any]:
+def calibration(cameras: int, ensembles: Ensembles) -> dict[str, Any]:
     """Ranks over cameras of the prior, and the p-value of their evenness."""
     rng = np.random.default_rng(11)
     ranks, fewest = [], []
@@ -69,7 +71,7 @@ def calibration(cameras: int) -> dict[str, Any]:
         camera = drawn(rng)
         sigma = math.exp(rng.uniform(math.log(PRIOR.width_low), math.log(PRIOR.width_high)))
         frame, spots, matches = synthetic(camera, sigma, rng)
-        found = sample_camera([spots], [matches], CAMERA, PRIOR, number, SHORT, images=[frame])
+        found = sample_camera([spots], [matches], CAMERA, PRIOR, number, ensembles, images=[frame])
         truth = [getattr(camera, name) for name in found.names[:-1]] + [sigma]
         ranks.append((found.samples < truth).mean(axis=0))
         fewest.append(float(found.chains.effective.min()))
@@ -134,11 +136,11 @@ def along(place: float, sigma: float) -> Floats:
     return np.asarray(stats.norm.pdf(at, place, sigma).mean(axis=1))
 
 
-def real() -> dict[str, Any]:
+def real(images: list[Path], quick: bool) -> dict[str, Any]:
     """The focal length of each real image, and whether they agree."""
-    images = sorted((Path(os.environ["STARTRACK_DATA"]) / "images").glob("esa_*.tiff"))
+    images, ensembles = (images[:2], FEWEST) if quick else (images, Ensembles())
     stars = open_sky(Selection.whole("bright", 2016.0)).stars
-    found = {path.name: posterior(path, stars) for path in images}
+    found = {path.name: posterior(path, stars, ensembles) for path in images}
     middle, low, high = np.transpose([one.interval("focal_length_px") for one in found.values()])
     sigma = (high - low) / (2 * 1.96)
     common = float(np.average(middle, weights=sigma**-2))
@@ -154,14 +156,14 @@ def real() -> dict[str, Any]:
     }
 
 
-def posterior(path: Path, stars: Any) -> CameraPosterior:
+def posterior(path: Path, stars: Any, ensembles: Ensembles) -> CameraPosterior:
     frame = read_image(path)
     rows, columns = frame.image.shape
     camera = Camera.from_field_of_view(columns, rows, math.radians(FIELD))
     tracker = Tracker(Detection(), Identification(focal_tolerance=0.02))
     spots, matches, _ = lost_in_space(frame, camera, PatternIndexes(stars), tracker)
     prior = Prior(0.05, 20.0, 0.3, 0.01, 2.0)
-    found = sample_camera([spots], [matches], camera, prior, 1, images=[frame])
+    found = sample_camera([spots], [matches], camera, prior, 1, ensembles, images=[frame])
     focal = found.interval("focal_length_px")
     print(path.name, len(matches), focal, found.chains.reason_unconverged)
     return found

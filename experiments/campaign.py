@@ -1,6 +1,6 @@
 """Does a campaign give the same bytes, waste no time and lose nothing?
 
-python experiments/campaign.py --json FILE [--kills 50] [--parts store bytes ...]
+python experiments/campaign.py [--json FILE] [--kills 50] [--parts store bytes ...] [--quick]
 
 FILE is written after each part and keeps those of earlier runs. Kills are of window trials.
 """
@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,40 +38,45 @@ PARTS = ("store", "bytes", "coverage", "efficiency", "speed", "variance", "kills
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
-    options = parser.parse_args()
+    options = command.read(parser, kills=1)
     case = load_design(shipped("designs/nanosatellite.toml")).case
-    figures = json.loads(options.json.read_text()) if options.json.is_file() else {}
+    figures = {}
+    if options.json and options.json.is_file():
+        figures = json.loads(options.json.read_text())
     for part in options.parts:
         with tempfile.TemporaryDirectory() as name:
-            figures |= measure(part, case, Path(name), options.kills)
-        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+            figures |= measure(part, case, Path(name), options.kills, options.quick)
+        command.save(options, figures)
         print(part, "done", flush=True)
     print(json.dumps(figures, indent=1))
 
 
-def measure(part: str, case: Case, folder: Path, kills: int) -> dict[str, Any]:
+def measure(part: str, case: Case, folder: Path, kills: int, quick: bool) -> dict[str, Any]:
     """The figures of one part."""
     match part:
         case "bytes":
-            return same_bytes(case)
+            return same_bytes(case, 4) if quick else same_bytes(case)
         case "store":
-            return store_speed(folder, case)
+            return store_speed(folder, case, 640, repeats=1) if quick else store_speed(folder, case)
         case "coverage":
-            return coverage()
+            return coverage(2, 100) if quick else coverage()
         case "efficiency":
+            if quick:
+                return efficiency(4, 1) | overhead(case, 32, 8)
             return efficiency() | overhead(case)
         case "kills":
+            if quick:
+                return kill_and_resume(folder, kills, SEED, trials=50, longest=2.0)
             return kill_and_resume(folder, kills, SEED)
         case "speed":
             import speed
 
-            return speed.speeds(sized(case, 1024))
+            return speed.speeds(sized(case, 1024), quick)
     import variance
 
-    told = variance.measure(case, 896)
+    told = variance.measure(case, 32, 2, quick) if quick else variance.measure(case, 896)
     worth = {name: one.get("variance_reduction") for name, one in told["across"].items()
              if isinstance(one, dict)}  # fmt: skip
     return {"variance_reduction": told["variance_reduction"], "variance_reductions": worth,
@@ -82,11 +88,9 @@ def same_bytes(case: Case, trials: int = 200) -> dict[str, Any]:
     alone = run(case, trials, SEED, Serial()).tobytes()
     with pool(2) as executor:
         same = {"two": run(case, trials, SEED, executor, workers=2).tobytes() == alone}
-    try:
+    if not command.missing("the same bytes by Dask are", "distributed"):
         from distributed import LocalCluster
-    except ImportError:
-        print("Dask is not installed")
-    else:
+
         with (
             LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local,
             dask_pool(local.scheduler_address) as executor,

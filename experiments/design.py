@@ -1,6 +1,7 @@
 """How much better does a design get, and which is it? A first guess, optimised and judged afresh.
 
-python experiments/design.py [DESIGN] --json FILE [--picture FILE.png] [--workers 2] [--seed 1]
+python experiments/design.py [DESIGN] [--json FILE] [--picture FILE.png] [--workers 2]
+                             [--seed 1] [--quick]
 
 DESIGN is a name in catalogs/designs, such as nanosatellite or high_accuracy, or a file.
 The answer is judged on frames that nothing was tuned on; all intervals hold with 95 % confidence.
@@ -9,10 +10,12 @@ The answer is judged on frames that nothing was tuned on; all intervals hold wit
 from __future__ import annotations
 
 import argparse
-import json
+import dataclasses
 import time
 from pathlib import Path
+from typing import Any
 
+import command
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -30,22 +33,26 @@ from startrack.optimise import Evaluation, Ledger, Optimum, TrialRunner, compari
 from startrack.optimise.runner import FRESH
 from startrack.plots.optimise import draw_variables
 
+SMALLEST: dict[str, Any] = {  # of a campaign, under --quick
+    "trials": 4, "most_trials": 8, "evaluations": 4, "analytic_evaluations": 4, "fresh_trials": 4,
+}  # fmt: skip
 BEFORE, AFTER, MISSED = "#3567a8", "#2e7d5b", "#c0392b"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("design", nargs="?", default="nanosatellite")
-    parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--ledger", type=Path, help="file; goes on from what is in it")
-    options = parser.parse_args()
+    options = command.read(parser, workers=1)
     path = Path(options.design)
     if not path.suffix:
         path = shipped(f"designs/{options.design}.toml")
     design, campaign = read_campaign(path)
+    if options.quick:
+        campaign = dataclasses.replace(campaign, **SMALLEST)
     began = time.monotonic()
     if options.workers > 1:
         for fidelity in (campaign.fidelity, Fidelity.FRAME):
@@ -59,7 +66,7 @@ def main() -> None:
         ]
     print(f"{optimum.branch}\n{comparison(optimum, campaign)}\n\n{optimum.ending}")
     figures = {"design": path.stem, "seed": options.seed, **optimum_values(optimum, campaign)}
-    options.json.write_text(json.dumps(finite(figures), indent=1) + "\n")
+    command.save(options, finite(figures))
     if options.picture:
         draw(optimum, campaign, fresh, path.stem, options.picture)
 

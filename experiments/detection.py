@@ -5,20 +5,20 @@ scipy's normal law. The Cramér-Rao bounds are computed here, from that law alon
 STARTRACK_DATA names a folder with images and their solutions, spots of real skies are counted
 too. One thread, processor time, the least of several rounds, all programs in turn.
 
-    python experiments/detection.py [--json FILE]
+    python experiments/detection.py [--json FILE] [--quick]
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import command
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
@@ -99,18 +99,21 @@ def rms(error: Floats) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def accuracy() -> dict[str, float]:
+def accuracy(sigmas: Sequence[float], quick: bool) -> dict[str, float]:
+    few, many, spacing = (1, 1, 200) if quick else (4, 24, 22)  # frames, and pixels between stars
     figures: dict[str, float] = {}
     ratios = []
     print(
         "\nlikelihood, background 50, read noise 5; SNR with the star's own noise, and without"
         "\nsigma    flux   SNR            rms px  bound px  ratio"
     )
-    for sigma in SIGMAS:
+    for sigma in sigmas:
         fluxes = [flux_of(snr, sigma) for snr in (6, 8, 10)] + [1200.0, 2500.0, 20000.0]
-        for flux in fluxes:
+        for flux in fluxes[-1:] if quick else fluxes:
             snr, less = snr_of(flux, sigma), snr_of(flux, sigma, False)
-            error = scatter(flux, sigma, BACKGROUND, READ_NOISE, 1, 4, centroid="likelihood")
+            error = scatter(
+                flux, sigma, BACKGROUND, READ_NOISE, 1, few, spacing, centroid="likelihood"
+            )
             least = bound(flux, sigma, BACKGROUND, READ_NOISE)
             ratio = rms(error) / least
             print(
@@ -121,16 +124,18 @@ def accuracy() -> dict[str, float]:
             if snr > 7.9:
                 ratios.append(ratio)
     figures["ml_over_bound_max"] = max(ratios)
-    error = scatter(1e4, 0.7, 10.0, 5.0, 2, 24, centroid="likelihood")
+    error = scatter(1e4, 0.7, 10.0, 5.0, 2, many, spacing, centroid="likelihood")
     figures["ml_rmse_10000_px"] = rms(error)
     figures["ml_bias_px"] = float(np.abs(error.mean(axis=0)).max())
     figures["ml_bias_one_sigma_px"] = rms(error) / len(error) ** 0.5
     for flux in (10000, 1000):
-        error = scatter(flux, 0.7, 10.0, 5.0, 3, 4, compensation="none")
+        error = scatter(flux, 0.7, 10.0, 5.0, 3, few, spacing, compensation="none")
         figures[f"cog5_rmse_{flux}_px"] = rms(error)
     worst = 0.0
     for length, known in ((0.0, 0.0152), (2.0, 0.0190), (8.0, 0.0461)):
-        error = scatter(5000, 0.8, 20.0, 8.0, 4, 4, 34, length, centroid="likelihood")
+        error = scatter(
+            5000, 0.8, 20.0, 8.0, 4, few, max(spacing, 34), length, centroid="likelihood"
+        )
         figures[f"smear_{length:.0f}_along_px"] = rms(error[:, 0])
         worst = max(worst, rms(error[:, 0]) / known)
     return figures | {"smear_over_bound_max": worst}
@@ -144,7 +149,7 @@ def finders(sigma: float) -> dict[str, Finder]:
 def peers(sigma: float) -> dict[str, Finder]:
     """Those of other programs that are installed."""
     found: dict[str, Finder] = {}
-    try:
+    if not command.missing("tetra3rs is", "tetra3rs"):
         import tetra3rs
 
         def by_tetra3rs(extract: Callable[..., Any], frame: Frame) -> Floats:
@@ -156,9 +161,7 @@ def peers(sigma: float) -> dict[str, Finder]:
 
         found["tetra3rs_fast"] = partial(by_tetra3rs, tetra3rs.extract_centroids_fast)
         found["tetra3rs"] = partial(by_tetra3rs, tetra3rs.extract_centroids)
-    except ImportError:
-        print("tetra3rs is not installed")
-    try:
+    if not command.missing("sep is", "sep"):
         import sep  # type: ignore[import-not-found,import-untyped,unused-ignore]
 
         def by_sep(frame: Frame) -> Floats:
@@ -169,9 +172,7 @@ def peers(sigma: float) -> dict[str, Finder]:
             return np.column_stack([x, y])
 
         found["sep"] = by_sep
-    except ImportError:
-        print("sep is not installed")
-    try:
+    if not command.missing("cedar-solve is", "tetra3"):
         from tetra3 import (  # type: ignore[import-not-found,import-untyped,unused-ignore]
             get_centroids_from_image,
         )
@@ -180,15 +181,13 @@ def peers(sigma: float) -> dict[str, Finder]:
         found["cedar_solve"] = lambda f: (
             np.asarray(get_centroids_from_image(f.image)).reshape(-1, 2)[:, ::-1] - 0.5
         )
-    except ImportError:
-        print("cedar-solve is not installed")
     return found
 
 
-def speed() -> dict[str, float]:
+def speed(sigmas: Sequence[float], repeats: int) -> dict[str, float]:
     """Milliseconds for 30 stars from 150 to 45 000 e-."""
     figures: dict[str, float] = {}
-    for sigma in SIGMAS:
+    for sigma in sigmas:
         streams = Streams(5, 0)
         x, y = streams("place").uniform(12, SIDE - 13, (2, 30))
         light = np.full((SIDE, SIDE), BACKGROUND)
@@ -196,7 +195,7 @@ def speed() -> dict[str, float]:
         frame = expose(light, streams)
         programs = finders(sigma)
         times: dict[str, list[float]] = {name: [] for name in programs}
-        for _ in range(40):
+        for _ in range(repeats):
             for name, program in programs.items():
                 start = time.process_time()
                 program(frame)
@@ -207,11 +206,11 @@ def speed() -> dict[str, float]:
                 f"sigma {sigma}: {name:14} {min(values):6.2f} ms, median {np.median(values):6.2f}"
             )
     for name in programs:
-        figures[f"{name}_ms"] = max(figures[f"{name}_sigma{sigma}_ms"] for sigma in SIGMAS)
+        figures[f"{name}_ms"] = max(figures[f"{name}_sigma{sigma}_ms"] for sigma in sigmas)
     return figures
 
 
-def completeness() -> dict[str, float]:
+def completeness(sigmas: Sequence[float], quick: bool) -> dict[str, float]:
     """Shares of stars found, and false spots a frame, beside a filter that knows each place."""
     figures: dict[str, float] = {}
     short = []
@@ -219,23 +218,23 @@ def completeness() -> dict[str, float]:
         "\nshare found; limit of a test that knows the place, at 0.05 false a frame; "
         "SNR with the star's own noise, and without"
     )
-    for sigma in SIGMAS:
+    for sigma in sigmas:
         programs = finders(sigma)
         false = dict.fromkeys(programs, 0)
-        empty = 100
+        empty = 1 if quick else 100
         for trial in range(empty):
             frame = expose(np.full((SIDE, SIDE), BACKGROUND), Streams(6, trial))
             for name, program in programs.items():
                 if name in ("detect", "detect_ml") or trial < 10:
                     false[name] += len(program(frame))
         for name, count in false.items():
-            fraction = count / (empty if name in ("detect", "detect_ml") else 10)
+            fraction = count / (empty if name in ("detect", "detect_ml") else min(empty, 10))
             figures[f"{name}_false_per_frame_sigma{sigma}"] = fraction
             print(f"sigma {sigma}: {name:14} {fraction:7.3f} false a frame")
-        for snr in (4.5, 5.0, 5.5, 6.0, 7.0, 8.0, 10.0):
+        for snr in (6.0, 8.0) if quick else (4.5, 5.0, 5.5, 6.0, 7.0, 8.0, 10.0):
             flux = flux_of(snr, sigma)
             found, total = dict.fromkeys(programs, 0), 0
-            for trial in range(6):
+            for trial in range(1 if quick else 6):
                 streams = Streams(7, trial)
                 x, y = field(streams, 57)
                 light = np.full((SIDE, SIDE), BACKGROUND)
@@ -255,14 +254,17 @@ def completeness() -> dict[str, float]:
                 figures[f"{name}_completeness_snr{snr:g}_sigma{sigma}"] = fraction
     figures["completeness_below_limit_max"] = max(short)
     for snr in (6, 8):
-        shares_of = [figures[f"detect_completeness_snr{snr}_sigma{s}"] for s in SIGMAS]
+        shares_of = [figures[f"detect_completeness_snr{snr}_sigma{s}"] for s in sigmas]
         figures[f"completeness_snr{snr}"] = min(shares_of)
-    figures["false_per_frame"] = max(figures[f"detect_false_per_frame_sigma{s}"] for s in SIGMAS)
+    figures["false_per_frame"] = max(figures[f"detect_false_per_frame_sigma{s}"] for s in sigmas)
     return figures
 
 
-def real(folder: Path) -> dict[str, float]:
-    """True and false spots of each program on each image, by attitudes that others solved."""
+def real(folder: Path, images: int | None) -> dict[str, float]:
+    """True and false spots of each program on each image, by attitudes that others solved.
+
+    images   how many of them; all where it is None
+    """
     from startrack.catalog import Selection, open_sky
 
     stars = open_sky(Selection.whole("deep", 2016.0)).stars
@@ -272,7 +274,7 @@ def real(folder: Path) -> dict[str, float]:
     dark = read_image(folder / "ost_dark.png")
     figures: dict[str, float] = {}
     print("\nreal images: true + false spots (at most 500)")
-    for name, solved in truth.items():
+    for name, solved in list(truth.items())[:images]:
         frame = read_image(folder / name)
         if name.startswith("ost"):
             frame = subtract_dark(frame, dark)
@@ -304,16 +306,14 @@ def _expected(direction: Floats, solved: dict) -> Floats:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, help="write the figures here")
-    options = parser.parse_args()
+    options = command.read(parser)
     cv2.setNumThreads(1)
-    figures = speed() | accuracy() | completeness()
-    if "STARTRACK_DATA" in os.environ:
-        figures |= real(Path(os.environ["STARTRACK_DATA"]) / "images")
-    else:
-        print("real images are left out: STARTRACK_DATA is not set")
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    sigmas, quick = (SIGMAS[:1] if options.quick else SIGMAS), options.quick
+    figures = speed(sigmas, 1 if quick else 40)
+    figures |= accuracy(sigmas, quick) | completeness(sigmas, quick)
+    if folder := command.images("the real images are"):
+        figures |= real(folder, 1 if quick else None)
+    command.save(options, figures)
 
 
 if __name__ == "__main__":

@@ -4,17 +4,17 @@ The nanosatellite's tracker behind a baffle whose point-source transmittance fal
 nine degrees: the veil, the error across the boresight and the availability over the angle, by the
 analytic budget, and the angles beyond which the error is at most a tenth above that of a dark sky.
 
-    python experiments/exclusion.py [--json FILE] [--figure FILE]
+    python experiments/exclusion.py [--json FILE] [--figure FILE] [--quick]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
 
+import command
 import numpy as np
 import one_thread  # noqa: F401
 from numpy.typing import NDArray
@@ -33,21 +33,21 @@ ANGLES: NDArray[np.float64] = np.arange(2.0, 90.5, 1.0, dtype=np.float64) * deg
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--json", type=Path, help="write the figures here")
     parser.add_argument("--figure", type=Path, help="draw the curves here")
-    chosen = parser.parse_args()
+    chosen = command.read(parser)
     case = load_design(shipped("designs/nanosatellite.toml")).case
     case = replace(case, instrument=replace(case.instrument, baffle=BAFFLE))
-    found = exclusions(case, ANGLES)
+    angles = ANGLES[::22] if chosen.quick else ANGLES
+    found = exclusions(case, angles)
     figures = {f"{name}_exclusion_deg": one.least() / deg for name, one in found.items()}
     figures["error_arcsec"] = float(found["sun"].across[-1]) / arcsec
-    at = int(np.argmin(abs(ANGLES - 20 * deg)))
+    at = int(np.argmin(abs(angles - 20 * deg)))
     figures["earth_cost_at_20_deg"] = float(found["earth"].across[at] / found["earth"].across[-1])
     for name, value in figures.items():
         print(f"{name:24} {value:.4g}")
-    if chosen.json:
-        text = {name: one if math.isfinite(one) else None for name, one in figures.items()}
-        chosen.json.write_text(json.dumps(text, indent=1) + "\n")
+    command.save(
+        chosen, {name: one if math.isfinite(one) else None for name, one in figures.items()}
+    )
     if chosen.figure:
         draw(chosen.figure, found)
 

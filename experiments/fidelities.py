@@ -8,13 +8,12 @@ least of all p-values times their number is to exceed 0.01, which it fails to do
 attitude's error over that of frames. A third design has so few stars that most skies are lost:
 there the fraction of solved trials is compared.
 
-    python experiments/fidelities.py [--trials N] [--json FILE] [--picture FILE]
+    python experiments/fidelities.py [--trials N] [--json FILE] [--picture FILE] [--quick]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
 from collections.abc import Callable
@@ -22,6 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import command
 import numpy as np
 from scipy import stats
 from scipy.spatial import cKDTree
@@ -50,7 +50,8 @@ Drawn = dict[str, list[Floats]]  # errors of each fidelity by the design's name,
 
 EXAMPLE = load_design(shipped("designs/nanosatellite.toml")).case
 TRIALS = 5000
-DRAWN = 20_000
+DRAWN = 20_000  # trials of the covariance
+ROUNDS = 60  # of each time, of which the least counts
 LOST = 2.5e-3  # second of exposure, that leaves five stars of the marginal design
 NEAR = 3.0  # pixel; a spot farther from all stars is false
 ALONE = 12.0  # pixel, to the next star of one whose centroid is looked at
@@ -131,7 +132,7 @@ def p_values(one: Sample, other: Sample) -> dict[str, float]:
     }
 
 
-def laws(count: int) -> tuple[dict[str, float], Drawn]:
+def laws(count: int, many: int) -> tuple[dict[str, float], Drawn]:
     figures: dict[str, float] = {}
     drawn: Drawn = {}
     worst = 1.0
@@ -140,7 +141,7 @@ def laws(count: int) -> tuple[dict[str, float], Drawn]:
         frames = sample(case, spots_in_frame, 21, count)
         windows = sample(case, spots_in_windows, 22, count)
         spots = run_trials(case, 24, range(count), Fidelity.SPOTS)
-        known = run_trials(case, 23, range(DRAWN), Fidelity.COVARIANCE)
+        known = run_trials(case, 23, range(many), Fidelity.COVARIANCE)
         others = spots, known
         errors = [np.where(each["false"], np.nan, each["error_x"]) for each in others]
         p = p_values(frames, windows)
@@ -195,9 +196,9 @@ def least(call: Callable[[int], object], count: int) -> float:
     return best
 
 
-def rate(case: Case, fidelity: Fidelity) -> float:
+def rate(case: Case, fidelity: Fidelity, rounds: int) -> float:
     """Trials in a second of processor time, what a design costs once left out."""
-    size, repeats = (1024, 8) if fidelity is Fidelity.COVARIANCE else (1, 60)
+    size, repeats = (1024, -(-rounds // 8)) if fidelity is Fidelity.COVARIANCE else (1, rounds)
     run_trials(case, 1, range(3), fidelity)
     return size / least(
         lambda n: run_trials(case, 1, range(n % 20, n % 20 + size), fidelity), repeats
@@ -210,18 +211,20 @@ def look(case: Case, number: int) -> int:
     return len(spots_in_windows(case, random_attitude(streams), streams))
 
 
-def speeds() -> dict[str, float]:
+def speeds(rounds: int) -> dict[str, float]:
     """Time of a trial of each fidelity, and of 30 windows on a megapixel with their search."""
     big = with_detector(EXAMPLE, columns=1024, rows=1024)
     thirty = replace(big, catalog=replace(big.catalog, limit_g=5.5))
     figures = {
-        f"{name}_{fidelity}_trials_per_s": rate(case, fidelity)
+        f"{name}_{fidelity}_trials_per_s": rate(case, fidelity, rounds)
         for name, case in (("example", EXAMPLE), ("megapixel", big))
         for fidelity in Fidelity
     }
     figures["covariance_trials_per_s"] = figures["example_covariance_trials_per_s"]
-    figures["window_30_spots"] = float(np.mean([look(thirty, number) for number in range(20)]))
-    figures["window_30_ms"] = 1e3 * least(lambda n: look(thirty, n % 20), 60)
+    figures["window_30_spots"] = float(
+        np.mean([look(thirty, number) for number in range(min(rounds, 20))])
+    )
+    figures["window_30_ms"] = 1e3 * least(lambda n: look(thirty, n % 20), rounds)
     window.plan_of.cache_clear()
     plan_of.cache_clear()
     figures["first_window_ms"] = 1e3 * least(lambda _: look(thirty, 0), 1)
@@ -255,12 +258,9 @@ def picture(path: Path, drawn: Drawn, figures: dict[str, float]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, help="write the figures here")
     add_options(parser)
-    options = parser.parse_args()
-    figures = measure(options.trials, options.picture)
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    options = command.read(parser, trials=8)
+    command.save(options, measure(options))
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -268,14 +268,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--picture", type=Path, help="draw the fidelities here")
 
 
-def measure(count: int = TRIALS, path: Path | None = None) -> dict[str, float]:
+def measure(options: argparse.Namespace) -> dict[str, float]:
     """All figures, and the picture."""
-    figures = speeds()
-    more, drawn = laws(count)
-    figures |= more | lost(count)
+    figures = speeds(1 if options.quick else ROUNDS)
+    more, drawn = laws(options.trials, 50 if options.quick else DRAWN)
+    figures |= more | lost(options.trials)
     print(f"\nwindow_vs_frame_p {figures['window_vs_frame_p']:.3f}")
-    if path:
-        picture(path, drawn, figures)
+    if options.picture:
+        picture(options.picture, drawn, figures)
     return figures
 
 

@@ -1,11 +1,16 @@
 """Question: what does the example tracker see, and what does it make of it?
 
-Answer: docs/frame.png, the picture of the README. Run: python experiments/frame_picture.py
+Answer: docs/frame.png, the picture of the README.
+
+    python experiments/frame_picture.py [--picture FILE] [--json FILE] [--quick]
 """
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
+
+import command
 
 from startrack import Streams, draw_solution, load_design, observe, pointing, shipped
 from startrack.catalog import open_sky
@@ -15,11 +20,14 @@ PICTURE = Path(__file__).parents[1] / "docs" / "frame.png"
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--picture", type=Path, default=PICTURE, help="(default: docs/frame.png)")
+    options = command.read(parser)
     case = load_design(shipped("designs/nanosatellite.toml")).case
     record = observe(case, pointing(*ORION), Streams(seed=1, trial=0))
     error = 206265 * (record.outcome.error_x**2 + record.outcome.error_y**2) ** 0.5
     draw_solution(
-        PICTURE,
+        options.picture,
         record.frame,
         record.spots,
         record.matches,
@@ -28,7 +36,8 @@ def main() -> None:
         f"Orion's belt and sword in the example tracker: {record.outcome.stars} stars matched, "
         f"{error:.2f} arcsec off the true boresight",
     )
-    print(f"wrote {PICTURE}")
+    print(f"wrote {options.picture}")
+    command.save(options, {"stars": record.outcome.stars, "error_arcsec": error})
 
 
 if __name__ == "__main__":

@@ -2,18 +2,19 @@
 
 The list is that of `tests/hard`, which the tests run as well.
 
-    python experiments/hard_cases.py [--markdown FILE] [--json FILE]
+    python experiments/hard_cases.py [--markdown FILE] [--json FILE] [--quick]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+import command
 
 from startrack.benchmark import versions
 
@@ -21,16 +22,15 @@ from startrack.benchmark import versions
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--markdown", type=Path, metavar="FILE")
-    parser.add_argument("--json", type=Path, metavar="FILE")
-    options = parser.parse_args()
+    options = command.read(parser)
     sys.path.insert(0, str(Path(__file__).parents[1]))
-    rows = [tried(case) for case in import_module("tests.hard").CASES]
+    cases = import_module("tests.hard").CASES
+    rows = [tried(case) for case in (cases[::40] if options.quick else cases)]
     text = table(rows)
     print(text)
     if options.markdown:
         options.markdown.write_text(text, encoding="utf-8")
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    command.save(options, rows)
 
 
 def tried(case: Any) -> dict[str, Any]:

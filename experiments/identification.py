@@ -7,7 +7,7 @@ of 10 deg and more that its database holds. All believe a focal length that is w
 percent. `within_reach` is the fraction of skies where the evidence of the true attitude, matched
 to the true stars, reaches what startrack asks for: beyond it the sky does not hold the information.
 
-    python experiments/identification.py [--json FILE] [--plot FILE] [--regimes few|all]
+    python experiments/identification.py [--json FILE] [--plot FILE] [--regimes few|all] [--quick]
 
 `real_solved` needs STARTRACK_DATA, a folder of real images.
 """
@@ -28,6 +28,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -120,10 +121,10 @@ def peers(regime: Regime) -> Iterator[tuple[str, Solver]]:
     interpreter = os.environ.get("STARTRACK_CEDAR")
     if interpreter and regime.field >= 10:
         yield "cedar-solve", _cedar(interpreter)
-    try:
-        import tetra3rs
-    except ImportError:
+    if command.missing("tetra3rs is", "tetra3rs"):
         return
+    import tetra3rs
+
     database = _database(regime.field)
     tuned = {
         "match_radius": (4 * regime.noise + 1) / SIZE,
@@ -295,13 +296,13 @@ def random_points(frames: int) -> tuple[int, float]:
     return solved, 1e3 * longest
 
 
-def index_figures() -> dict[str, float]:
-    """Build, size and load of the index for 12 deg; least of three."""
+def index_figures(rounds: int) -> dict[str, float]:
+    """Build, size and load of the index for 12 deg; least of some rounds."""
     _, stars, index = design(12)
 
     def least(action: Callable[[], object]) -> float:
         times = []
-        for _ in range(3):
+        for _ in range(rounds):
             start = time.process_time()
             action()
             times.append(time.process_time() - start)
@@ -364,27 +365,33 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
-def real_solved() -> int | None:
-    """How many real images `startrack solve` finds where others do; None without the images."""
-    if not os.environ.get("STARTRACK_DATA"):
+def real_solved(images: int | None) -> int | None:
+    """How many real images `startrack solve` finds where others do; None without the images.
+
+    images   how many are tried; all where it is None
+    """
+    folder = command.images("the real images are")
+    if folder is None:
         return None
     from real_images import right
 
-    return sum(right())
+    return sum(right(folder, images))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="success and time as a picture")
     parser.add_argument("--regimes", choices=("few", "all"), default="few")
     parser.add_argument("--skies", type=int, default=200, help="a regime (default: 200)")
-    options = parser.parse_args()
+    options = command.read(parser, skies=4)
     rows = []
-    for number, regime in enumerate(ALL if options.regimes == "all" else FEW):
+    regimes = ALL if options.regimes == "all" else FEW
+    if options.quick:
+        regimes = [regime for regime in FEW if regime.field == 12][:1]
+    for number, regime in enumerate(regimes):
         rows.append(measure(regime, options.skies, number))
         show(rows[-1])
-    solved, longest = random_points(10 * options.skies)
+    solved, longest = random_points((1 if options.quick else 10) * options.skies)
     mine = [row["startrack"] for row in rows]
     over = [row["error_over_bound"]["across"] for row in rows if "error_over_bound" in row]
     figures = {
@@ -400,16 +407,15 @@ def main() -> None:
         "track2_success": tracked(2, options.skies),
         "track3_success": tracked(3, options.skies),
         "error_over_bound_median": float(np.median(over)),
-        **index_figures(),
-        "real_solved": real_solved(),
+        **index_figures(1 if options.quick else 3),
+        "real_solved": real_solved(1 if options.quick else None),
     }
     squares = [r["error_square_over_variance"] for r in rows if "error_square_over_variance" in r]
     figures["error_square_over_variance_median"] = float(np.median(squares))
     if options.plot:
         draw(rows, options.plot)
     print(json.dumps({k: v for k, v in figures.items() if k != "regimes"}, indent=1))
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    command.save(options, figures)
 
 
 if __name__ == "__main__":

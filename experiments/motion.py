@@ -5,17 +5,16 @@ accuracy would need, its time, its error, and the MTF of the motion at the Nyqui
 The error is that of a Gaussian of sigma 0.5 pixel, smeared, against 200 000 equal steps, as a
 fraction of its flux in a pixel.
 
-    python experiments/motion.py [--json FILE]
+    python experiments/motion.py [--json FILE] [--quick]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
-from pathlib import Path as File
 
+import command
 import numpy as np
 
 from startrack import Camera, LineOfSight, Streams
@@ -92,15 +91,15 @@ def milliseconds(motion: Motion) -> float:
     return 1e3 * min(times)
 
 
-def study() -> dict[str, float]:
+def study(most: int, tolerance: float, calls: int) -> dict[str, float]:
     print(f"{'':16} {'points':>6} {'equal steps':>11} {'ms':>7} {'error':>8}   MTF x    MTF y")
     figures: dict[str, float] = {}
     for name, motion in MOTIONS.items():
         path: LineOfSight = sample_jitter(motion, EXPOSURE, PIXEL, STREAMS, CAMERA.half_diagonal)
-        right = even(motion, STEPS)
+        right = even(motion, most)
         error = float(abs(image(motion, path.rotation, path.weight) - right).max())
         steps = 1
-        while abs(even(motion, steps) - right).max() > 1e-6:
+        while abs(even(motion, steps) - right).max() > tolerance:
             steps *= 2
         mtf = nyquist_mtf(image_path(path, CAMERA, np.array([0.0, 0.0, 1.0])), path.weight)
         cost = milliseconds(motion)
@@ -109,20 +108,17 @@ def study() -> dict[str, float]:
         figures |= {f"{name}_points": len(path.time), f"{name}_equal_steps": steps}
         figures |= {f"{name}_ms": cost, f"{name}_error": error}
     start = time.process_time()
-    for _ in range(10_000):
+    for _ in range(calls):
         sample_jitter(MOTIONS["slew_10px"], EXPOSURE, PIXEL, STREAMS, 0.1)
-    figures["cached_us"] = (time.process_time() - start) * 100
+    figures["cached_us"] = (time.process_time() - start) / calls * 1e6
     print(f"a path that is not drawn anew costs {figures['cached_us']:.1f} us")
     return figures
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=File, help="write the figures here")
-    options = parser.parse_args()
-    figures = study()
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    options = command.read(parser)
+    command.save(options, study(*((2**14, 1e-3, 100) if options.quick else (STEPS, 1e-6, 10_000))))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """How sharp should the optics be if the bus shakes? The error over the optical MTF, by jitter.
 
-python experiments/mtf_against_jitter.py --json FILE [--picture FILE.png] [--trials 200]
+python experiments/mtf_against_jitter.py [--json FILE] [--picture FILE.png] [--trials 200] [--quick]
 
 Krutz et al. (2011), section 4, name the jitter of the bus and the optical MTF as what a star
 sensor's design trades. For each rms of the jitter the example design is tried with blurs of the
@@ -19,6 +19,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, ScalarFormatter
@@ -41,16 +42,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--trials", type=int, default=200)
-    options = parser.parse_args()
+    options = command.read(parser, trials=3)
     runner, rows = TrialRunner(1), []
-    for jitter in JITTER:
+    for jitter in JITTER[:1] if options.quick else JITTER:
         rows.append(traded(shaken(jitter * arcsec), runner, options.trials))
         rows[-1] = {"jitter_arcsec": jitter} | rows[-1]
         print(json.dumps(rows[-1]), flush=True)
-    options.json.write_text(json.dumps({"mtf_against_jitter": rows}, indent=1) + "\n")
+    command.save(options, {"mtf_against_jitter": rows})
     if options.picture:
         draw(rows, options.picture, options.trials)
 
@@ -108,7 +108,7 @@ def draw(rows: list[dict[str, Any]], path: Path, trials: int) -> None:
     """The error over the blur, the optical MTF above, and the best blur of each jitter."""
     figure = Figure(figsize=(7, 4.8), layout="constrained")
     axes = figure.subplots()
-    for row, colour in zip(rows, COLOURS, strict=True):
+    for row, colour in zip(rows, COLOURS, strict=False):
         blur, error = np.array(row["blur_um"]), np.array(row["error_arcsec"])
         low, high = row["error_95"]
         low_blur, high_blur = row["best_blur_95"]

@@ -1,8 +1,8 @@
 """Does the optimiser find the best design of the example, and how does it stand beside others?
 
-python experiments/optimiser.py --json FILE [--seeds 20] [--peers 20] [--trials 10000]
+python experiments/optimiser.py [--json FILE] [--seeds 20] [--peers 20] [--trials 10000]
                                 [--methods ours,nlopt_plain,tpe,cmaes] [--ledger DIR]
-                                [--picture FILE.png]
+                                [--picture FILE.png] [--quick]
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import command
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -32,25 +33,37 @@ from startrack.optimise.runner import FRESH
 from startrack.optimise.steps import availability, correct, prospect, refine
 
 JUDGE = 1000  # seed of the trials that all designs are judged on; no search has it
-CHOOSING = 300  # trials that the best of all is chosen by
 REACH = 0.25  # of each range, around the best, within which the budget is set right
-POLISH = 60  # designs that are tried around the best
 BUDGETS = (500, 1000, 2000, 4000)  # trials, at which the leaders are compared
-JUDGED = 1200  # other trials, on which all are compared with it
+SMALLEST: dict[str, Any] = {  # of a campaign, under --quick
+    "trials": 4, "most_trials": 4, "evaluations": 2, "analytic_evaluations": 2,
+}  # fmt: skip
+
+
+class Judging(NamedTuple):
+    """What the searches are judged by.
+
+    choosing   trials that the best of all is chosen by
+    polish     designs that are tried around the best
+    judged     other trials, on which all are compared with it
+    """
+
+    choosing: int = 300
+    polish: int = 60
+    judged: int = 1200
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--peers", type=int, default=20, help="seeds of the other optimisers")
     parser.add_argument("--methods", default="ours,nlopt_plain,tpe,cmaes")
     parser.add_argument("--trials", type=int, default=4000, help="that the others may use")
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--ledger", type=Path, help="folder; goes on from what is in it")
-    options = parser.parse_args()
+    options = command.read(parser, seeds=1, peers=1, trials=8)
     figures = search(options) | {"scurve_best_sigma": {n: best_width(n) for n in (3, 5, 7)}}
-    options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    command.save(options, figures)
     print(json.dumps(figures, indent=1))
     if options.picture:
         draw(figures, options.picture)
@@ -193,8 +206,10 @@ def by_cmaes(score: Callable[[Floats], float], start: Floats, seed: int, tries: 
 class Truth:
     """Any design by trials of a seed that no search has, the same for all designs."""
 
-    def __init__(self, space: DesignSpace, campaign: Campaign, ledger: Ledger) -> None:
-        self.space, self.campaign = space, campaign
+    def __init__(
+        self, space: DesignSpace, campaign: Campaign, ledger: Ledger, judging: Judging
+    ) -> None:
+        self.space, self.campaign, self.judging = space, campaign, judging
         self.runner = TrialRunner(JUDGE, ledger=ledger)
 
     def score(self, coordinates: Floats, trials: int, first: int = 0) -> float:
@@ -207,7 +222,7 @@ class Truth:
     def shown(self, coordinates: Floats) -> bool:
         """Whether the availability asked is shown on fresh trials, at its bound."""
         case = self.space.design(coordinates)
-        outcomes = self.runner.run(case, JUDGED, self.campaign.fidelity, FRESH)
+        outcomes = self.runner.run(case, self.judging.judged, self.campaign.fidelity, FRESH)
         fraction = availability(case, self.campaign, self.runner, outcomes)
         return fraction.low >= self.campaign.requirements.min_availability
 
@@ -217,9 +232,10 @@ class Truth:
         It is found by trials that nothing is compared on afterwards, or its luck would be taken
         for its merit; the last choice alone, between two, is on the others, against ourselves.
         """
-        best = min(points, key=lambda coordinates: self.score(coordinates, CHOOSING))
+        choosing, polish, judged = self.judging
+        best = min(points, key=lambda coordinates: self.score(coordinates, choosing))
         tried = [
-            evaluate(self.space, self.campaign, coordinates, self.runner, CHOOSING)
+            evaluate(self.space, self.campaign, coordinates, self.runner, choosing)
             for coordinates in points
             if np.abs(coordinates - best).max() <= REACH
         ]
@@ -233,15 +249,17 @@ class Truth:
             margins = margins_of(self.campaign.requirements, case)
             return math.log(expected / arcsec) + correction(coordinates) + PENALTY * missed(margins)
 
-        refined = least(score, best, Search(evaluations=150, first_step=0.05)).coordinates
-        best = min((best, refined), key=lambda coordinates: self.score(coordinates, CHOOSING))
+        refined = least(
+            score, best, Search(evaluations=max(polish, 2) * 5 // 2, first_step=0.05)
+        ).coordinates
+        best = min((best, refined), key=lambda coordinates: self.score(coordinates, choosing))
         # The budget has no say in this: Sbplx on the trials themselves.
         polished = least(
-            lambda coordinates: self.score(coordinates, CHOOSING),
+            lambda coordinates: self.score(coordinates, choosing),
             best,
-            Search(evaluations=POLISH, first_step=0.05),
+            Search(evaluations=polish, first_step=0.05),
         ).coordinates
-        return min((best, polished), key=lambda coordinates: self.score(coordinates, JUDGED, FRESH))
+        return min((best, polished), key=lambda coordinates: self.score(coordinates, judged, FRESH))
 
 
 def best_width(window: int) -> float:
@@ -266,12 +284,20 @@ def example() -> tuple[Case, Campaign]:
 def search(options: argparse.Namespace) -> dict[str, Any]:
     """The example campaign by four optimisers, the others with a fixed number of trials."""
     case, campaign = example()
+    judging = Judging()
+    if options.quick:
+        campaign, judging = dataclasses.replace(campaign, **SMALLEST), Judging(4, 2, 4)
     space = DesignSpace(case, campaign.variables)
     started = time.process_time()
     start = prospect(space, campaign, space.start).coordinates
     print(f"prospect {time.process_time() - started:.1f} s", start.round(3), flush=True)
     others: dict[str, Callable[..., Run]] = {"nlopt_plain": nlopt_plain, "tpe": tpe, "cmaes": cmaes}
-    names = options.methods.split(",")
+    needs = {"tpe": "optuna", "cmaes": "cma"}
+    names = [
+        name
+        for name in options.methods.split(",")
+        if name not in needs or not command.missing(f"{name} is", needs[name])
+    ]
     seeds = {name: options.seeds if name == "ours" else options.peers for name in names}
     plan = [
         (name, seed) for seed in range(max(seeds.values())) for name in names if seed < seeds[name]
@@ -287,17 +313,21 @@ def search(options: argparse.Namespace) -> dict[str, Any]:
             runs.setdefault(name, []).append(run)
             print(name, seed, run.trials[-1], run.points[-1].round(3),
                   f"{time.process_time() - began:.0f} s", flush=True)  # fmt: skip
-        return judge(space, campaign, runs, ledger)
+        return judge(space, campaign, runs, ledger, judging)
 
 
 def judge(
-    space: DesignSpace, campaign: Campaign, runs: dict[str, list[Run]], ledger: Ledger
+    space: DesignSpace,
+    campaign: Campaign,
+    runs: dict[str, list[Run]],
+    ledger: Ledger,
+    judging: Judging,
 ) -> dict[str, Any]:
     """Regrets against the best design of all, on the same trials."""
-    truth = Truth(space, campaign, ledger)
+    truth = Truth(space, campaign, ledger, judging)
     coordinates = truth.reference([run.points[-1] for every in runs.values() for run in every])
-    best = truth.score(coordinates, JUDGED, FRESH)
-    begun = truth.score(coordinates, CHOOSING)
+    best = truth.score(coordinates, judging.judged, FRESH)
+    begun = truth.score(coordinates, judging.choosing)
     print(
         "optimum",
         coordinates.round(4),
@@ -310,7 +340,9 @@ def judge(
         "optimum": space.text(space.design(coordinates)),
     }
     for name, every in runs.items():
-        regret = [math.exp(truth.score(run.points[-1], JUDGED, FRESH) - best) - 1 for run in every]
+        regret = [
+            math.exp(truth.score(run.points[-1], judging.judged, FRESH) - best) - 1 for run in every
+        ]
         prefix = "" if name == "ours" else f"{name}_"
         figures |= {
             f"{prefix}regret_median": float(np.median(regret)),
@@ -319,7 +351,9 @@ def judge(
             f"{prefix}trials": int(np.median([run.trials[-1] for run in every])),
             f"{prefix}regrets": regret,
             f"{prefix}path": [
-                float(np.median([truth.score(leader, CHOOSING) for leader in leaders]) - begun)
+                float(
+                    np.median([truth.score(leader, judging.choosing) for leader in leaders]) - begun
+                )
                 for budget in BUDGETS
                 if (leaders := [at for run in every if (at := run.leader(budget)) is not None])
             ],
@@ -352,7 +386,9 @@ def draw(figures: dict[str, Any], path: Path) -> None:
     axes.minorticks_off()
     axes.axhline(0, color="0.6", lw=0.8)
     axes.set_title(
-        f"five variables, judged on {CHOOSING} trials that no search has", fontsize=9, loc="left"
+        f"five variables, judged on {Judging().choosing} trials that no search has",
+        fontsize=9,
+        loc="left",
     )
     axes.legend(fontsize=8)
     figure.savefig(path)

@@ -5,7 +5,7 @@ fraction of each file of startrack. What a file calls outside startrack (numpy, 
 kernels) counts for that file. The profiler overrates many small calls. Fresh processes are timed
 from start to end, with kernels compiled before.
 
-    python experiments/profile_trial.py [--trials N] [--out DIR]
+    python experiments/profile_trial.py [--trials N] [--out DIR] [--json FILE] [--quick]
 
 writes profile_trial.md and .json.
 """
@@ -27,6 +27,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import command
 import cv2
 
 import startrack
@@ -46,7 +47,7 @@ OUTCOME = f"""
 from startrack import run_random_trial
 from startrack.design import load_design
 from startrack import shipped
-trial(load_design(shipped("{DESIGN}")).case, 1, 0)
+run_random_trial(load_design(shipped("{DESIGN}")).case, 1, 0)
 """
 STARTS = {
     "import startrack": ("-c", "import startrack"),
@@ -62,11 +63,18 @@ def main() -> None:
     )
     parser.add_argument("--trials", type=int, default=100, help="of a fidelity (default: 100)")
     parser.add_argument("--out", type=Path, default=Path(), metavar="DIR")
-    options = parser.parse_args()
+    options = command.read(parser, trials=1)
+    quick = options.quick
     cv2.setNumThreads(1)
     case = load_design(shipped(DESIGN)).case
-    profiles = {each: profile(case, each, options.trials) for each in Fidelity}
-    starts = {name: start(call) for name, call in STARTS.items()}
+    profiles = {
+        each: profile(case, each, options.trials, 1 if quick else ROUNDS) for each in Fidelity
+    }
+    starts = {
+        name: start(call, 0 if quick else ROUNDS)
+        for name, call in STARTS.items()
+        if OUTCOME in call or not quick
+    }
     text = markdown(profiles, starts, options.trials)
     out = options.out / "profile_trial.md"
     save_text(out, text)
@@ -74,6 +82,7 @@ def main() -> None:
     fresh = {name: each._asdict() for name, each in starts.items()}
     values = {"versions": versions(), "fidelities": fidelities, "fresh": fresh}
     save_json(out.with_suffix(".json"), values)
+    command.save(options, values)
     print(text)
 
 
@@ -88,11 +97,11 @@ class Profile(NamedTuple):
     fractions: dict[str, float]
 
 
-def profile(case: Case, fidelity: Fidelity, count: int) -> Profile:
+def profile(case: Case, fidelity: Fidelity, count: int, rounds: int) -> Profile:
     if fidelity is Fidelity.COVARIANCE:
         count *= AT_ONCE
     run(case, fidelity, count)  # what is computed once for a design
-    seconds = min(clocked(lambda: run(case, fidelity, count)) for _ in range(ROUNDS)) / count
+    seconds = min(clocked(lambda: run(case, fidelity, count)) for _ in range(rounds)) / count
     profiler = cProfile.Profile(time.process_time)
     profiler.runcall(run, case, fidelity, count)
     return Profile(seconds, fractions(pstats.Stats(profiler).stats))  # type: ignore[attr-defined]
@@ -156,17 +165,18 @@ class Start(NamedTuple):
     wall: float
 
 
-def start(call: tuple[str, ...]) -> Start:
+def start(call: tuple[str, ...], rounds: int) -> Start:
+    """The least of some rounds, after one that is not counted where there are several."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, *call]
-        found = [once(command, folder) for _ in range(ROUNDS + 1)][1:]
+        words = [sys.executable, *call]
+        found = [once(words, folder) for _ in range(rounds + 1)][min(rounds, 1) :]
     return Start(min(each.cpu for each in found), min(each.wall for each in found))
 
 
-def once(command: list[str], folder: str) -> Start:
+def once(words: list[str], folder: str) -> Start:
     before, began = children(), time.perf_counter()
     subprocess.run(
-        command, cwd=folder, env=os.environ | {"PYTHONPATH": str(HOME.parent)}, check=True,
+        words, cwd=folder, env=os.environ | {"PYTHONPATH": str(HOME.parent)}, check=True,
         stdout=subprocess.DEVNULL,
     )  # fmt: skip
     return Start(children() - before, time.perf_counter() - began)

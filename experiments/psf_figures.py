@@ -84,8 +84,8 @@ def integrands(radius: Floats) -> tuple[Floats, Floats]:
     return kirchhoff, radius * np.exp(1j * origin)
 
 
-def report(folder: Path | None) -> None:
-    """Print where the paper's numbers are met; draw where a folder is given."""
+def report(folder: Path | None, f_numbers: Floats = F_NUMBERS) -> None:
+    """Print where the paper's numbers are met; draw over f-numbers where a folder is given."""
     r1, r2 = (paper_radius(FOCAL, DISTANCE, WAVELENGTH, order) for order in (1, 2))
     shifted = paper_radius(FOCAL, DISTANCE, WAVELENGTH + 1e-14)
     print("The paper's laboratory case, 500 nm")
@@ -113,26 +113,26 @@ def report(folder: Path | None) -> None:
         )
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
-        _draw(folder / "figures_6_to_9.png", r1, r2)
+        _draw(folder / "figures_6_to_9.png", r1, r2, f_numbers)
         print(f"  drawn: {folder / 'figures_6_to_9.png'}")
 
 
-def _draw(path: Path, r1: float, r2: float) -> None:
+def _draw(path: Path, r1: float, r2: float, f_numbers: Floats) -> None:
     figure = Figure(figsize=(10, 7.5), layout="constrained", dpi=120)
     axes = figure.subplots(2, 2)
     curves = (
-        ("Figure 6: error of the maximum", [maximum_error(n) for n in F_NUMBERS]),
+        ("Figure 6: error of the maximum", [maximum_error(n) for n in f_numbers]),
         ("Figure 7: error at the Nyquist frequency (5 um pixels)",
-         [nyquist_error(n) for n in F_NUMBERS]),
+         [nyquist_error(n) for n in f_numbers]),
     )  # fmt: skip
-    bound = [fresnel_error(FOCAL, DISTANCE, WAVELENGTH, FOCAL / n / 2) for n in F_NUMBERS]
+    bound = [fresnel_error(FOCAL, DISTANCE, WAVELENGTH, FOCAL / n / 2) for n in f_numbers]
     for place, (title, error) in zip(axes[0], curves, strict=True):
-        place.plot(F_NUMBERS, 100 * np.array(error), color="#3567a8", label="Fresnel - Kirchhoff")
+        place.plot(f_numbers, 100 * np.array(error), color="#3567a8", label="Fresnel - Kirchhoff")
         for r, name in ((r1, "r1"), (r2, "r2")):
             place.axvline(FOCAL / 2 / r, color="gray", ls=":", label=f"{name} of eq. (11)")
         place.set(xlabel="f-number", ylabel="error (%)", title=title, ylim=(0, 105))
     axes[0, 0].plot(
-        F_NUMBERS, 100 * np.minimum(bound, 1.05), "--", color="#c0392b", label="stable bound"
+        f_numbers, 100 * np.minimum(bound, 1.05), "--", color="#c0392b", label="stable bound"
     )
     radius = np.linspace(0, 2.5e-3, 1000)
     both = integrands(radius)

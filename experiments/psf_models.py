@@ -4,7 +4,7 @@ Time and error come from the same run, on one thread, our turns and the peers' t
 Peers that are not installed are left out and named. Set-up (grids, masks, modes, plans) is nobody's
 time; a new wavefront, its transform and its squares are.
 
-    python experiments/psf_models.py [--json FILE] [--figures DIR]
+    python experiments/psf_models.py [--json FILE] [--figures DIR] [--quick]
 
 The case: 155 x 155 points a fifth of wavelength * f-number apart, f/1.4 at 550 nm. Errors are
 fractions of the peak without aberrations, against the closed form, or a quadrature over rings
@@ -26,6 +26,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 import psf_figures
 import psf_peers
@@ -44,28 +45,28 @@ WAVES = np.linspace(450e-9, 650e-9, 10)
 DISKS = (0.14, 0.25, 0.5, 1.0, 2.0)  # wavelength * f-number in pixels
 SIGMAS = (0.5, 0.7, 1.0)
 ROUNDS = 9
+PICKED = 1500  # places that aberrated patterns are judged at
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--figures", type=Path, metavar="DIR", help="draws figures 6 to 9 there")
-    options = parser.parse_args()
+    options = command.read(parser)
+    rounds = 1 if options.quick else ROUNDS
     result: dict[str, float] = {}
     peers = psf_peers.present()
     print("peers here:", ", ".join(peers) or "none")
     print("left out:  ", ", ".join(psf_peers.ABSENT) or "none", "\n")
     result |= kirchhoff()
-    result |= patterns(peers)
-    result |= stamps(peers)
+    result |= patterns(peers, rounds, 20 if options.quick else PICKED)
+    result |= stamps(peers, rounds)
     for key, value in result.items():
         print(f"{key:42s} {value:.3g}")
     print()
-    psf_figures.report(options.figures)
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    psf_figures.report(options.figures, psf_figures.F_NUMBERS[:: 24 if options.quick else 1])
+    command.save(options, result)
 
 
 def kirchhoff() -> dict[str, float]:
@@ -82,11 +83,11 @@ def kirchhoff() -> dict[str, float]:
     return {"kirchhoff_max_relative_error": worst, "kirchhoff_on_axis_ms": spent}
 
 
-def patterns(peers: dict[str, Any]) -> dict[str, float]:
+def patterns(peers: dict[str, Any], rounds: int, picked: int) -> dict[str, float]:
     """The 155 x 155 points: without aberrations, with a new set of them, at ten wavelengths."""
     coefficients = 0.05 * np.random.default_rng(7).normal(size=len(NOLL))  # radian
     clear = airy(np.hypot(FIELD, FIELD[:, None]), 1.0, 1.0)
-    pick = np.random.default_rng(8).integers(0, len(FIELD), (1500, 2))
+    pick = np.random.default_rng(8).integers(0, len(FIELD), (picked, 2))
     aberrated = by_rings(coefficients, FIELD[pick])
     makers = {"": Pattern()} | {f"_{name}": maker(FIELD, NOLL) for name, maker in peers.items()
                             if name in psf_peers.PATTERNS}  # fmt: skip
@@ -95,7 +96,7 @@ def patterns(peers: dict[str, Any]) -> dict[str, float]:
         tasks["airy", name] = maker.clear
         tasks["zernike", name] = lambda maker=maker: maker.aberrated(coefficients)  # type: ignore[misc]
         tasks["ten_wavelengths", name] = lambda maker=maker: maker.band(WAVES / WAVELENGTH)  # type: ignore[misc]
-    spent = alternate(tasks)
+    spent = alternate(tasks, rounds)
     result = {}
     for (task, name), seconds in spent.items():
         if task == "ten_wavelengths":
@@ -107,13 +108,13 @@ def patterns(peers: dict[str, Any]) -> dict[str, float]:
         result[f"{task}_ms{name}"] = seconds * 1e3
         result[f"{task}_error_of_peak{name}"] = float(np.abs(wrong).max())
     began = time.process_time()
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         airy(np.hypot(FIELD, FIELD[:, None]), 1.0, 1.0)
-    result["airy_closed_form_ms"] = (time.process_time() - began) / ROUNDS * 1e3
+    result["airy_closed_form_ms"] = (time.process_time() - began) / rounds * 1e3
     return dict(sorted(result.items()))
 
 
-def stamps(peers: dict[str, Any]) -> dict[str, float]:
+def stamps(peers: dict[str, Any], rounds: int) -> dict[str, float]:
     """One star on pixels at sub-pixel places, ours and the peers', each against exact integrals."""
     result = {}
     for kind, sizes in (("airy", DISKS), ("gauss", SIGMAS)):
@@ -134,10 +135,10 @@ def stamps(peers: dict[str, Any]) -> dict[str, float]:
                         float(np.mean((centroid(way(x, y)) - wanted) ** 2))
                     )
             spent = alternate({("", name): lambda way=way: way(0.2, -0.3)  # type: ignore[misc]
-                               for name, way in ways.items() if name})  # fmt: skip
+                               for name, way in ways.items() if name}, rounds)  # fmt: skip
             for (_, name), seconds in spent.items():
                 times.setdefault(name, []).append(seconds)
-            times.setdefault("", []).append(_many(psf))
+            times.setdefault("", []).append(_many(psf, rounds))
         for name, error in errors.items():
             per_size = np.array(error).reshape(len(sizes), -1) if name == "" else None
             rms = np.sqrt(
@@ -161,24 +162,26 @@ def _own_stamp(psf: Psf, box: int) -> Callable[[float, float], Floats]:
     return way
 
 
-def _many(psf: Psf) -> float:
+def _many(psf: Psf, rounds: int) -> float:
     """Seconds a star, of thousands on one image, as a frame has them."""
     image, count = np.zeros((200, 200)), 4000
     x, y = np.random.default_rng(3).uniform(30, 170, (2, count))
     light, spent = np.ones(count), []
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         began = time.process_time()
         stamp(image, psf, x, y, light)
         spent.append(time.process_time() - began)
     return min(spent) / count
 
 
-def alternate(tasks: dict[tuple[str, str], Callable[[], Floats]]) -> dict[tuple[str, str], float]:
+def alternate(
+    tasks: dict[tuple[str, str], Callable[[], Floats]], rounds: int
+) -> dict[tuple[str, str], float]:
     """Seconds of processor time of each task, the least of several rounds of all of them."""
     least = dict.fromkeys(tasks, math.inf)
     for task in tasks.values():
         task()
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         for key, task in tasks.items():
             repeats = 3
             began = time.process_time()

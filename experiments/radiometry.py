@@ -4,7 +4,7 @@ The radiative transfer against published tables, another solver and MODTRAN; the
 against direct runs at random places; the error and time over the density of the table; magnitudes
 of the limb. Times are the least of several, one thread.
 
-    python experiments/radiometry.py [--json FILE] [--figure FILE]
+    python experiments/radiometry.py [--json FILE] [--figure FILE] [--quick]
 
 needs the extra `earth`; PythonicDISORT and pybsm, which holds runs of MODTRAN 5.2.1, are left out
 where they are missing.
@@ -14,8 +14,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import importlib.util
-import json
 import math
 import time
 import tomllib
@@ -24,6 +22,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 import one_thread  # noqa: F401
 from scipy.spatial.transform import Rotation
@@ -56,6 +55,7 @@ GREEN: Floats = np.array([550 * nm])
 SUN = 0.5371  # cosine, off the ordinates of the solvers
 BANDS = 25
 REPEATS = 5
+PLACES = 60  # at which the table is compared with the solver
 
 # Natraj, Li and Yung (2009), ApJ 691, 1909: Stokes I of the corrected tables of Coulson, Dave and
 # Sekera (1960) for optical depth 0.5, albedo 0.8, cosine of the Sun 0.2, irradiance pi:
@@ -82,9 +82,11 @@ WATER_BANDS = ((680, 740), (755, 775), (810, 845), (890, 1000))  # nm, strong li
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--json", type=Path, help="write the figures here")
     parser.add_argument("--figure", type=Path, help="draw the spectrum and the table's error here")
-    chosen = parser.parse_args()
+    chosen = command.read(parser)
+    quick = chosen.quick
+    if command.missing("everything is", "sasktran2", "rasterio"):
+        return
     table = load_table(shipped("atmosphere/rural-23km.fits"))
     figures: dict[str, Any] = {
         "rayleigh_od_550": optical_depth(),
@@ -92,16 +94,15 @@ def main() -> None:
         "disort_max_relative_error": disort(),
         "energy_closure": closure(),
         **modtran(),
-        **table_error(table),
-        **speed(table),
-        **nadir(table),
+        **table_error(table, 1 if quick else PLACES),
+        **speed(table, *((100, 1) if quick else (1000, REPEATS))),
+        **nadir(table, *((100, 1) if quick else (1000, 3))),
         "limb_magnitudes": limb(),
-        **tracker_at_the_limb(),
+        **tracker_at_the_limb(1 if quick else 40),
     }
     for name, value in figures.items():
         print(f"{name:32} {value}")
-    if chosen.json:
-        chosen.json.write_text(json.dumps(figures, indent=1) + "\n")
+    command.save(chosen, figures)
     if chosen.figure:
         draw(table, chosen.figure)
 
@@ -149,7 +150,7 @@ def cells(air: Air, rays: list[tuple[float, float, float]], streams: int) -> tup
 
 def disort() -> float | None:
     """Transmitted flux of clear air, and of the same by PythonicDISORT."""
-    if not importlib.util.find_spec("PythonicDISORT"):
+    if command.missing("the flux of another solver is", "PythonicDISORT"):
         return None
     import warnings
 
@@ -186,11 +187,10 @@ def closure() -> float:
 
 def modtran() -> dict[str, Any]:
     """Nadir from 24.5 km, Sun at 50 degrees, rural 23 km, against pybsm's rows of MODTRAN."""
-    try:
-        utils = importlib.import_module("pybsm.utils")
-    except ModuleNotFoundError:
+    if command.missing("MODTRAN is", "pybsm"):
         names = ("vis_max", "vis_mean", "vis_max_outside_weak_bands", "nir_max")
         return {f"modtran_total_{name}": None for name in names}
+    utils = importlib.import_module("pybsm.utils")
     rows = utils.load_database_atmosphere_no_interp(altitude=24500.0, ground_range=0, ihaze=1)
     wavelength = np.arange(400.0, 1001.0, 10.0) * nm
     total = np.array([np.interp(wavelength, rows[:, 0], rows[:, i]) for i in (2, 3, 4, 5)]).sum(0)
@@ -226,7 +226,7 @@ def triangles(table: AirTable, centres: Floats, width: float) -> Floats:
     return shape / (shape * np.gradient(table.spectrum)).sum(-1)[:, None]
 
 
-def table_error(table: AirTable, places: int = 60) -> dict[str, Any]:
+def table_error(table: AirTable, places: int) -> dict[str, Any]:
     """The table at random places against runs of the solver there, ground of albedo 0.3."""
     rng = np.random.default_rng(1)
     wavelength = np.array([450, 550, 800]) * nm
@@ -257,25 +257,26 @@ def table_error(table: AirTable, places: int = 60) -> dict[str, Any]:
     }
 
 
-def speed(table: AirTable) -> dict[str, Any]:
+def speed(table: AirTable, side: int, repeats: int) -> dict[str, Any]:
     """Million pixels a second in 25 bands, ours and scipy's interpolator on the path term alone."""
     from scipy.interpolate import RegularGridInterpolator
 
     response = triangles(table, np.linspace(420, 900, BANDS) * nm, 20 * nm)
     reach = Reach((0.0, 2e3), (0.0, 5 * deg), (40 * deg, 45 * deg), (0.0, math.pi))
     fine = refine(in_bands(table, response, 600e3), reach)
-    whole = image(1000)
+    whole = image(side)
     block = Sight(*(values[: 2**15] for values in whole))
-    reflectance = np.full((2**15, BANDS), 0.2, np.float32)
+    pixels = min(side**2, 2**15)
+    reflectance = np.full((pixels, BANDS), 0.2, np.float32)
     around = np.full(BANDS, 0.2)
-    ours = least(lambda: look_up(fine, block, reflectance, around)) / 2**15
+    ours = least(lambda: look_up(fine, block, reflectance, around), repeats) / pixels
     axes = [
         start + step * np.arange(size)
         for start, step, size in zip(fine.start, fine.step, fine.path.shape, strict=False)
     ]
     scipys = RegularGridInterpolator(axes, fine.path)
     places = np.stack(block[:4], -1)
-    theirs = least(lambda: scipys(places)) / 2**15
+    theirs = least(lambda: scipys(places), repeats) / pixels
     return {
         "lookup_mpx_per_s": 1e-6 / ours,
         "scipy_mpx_per_s": 1e-6 / theirs,
@@ -283,14 +284,14 @@ def speed(table: AirTable) -> dict[str, Any]:
     }
 
 
-def nadir(table: AirTable) -> dict[str, float]:
-    """CPU seconds of an image of a million pixels: geometry with shadow, and radiance in one band.
+def nadir(table: AirTable, side: int, repeats: int) -> dict[str, float]:
+    """CPU seconds of a square image: geometry with shadow, and radiance in one band.
 
     Made mountains from 600 km, one ray a pixel, 9.5 m cells of 30 m terrain, Sun low in the south.
     """
     text = tomllib.loads(shipped("scenes/mountains.toml").read_text(encoding="utf-8"))
     text["sky_rays"] = 0
-    text["sensor"] |= {"columns": 1000, "lines": 1000, "pixel_pitch": "9.6 um"}
+    text["sensor"] |= {"columns": side, "lines": side, "pixel_pitch": "9.6 um"}
     scene = from_table(EarthScene, text)
     bands = in_bands(table, triangles(table, np.array([550 * nm]), 20 * nm), 600e3)
     grey = np.full(1, 0.3)
@@ -303,7 +304,7 @@ def nadir(table: AirTable) -> dict[str, float]:
         for _ in observe_earth(scene, Path()):
             pass
 
-    return {"nadir_1mpx_s": least(seen, 3), "nadir_1mpx_geometry_s": least(shape, 3)}
+    return {"nadir_1mpx_s": least(seen, repeats), "nadir_1mpx_geometry_s": least(shape, repeats)}
 
 
 def by_scipy() -> dict[str, Callable[[], Floats]]:
@@ -356,7 +357,7 @@ def limb() -> dict[str, float]:
     return dict(zip(names, (round(float(one), 2) for one in seen), strict=True))
 
 
-def tracker_at_the_limb(trials: int = 40) -> dict[str, Any]:
+def tracker_at_the_limb(trials: int) -> dict[str, Any]:
     """The nanosatellite's tracker with the sunlit Earth over a third of its field."""
     design = load_design(shipped("designs/nanosatellite.toml")).case
     orbit = Orbit(600e3, phase=0.0)

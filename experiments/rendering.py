@@ -6,13 +6,12 @@ with 100 stars, sky, PRNU, dark current and noise. Camera: what EMVA 1288 measur
 Fidelities: what `fidelities.py` measures.
 Times are the least of several, one thread, all taking turns in one run.
 
-    python experiments/rendering.py [--json FILE] [--trials N] [--picture FILE]
+    python experiments/rendering.py [--json FILE] [--trials N] [--picture FILE] [--quick]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -20,9 +19,9 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
-from pathlib import Path as File
 from typing import Any
 
+import command
 import cv2
 import fidelities
 import numpy as np
@@ -133,7 +132,7 @@ def peers() -> dict[str, Noise]:
     return known | ({"galsim": galsim_noise} if find_spec("galsim") else {})
 
 
-def least(calls: Mapping[str, Callable[[], object]], repeats: int = REPEATS) -> dict[str, float]:
+def least(calls: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
     """Least milliseconds of each call, all taking turns."""
     best = dict.fromkeys(calls, math.inf)
     for _ in range(repeats):
@@ -145,16 +144,17 @@ def least(calls: Mapping[str, Callable[[], object]], repeats: int = REPEATS) -> 
     return best
 
 
-def errors(draw: Noise, nominal: float, one: Detector) -> tuple[float, float]:
+def errors(draw: Noise, nominal: float, one: Detector, frames: int) -> tuple[float, float]:
     """Chi-square over degrees of freedom, and pixels beyond 4.5 sigma over those of the law.
 
-    The chi-square is that of 24 Mpx, averaged over the batches; the tail is counted in them all.
+    The chi-square is that of so many frames, averaged over the batches; the tail is counted in
+    them all.
     """
     mean, fraction = mean_map(nominal), exact_law(nominal, one)
     count = np.zeros((BATCHES, len(fraction)))
-    for trial in range(BATCHES * FRAMES):
+    for trial in range(BATCHES * frames):
         image = draw(mean, one, trial)
-        count[trial // FRAMES] += np.bincount(image.ravel(), minlength=len(fraction))
+        count[trial // frames] += np.bincount(image.ravel(), minlength=len(fraction))
     wanted = fraction * count[0].sum()
     many = wanted > 10
     chi = ((count - wanted)[:, many] ** 2 / wanted[many]).sum() / BATCHES / (many.sum() - 1)
@@ -164,17 +164,17 @@ def errors(draw: Noise, nominal: float, one: Detector) -> tuple[float, float]:
     return float(chi), float(count[:, far].sum() / wanted[far].sum() / BATCHES)
 
 
-def noise() -> dict[str, float]:
+def noise(repeats: int, frames: int) -> dict[str, float]:
     figures: dict[str, float] = {}
     for prefix, (nominal, one) in CASES.items():
         mean = mean_map(nominal)
         methods = {"": ours} | peers()
-        cost = least({name: partial(draw, mean, one, 0) for name, draw in methods.items()})
+        cost = least({name: partial(draw, mean, one, 0) for name, draw in methods.items()}, repeats)
         print(f"\n{nominal} electrons, read noise {one.read_noise} electrons, "
               f"{one.electrons_per_dn:.2f} electrons a number")  # fmt: skip
         print(f"{'':14} {'ms / Mpx':>9} {'chi2 / dof':>11} {'tail ratio':>11}")
         for name, draw in methods.items():
-            chi, tail = errors(draw, nominal, one)
+            chi, tail = errors(draw, nominal, one, frames)
             print(f"{name or 'startrack':14} {cost[name]:9.2f} {chi:11.2f} {tail:11.3f}")
             start = f"{name + '_' if name else ''}{prefix}noise_"
             figures |= {f"{start}ms_per_mpx": cost[name], f"{start}chi2_per_dof": chi}
@@ -182,7 +182,7 @@ def noise() -> dict[str, float]:
     return figures
 
 
-def frame() -> dict[str, float]:
+def frame(repeats: int) -> dict[str, float]:
     """100 stars of a thousand to a hundred thousand electrons, all effects of a plain detector."""
     rng = np.random.default_rng(1)
     camera = Camera(SIZE, SIZE, 4000.0)
@@ -206,9 +206,9 @@ def frame() -> dict[str, float]:
         return galsim_noise(electrons * gain + 3.0, one, 0)
 
     calls: dict[str, Callable[[], object]] = {"frame_100_ms": whole}
-    if find_spec("galsim"):
+    if not command.missing("GalSim is", "galsim"):
         calls["galsim_frame_100_ms"] = with_galsim
-    figures = least(calls)
+    figures = least(calls, repeats)
     # The first frame of a design also makes the device's maps and the tables of its noise.
     start = time.process_time()
     read_out(mean_map(21.0), replace(one, read_noise=8.01), Streams(1, 0))
@@ -260,14 +260,13 @@ def camera_test() -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=File, help="write the figures here")
     fidelities.add_options(parser)
-    options = parser.parse_args()
+    options = command.read(parser, trials=4)
     cv2.setNumThreads(1)
-    measured = fidelities.measure(options.trials, options.picture)
-    figures = noise() | frame() | camera_test() | measured
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    repeats, frames = (1, 1) if options.quick else (REPEATS, FRAMES)
+    figures = noise(repeats, frames) | frame(repeats) | camera_test()
+    # Of the fidelities there is a quick mode of its own.
+    command.save(options, figures if options.quick else figures | fidelities.measure(options))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """How much jitter does a line scanner bear? The tone that costs it 10 %, over frequency.
 
-python experiments/scanner_jitter.py --json FILE [--picture FILE.png] [--skies 24] [--workers 2]
+python experiments/scanner_jitter.py [--json FILE] [--picture FILE.png] [--skies 24] [--workers 2]
+                                    [--quick]
 
 The scanner is a tracker with time delay and integration, catalogs/designs/scanner.toml. Two limits
 are asked for at each frequency: the rms about x and y by which the error across the boresight
@@ -22,6 +23,7 @@ from collections.abc import Callable
 from pathlib import Path as File
 from typing import Any
 
+import command
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
@@ -46,20 +48,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--json", type=File, required=True)
     parser.add_argument("--picture", type=File)
     parser.add_argument("--skies", type=int, default=24)
     parser.add_argument("--workers", type=int, default=2)
-    options = parser.parse_args()
+    options = command.read(parser, skies=2, workers=1)
     case = load_design(shipped("designs/scanner.toml")).case
     rows = []
     with pool(options.workers) as executor:
         runner = TrialRunner(1, executor, options.workers)
-        for frequency in FREQUENCIES:
+        for frequency in FREQUENCIES[4:5] if options.quick else FREQUENCIES:
             error = tolerated_by_error(case, frequency, runner, options.skies)
             rows.append({"frequency_hz": frequency} | error | tolerated_by_mtf(case, frequency))
             print(json.dumps(rows[-1]), flush=True)
-    options.json.write_text(json.dumps({"scanner_jitter": rows}, indent=1) + "\n")
+    command.save(options, {"scanner_jitter": rows})
     if options.picture:
         draw(case, rows, options.picture, options.skies)
 

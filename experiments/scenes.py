@@ -6,7 +6,7 @@ the same skies and noise; then, from the least on, all at once whose errors toge
 stay below a fraction of the scene's own error. What makes a solved trial unsolved is kept.
 The chain that is left is judged on trials that the choice has not seen.
 
-    python experiments/scenes.py [--trials N] [--out DIR] [SCENE ...]
+    python experiments/scenes.py [--trials N] [--out DIR] [--json FILE] [--quick] [SCENE ...]
 
 writes scenes.md, scenes.json and scenes.png; a quarter of an hour of CPU for 16 trials of each.
 """
@@ -19,9 +19,11 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import command
 import cv2
 import scenes_imager
 import scenes_tracker
@@ -49,13 +51,21 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {names} (default: all)")
     parser.add_argument("--trials", type=int, default=16, help="of a tracker (default: 16)")
     parser.add_argument("--out", type=Path, default=Path(), metavar="DIR")
-    options = parser.parse_args()
+    options = command.read(parser, trials=1)
     cv2.setNumThreads(1)
-    found = [study(views[name], options.trials) for name in options.scenes or views]
+    chosen = [views[name] for name in options.scenes or views]
+    if options.quick and not options.scenes:  # a tracker and the imager, with few effects
+        chosen = [
+            replace(one, effects=dict(list(one.effects.items())[:2]))
+            for one in (chosen[0], chosen[-1])
+        ]
+    found = [study(one, options.trials) for one in chosen]
     text = markdown(found, options.trials)
     out = options.out / "scenes.md"
     save_text(out, text)
-    save_json(out.with_suffix(".json"), {"versions": versions(), **values(found)})
+    figures = {"versions": versions(), **values(found)}
+    save_json(out.with_suffix(".json"), figures)
+    command.save(options, figures)
     draw(out.with_suffix(".png"), found)
     print(text)
 

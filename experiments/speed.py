@@ -1,6 +1,6 @@
 """How many trials of the whole chain does one core do, by fidelity, beside other programs?
 
-python experiments/speed.py --json FILE --picture FILE.png
+python experiments/speed.py [--json FILE] [--picture FILE.png] [--quick]
 
 The example design on 1024 x 1024 pixels: from a random attitude to an error of the attitude. The
 peers do the same work: GalSim draws the same stars as Gaussians of the same width on the same
@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 
 import one_thread  # noqa: F401  # isort: skip
@@ -49,39 +50,42 @@ from startrack.scene import illuminate
 
 SEED = 5
 REPEATS = 3
-BATCH = {Fidelity.FRAME: 40, Fidelity.WINDOW: 160, Fidelity.COVARIANCE: 4000}
+BATCH = {Fidelity.FRAME: 40, Fidelity.WINDOW: 160, Fidelity.SPOTS: 400, Fidelity.COVARIANCE: 4000}
 PEER = 12  # trials of the peers
-COLOURS = {"frame": "#3567a8", "window": "#2e7d5b", "covariance": "#b5651d"}
+COLOURS = dict(zip(Fidelity, ("#3567a8", "#2e7d5b", "#8e6bbf", "#b5651d"), strict=True))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--picture", type=Path, help="of the scaling, beside the speeds")
-    options = parser.parse_args()
+    options = command.read(parser)
     one_opencv_thread()
     case = load_design(shipped("designs/nanosatellite.toml")).case
-    figures = speeds(sized(case, 1024))
+    figures = speeds(sized(case, 1024), options.quick)
     if options.picture:
-        figures["scaling"] = scaling(case)
+        figures["scaling"] = scaling(case, options.quick)
         draw(figures["scaling"], options.picture)
-    options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    command.save(options, figures)
     print(json.dumps({k: v for k, v in figures.items() if k != "scaling"}, indent=1))
 
 
-def speeds(case: Case) -> dict[str, Any]:
+def speeds(case: Case, quick: bool) -> dict[str, Any]:
     """Trials per second of CPU, and the rms error, of each way."""
+    repeats, peers = (1, 1) if quick else (REPEATS, PEER)
     ways: dict[str, tuple[int, Callable[[int], Any]]] = {}
     for fidelity in fidelities(case):
-        n = BATCH[fidelity]
+        n = 2 if quick else BATCH[fidelity]
         ways[fidelity.value] = (n, partial(some, case, fidelity, n))
     if one := peer(case):
-        ways["galsim_tetra3"] = (PEER, lambda at: np.array([one(n) for n in range(at, at + PEER)]))
+        ways["galsim_tetra3"] = (
+            peers,
+            lambda at: np.array([one(n) for n in range(at, at + peers)]),
+        )
     best: dict[str, float] = {}
     errors: dict[str, list[Any]] = {name: [] for name in ways}
     for _, call in ways.values():
         call(10**6)  # compiles and fills the caches
-    for repeat in range(REPEATS):
+    for repeat in range(repeats):
         for name, (n, call) in ways.items():
             began = time.process_time()
             errors[name].append(call(repeat * n))
@@ -117,12 +121,11 @@ def fidelities(case: Case) -> list[Fidelity]:
 
 def peer(case: Case) -> Callable[[int], float] | None:
     """Number of a trial -> the angle across of tetra3rs's solution of GalSim's image, radian."""
-    try:
-        import galsim
-        import tetra3rs
-    except ImportError as error:
-        print(f"no peers: {error}")
+    if command.missing("GalSim and tetra3rs are", "galsim", "tetra3rs"):
         return None
+    import galsim
+    import tetra3rs
+
     instrument, camera = case.instrument, case.instrument.camera
     detector, sky = instrument.detector, open_sky(case.catalog)
     field = max(camera.fov_x, camera.fov_y) / deg
@@ -167,42 +170,43 @@ def peer(case: Case) -> Callable[[int], float] | None:
     return one
 
 
-def scaling(case: Case) -> dict[str, Any]:
+def scaling(case: Case, quick: bool) -> dict[str, Any]:
     """Milliseconds a trial against stars, pixels and workers, for each fidelity."""
+    repeats, batch = (1, dict.fromkeys(Fidelity, 4)) if quick else (REPEATS, BATCH)
     made: dict[str, Any] = {"stars": [], "pixels": [], "workers": []}
-    for limit in (5.5, 6.2, 7.0, 7.5):
+    for limit in (5.5, 6.2, 7.0, 7.5)[: 1 if quick else None]:
         few = replace(case, catalog=replace(case.catalog, limit_g=limit))
-        row = {f.value: cpu_ms(few, f) for f in Fidelity}
+        row = {f.value: cpu_ms(few, f, batch[f] // 4, repeats) for f in Fidelity}
         stars = summarise(run_trials(few, SEED, range(40), Fidelity.WINDOW)).stars
         made["stars"].append({"at": stars} | row)
-    for pixels in (256, 512, 1024, 2048):
+    for pixels in (256, 512, 1024, 2048)[: 1 if quick else None]:
         one = sized(case, pixels)
-        made["pixels"].append({"at": pixels} | {f.value: cpu_ms(one, f) for f in Fidelity})
-    for workers in (1, 2):
-        row = {fidelity.value: wall_ms(case, fidelity, workers) for fidelity in Fidelity}
+        made["pixels"].append({"at": pixels})
+        made["pixels"][-1] |= {f.value: cpu_ms(one, f, batch[f] // 4, repeats) for f in Fidelity}
+    for workers in (1, 2)[: 1 if quick else None]:
+        row = {f.value: wall_ms(case, f, workers, 2 * batch[f], repeats) for f in Fidelity}
         made["workers"].append({"at": workers} | row)
     return made
 
 
-def wall_ms(case: Case, fidelity: Fidelity, workers: int) -> float:
-    """Milliseconds of wall time a trial of so many workers, best of three."""
-    n, best = 2 * BATCH[fidelity], math.inf
+def wall_ms(case: Case, fidelity: Fidelity, workers: int, n: int, repeats: int) -> float:
+    """Milliseconds of wall time a trial of so many workers, best of the repeats."""
+    best = math.inf
     warm(case, Sampling(fidelity))
     with pool(workers) as executor:
         run(case, 8 * workers, SEED, executor, workers=workers, fidelity=fidelity)
-        for _ in range(REPEATS):
+        for _ in range(repeats):
             began = time.perf_counter()
             run(case, n, SEED, executor, workers=workers, fidelity=fidelity)
             best = min(best, time.perf_counter() - began)
     return 1e3 * best / n
 
 
-def cpu_ms(case: Case, fidelity: Fidelity) -> float:
-    """Milliseconds of CPU a trial, best of three."""
-    n = BATCH[fidelity] // 4
+def cpu_ms(case: Case, fidelity: Fidelity, n: int, repeats: int) -> float:
+    """Milliseconds of CPU a trial, best of the repeats."""
     run_trials(case, SEED, range(3), fidelity)
     best = math.inf
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         began = time.process_time()
         run_trials(case, SEED, range(n), fidelity)
         best = min(best, time.process_time() - began)

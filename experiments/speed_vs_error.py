@@ -4,7 +4,7 @@ Every stage of `startrack bench` with its peers: the same work, in turns, in one
 Peers that are not installed are left out and named; cedar-solve runs in the interpreter that
 STARTRACK_CEDAR names, because it needs an older numpy.
 
-    python experiments/speed_vs_error.py [--out DIR] [STAGE ...]
+    python experiments/speed_vs_error.py [--out DIR] [--json FILE] [--quick] [STAGE ...]
 
 writes speed_vs_error.md, .json and .png.
 """
@@ -22,6 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import command
 import cv2
 import numpy as np
 import psf_peers
@@ -71,7 +72,8 @@ def main() -> None:
     )
     parser.add_argument("stages", nargs="*", metavar="STAGE", help="(default: all)")
     parser.add_argument("--out", type=Path, default=Path(), metavar="DIR")
-    options = parser.parse_args()
+    # Other stages take minutes at their one size.
+    options = command.read(parser, stages=["stamping", "attitude"])
     cv2.setNumThreads(1)
     stages, rows, absent = [], [], set[str]()
     for name in options.stages or STAGES:
@@ -79,7 +81,7 @@ def main() -> None:
         stage = STAGES[name]()
         peers = present(PEERS[name], stage, absent)
         stages.append(stage)
-        rows += measure(stage, peers)
+        rows += measure(stage, peers, 1) if options.quick else measure(stage, peers)
     left = f"Not installed: {', '.join(sorted(absent))}.\n\n" if absent else ""
     text = (
         f"# Speed against error\n\n`python experiments/speed_vs_error.py`, {versions(PACKAGES)}; "
@@ -88,7 +90,9 @@ def main() -> None:
     )
     out = options.out / "speed_vs_error.md"
     save_text(out, text)
-    save_json(out.with_suffix(".json"), {"absent": sorted(absent), **values(stages, rows)})
+    figures = {"absent": sorted(absent), **values(stages, rows)}
+    save_json(out.with_suffix(".json"), figures)
+    command.save(options, figures)
     draw_benchmark(out.with_suffix(".png"), stages, rows)
     print(text)
 

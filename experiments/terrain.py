@@ -6,7 +6,7 @@ coordinates; embree gets the same vertices as triangles, in its float32. Its dis
 timed against distance, geodetic place and normal; the time in which it builds its tree is told
 beside (`embree_index_4k_s`) and not counted, nor is startrack's index.
 
-    python experiments/terrain.py --json terrain.json --figure aliasing.png
+    python experiments/terrain.py [--json FILE] [--figure FILE] [--quick]
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 import one_thread  # noqa: F401  before numpy
 from numpy.typing import NDArray
@@ -62,23 +63,23 @@ RANDOM = np.random.default_rng(20260621)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--figure", type=Path, metavar="FILE")
     parser.add_argument("--grazing", type=int, default=1_000_000, help="rays (default: 1e6)")
     parser.add_argument("--without-embree", action="store_true")
     parser.add_argument("--rugged", metavar="PYTHON", help="an interpreter with orekit-jpype")
     parser.add_argument("--only", nargs="+", metavar="PART", help=f"of {', '.join(PARTS)}")
-    options = parser.parse_args()
+    options = command.read(parser, grazing=100)
+    small = 16 if options.quick else 1  # times fewer cells, rays and pixels a side
     parts = options.only or PARTS
     if unknown := set(parts) - set(PARTS):
         parser.error(f"PART must be one of {', '.join(PARTS)}, got {', '.join(sorted(unknown))}")
     studies: dict[str, Callable[[], dict[str, Any]]] = {
-        "hits": hits,
-        "shadow": shadow,
-        "cache": cache,
-        "aliasing": lambda: aliasing(options.figure),
-        "speed-1k": lambda: speed(1024, "1k", not options.without_embree),
-        "speed-4k": lambda: speed(4096, "4k", not options.without_embree),
+        "hits": lambda: hits(512 // small, 5000 // small**2),
+        "shadow": lambda: shadow(300 // small, 30_000 // small**2),
+        "cache": lambda: cache(small),
+        "aliasing": lambda: aliasing(options.figure, 1024 // small, 96 // small),
+        "speed-1k": lambda: speed(1024 // small, "1k", not options.without_embree, 1000 // small),
+        "speed-4k": lambda: speed(4096 // small, "4k", not options.without_embree, 1000 // small),
         "rugged": lambda: rugged(options.rugged),
         "grazing": lambda: grazing(options.grazing),
     }
@@ -88,16 +89,15 @@ def main() -> None:
         print(name, json.dumps(found), flush=True)
         result |= found
         gc.collect()
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
+    command.save(options, result)
 
 
-def hits() -> dict[str, Any]:
+def hits(cells: int, count: int) -> dict[str, Any]:
     """Distance from the reference at four elevations."""
-    grid, heights = mountains(512)
+    grid, heights = mountains(cells)
     surface, errors = index(grid, heights), {}
     for elevation in ELEVATIONS:
-        rays = random_rays(RANDOM, grid, 5000, elevation)
+        rays = random_rays(RANDOM, grid, count, elevation)
         expected, _ = Scan(grid, heights, HEIGHT - 3e4, HEIGHT + 3e4).meet(rays)
         found = trace(surface, rays)
         both = found.hit & expected.hit
@@ -126,10 +126,10 @@ def grazing(count: int) -> dict[str, Any]:
     return {"wrong_ridge": wrong, "grazing_rays": asked}
 
 
-def shadow() -> dict[str, Any]:
+def shadow(cells: int, count: int) -> dict[str, Any]:
     """Share of points whose shadow is not the reference's, at four heights of the sun."""
-    grid, heights = mountains(300)
-    rays = random_rays(RANDOM, grid, 30_000, 80, 0.9)
+    grid, heights = mountains(cells)
+    rays = random_rays(RANDOM, grid, count, 80, 0.9)
     ground, reference = (
         Relief(index(grid, heights)),
         Scan(grid, heights, HEIGHT - 2e4, HEIGHT + 2e4),
@@ -143,20 +143,24 @@ def shadow() -> dict[str, Any]:
     return {"shadow_mismatch": float(np.mean(wrong)), "shaded": shaded}
 
 
-def cache() -> dict[str, Any]:
-    """A pushbroom over 8192 x 8192 heights with room for 32 of its tiles."""
-    cells = 8192
+def cache(small: int) -> dict[str, Any]:
+    """A pushbroom over 8192 x 8192 heights, or fewer, with room for 32 of its tiles."""
+    cells, columns, side = 8192 // small, 2048 // small, 2048 // small
     grid = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, cells + 1, cells + 1)
-    heights = np.tile(fractal(2048, 2048, Streams(1, 0), RELIEF), (5, 5))[: cells + 1, : cells + 1]
+    heights = np.tile(fractal(side, side, Streams(1, 0), RELIEF), (5, 5))[: cells + 1, : cells + 1]
     ground = Pyramid(Mosaic((Array(grid, heights),)), lowest=0, highest=RELIEF, tiles=32)
-    across = np.linspace(0.002, 0.998, 2048) * cells
+    across = np.linspace(0.002, 0.998, columns) * cells
     view = towards(grid, 85, np.zeros(1))
     begin = time.process_time()
-    for down in np.linspace(0.002, 0.998, 512) * cells:
+    for down in np.linspace(0.002, 0.998, 512 // small) * cells:
         target = cartesian(
-            grid.west + across * STEP, np.full(2048, grid.north - down * STEP), np.full(2048, 700.0)
+            grid.west + across * STEP,
+            np.full(columns, grid.north - down * STEP),
+            np.full(columns, 700.0),
         )
-        ground.meet(Rays(target + HEIGHT * view, np.repeat(-view, 2048, axis=0), np.zeros(2048)))
+        ground.meet(
+            Rays(target + HEIGHT * view, np.repeat(-view, columns, axis=0), np.zeros(columns))
+        )
     return {
         "cache_miss_ratio": ground.cache.misses / len(ground.cache.touched),
         "cache_tiles_touched": len(ground.cache.touched),
@@ -165,13 +169,13 @@ def cache() -> dict[str, Any]:
     }
 
 
-def speed(cells: int, name: str, with_embree: bool) -> dict[str, Any]:
+def speed(cells: int, name: str, with_embree: bool, side: int) -> dict[str, Any]:
     """Rays per second down and to the sun, beside embree on the same vertices."""
     grid, heights = mountains(cells)
     index(*mountains(16))  # compiles
     built = best(lambda: index(grid, heights))
     surface = index(grid, heights)
-    rays = image_rays(grid, 1000, 85)
+    rays = image_rays(grid, side, 85)
     found = trace(surface, rays)
     nadir = best(lambda: trace(surface, rays))
     point = rays.origin + found.distance[:, None] * rays.direction
@@ -247,10 +251,9 @@ def against_embree(
     grid: Grid, heights: NDArray[np.float32], rays: Rays, shadows: dict[int, Rays],
     distance: Floats, nadir: float, mine: dict[int, float], name: str,
 ) -> dict[str, Any]:  # fmt: skip
-    try:
-        embree = Embree(grid, heights)
-    except ImportError:
+    if command.missing("embree is", "embreex"):
         return {"absent": ["embreex"]}
+    embree = Embree(grid, heights)
     looks = embree.single(rays)
     down = best(lambda: embree.distance(*looks))
     error = np.abs(embree.distance(*looks) - distance)
@@ -276,6 +279,7 @@ def against_embree(
 def rugged(python: str | None) -> dict[str, Any]:
     """Orekit's Rugged on the same rays; a Java call for each of its rays is in its time."""
     if not python:
+        print("Rugged is left out: --rugged names no interpreter that has it")
         return {"absent_rugged": True}
     grid, heights = mountains(512)
     rays = random_rays(RANDOM, grid, 3000, 80, 0.2)
@@ -302,12 +306,12 @@ def rugged(python: str | None) -> dict[str, Any]:
     }
 
 
-def aliasing(figure: Path | None) -> dict[str, Any]:
+def aliasing(figure: Path | None, cells: int, side: int) -> dict[str, Any]:
     """Brightness of slopes in pixels of eight cells: finest level against the pyramid.
 
     The truth is the mean of 32 x 32 rays of each pixel on the finest level.
     """
-    cells, side, pixel = 1024, 96, 8
+    pixel, edge = 8, (cells - 8 * side) // 4  # cells in a pixel, and beside the picture
     grid = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, cells + 1, cells + 1)
     heights = fractal(cells + 1, cells + 1, Streams(3, 0), 400.0, 1.2)
     sun = towards(grid, 25, np.array([0.7]))[0]
@@ -315,7 +319,7 @@ def aliasing(figure: Path | None) -> dict[str, Any]:
 
     def render(rays_per_side: int, sharpness: float) -> tuple[Floats, float]:
         count = side * rays_per_side
-        at = 64 + (np.arange(count) + 0.5) / rays_per_side * pixel
+        at = edge + (np.arange(count) + 0.5) / rays_per_side * pixel
         u, v = np.meshgrid(at, at)
         target = cartesian(
             grid.west + u.ravel() * STEP, grid.north - v.ravel() * STEP, np.zeros(count**2)

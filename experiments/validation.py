@@ -6,18 +6,17 @@ noise, pixels, centroids and neighbouring stars; calibration and thermo-elastic 
 published figures and in none of the designs, so that a prediction is what is left when these are
 calibrated away.
 
-    python experiments/validation.py [--json FILE]
+    python experiments/validation.py [--json FILE] [--quick]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
-from pathlib import Path
 from typing import Any
 
 import one_thread  # noqa: F401  # isort: skip
+import command
 import numpy as np
 from markley_mortari import SCENARIOS, scenario
 
@@ -124,17 +123,17 @@ def chandra() -> dict[str, Any]:
                 f"stars from magnitude {CHANDRA[0]:g} to {CHANDRA[-1]:g} alike")  # fmt: skip
 
 
-def sky() -> list[dict[str, Any]]:
-    """Stars in circles, and how far the observer's velocity moves them."""
+def sky(places: int) -> list[dict[str, Any]]:
+    """Stars in so many circles, and how far the observer's velocity moves them."""
     stars = open_sky(Selection()).stars
     v = v_from_g(stars.magnitude_g, stars.colour)
     rows = []
     known = "field and limit for the whole sky; the fewest by the BSC"
     for diameter, limit, least in ((17, 5.85, 6), (22, 5.35, 5)):
-        count = circles(Sky(stars[v <= limit]), diameter / 2 * deg, PLACES)
+        count = circles(Sky(stars[v <= limit]), diameter / 2 * deg, places)
         told = f"fewest stars of V {limit} in {diameter} deg"
         rows.append(line("APST", told, count.min(), least, known, "circles"))
-    count = circles(Sky(stars[v <= 6]), 10 * deg, PLACES)
+    count = circles(Sky(stars[v <= 6]), 10 * deg, places)
     rows.append(line("sky", "mean stars of V 6 in 20 deg", count.mean(), 38.6, "the BSC", "none"))
     speeds = [
         float(np.linalg.norm(earth_observer(2026 + month / 12).velocity)) for month in range(12)
@@ -149,9 +148,9 @@ def sky() -> list[dict[str, Any]]:
     return rows
 
 
-def validation() -> list[dict[str, Any]]:
+def validation(quick: bool = False) -> list[dict[str, Any]]:
     """All of it."""
-    return [*scenarios(), *trackers(), chandra(), *sky()]
+    return [*scenarios(), *trackers(), chandra(), *sky(200 if quick else PLACES)]
 
 
 def show(rows: list[dict[str, Any]]) -> None:
@@ -165,12 +164,10 @@ def show(rows: list[dict[str, Any]]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--json", type=Path, help="write the rows to this file")
-    arguments = parser.parse_args()
-    rows = validation()
+    options = command.read(parser)
+    rows = validation(options.quick)
     show(rows)
-    if arguments.json:
-        arguments.json.write_text(json.dumps(rows, indent=1) + "\n")
+    command.save(options, rows)
 
 
 if __name__ == "__main__":

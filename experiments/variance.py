@@ -1,6 +1,6 @@
 """How many trials does 1 % of an rms take, plain and with each help, and do the intervals hold?
 
-python experiments/variance.py --json FILE [--trials 896] [--windows 20]
+python experiments/variance.py [--json FILE] [--trials 896] [--windows 20] [--quick]
 
 A method's figure is the variance of its estimate times its frames: how many whole frames it needs
 until half its 95 % interval is 1 % of the rms (2 % of the mean square) on the example design.
@@ -11,12 +11,11 @@ control) is counted as time: `times faster` is the gain in variance over that in
 from __future__ import annotations
 
 import argparse
-import json
 import time
-from pathlib import Path
 from typing import Any
 
 import one_thread  # noqa: F401  # isort: skip
+import command
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
@@ -62,19 +61,21 @@ MADE_OF = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--trials", type=int, default=896)
     parser.add_argument("--windows", type=int, default=20, help="for each frame (default: 20)")
-    options = parser.parse_args()
+    options = command.read(parser, trials=2 * REPLICATES, windows=2)
     one_opencv_thread()
     case = load_design(shipped("designs/nanosatellite.toml")).case
-    figures = measure(case, options.trials // REPLICATES * REPLICATES, options.windows)
-    options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    figures = measure(
+        case, options.trials // REPLICATES * REPLICATES, options.windows, options.quick
+    )
+    command.save(options, figures)
     print(table(figures))
 
 
-def measure(case: Case, n: int, windows: int = 20) -> dict[str, Any]:
+def measure(case: Case, n: int, windows: int = 20, quick: bool = False) -> dict[str, Any]:
     """All methods on the example, from one run."""
+    covariances, timed, regional_trials = (4, 2, 2) if quick else (COVARIANCES, TIMED, REGIONAL)
     kinds = {
         "frame": Sampling(),  # the outcomes of frames with control, of which a few show the time
         "window": Sampling(Fidelity.WINDOW),
@@ -82,7 +83,7 @@ def measure(case: Case, n: int, windows: int = 20) -> dict[str, Any]:
         "frame and control": Sampling(control=True),
         "sobol frame and control": Sampling(attitudes="sobol", control=True),
     }
-    many = {"frame": TIMED, "window": windows * n, "covariance": COVARIANCES * n}
+    many = {"frame": timed, "window": windows * n, "covariance": covariances * n}
     made, seconds = {}, {}
     for name, sampling in kinds.items():
         sampling.trials(case, SEED, range(3))
@@ -94,13 +95,13 @@ def measure(case: Case, n: int, windows: int = 20) -> dict[str, Any]:
     controlled_frames = made["frame and control"]
     frames = controlled_frames[names]
     coarse, drawn = (made["window"], Fidelity.WINDOW), (made["covariance"], DRAWN)
-    numbers = range(REGIONAL * len(REGIONS))
+    numbers = range(regional_trials * len(REGIONS))
     regional = run_trials(case, SEED, numbers, Fidelity.WINDOW, by_regions(SEED, numbers, REGIONS))
     cell = np.asarray(numbers) % len(REGIONS)
     figures: dict[str, Any] = {
         "trials": n,
         "windows": windows * n,
-        "covariances": COVARIANCES * n,
+        "covariances": covariances * n,
         "ms_per_trial": {name: 1e3 * one for name, one in seconds.items()},
     }
     for about in (False, True):
@@ -127,7 +128,11 @@ def measure(case: Case, n: int, windows: int = 20) -> dict[str, Any]:
         same = np.corrcoef(squares(frames, about), squares(made["window"][:n], about))[0, 1]
         figures[name]["window_correlation"] = float(same)
         figures[name]["coverage_95"] = coverage(
-            controlled_frames, made["window"], made["covariance"], about
+            controlled_frames,
+            made["window"],
+            made["covariance"],
+            about,
+            2 if quick else REPETITIONS,
         )
     across = figures["across"]
     figures["variance_reduction"] = max(across[one]["variance_reduction"] for one in means)
@@ -158,7 +163,9 @@ def told(mean: Mean, n: int, alone: Mean, cost: float) -> dict[str, float]:
     }
 
 
-def coverage(frames: Outcomes, windows: Outcomes, drawn: Outcomes, about: bool) -> dict[str, Any]:
+def coverage(
+    frames: Outcomes, windows: Outcomes, drawn: Outcomes, about: bool, repetitions: int
+) -> dict[str, Any]:
     """How often the intervals of small samples from these trials hold the mean of all of them.
 
     Drawn with replacement, so that the mean of all is the truth; the frames' is that of the
@@ -172,7 +179,7 @@ def coverage(frames: Outcomes, windows: Outcomes, drawn: Outcomes, about: bool) 
     names = list(OUTCOMES.names or ())
     truth = float(mean_square(frames[names], about).value)
     hits = dict.fromkeys(("plain", "control", "windows", "control and covariance"), 0)
-    for _ in range(REPETITIONS):
+    for _ in range(repetitions):
         mine, more = rng.integers(n, size=SAMPLE), rng.integers(n, size=MORE * SAMPLE)
         both = np.concatenate([mine, more])
         fine, coarse, cheap = (
@@ -189,8 +196,8 @@ def coverage(frames: Outcomes, windows: Outcomes, drawn: Outcomes, about: bool) 
         for method, mean in means.items():
             interval = mean.interval()
             hits[method] += bool(interval.low <= truth <= interval.high)
-    bounds = stats.binom.ppf([1e-3, 0.999], REPETITIONS, 0.95) / REPETITIONS
-    return {method: count / REPETITIONS for method, count in hits.items()} | {
+    bounds = stats.binom.ppf([1e-3, 0.999], repetitions, 0.95) / repetitions
+    return {method: count / repetitions for method, count in hits.items()} | {
         "bounds_if_exact": bounds.tolist()
     }
 

@@ -59,7 +59,9 @@ class Row(NamedTuple):
     error: float
 
 
-def measure(stage: Stage, peers: Mapping[str, Way] | None = None) -> list[Row]:
+def measure(
+    stage: Stage, peers: Mapping[str, Way] | None = None, rounds: int = ROUNDS
+) -> list[Row]:
     """Measure every way of a stage, of startrack and of the peers, on the same work in turns.
 
     The first call of each fills caches, and its answer is judged; the result is the smallest time
@@ -70,7 +72,7 @@ def measure(stage: Stage, peers: Mapping[str, Way] | None = None) -> list[Row]:
     for name, way in ways.items():
         errors[name] = stage.judge(clocked(way).answer)
     began = time.process_time()
-    for number in range(ROUNDS):
+    for number in range(rounds):
         if number and time.process_time() - began > ENOUGH:
             break
         for name, way in ways.items():

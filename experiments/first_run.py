@@ -1,0 +1,244 @@
+"""How long does a newcomer wait, from the installation to the first results, and for how much?
+
+Makes a virtual environment, installs the project with pip, and runs three commands there, each cold
+(no cache but what the installation brought) and, where it says so, warm (the same once more).
+`--before COMMIT` does the same with another commit, the two in turns. Times are wall-clock, for
+which the processor should be idle; their CPU times, children included, are beside them. pip uses
+its cache and its index as ever: `install_s` without a cache is mainly the network.
+
+`installed_mb` is what all installed distributions weigh except pip and setuptools, 1 MB = 1e6
+bytes, and is listed by distribution. `import_ms` is what `python -X importtime` says of `import
+startrack`, the best of several.
+
+    python experiments/first_run.py [--json FILE] [--before COMMIT] [--photo FILE] [--quick]
+
+Without `--photo` an image of STARTRACK_DATA is solved, else a frame that `simulate` rendered.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import command
+
+ROOT = Path(__file__).parents[1]
+IMPORTS = 15  # processes, of which the best counts
+SIMULATE = ("simulate", "--ra", "83", "--dec", "-5", "--out", "frame")
+OPTIMIZE = ("optimize", "--out", "better")
+WEIGH = """
+import importlib.metadata, json
+told = {}
+for one in importlib.metadata.distributions():
+    files = [file.locate() for file in one.files or ()]
+    told[one.name] = sum(file.stat().st_size for file in files if file.is_file())
+print(json.dumps(told))
+"""
+NOT_OURS = ("pip", "setuptools", "wheel")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--before", metavar="COMMIT", help="measure this commit too, in turns")
+    parser.add_argument("--photo", type=Path, metavar="FILE", help="night sky to solve")
+    options = command.read(parser)
+    with tempfile.TemporaryDirectory() as folder:
+        figures = here(Path(folder)) if options.quick else fresh(Path(folder), options)
+    print()
+    for name, value in figures.items():
+        if isinstance(value, float):
+            print(f"{name:32} {value:9.2f}")
+    command.save(options, figures)
+
+
+class Spent(NamedTuple):
+    """Seconds of a process and of what it started."""
+
+    wall: float
+    cpu: float
+
+
+class Place(NamedTuple):
+    """An interpreter, and an empty home for what it keeps.
+
+    installed   files of startrack that the installation brought; none where it is not ours
+    """
+
+    python: Path
+    home: Path
+    installed: frozenset[Path] = frozenset()
+
+    def environment(self) -> dict[str, str]:
+        """Of a newcomer: no cache, no path and no home from elsewhere."""
+        own = ("PYTHON", "NUMBA_", "STARTRACK_", "XDG_", "MPL")
+        kept = {name: text for name, text in os.environ.items() if not name.startswith(own)}
+        return kept | {"HOME": str(self.home)}
+
+    def run(self, *words: str) -> Spent:
+        """Seconds of `startrack` with these words."""
+        return clocked([str(self.python), "-m", "startrack.cli", *words], self.home,
+                       self.environment())  # fmt: skip
+
+    def forget(self) -> None:
+        """Remove all that was made since the installation."""
+        shutil.rmtree(self.home)
+        self.home.mkdir()
+        for path in sources(self.python) - self.installed:
+            path.unlink()
+
+
+def sources(python: Path) -> frozenset[Path]:
+    """All files in the folder of the startrack that an interpreter imports."""
+    code = "import startrack; print(startrack.__path__[0])"
+    told = subprocess.run(
+        [python, "-c", code], capture_output=True, text=True, check=True, cwd=python.parent
+    )
+    return frozenset(path for path in Path(told.stdout.strip()).rglob("*") if path.is_file())
+
+
+def clocked(words: list[str], folder: Path, environment: dict[str, str]) -> Spent:
+    """Seconds of a command, which must succeed."""
+    began, before = time.perf_counter(), os.times()
+    done = subprocess.run(
+        words, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        text=True,
+    )  # fmt: skip
+    after = os.times()
+    if done.returncode:
+        raise SystemExit(f"{' '.join(words)} ended with {done.returncode}:\n{done.stdout[-2000:]}")
+    cpu = after.children_user + after.children_system
+    return Spent(time.perf_counter() - began, cpu - before.children_user - before.children_system)
+
+
+def here(folder: Path) -> dict[str, Any]:
+    """Under --quick: the environment that runs this, with the caches that it has."""
+    spent = clocked([sys.executable, "-m", "startrack.cli", *SIMULATE], folder, dict(os.environ))
+    return {
+        "simulate_warm_s": spent.wall,
+        "simulate_warm_cpu_s": spent.cpu,
+        "import_ms": import_ms(Path(sys.executable), dict(os.environ), 2),
+        **weights(Path(sys.executable)),
+    }
+
+
+def fresh(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
+    """Install and measure the project as it is and, where asked for, another commit, in turns."""
+    photo = (options.photo or first_photo() or Path("frame/frame.png")).expanduser()
+    photo = photo.resolve() if photo.exists() else photo
+    figures: dict[str, Any] = {"photo": photo.name}
+    with contextlib.ExitStack() as stack:
+        trees = {"": ROOT}
+        if options.before:
+            trees["before_"] = stack.enter_context(worktree(options.before, folder / "before"))
+        places = {}
+        for prefix, tree in trees.items():
+            places[prefix], spent = installed(tree, folder / f"{prefix}environment")
+            tell(figures, f"{prefix}install", spent)
+        for name, words in (
+            ("simulate", SIMULATE),
+            ("solve", ("solve", str(photo))),
+            ("optimize", OPTIMIZE),
+        ):
+            for prefix, place in places.items():
+                place.forget()
+                if name == "solve" and not photo.is_absolute():
+                    place.run(*SIMULATE)
+                    keep = (place.home / photo).read_bytes()
+                    place.forget()
+                    (place.home / photo).parent.mkdir()
+                    (place.home / photo).write_bytes(keep)
+                tell(figures, f"{prefix}{name}_cold", place.run(*words))
+            for prefix, place in places.items():
+                shutil.rmtree(place.home / "better", ignore_errors=True)
+                tell(figures, f"{prefix}{name}_warm", place.run(*words))
+        for prefix, place in places.items():
+            figures[f"{prefix}compile_cpu_s"] = (
+                figures[f"{prefix}simulate_cold_cpu_s"] - figures[f"{prefix}simulate_warm_cpu_s"]
+            )
+            figures[f"{prefix}optimize_cold_over_warm"] = (
+                figures[f"{prefix}optimize_cold_s"] / figures[f"{prefix}optimize_warm_s"]
+            )
+            figures[f"{prefix}import_ms"] = import_ms(place.python, place.environment(), IMPORTS)
+            figures |= {f"{prefix}{name}": one for name, one in weights(place.python).items()}
+    return figures
+
+
+def tell(figures: dict[str, Any], name: str, spent: Spent) -> None:
+    """Keep both times of a step, and print them for the person who waits."""
+    figures |= {f"{name}_s": spent.wall, f"{name}_cpu_s": spent.cpu}
+    print(f"{name:24} {spent.wall:8.1f} s   CPU {spent.cpu:8.1f} s", flush=True)
+
+
+def first_photo() -> Path | None:
+    """A photograph of the folder of real images."""
+    folder = command.images("a photograph is")
+    return next(iter(sorted(folder.glob("*.jpg"))), None) if folder else None
+
+
+@contextlib.contextmanager
+def worktree(commit: str, folder: Path) -> Iterator[Path]:
+    """The project at another commit."""
+    git = ["git", "-C", str(ROOT), "worktree"]
+    subprocess.run([*git, "add", "--detach", str(folder), commit], check=True, capture_output=True)
+    try:
+        yield folder
+    finally:
+        subprocess.run([*git, "remove", "--force", str(folder)], check=True)
+
+
+def installed(tree: Path, folder: Path) -> tuple[Place, Spent]:
+    """A new environment with the project of a tree, and the seconds of `pip install`."""
+    venv.create(folder, with_pip=True)
+    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    words = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "."]
+    outside = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
+    spent = clocked(words, tree, outside)
+    home = folder / "home"
+    home.mkdir()
+    return Place(python, home, sources(python)), spent
+
+
+def import_ms(python: Path, environment: dict[str, str], times: int) -> float:
+    """Milliseconds of `import startrack`, the best of several processes."""
+    found = []
+    for _ in range(times):
+        told = subprocess.run(
+            [python, "-X", "importtime", "-c", "import startrack"],
+            capture_output=True, text=True, check=True, env=environment,
+        ).stderr  # fmt: skip
+        # import time: self [us] | cumulative | imported package
+        line = next(
+            line for line in told.splitlines() if line.split("|")[-1].strip() == "startrack"
+        )
+        found.append(float(line.split("|")[1]) / 1e3)
+    return min(found)
+
+
+def weights(python: Path) -> dict[str, Any]:
+    """MB of each installed distribution and of all, printed as a table."""
+    told = subprocess.run([python, "-c", WEIGH], capture_output=True, text=True, check=True)
+    found = {
+        name: size / 1e6 for name, size in json.loads(told.stdout).items() if name not in NOT_OURS
+    }
+    ordered = dict(sorted(found.items(), key=lambda each: -each[1]))
+    print("\ndistribution                       MB")
+    for name, size in list(ordered.items())[:25]:
+        print(f"{name:30} {size:6.1f}")
+    return {"installed_mb": sum(found.values()), "installed_mb_of": ordered}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""Every experiment runs in its quick mode, so that none breaks unseen."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+# Run by another interpreter, in which a peer is installed that startrack's own cannot have.
+WORKERS = {"cedar_worker.py", "terrain_rugged.py"}
+SCRIPTS = [
+    path
+    for path in sorted((ROOT / "experiments").glob("*.py"))
+    if path.name not in WORKERS and "__main__" in path.read_text()
+]
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+
+# One process loads what all scripts load, and each script runs in a copy of it: its own imports,
+# and the kernels that a trial reads from disk, would be most of its time.
+PARENT = """
+import os, runpy, sys, traceback
+sys.path.insert(0, sys.argv[1])
+import one_thread
+import astropy.time, matplotlib.pyplot, numpy, scipy.optimize, scipy.stats
+from startrack import Fidelity, load_design, run_trials, shipped
+
+for fidelity in Fidelity:
+    run_trials(load_design(shipped("designs/nanosatellite.toml")).case, 1, range(1), fidelity)
+for line in sys.stdin:
+    script, folder = line.rstrip("\\n").split("\\t")
+    child = os.fork()
+    if child:
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+        continue
+    os.chdir(folder)
+    for stream, name in ((1, "stdout"), (2, "stderr")):
+        os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT), stream)
+    sys.argv = [script, "--quick", "--json", "figures.json"]
+    try:
+        runpy.run_path(script, run_name="__main__")
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)
+    sys.exit()
+"""
+
+
+@pytest.fixture(scope="module")
+def parent():
+    with subprocess.Popen(
+        [sys.executable, "-c", PARENT, str(ROOT / "experiments")],
+        env=os.environ | {"PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        yield process
+        process.stdin.close()
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_an_experiment_runs_in_its_quick_mode(script, parent, tmp_path):
+    assert "command.read(" in script.read_text(), (
+        f"{script.name} must read its options with `command.read`, which adds --quick and --json, "
+        "and do every step on the smallest sizes under --quick"
+    )
+    print(script, tmp_path, sep="\t", file=parent.stdin, flush=True)
+    status = int(parent.stdout.readline())
+    assert status == 0, f"{script.name} --quick:\n{(tmp_path / 'stderr').read_text()[-3000:]}"
+    assert json.loads((tmp_path / "figures.json").read_text()) is not None
+    assert sorted(os.listdir(tmp_path)) == ["figures.json", "stderr", "stdout"], (
+        f"{script.name} --quick must leave no file that is not asked for"
+    )
