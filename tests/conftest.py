@@ -11,7 +11,12 @@ from startrack.core import Curve
 from startrack.design import Case, Design, load_design
 from startrack.io import shipped
 
-ORACLE = Path(__file__).parent / "oracle"
+ROOT = Path(__file__).parents[1]
+ORACLE = ROOT / "tests" / "oracle"
+# Processes that tests start import these sources too, and so find the kernels that are compiled.
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+)
 collect_ignore = ["oracle"]  # scripts that need what the tests do not
 
 

@@ -53,7 +53,7 @@ for line in sys.stdin:
 def parent():
     with subprocess.Popen(
         [sys.executable, "-c", PARENT, str(ROOT / "experiments")],
-        env=os.environ | {"PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"},
+        env=os.environ | {"MPLBACKEND": "agg"},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -75,3 +75,16 @@ def test_an_experiment_runs_in_its_quick_mode(script, parent, tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["figures.json", "stderr", "stdout"], (
         f"{script.name} --quick must leave no file that is not asked for"
     )
+
+
+@pytest.mark.slow
+def test_a_campaign_with_its_processes_in_its_quick_mode(tmp_path):
+    words = ["--quick", "--json", "figures.json", "--parts", "bytes", "efficiency", "kills"]
+    subprocess.run(
+        [sys.executable, str(ROOT / "experiments" / "campaign.py"), *words],
+        cwd=tmp_path,
+        check=True,
+    )
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert figures["same_bytes"]
+    assert figures["lost"] == figures["doubled"] == figures["different"] == 0
