@@ -1,7 +1,6 @@
 """How many inputs from anybody end in something else than a result or a sentence?
 
-    python experiments/robust.py --json robust.json --cases 10000
-    python experiments/robust.py --quick
+    python experiments/robust.py [--json FILE] [--cases 10000] [--seed 1] [--keep DIR] [--quick]
 
 Cases come from the grammar of tests/fuzz and a seed. Each runs a command in a process with a limit
 of 30 s and 1 GiB.
@@ -17,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import command
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
 ROOT = Path(__file__).parents[1]
@@ -46,13 +46,10 @@ def judged(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path)
     parser.add_argument("--cases", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--quick", action="store_true", help="60 cases")
     parser.add_argument("--keep", type=Path, help="folder for the files of each fault")
-    options = parser.parse_args()
-    number = 60 if options.quick else options.cases
+    options = command.read(parser, cases=5)
     counted, kinds, statuses = Counter[str](), Counter[str](), Counter[int | None]()
     slowest: list[float] = [0.0]
 
@@ -67,7 +64,7 @@ def main() -> None:
             if options.keep:
                 keep(options.keep / f"{sum(counted.values())}", case)
 
-    judged(number, options.seed, report, 30.0)
+    judged(options.cases, options.seed, report, 30.0)
     figures: dict[str, Any] = {
         "seed": options.seed,
         "cases": sum(kinds.values()),
@@ -80,8 +77,7 @@ def main() -> None:
         "slowest_s": slowest[0],
     }
     print(json.dumps(figures, indent=1))
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=1) + "\n")
+    command.save(options, figures)
 
 
 def keep(folder: Path, case: Case) -> None:

@@ -72,7 +72,8 @@ def test_an_experiment_runs_in_its_quick_mode(script, parent, tmp_path):
     status = int(parent.stdout.readline())
     assert status == 0, f"{script.name} --quick:\n{(tmp_path / 'stderr').read_text()[-3000:]}"
     assert json.loads((tmp_path / "figures.json").read_text()) is not None
-    assert sorted(os.listdir(tmp_path)) == ["figures.json", "stderr", "stdout"], (
+    left = sorted(path.name for path in tmp_path.iterdir() if not path.name.startswith("."))
+    assert left == ["figures.json", "stderr", "stdout"], (
         f"{script.name} --quick must leave no file that is not asked for"
     )
 
