@@ -56,7 +56,8 @@ def main() -> None:
     parser.add_argument("--photo", type=Path, metavar="FILE", help="night sky to solve")
     options = command.read(parser)
     with tempfile.TemporaryDirectory() as folder:
-        figures = here(Path(folder)) if options.quick else fresh(Path(folder), options)
+        empty = Path(folder).resolve()
+        figures = here(empty) if options.quick else fresh(empty, options)
     print()
     for name, value in figures.items():
         if isinstance(value, float):
@@ -96,17 +97,19 @@ class Place(NamedTuple):
         """Remove all that was made since the installation."""
         shutil.rmtree(self.home)
         self.home.mkdir()
-        for path in sources(self.python) - self.installed:
+        for path in self.sources() - self.installed:
             path.unlink()
 
-
-def sources(python: Path) -> frozenset[Path]:
-    """All files in the folder of the startrack that an interpreter imports."""
-    code = "import startrack; print(startrack.__path__[0])"
-    told = subprocess.run(
-        [python, "-c", code], capture_output=True, text=True, check=True, cwd=python.parent
-    )
-    return frozenset(path for path in Path(told.stdout.strip()).rglob("*") if path.is_file())
+    def sources(self) -> frozenset[Path]:
+        """All files in the folder of its startrack."""
+        told = subprocess.run(
+            [self.python, "-c", "import startrack; print(startrack.__path__[0])"],
+            capture_output=True, text=True, check=True, cwd=self.home, env=self.environment(),
+        )  # fmt: skip
+        folder = Path(told.stdout.strip())
+        if not folder.is_relative_to(self.python.parents[1]):
+            raise SystemExit(f"{self.python} imports startrack from {folder}")
+        return frozenset(path for path in folder.rglob("*") if path.is_file())
 
 
 def clocked(words: list[str], folder: Path, environment: dict[str, str]) -> Spent:
@@ -130,7 +133,7 @@ def here(folder: Path) -> dict[str, Any]:
         "simulate_warm_s": spent.wall,
         "simulate_warm_cpu_s": spent.cpu,
         "import_ms": import_ms(Path(sys.executable), dict(os.environ), 2),
-        **weights(Path(sys.executable)),
+        **weights(Path(sys.executable), dict(os.environ)),
     }
 
 
@@ -172,7 +175,8 @@ def fresh(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
                 figures[f"{prefix}optimize_cold_s"] / figures[f"{prefix}optimize_warm_s"]
             )
             figures[f"{prefix}import_ms"] = import_ms(place.python, place.environment(), IMPORTS)
-            figures |= {f"{prefix}{name}": one for name, one in weights(place.python).items()}
+            weighed = weights(place.python, place.environment())
+            figures |= {f"{prefix}{name}": one for name, one in weighed.items()}
     return figures
 
 
@@ -201,14 +205,15 @@ def worktree(commit: str, folder: Path) -> Iterator[Path]:
 
 def installed(tree: Path, folder: Path) -> tuple[Place, Spent]:
     """A new environment with the project of a tree, and the seconds of `pip install`."""
-    venv.create(folder, with_pip=True)
+    venv.create(folder, with_pip=True, symlinks=os.name != "nt")
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     words = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "."]
     outside = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
     spent = clocked(words, tree, outside)
     home = folder / "home"
     home.mkdir()
-    return Place(python, home, sources(python)), spent
+    bare = Place(python, home)
+    return bare._replace(installed=bare.sources()), spent
 
 
 def import_ms(python: Path, environment: dict[str, str], times: int) -> float:
@@ -227,9 +232,11 @@ def import_ms(python: Path, environment: dict[str, str], times: int) -> float:
     return min(found)
 
 
-def weights(python: Path) -> dict[str, Any]:
+def weights(python: Path, environment: dict[str, str]) -> dict[str, Any]:
     """MB of each installed distribution and of all, printed as a table."""
-    told = subprocess.run([python, "-c", WEIGH], capture_output=True, text=True, check=True)
+    told = subprocess.run(
+        [python, "-c", WEIGH], capture_output=True, text=True, check=True, env=environment
+    )
     found = {
         name: size / 1e6 for name, size in json.loads(told.stdout).items() if name not in NOT_OURS
     }

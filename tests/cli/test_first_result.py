@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 HEAVY = ["scipy.stats", "scipy.optimize", "scipy.signal", "astropy", "matplotlib", "nlopt", "rich"]
 
@@ -37,3 +38,10 @@ def test_a_first_trial_loads_no_tables_no_ephemeris_and_no_pictures():
     modules = loaded(first)
     assert "astropy.io.fits" in modules  # the catalogue is one
     assert not needless & modules
+
+
+def test_processes_of_the_tests_import_these_sources(tmp_path):
+    """Another copy, as pip installed it, would compile all kernels once more."""
+    code = "import startrack; print(startrack.__path__[0])"
+    found = subprocess.check_output([sys.executable, "-c", code], text=True, cwd=tmp_path)
+    assert Path(found.strip()) == Path(__file__).parents[2] / "startrack"
