@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +16,7 @@ from startrack.core import (
     uniform,
 )
 from startrack.detector.law import COUNT, Image, Law, blank, number, signal
-from startrack.detector.tables import STEPS, UNSETTLED, Tables, tables_for
+from startrack.detector.tables import STEPS, Tables, tables_for
 
 
 def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | None = None) -> Image:
@@ -79,69 +77,107 @@ def keys(law: Law, streams: Streams) -> tuple[np.uint64, np.uint64]:
 @kernel
 def _digitise(image, electrons, shot, read, law, tables):  # type: ignore[no-untyped-def]
     rows, columns = image.shape
-    room = np.empty((2, columns), np.uint32)
+    room = np.empty((WORK, columns), np.uint32)
     for row in range(rows):
         start = np.uint64(row * columns)
         digitise_row(image[row], electrons[row], start, shot, read, law, tables, room)
+
+
+# The loops of a row are apart so that each has numbers of one width: a processor works on as many
+# at once as the widest of them allows, and those without AVX-512 convert between 64-bit integers
+# and floats one by one. Each sum is cut to 32 bits at once, because numba would go on in 64.
+U32, F32 = np.uint32, np.float32
+WORK = 3  # rows of the workspace
+LOW = np.uint32(0xFFFF)
+COUNTED = 64  # limits that take less time to be counted than to be searched; chosen by hand
 
 
 @kernel
 def digitise_row(out, mean, start, shot, read, law, tables, room):  # type: ignore[no-untyped-def]
     """Write the numbers of pixels in a row, the first of which is pixel number `start`.
 
-    room  (2, n) workspace, at least as long as the row
+    room  (WORK, n) workspace, at least as long as the row
     """
-    at, rest = room[0, : len(mean)], room[1, : len(mean)]
+    many = len(mean)
+    at, rest, found = room[0, :many], room[1, :many], room[2, :many]
     none = len(tables.entry) - 1
+    _random_cells(shot, start, tables.cells, at, rest)
+    near = found.view(np.float32)
+    for column in range(many):
+        near[column] = F32(mean[column])
+    _cells_of_levels(near, F32(law.noise), tables, at, rest)
     entry = tables.entry
-    # All in 32 bits: mixed integers would be converted, which costs a tenth of the time.
-    lowest, unsettled = np.uint32(tables.lowest), np.uint32(UNSETTLED)
-    _cells_of_row(mean, shot, start, law.noise, tables, at, rest)
-    for column in range(len(mean)):
-        found = entry[at[column]]
-        threshold = found >> np.uint32(16)
-        step = found & unsettled
-        if rest[column] != threshold and step != unsettled:
-            out[column] = lowest + step + np.uint32(rest[column] > threshold)
-            continue
-        pixel = start + np.uint64(column)
-        random = bits(shot, pixel)
-        if at[column] == none:
-            out[column] = _draw_number(mean[column], 0.0, random, read, pixel, law)
-        else:
-            out[column] = _number_by_all_bits(random, at[column] >> tables.cells, tables)
+    for column in range(many):
+        found[column] = entry[at[column]]
+    _settled(out, found, rest, U32(tables.lowest))
+    for column in range(many):
+        if found[column]:
+            pixel = start + np.uint64(column)
+            random = bits(shot, pixel)
+            if at[column] == none:
+                out[column] = _draw_number(mean[column], 0.0, random, read, pixel, law)
+            else:
+                line = np.int64(at[column] >> tables.cells)
+                out[column] = tables.lowest + _number_by_all_bits(random, line, tables.limit)
 
 
 @kernel
-def _cells_of_row(mean, shot, start, noise, tables, at, rest):  # type: ignore[no-untyped-def]
-    """Cell of the tables of each pixel in a row, and the 16 bits to compare there.
-
-    A loop without branches, which the compiler vectorises.
-    """
-    none = len(tables.entry) - 1
-    cells = tables.cells
-    first, last = tables.first, tables.first + tables.levels - 1
-    step = 1.0 / STEPS
-    for column in range(len(mean)):
+def _random_cells(shot, start, cells, at, rest):  # type: ignore[no-untyped-def]
+    """Cell of each pixel in its level, and two numbers of 16 bits: for the level, for the entry."""
+    of_cell, of_entry = np.uint64(64 - cells), np.uint64(48 - cells)
+    for column in range(len(at)):
         random = bits(shot, start + np.uint64(column))
-        level = math.floor((math.sqrt(mean[column] + noise * noise) - noise) * STEPS)
-        low = level * step
-        # The upper level with probability above / width, without a division.
-        above = mean[column] - low * (2 * noise + low)
-        width = step * (2 * (noise + low) + step)
-        up = np.float64(np.int64(random & np.uint64(0xFFFF))) * width < above * 65536.0
-        line = np.int64(level - first) + np.int64(up)
-        inside = (level >= first) & (level < last)
-        cell = (line << cells) + np.int64(random >> np.uint64(64 - cells))
-        at[column] = np.uint32(cell if inside else none)
-        rest[column] = np.uint32((random >> np.uint64(48 - cells)) & np.uint64(0xFFFF))
+        at[column] = U32(random >> of_cell)
+        rest[column] = U32((random << np.uint64(16)) | ((random >> of_entry) & np.uint64(LOW)))
 
 
 @kernel
-def _number_by_all_bits(random, line, tables):  # type: ignore[no-untyped-def]
-    """The number of a pixel in the tables, by all 48 bits."""
-    limit = tables.limit[line]
-    return tables.lowest + np.searchsorted(limit, random >> np.uint64(16), side="right")
+def _cells_of_levels(mean, noise, tables, at, rest):  # type: ignore[no-untyped-def]
+    """Move the cells of pixels to one of the two levels about their expectation, or to none.
+
+    In 32 bits: the mean of a pixel is right to 1e-4 of its standard deviation up to 1e6 electrons.
+    """
+    none = U32(len(tables.entry) - 1)
+    # Not 1 << cells, which the compiler makes a shift of, in 64 bits.
+    size = U32((len(tables.entry) - 1) // max(tables.levels, 1))
+    first, count = U32(tables.first), U32(max(tables.levels - 1, 0))
+    steps, step, two, whole = F32(STEPS), F32(1.0 / STEPS), F32(2.0), F32(65536.0)
+    square = noise * noise
+    for column in range(len(mean)):
+        level = np.int32((np.sqrt(mean[column] + square) - noise) * steps)
+        low = F32(level) * step
+        # The upper level with probability above / width, without a division.
+        above = mean[column] - low * (two * noise + low)
+        width = step * (two * (noise + low) + step)
+        line = U32(U32(level) - first)
+        cell = U32(U32(line * size) + at[column])
+        upper = U32(cell + size)
+        cell = upper if F32(np.int32(rest[column] >> U32(16))) * width < above * whole else cell
+        at[column] = cell if line < count else none  # below the first, the line is a huge number
+
+
+@kernel
+def _settled(out, found, rest, lowest):  # type: ignore[no-untyped-def]
+    """Numbers of the pixels whose entries settle them; the entries become marks of the others."""
+    for column in range(len(found)):
+        entry, bit = found[column], U32(rest[column] & LOW)
+        threshold, step = U32(entry >> U32(16)), U32(entry & LOW)
+        out[column] = U32(U32(lowest + step) + U32(bit > threshold))
+        found[column] = U32(bit == threshold) | U32(step == LOW)
+
+
+@kernel
+def _number_by_all_bits(random, line, limit):  # type: ignore[no-untyped-def]
+    """Index of the number of a pixel in the tables, by all 48 bits: the limits up to them."""
+    wanted = random >> np.uint64(16)
+    low, high = 0, limit.shape[1]
+    while high - low > COUNTED:
+        middle = (low + high) // 2
+        low, high = (low, middle) if limit[line, middle] > wanted else (middle, high)
+    count = low
+    for k in range(low, high):  # without branches, each of which is wrong half of the time
+        count += limit[line, k] <= wanted
+    return count
 
 
 @kernel
