@@ -3,7 +3,9 @@
     python experiments/robust.py [--json FILE] [--cases 10000] [--seed 1] [--keep DIR] [--quick]
 
 Cases come from the grammar of tests/fuzz and a seed. Each runs a command in a process with a limit
-of 30 s and 1 GiB.
+of 30 s and 1 GiB. Then commands are ended by SIGKILL, SIGTERM and SIGINT and started again: `lost`
+are ends with other bytes than those of a run that nothing ended, `orphans` processes that stayed,
+`words` ends with another status than 143 and 130 or more than one sentence.
 """
 
 from __future__ import annotations
@@ -11,45 +13,28 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import tempfile
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import command
-from hypothesis import HealthCheck, Phase, given, seed, settings
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tests.fuzz.arena import Arena, Case, Verdict  # noqa: E402
-from tests.fuzz.grammar import cases  # noqa: E402
-
-
-def judged(
-    number: int, start: int, report: Callable[[Case, Verdict], None], seconds: float
-) -> None:
-    """Run so many new cases of a seed."""
-    with Arena(seconds) as arena:
-
-        @seed(start)
-        @settings(
-            max_examples=number, deadline=None, database=None, phases=[Phase.generate],
-            suppress_health_check=list(HealthCheck),
-        )  # fmt: skip
-        @given(cases())
-        def run(case: Case) -> None:
-            report(case, arena.judge(case))
-
-        run()
+from tests.fuzz.arena import Case, Verdict  # noqa: E402
+from tests.fuzz.campaign import run_cases  # noqa: E402
+from tests.fuzz.kills import COMMANDS, kill_commands  # noqa: E402
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--keep", type=Path, help="folder for the files of each fault")
-    options = command.read(parser, cases=5)
+    options = command.read(parser, cases=5, kills=0)
     counted, kinds, statuses = Counter[str](), Counter[str](), Counter[int | None]()
     slowest: list[float] = [0.0]
 
@@ -64,7 +49,12 @@ def main() -> None:
             if options.keep:
                 keep(options.keep / f"{sum(counted.values())}", case)
 
-    judged(options.cases, options.seed, report, 30.0)
+    if options.cases:
+        run_cases(options.cases, options.seed, report)
+    ended = {"kills": 0, "lost": 0, "orphans": 0, "words": 0}
+    if options.kills:
+        with tempfile.TemporaryDirectory() as folder:
+            ended = kill_commands(Path(folder), options.kills, options.seed, tuple(COMMANDS))
     figures: dict[str, Any] = {
         "seed": options.seed,
         "cases": sum(kinds.values()),
@@ -75,6 +65,7 @@ def main() -> None:
         "memory": counted["memory"],
         "silent_nan": counted["silent_nan"],
         "slowest_s": slowest[0],
+        **ended,
     }
     print(json.dumps(figures, indent=1))
     command.save(options, figures)

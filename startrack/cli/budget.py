@@ -50,6 +50,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "(stars and error over the sky) and curves.png (error over rate, magnitude and field). "
         "The status is 3 if a part of the sky has no attitude.",
     )
+    parser.set_defaults(claims=True)
     add_design(parser)
     parser.add_argument(
         "--montecarlo", type=whole(1), metavar="N",

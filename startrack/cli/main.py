@@ -79,6 +79,7 @@ def _run(options: argparse.Namespace) -> int:
             warnings.catch_warnings(),
             core.limited_memory(memory_of(options, core.memory_limit())),
             terminal.report_compiling(),
+            terminal.claimed_out(options),
         ):
             warnings.showwarning = _print_warning
             status = int(command(options))

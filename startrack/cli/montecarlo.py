@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import time
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 
 from startrack.cli.options import (
     Exit,
+    WrongUse,
     add_design,
     add_seed,
     add_workers,
@@ -33,10 +36,11 @@ from startrack.cli.terminal import (
     summary_values,
 )
 from startrack.design import Case, Fidelity
-from startrack.io import save_json
+from startrack.io import regular_file, save_json
 from startrack.metrics import summarise
 from startrack.montecarlo import (
     STATISTICS,
+    Certificates,
     Precision,
     Sampling,
     Store,
@@ -65,6 +69,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "errors.png, summary.json and campaign.sqlite, for `report` and `combine`. The status is 3 "
         "if a trial has no correct attitude.",
     )
+    parser.set_defaults(claims=True)
     add_design(parser)
     parser.add_argument(
         "--trials",
@@ -117,7 +122,13 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--scheduler", type=address, metavar="ADDRESS",
-        help="use the workers of a Dask cluster (tcp://host:port) or of MPI (mpi)",
+        help="use the workers of a Dask cluster (tcp://host:port or tls://host:port) or of MPI "
+        "(mpi)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--tls", type=Path, nargs=3, metavar=("CA", "CERT", "KEY"),
+        help="files in PEM for tls://host:port: certificate of the authority, own certificate and "
+        "own key",
     )  # fmt: skip
     parser.add_argument(
         "--log", type=Path, metavar="FILE",
@@ -143,7 +154,7 @@ def command(options: argparse.Namespace) -> int:
     precision = None if options.precision is None else _precision(options, options.precision)
     sampling = _sampling(options)
     where: Path | None = options.store or (options.out / STORE if options.out else None)
-    workers = cluster(options.scheduler) if options.scheduler else pool(options.workers)
+    workers = _workers(options)
     warm(case, sampling)  # what no trial can do is refused before the first
     began = time.perf_counter()
     with _open(where, case, options.seed, sampling) as store, workers as executor:
@@ -194,6 +205,18 @@ def command(options: argparse.Namespace) -> int:
         result["out"] = str(options.out)
     print_result(options, result, text)
     return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED
+
+
+def _workers(options: argparse.Namespace) -> AbstractContextManager[Executor]:
+    """The executor of --workers or --scheduler, not yet open."""
+    encrypted = (options.scheduler or "").startswith("tls://")
+    if encrypted != bool(options.tls):
+        raise WrongUse("--tls must be given with --scheduler tls://host:port, and with no other")
+    if not options.scheduler:
+        return pool(options.workers)
+    with as_wrong_use(ValueError, OSError):
+        files = [regular_file(path, "a file in PEM") for path in options.tls or ()]
+    return cluster(options.scheduler, Certificates(*files) if files else None)
 
 
 def _precision(options: argparse.Namespace, relative: float) -> Precision:

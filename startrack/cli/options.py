@@ -167,7 +167,8 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 
 def add_out(parser: argparse.ArgumentParser, folder: str) -> None:
-    """Add the folder for results."""
+    """Add the folder for results, which one process at a time may write to."""
+    parser.set_defaults(claims=True)
     parser.add_argument(
         "--out",
         type=Path,

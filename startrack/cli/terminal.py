@@ -21,7 +21,7 @@ from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.cli.stopping import one_line, told
 from startrack.core import UNKEPT, Stars, arcsec
 from startrack.design import Campaign, Design, load_design
-from startrack.io import shipped
+from startrack.io import claimed_folder, shipped
 from startrack.metrics import Interval, Summary
 from startrack.sequence import Sequence, load_sequence
 
@@ -170,6 +170,17 @@ class _CompilingListener(event.Listener):
             self.printed = True
             print(COMPILING, file=sys.stderr, flush=True)
         self.spent += 0.0 if self.depth else lasted
+
+
+@contextmanager
+def claimed_out(options: argparse.Namespace) -> Iterator[None]:
+    """Claim the folder of --out for this process, where the command writes to one."""
+    folder: Path | None = getattr(options, "out", None)
+    if folder is None or not getattr(options, "claims", False):
+        yield
+        return
+    with claimed_folder(folder):
+        yield
 
 
 def quaternion(rotation: Rotation) -> list[float]:

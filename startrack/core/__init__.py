@@ -4,6 +4,7 @@ units      Units as SI floats, constants with their source, and `"50 mm"` read a
            border.
 arrays     Types of arrays, for annotations.
 kernel     A function enters; compiled code leaves, kept on disk until what it is made of changes.
+trust      Path of a cache -> whether this process may compute with what it holds.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value.
 memory     Bytes that a step needs -> refused, with the figure, where they exceed the limit.
 streams    Seed, trial, cause -> random generator, the same for any number of workers.
@@ -48,6 +49,7 @@ from startrack.core.order import first_not_below, median, order
 from startrack.core.rotations import quaternion, rotation_of
 from startrack.core.scratch import Workspace
 from startrack.core.streams import Streams
+from startrack.core.trust import private_folder, trusted
 from startrack.core.units import (
     BOLTZMANN,
     GOLDEN_ANGLE,

@@ -8,7 +8,9 @@ covers all that is compiled into the code: the function, the kernels that it cal
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cached_property
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -18,9 +20,13 @@ import numpy as np
 from numba import config, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
+from numba.core.serialize import loads
 
 from startrack.core.dispatcher import InnerCode, KernelDispatcher
+from startrack.core.trust import PRIVATE, trusted
 
+HASHED = b"startrack sha256"  # begins a file of compiled code, before the hash of the rest
+DIGEST = 32  # byte, of that hash
 OTHERS = ("math", "numba", "numpy", "scipy")  # whose versions stand in the key
 UNKEPT = list[str]()  # kernels that no folder could be found for
 FOLDERS = set[str]()  # where those of this process are kept
@@ -44,10 +50,18 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     )
     try:
         compiled._cache = _Cache(function, options)
-        FOLDERS.add(compiled._cache.cache_path)
+        _close(compiled._cache.cache_path)
     except RuntimeError:  # numba found no folder that can be written to
         UNKEPT.append(f"{function.__module__}.{function.__qualname__}")
     return compiled
+
+
+def _close(folder: str) -> None:
+    """Close a folder of compiled code to other users, except beside the package."""
+    if folder not in FOLDERS and not folder.endswith("__pycache__"):
+        with suppress(OSError):  # one of the system, whose owner has set who may read it
+            os.chmod(folder, PRIVATE)
+    FOLDERS.add(folder)
 
 
 def digest(function: Callable[..., Any], options: object = ()) -> bytes:
@@ -119,13 +133,52 @@ def _written(value: Any) -> str:
 
 
 class _File(IndexDataCacheFile):
-    """An index that another version of the code wrote is no error."""
+    """Compiled code on disk, used where it is this user's and as it was written.
+
+    Both kinds of files begin with a hash of the rest; those from before there was one are read
+    without. What another user could have written, what is damaged, and what another version of the
+    code wrote is compiled anew.
+    """
 
     def _load_index(self) -> Any:
         try:
-            return super()._load_index()
+            if self._is_plain(self._index_name):
+                return super()._load_index()
+            version, stamp, overloads = self._load_data(self._index_name)
         except Exception:  # whatever reading it raises, such as for a class that is no more
             return {}
+        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
+
+    def _save_index(self, overloads: Any) -> None:
+        self._save_data(self._index_name, (self._version, self._source_stamp, overloads))
+
+    def _is_plain(self, name: str) -> bool:
+        """Whether a file has no hash: it is one that numba itself wrote.
+
+        Raises  OSError where it is not to be trusted: loading a file runs what it holds.
+        """
+        path = self._data_path(name)
+        if not (trusted(self._cache_path) and trusted(path)):
+            raise OSError(f"{path} is of another user, or others can write to it")
+        with open(path, "rb") as file:
+            return not file.read(len(HASHED)).startswith(HASHED)
+
+    def _load_data(self, name: str) -> Any:
+        if self._is_plain(name):
+            try:
+                return super()._load_data(name)
+            except Exception as error:
+                raise OSError(f"{name} is damaged: {error}") from None
+        with open(self._data_path(name), "rb") as file:
+            _, known, data = file.read(len(HASHED)), file.read(DIGEST), file.read()
+        if hashlib.sha256(data).digest() != known:
+            raise OSError(f"{name} is damaged")
+        return loads(data)
+
+    def _save_data(self, name: str, data: Any) -> None:
+        written = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(HASHED + hashlib.sha256(written).digest() + written)
 
 
 class _Cache(FunctionCache):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-import zipfile
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Camera, Stars
+from startrack.core import Camera, Stars, private_folder, trusted
 from startrack.identification.index import CodeTable, PatternIndex, build_index, indexed_field
 from startrack.identification.sky import SkyGrid, VerificationStars
 
@@ -35,14 +35,20 @@ def cache_folder() -> Path:
     chosen = os.environ.get("STARTRACK_CACHE")
     if chosen:
         return Path(chosen)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "startrack"
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "startrack"
+    except RuntimeError:  # a user without a home, as in some containers
+        return (
+            Path(tempfile.gettempdir()) / f"startrack-{os.getuid() if hasattr(os, 'getuid') else 0}"
+        )
 
 
 def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternIndex:
     """The index of `build_index`, kept in a folder from one run to the next.
 
     A file is named by a hash of all that the index depends on. It is written atomically, and
-    built again where it cannot be read or its checksum is wrong. The 24 files used last are kept;
+    built again where it cannot be read, its checksum is wrong, or another user could have written
+    it. The 24 files used last are kept;
     where the folder cannot be written, nothing is kept.
 
     stars          the tracker's catalogue
@@ -51,7 +57,8 @@ def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternInd
     """
     key = _key(stars, field_of_view)
     path = folder / f"index-{key[:32]}.npz"
-    index = _read(path, key)
+    # What another user could have written is not read.
+    index = _read(path, key) if trusted(folder) and trusted(path) else None
     if index is None:
         index = build_index(stars, field_of_view)
         # The index is valid without its file: a full disk or a read-only folder is no failure.
@@ -100,7 +107,8 @@ def _key(stars: Stars, field_of_view: float) -> str:
 
 
 def _write(path: Path, key: str, index: PatternIndex) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if not private_folder(path.parent):
+        raise OSError(f"{path.parent} is of another user, or others can write to it")
     arrays = {
         "key": np.array(key),
         "checksum": np.array(_checksum(index)),
@@ -152,7 +160,7 @@ def _read(path: Path, key: str) -> PatternIndex | None:
         with contextlib.suppress(OSError):
             os.utime(path)  # it was used
         return index
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except Exception:  # zipfile, zlib and numpy each raise their own
         return None
 
 

@@ -64,6 +64,7 @@ def claimed_folder(folder: Path) -> Iterator[None]:
 
     Raises  OSError with the other process and since when it has the folder.
     """
+    made = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / NAME
     if fcntl is None:
@@ -85,6 +86,8 @@ def claimed_folder(folder: Path) -> Iterator[None]:
             finally:
                 with suppress(OSError):
                     path.unlink()
+                    if made:
+                        folder.rmdir()  # where nothing was written
             return
 
 

@@ -32,10 +32,19 @@ from startrack.montecarlo.run import run, warm
 from startrack.montecarlo.sampling import Sampling, sample_controlled
 from startrack.montecarlo.store import Store, checksum, export, impossible, origin
 from startrack.montecarlo.watch import Watch
-from startrack.montecarlo.workers import Serial, cluster, dask_pool, mpi_pool, one_thread, pool
+from startrack.montecarlo.workers import (
+    Certificates,
+    Serial,
+    cluster,
+    dask_pool,
+    mpi_pool,
+    one_thread,
+    pool,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = [
+    "Certificates",
     "Mean",
     "Precision",
     "Regions",

@@ -6,11 +6,13 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from importlib import metadata
 from multiprocessing.connection import wait
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import cv2
 
@@ -116,26 +118,78 @@ def _end_with_main() -> None:
         os._exit(1)
 
 
+class Certificates(NamedTuple):
+    """Files in PEM that a Dask cluster is reached with by TLS.
+
+    authority    certificate of the authority that has signed those of all machines
+    certificate  of this one
+    key          private, of this one
+    """
+
+    authority: Path
+    certificate: Path
+    key: Path
+
+
+def versions() -> dict[str, str]:
+    """What must be the same on all machines, so that a trial has the same result on each."""
+    import startrack
+
+    return {
+        "startrack": startrack.__version__,
+        "numba": metadata.version("numba"),
+        "numpy": metadata.version("numpy"),
+    }
+
+
+def require_same_versions(workers: Mapping[str, Mapping[str, str]]) -> None:
+    """Refuse workers of other versions.
+
+    workers  the `versions` of each, by its name
+    Raises   ValueError with the first that differs, and with both versions.
+    """
+    mine = versions()
+    for name, theirs in workers.items():
+        for package, version in mine.items():
+            if theirs.get(package) != version:
+                raise ValueError(
+                    f"worker {name} must have {package} {version}, as here, got "
+                    f"{theirs.get(package, 'none')}"
+                )
+
+
 @contextmanager
-def cluster(address: str) -> Iterator[Executor]:
-    """The workers of a Dask scheduler (tcp://host:port), or of MPI ("mpi")."""
-    with mpi_pool() if address == "mpi" else dask_pool(address) as executor:
+def cluster(address: str, certificates: Certificates | None = None) -> Iterator[Executor]:
+    """The workers of a Dask scheduler (tcp://host:port, tls://host:port), or of MPI ("mpi")."""
+    with mpi_pool() if address == "mpi" else dask_pool(address, certificates) as executor:
         yield executor
 
 
 @contextmanager
-def dask_pool(address: str) -> Iterator[Executor]:
+def dask_pool(address: str, certificates: Certificates | None = None) -> Iterator[Executor]:
     """The workers of a Dask cluster, by the address of its scheduler (tcp://host:port).
 
-    Raises  ImportError without the extra `dask`; OSError where no scheduler answers.
+    certificates  for tls://host:port, which encrypts, and lets in only who has one
+
+    Raises  ImportError without the extra `dask`; OSError where no scheduler answers; ValueError
+            where a worker has another version of startrack, numba or NumPy.
     """
     try:
-        from distributed import Client
+        from distributed import Client, Security
     except ImportError:
         raise ImportError(
             "--scheduler needs Dask: python -m pip install 'startrack[dask]'"
         ) from None
-    with Client(address) as client:
+    security = None
+    if certificates:
+        security = Security(
+            tls_ca_file=str(certificates.authority),
+            tls_client_cert=str(certificates.certificate),
+            tls_client_key=str(certificates.key),
+            require_encryption=True,
+        )
+    with Client(address, security=security) as client:
+        require_same_versions(client.run(versions))
         client.run(one_thread)
         # Trap: by default the executor assumes that calls are pure and merges equal ones.
         yield client.get_executor(pure=False)
@@ -149,7 +203,8 @@ def mpi_pool() -> Iterator[Executor]:
 
     for one main process and eight workers.
 
-    Raises  ImportError without mpi4py; ValueError where the job has no worker. A process that dies
+    Raises  ImportError without mpi4py; ValueError where the job has no worker, or one of another
+            version of startrack, numba or NumPy. A process that dies
             ends the whole job, as MPI does; the same command then continues from the store.
     """
     try:
@@ -166,4 +221,7 @@ def mpi_pool() -> Iterator[Executor]:
             "-m startrack.cli montecarlo ..."
         )
     with MPIPoolExecutor(initializer=one_thread) as executor:
+        # As many calls as workers, though one may get two of them: they start from one command.
+        found = [executor.submit(versions) for _ in range(MPI.COMM_WORLD.Get_size() - 1)]
+        require_same_versions({str(n + 1): each.result() for n, each in enumerate(found)})
         yield executor

@@ -114,3 +114,22 @@ def test_where_nothing_can_be_written_kernels_work_all_the_same(compiled, tmp_pa
         (tmp_path / blocked).write_text("")
     home = str(tmp_path / "home")
     assert result(tmp_path, HOME=home, XDG_CACHE_HOME=home) == (705.0, 0)
+
+
+@pytest.mark.parametrize("change", ["cut", "flipped", "another's", "anyone's"])
+def test_a_damaged_or_foreign_cache_is_made_anew(folder, change):
+    files = list((folder / "__pycache__").glob("*.nbc"))
+    assert files
+    for file in files:
+        data = file.read_bytes()
+        if change == "cut":
+            file.write_bytes(data[: len(data) // 2])
+        elif change == "flipped":
+            file.write_bytes(data[:99] + bytes([data[99] ^ 1]) + data[100:])
+        elif change == "anyone's":
+            file.chmod(0o666)
+        elif os.geteuid() == 0:
+            os.chown(file, 65534, 65534)
+        else:
+            pytest.skip("only root can give a file away")
+    assert result(folder) == (705.0, 0)

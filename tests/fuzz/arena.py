@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -32,7 +33,7 @@ class Case:
 
     kind: str
     arguments: tuple[str, ...]
-    files: dict[str, bytes | None] = field(default_factory=dict)
+    files: Mapping[str, bytes | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,8 @@ class Verdict:
 class Arena:
     """Runs cases one after the other in a worker process, which is made anew where it ended."""
 
-    def __init__(self, seconds: float = SECONDS, memory: int = MEMORY):
-        self.seconds, self.memory = seconds, memory
+    def __init__(self, seconds: float = SECONDS, memory: int = MEMORY, fault: str = ""):
+        self.seconds, self.memory, self.fault = seconds, memory, fault
         self._worker: subprocess.Popen[str] | None = None
         self._folder = Path(tempfile.mkdtemp(prefix="startrack-fuzz-"))
         self._errors = (self._folder / "worker.txt").open("w+")
@@ -119,8 +120,9 @@ class Arena:
     def _begin(self) -> subprocess.Popen[str]:
         environment = os.environ | {"PYTHONPATH": str(ROOT), "STARTRACK_CACHE": str(self._folder)}
         return subprocess.Popen(
-            [sys.executable, "-m", "tests.fuzz.worker"], cwd=ROOT, env=environment, text=True,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+            [sys.executable, "-m", "tests.fuzz.worker", self.fault],
+            cwd=ROOT, env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=self._errors,
         )  # fmt: skip
 
     def _end(self) -> None:

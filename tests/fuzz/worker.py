@@ -1,6 +1,8 @@
 """The process that runs cases: one JSON object a line in, `main` of the command, one out."""
 
+import importlib
 import json
+import math
 import os
 import sys
 import time
@@ -43,9 +45,83 @@ def answer(case: dict, main) -> dict:
     }
 
 
+def _naive_parse(text: str, unit: str) -> float:
+    from decimal import Decimal
+
+    from startrack.core import units
+
+    found = units.NUMBER.fullmatch(text)
+    assert found
+    return float(Decimal(found[1]) * (units._scale(found[2] or "", unit) or Decimal(0)))
+
+
+def _waits(path: Path, *_: object, **__: object) -> bytes:
+    with open(path, "rb") as file:
+        return file.read(10**8)
+
+
+def _nothing(*_: object, **__: object) -> str:
+    return ""
+
+
+def _same(**_: object) -> None:
+    return None
+
+
+def _raises(*_: object, **__: object) -> None:
+    raise ZeroDivisionError("division by zero")
+
+
+def _writes_nan(options: object, result: object, text: str) -> None:
+    print(json.dumps({"value": math.nan}))
+
+
+def _takes_memory(*_: object, **__: object) -> object:
+    import numpy as np
+
+    from startrack.core import memory
+
+    with memory._data_limit(2**33):
+        held = np.ones(2**28)  # 2 GiB
+    return held.sum() and None
+
+
+def _hangs(*_: object, **__: object) -> None:
+    time.sleep(3600)
+
+
+# Faults put in on purpose: what is put in place of which names.
+FAULTS: dict[str, dict[str, object]] = {
+    "": {},
+    "quantities are not limited": {"startrack.io.tables.parse": _naive_parse},
+    "any file is opened": {"startrack.io.tables.read_bytes": _waits},
+    "long keys are read": {"startrack.io.tables._long_key": _nothing},
+    "images of any kind are read": {"startrack.io.images.read_bytes": _waits},
+    "blocks of a store are not checked": {"startrack.montecarlo.store.fault": _nothing},
+    "a trial divides by zero": {"startrack.trial.chain.drawn_outcomes": _raises},
+    "JSON with NaN": {"startrack.cli.requirements.print_result": _writes_nan},
+    "memory beyond the limit": {"startrack.cli.detect.detect": _takes_memory},
+    "a command that hangs": {
+        "startrack.cli.solve.open_sky": _hangs,
+        "startrack.cli.terminal.open_sky": _hangs,
+    },
+    "sizes of numbers are not limited": {"startrack.io.tables.moderate": _same},
+}
+
+
+def put_in(fault: str) -> None:
+    """Replace the names of a fault."""
+    for name, replacement in FAULTS[fault].items():
+        module, _, attribute = name.rpartition(".")
+        held = importlib.import_module(module)
+        if hasattr(held, attribute):
+            setattr(held, attribute, replacement)
+
+
 def serve() -> None:
     from startrack.cli.main import main
 
+    put_in(sys.argv[1] if len(sys.argv) > 1 else "")
     answers = os.fdopen(os.dup(1), "w")
     for line in sys.stdin:
         answers.write(json.dumps(answer(json.loads(line), main)) + "\n")

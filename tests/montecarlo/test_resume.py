@@ -1,4 +1,6 @@
 import os
+import shutil
+import subprocess
 from concurrent.futures import Future
 
 import numpy as np
@@ -120,3 +122,52 @@ def test_a_dask_cluster_gives_the_same_bytes_and_survives_a_kill(store):
         got = resume(store, executor, 2, 128, block=8, progress=kill)
     assert got.tobytes() == alone.tobytes()
     assert sum(done) == 128
+
+
+def test_workers_of_another_version_are_refused():
+    from startrack.montecarlo.workers import require_same_versions, versions
+
+    require_same_versions({"a": versions(), "b": versions()})
+    other = versions() | {"numba": "0.1"}
+    with pytest.raises(ValueError, match=r"worker b must have numba .*, as here, got 0\.1"):
+        require_same_versions({"a": versions(), "b": other})
+    with pytest.raises(ValueError, match=r"worker b must have startrack .*, got none"):
+        require_same_versions({"b": {}})
+
+
+def pem(folder, *arguments):
+    subprocess.run(["openssl", *arguments], cwd=folder, check=True, capture_output=True)
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
+def test_a_dask_cluster_by_tls(tmp_path):
+    """With a certificate of its authority; one without is not let in."""
+    distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
+    from startrack.montecarlo.workers import Certificates, dask_pool
+
+    key = ("-newkey", "rsa:2048", "-nodes")
+    pem(tmp_path, "req", "-x509", *key, "-subj", "/CN=a", "-keyout", "ca.key", "-out", "ca.pem")
+    pem(tmp_path, "req", *key, "-subj", "/CN=b", "-keyout", "own.key", "-out", "own.csr")
+    pem(
+        tmp_path, "x509", "-req", "-in", "own.csr", "-CA", "ca.pem", "-CAkey", "ca.key",
+        "-CAcreateserial", "-out", "own.pem",
+    )  # fmt: skip
+    files = Certificates(*(tmp_path / name for name in ("ca.pem", "own.pem", "own.key")))
+    security = distributed.Security(
+        tls_ca_file=str(files.authority), require_encryption=True,
+        **{
+            f"tls_{role}_{kind}": str(getattr(files, name))
+            for role in ("client", "scheduler", "worker")
+            for kind, name in (("cert", "certificate"), ("key", "key"))
+        },
+    )  # fmt: skip
+    workers = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
+        protocol="tls://", security=security,
+    )  # fmt: skip
+    with workers as cluster:
+        assert cluster.scheduler_address.startswith("tls://")
+        with dask_pool(cluster.scheduler_address, files) as executor:
+            assert executor.submit(sum, (1, 2)).result() == 3
+        with pytest.raises((TypeError, OSError, ValueError), match=r"(?i)tls|ssl|security"):
+            dask_pool(cluster.scheduler_address).__enter__()

@@ -1,0 +1,45 @@
+"""Seed and number -> so many cases, each with its verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from hypothesis import HealthCheck, Phase, given, seed, settings
+
+from tests.fuzz.arena import SECONDS, Arena, Case, Verdict
+from tests.fuzz.grammar import WEIGHTS, Kind, cases
+
+
+class Enough(Exception):
+    """No further cases are needed."""
+
+
+def run_cases(
+    number: int,
+    start: int,
+    report: Callable[[Case, Verdict], object],
+    seconds: float = SECONDS,
+    kinds: Iterable[Kind] = WEIGHTS,
+    fault: str = "",
+) -> None:
+    """Judge new cases of a seed until there are enough, or the report raises Enough.
+
+    report   called with each case and its verdict
+    kinds    of cases, each as often as it stands there
+    fault    that the worker has on purpose, one of `worker.FAULTS`; empty for none
+    """
+    with Arena(seconds, fault=fault) as arena:
+
+        @seed(start)
+        @settings(
+            max_examples=number, deadline=None, database=None, phases=[Phase.generate],
+            suppress_health_check=list(HealthCheck), report_multiple_bugs=False,
+        )  # fmt: skip
+        @given(cases(tuple(kinds)))
+        def run(case: Case) -> None:
+            report(case, arena.judge(case))
+
+        try:
+            run()
+        except Enough:
+            return

@@ -1,0 +1,160 @@
+"""Commands that are ended at any instant and started again -> what was lost, and who stayed."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import tomli_w
+
+from tests.fuzz.grammar import bases
+
+ROOT = Path(__file__).parents[2]
+LONGEST = 120.0  # second, of a command
+PATIENCE = 10.0  # second, in which all processes of a command must have ended
+# Arguments, and the files that must have the same bytes in the end.
+COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "montecarlo": (
+        ("montecarlo", "design.toml", "--trials", "600", "--fidelity", "spots", "--workers", "2",
+         "--out", "montecarlo"),
+        ("montecarlo/trials.csv",),
+    ),
+    "optimize": (
+        ("optimize", "design.toml", "--workers", "2", "--out", "optimize"),
+        ("optimize/best.toml", "optimize/evaluations.csv", "optimize/comparison.md"),
+    ),
+    "sample": (
+        ("sample", "design.toml", "--workers", "1", "--out", "sample"),
+        ("sample/samples.csv",),
+    ),
+    "report": (
+        ("report", "done.sqlite", "--stars", "2", "--slews", "1", "--budget", "2",
+         "--fidelity-trials", "2", "--worst", "1", "--out", "report.html"),
+        ("report.html",),
+    ),
+    "earth render": (
+        ("earth", "render", "survey.toml", "--out", "render"),
+        ("render/*.fits",),
+    ),
+    "sequence": (
+        ("sequence", "design.toml", "--sequences", "2", "--workers", "2", "--out", "sequence"),
+        ("sequence/frames.csv",),
+    ),
+}  # fmt: skip
+ENDS = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
+
+
+def prepare(folder: Path) -> None:
+    """Write what the commands read."""
+    folder.mkdir(parents=True, exist_ok=True)
+    design = dict(bases()["design"])
+    design["campaign"] = design["campaign"] | {"trials": 20, "most_trials": 40, "evaluations": 8}
+    design["campaign"]["variables"] = design["campaign"]["variables"][:2]
+    (folder / "design.toml").write_text(tomli_w.dumps(design))
+    survey = dict(bases()["survey"])
+    survey |= {"lines": 64, "columns": 64}
+    (folder / "survey.toml").write_text(tomli_w.dumps(survey))
+    begin(folder, (
+        "montecarlo", "design.toml", "--trials", "16", "--fidelity", "spots", "--workers", "1",
+        "--store", "done.sqlite",
+    )).wait(LONGEST)  # fmt: skip
+
+
+def begin(folder: Path, arguments: tuple[str, ...]) -> subprocess.Popen[str]:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(
+        [sys.executable, "-m", "startrack.cli", *arguments], cwd=folder, env=environment,
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+
+
+def contents(folder: Path, names: tuple[str, ...]) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for name in names
+        for path in sorted(folder.glob(name))
+    }
+
+
+def kill_commands(folder: Path, kills: int, seed: int, names: tuple[str, ...]) -> dict[str, int]:
+    """End each of the commands so often, spread over its time; the signals take turns.
+
+    Returns  kills: that met a running command; lost: ends with other bytes, or none; orphans:
+             processes that outlived theirs; words: ends with another status or more than a line
+    """
+    counted: Counter[str] = Counter(kills=0, lost=0, orphans=0, words=0)
+    rng = random.Random(seed)
+    for turn, name in enumerate(names):
+        arguments, wanted = COMMANDS[name]
+        whole = folder / f"whole-{turn}"
+        prepare(whole)
+        started = time.monotonic()
+        begin(whole, arguments).communicate(timeout=LONGEST)
+        lasted = time.monotonic() - started
+        expected = contents(whole, wanted)
+        assert expected, name
+        share = kills // len(names) + (turn < kills % len(names))
+        attempt = 0
+        while share > 0:
+            attempt += 1
+            place = folder / f"killed-{turn}-{attempt}"
+            prepare(place)
+            for _ in range(min(share, 4)):
+                share -= 1
+                end_once(place, arguments, rng, lasted, counted)
+            process = begin(place, arguments)
+            process.communicate(timeout=2 * LONGEST)
+            counted["lost"] += contents(place, wanted) != expected
+    return dict(counted)
+
+
+def end_once(
+    folder: Path, arguments: tuple[str, ...], rng: random.Random, lasted: float, counted: Counter
+) -> None:
+    process = begin(folder, arguments)
+    kind = rng.choice(list(ENDS))
+    try:
+        _, words = process.communicate(timeout=rng.uniform(0.35, 1.0) * lasted)
+    except subprocess.TimeoutExpired:
+        process.send_signal(kind)
+        _, words = process.communicate(timeout=PATIENCE + LONGEST)
+        counted["kills"] += 1
+        told = [line for line in words.splitlines() if "stopped" in line]
+        # One that was done before the signal came ends as always.
+        if process.returncode not in (0, 3):
+            fine = process.returncode == ENDS[kind] and "Traceback" not in words
+            counted["words"] += not (fine and len(told) == (kind is not signal.SIGKILL))
+    counted["orphans"] += orphans(process.pid)
+
+
+def orphans(leader: int) -> int:
+    """Processes of a session that are still there after some time."""
+    end = time.monotonic() + PATIENCE
+    while members := session(leader):
+        if time.monotonic() > end:
+            for pid in members:
+                os.kill(pid, signal.SIGKILL)
+            return len(members)
+        time.sleep(0.1)
+    return 0
+
+
+def session(leader: int) -> list[int]:
+    found = []
+    for path in Path("/proc").iterdir():
+        if not path.name.isdecimal():
+            continue
+        try:
+            fields = (path / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if fields[0] != "Z" and int(fields[3]) == leader:
+            found.append(int(path.name))
+    return found

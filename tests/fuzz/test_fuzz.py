@@ -1,0 +1,79 @@
+"""Files from anybody, in every command: a result or a sentence, within time and memory."""
+
+import os
+import sys
+
+import pytest
+
+from tests.fuzz.campaign import Enough, run_cases
+from tests.fuzz.grammar import (
+    campaign_case,
+    catalog_case,
+    design_case,
+    image_case,
+    scene_case,
+    special_case,
+    store_case,
+)
+from tests.fuzz.worker import FAULTS
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs Linux's /proc")
+SEED = int(os.environ.get("STARTRACK_FUZZ_SEED", "1"))
+
+
+def faults_of(number: int, seed: int) -> list[str]:
+    print(f"seed {seed}; STARTRACK_FUZZ_SEED sets another")
+    found: list[str] = []
+
+    def report(case, verdict):
+        if verdict.fault:
+            found.append(f"{verdict.fault}: {' '.join(case.arguments)}: {verdict.detail}")
+
+    run_cases(number, seed, report)
+    return found
+
+
+def test_300_cases():
+    """Takes most of a minute: each case is a command."""
+    assert faults_of(300, SEED) == []
+
+
+@pytest.mark.slow
+def test_10_000_cases():
+    assert faults_of(10_000, SEED + 1) == []
+
+
+# Where a fault shows, so that it is found soon; and what it is then called.
+SHOWN = {
+    "quantities are not limited": (design_case, "traceback"),
+    "any file is opened": (special_case, "hang"),
+    "long keys are read": (design_case, "traceback"),
+    "images of any kind are read": (special_case, "hang"),
+    "blocks of a store are not checked": (store_case, "traceback silent_nan"),
+    "a trial divides by zero": (design_case, "traceback"),
+    "JSON with NaN": (campaign_case, "silent_nan"),
+    "memory beyond the limit": (image_case, "memory"),
+    "a command that hangs": (catalog_case, "hang"),
+    "sizes of numbers are not limited": (scene_case, "traceback silent_nan memory"),
+}
+
+
+def test_ten_faults_are_known():
+    assert set(SHOWN) == set(FAULTS) - {""}
+    assert len(SHOWN) == 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", SHOWN)
+def test_a_fault_put_in_on_purpose_is_found(fault):
+    kind, names = SHOWN[fault]
+    found: list[str] = []
+
+    def report(case, verdict):
+        if verdict.fault:
+            found.append(verdict.fault)
+            raise Enough
+
+    run_cases(400, SEED, report, seconds=10.0, kinds=(kind,), fault=fault)
+    assert found
+    assert found[0] in names
