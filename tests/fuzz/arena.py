@@ -14,8 +14,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-SECONDS = 30.0  # after which a case has hung
+SECONDS = 30.0  # of CPU, or without any, after which a case has hung
+COMPILING = 20  # times as long may a first case of a command take, which compiles
 MEMORY = 2**30  # byte that a case may take, as it is told by --memory
+STEP = 0.5  # second between two looks at the worker
+IDLE = 0.01  # second of CPU in a second, below which it waits for something
 EXCESS = 1.1  # of that, at which the limit is broken: libraries take some, too
 STATUSES = {0, 1, 2, 3}
 # Keys of JSON that may be null, each with the reason; `docs/json.md` documents them.
@@ -70,8 +73,11 @@ class Arena:
         self._errors.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def judge(self, case: Case) -> Verdict:
-        """Run a case and look at its status, its output and what it took."""
+    def judge(self, case: Case, times: float = 1.0) -> Verdict:
+        """Run a case and look at its status, its output and what it took.
+
+        times  as long as usual may it take
+        """
         folder = self._folder / "case"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
@@ -80,7 +86,7 @@ class Arena:
             path.parent.mkdir(parents=True, exist_ok=True)
             os.mkfifo(path) if content is None else path.write_bytes(content)
         arguments = [*case.arguments, "--memory", str(self.memory)]
-        answer = self._ask({"folder": str(folder), "arguments": arguments})
+        answer = self._ask({"folder": str(folder), "arguments": arguments}, times)
         out, err = (
             path.read_text(errors="replace") if (path := folder / name).is_file() else ""
             for name in ("out.txt", "err.txt")
@@ -97,7 +103,24 @@ class Arena:
             fault, detail = "memory", f"{size / 2**20:.0f} MiB; {err[-200:]}"
         return Verdict(fault, detail, status, seconds, size)
 
-    def _ask(self, question: dict) -> dict | None:
+    def prime(self, case: Case) -> None:
+        """Let the worker compile what a command needs, which is no part of later cases."""
+        self.judge(case, COMPILING)
+
+    @staticmethod
+    def _answers(worker: subprocess.Popen[str], seconds: float) -> bool:
+        """Whether it answers before it has used so much CPU, or has used none for so long."""
+        used = first = since = _cpu(worker.pid)
+        waited = 0.0
+        while not select.select([worker.stdout], [], [], STEP)[0]:
+            waited, used = waited + STEP, _cpu(worker.pid)
+            if used - since > IDLE * waited:
+                waited, since = 0.0, used
+            if used - first > seconds or waited > seconds:
+                return False
+        return True
+
+    def _ask(self, question: dict, times: float) -> dict | None:
         """The worker's answer; {} where it died, None where it hung."""
         worker = self._worker = self._worker or self._begin()
         assert worker.stdin
@@ -105,8 +128,7 @@ class Arena:
         try:
             worker.stdin.write(json.dumps(question) + "\n")
             worker.stdin.flush()
-            ready, _, _ = select.select([worker.stdout], [], [], self.seconds)
-            if not ready:
+            if not self._answers(worker, self.seconds * times):
                 self._end()
                 return None
             line = worker.stdout.readline()
@@ -130,6 +152,15 @@ class Arena:
             self._worker.kill()
             self._worker.communicate()
             self._worker = None
+
+
+def _cpu(pid: int) -> float:
+    """Second of CPU that a process has used."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _fault(case: Case, status: int, out: str, err: str, escaped: str) -> tuple[str, str]:

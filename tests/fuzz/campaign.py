@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
 from tests.fuzz.arena import SECONDS, Arena, Case, Verdict
-from tests.fuzz.grammar import WEIGHTS, Kind, cases
+from tests.fuzz.grammar import WEIGHTS, Kind, cases, whole_cases
 
 
 class Enough(Exception):
@@ -21,14 +21,18 @@ def run_cases(
     seconds: float = SECONDS,
     kinds: Iterable[Kind] = WEIGHTS,
     fault: str = "",
+    primed: bool = True,
 ) -> None:
     """Judge new cases of a seed until there are enough, or the report raises Enough.
 
     report   called with each case and its verdict
     kinds    of cases, each as often as it stands there
+    primed   whether each command is first run once, so that no case waits for its compilation
     fault    that the worker has on purpose, one of `worker.FAULTS`; empty for none
     """
     with Arena(seconds, fault=fault) as arena:
+        for case in whole_cases() if primed else ():
+            arena.prime(case)
 
         @seed(start)
         @settings(

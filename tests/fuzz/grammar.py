@@ -594,6 +594,27 @@ def special_case(draw: Draw) -> Case:
     return draw.one_of(SPECIAL)
 
 
+def whole_cases() -> list[Case]:
+    """A case of each command with valid files."""
+    design = {"design.toml": tomli_w.dumps(bases()["design"]).encode()}
+    image = {"a.png": pictures()["a.png"]}
+    survey, scene = (
+        {"s.toml": tomli_w.dumps(bases()[name]).encode()} for name in ("survey", "scene")
+    )
+    profile = design | {"p.toml": tomli_w.dumps(bases()["sequence"]).encode()}
+    return [
+        *(Case("whole", (*command, "--json"), design) for command in DESIGN_COMMANDS),
+        Case("whole", ("sensitivity", "design.toml", "--designs", "2", "--workers", "1", "--json"),
+             design),
+        Case("whole", ("sequence", "design.toml", "--profile", "p.toml", "--sequences", "1",
+                       "--workers", "1", "--json"), profile),
+        Case("whole", ("earth", "geometry", "s.toml", "--json"), scene),
+        Case("whole", ("earth", "render", "s.toml", "--json"), survey),
+        Case("whole", ("detect", "a.png", "--overlay", "out", "--json"), image),
+        Case("whole", ("solve", "a.png", "--fov", "12", "--json"), image),
+    ]  # fmt: skip
+
+
 Kind = Callable[[Draw], Case]
 WEIGHTS: tuple[Kind, ...] = (
     *(design_case,) * 6, campaign_case, *(scene_case,) * 4, sequence_case, *(image_case,) * 4,

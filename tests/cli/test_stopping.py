@@ -1,0 +1,46 @@
+"""Whatever a command raises is one sentence and a status; what escapes says so."""
+
+import signal
+from concurrent.futures.process import BrokenProcessPool
+
+import pytest
+
+from startrack.cli import stopping
+from startrack.cli.main import main
+from startrack.cli.options import WrongUse
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "words"),
+    [
+        (WrongUse("a must be b,\ngot c"), 2, "a must be b, got c"),
+        (ValueError("no\x00 \udcff"), 1, "no? ?"),
+        (OSError(2, "No such file", "x\udcffy"), 1, "x"),
+        (ImportError("needs astropy"), 1, "needs astropy"),
+        (MemoryError("Unable to allocate 9 PiB"), 1, "more memory is needed than the limit of"),
+        (BrokenProcessPool("died"), 1, "a worker process died"),
+        (KeyboardInterrupt(), 130, "stopped; the files on disk are complete"),
+        (stopping.Stopped(signal.SIGTERM), 143, "stopped by SIGTERM; the files"),
+        (ZeroDivisionError("division by zero"), 1, "unexpected ZeroDivisionError: division by z"),
+        (KeyError("seed"), 1, "unexpected KeyError: no 'seed'"),
+    ],
+)
+def test_what_is_raised_is_told(error, status, words):
+    got, message = stopping.told(error)
+    assert got == status
+    assert words in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("debug", [False, True])
+def test_a_traceback_is_printed_with_debug_only(capsys, monkeypatch, debug):
+    import startrack.cli.requirements as command
+
+    def broken(_):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(command, "earth_requirements", broken)
+    assert main(["requirements", *["--debug"] * debug]) == 1
+    err = capsys.readouterr().err
+    assert ("Traceback" in err) == debug
+    assert err.splitlines()[-1].startswith("startrack requirements: cli/requirements.py, line ")

@@ -1,0 +1,42 @@
+"""A folder of results is written to by one process at a time."""
+
+import subprocess
+import sys
+
+import pytest
+
+from startrack.io import claimed_folder
+
+HOLD = """
+import sys
+from pathlib import Path
+from startrack.io import claimed_folder
+with claimed_folder(Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_the_second_process_is_told_of_the_first(tmp_path):
+    folder = tmp_path / "out"
+    first = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
+    try:
+        assert first.stdout.readline() == "held\n"
+        words = rf"out is in use by another process, {first.pid} on .* since 20\d\d-"
+        with pytest.raises(OSError, match=words), claimed_folder(folder):
+            pass
+    finally:
+        first.kill()
+        first.communicate()
+    with claimed_folder(folder):  # the note of the killed process stands for nothing
+        (folder / "result").write_text("x")
+    assert [path.name for path in folder.iterdir()] == ["result"]
+
+
+def test_a_folder_that_nothing_was_written_to_is_not_left_behind(tmp_path):
+    with claimed_folder(tmp_path / "out"):
+        pass
+    assert not (tmp_path / "out").exists()
