@@ -42,6 +42,8 @@ from startrack import (
 )
 from startrack.catalog import open_sky
 from startrack.core import Floats
+from startrack.detection import DarkMap
+from startrack.detector import Defects
 from startrack.metrics import judge
 from startrack.trial import plan_of, window
 from startrack.trial.window import spots_in_windows
@@ -225,11 +227,29 @@ def speeds(rounds: int) -> dict[str, float]:
         np.mean([look(thirty, number) for number in range(min(rounds, 20))])
     )
     figures["window_30_ms"] = 1e3 * least(lambda n: look(thirty, n % 20), rounds)
+    figures |= hot_pixels(rounds)
     window.plan_of.cache_clear()
     plan_of.cache_clear()
     figures["first_window_ms"] = 1e3 * least(lambda _: look(thirty, 0), 1)
     figures["first_covariance_ms"] = 1e3 * least(lambda _: plan_of(EXAMPLE), 1)
     print("\n" + "\n".join(f"{name:38} {value:10.2f}" for name, value in figures.items()), "\n")
+    return figures
+
+
+def hot_pixels(rounds: int) -> dict[str, float]:
+    """Time and error of a trial of the example with hot pixels, and with a dark map of them."""
+    hot = with_detector(EXAMPLE, defects=Defects(dsnu=60.0, hot=1e-3, hot_current=3e3))
+    known = replace(
+        EXAMPLE.tracker, detection=replace(EXAMPLE.tracker.detection, dark_map=DarkMap())
+    )
+    cases = {"clean": EXAMPLE, "hot": hot, "hot_map": replace(hot, tracker=known)}
+    figures: dict[str, float] = {}
+    for name, case in cases.items():
+        for fidelity in (Fidelity.FRAME, Fidelity.WINDOW):
+            figures[f"{name}_{fidelity}_ms"] = 1e3 / rate(case, fidelity, rounds)
+        errors = run_trials(case, 3, range(2 * rounds), Fidelity.WINDOW)
+        good = errors["solved"] & ~errors["false"]
+        figures[f"{name}_across_arcsec"] = rms(np.where(good, errors["error_x"], np.nan)) / ARCSEC
     return figures
 
 
