@@ -99,26 +99,22 @@ def digitise_row(out, mean, start, shot, read, law, tables, room):  # type: igno
     room  (WORK, n) workspace, at least as long as the row
     """
     many = len(mean)
-    at, rest, found = room[0, :many], room[1, :many], room[2, :many]
+    at, rest, other = room[0, :many], room[1, :many], room[2, :many]
     none = len(tables.entry) - 1
     _random_cells(shot, start, tables.cells, at, rest)
-    near = found.view(np.float32)
+    near = other.view(np.float32)
     for column in range(many):
         near[column] = F32(mean[column])
     _cells_of_levels(near, F32(law.noise), tables, at, rest)
-    entry = tables.entry
-    for column in range(many):
-        found[column] = entry[at[column]]
-    _settled(out, found, rest, U32(tables.lowest))
-    for column in range(many):
-        if found[column]:
-            pixel = start + np.uint64(column)
-            random = bits(shot, pixel)
-            if at[column] == none:
-                out[column] = _draw_number(mean[column], 0.0, random, read, pixel, law)
-            else:
-                line = np.int64(at[column] >> tables.cells)
-                out[column] = tables.lowest + _number_by_all_bits(random, line, tables.limit)
+    for k in range(_settle(out, at, rest, other, tables.entry, U32(tables.lowest))):
+        column = np.int64(other[k])
+        pixel = start + np.uint64(column)
+        random = bits(shot, pixel)
+        if at[column] == none:
+            out[column] = _draw_number(mean[column], 0.0, random, read, pixel, law)
+        else:
+            line = np.int64(at[column] >> tables.cells)
+            out[column] = tables.lowest + _number_by_all_bits(random, line, tables.limit)
 
 
 @kernel
@@ -157,13 +153,18 @@ def _cells_of_levels(mean, noise, tables, at, rest):  # type: ignore[no-untyped-
 
 
 @kernel
-def _settled(out, found, rest, lowest):  # type: ignore[no-untyped-def]
-    """Numbers of the pixels whose entries settle them; the entries become marks of the others."""
-    for column in range(len(found)):
-        entry, bit = found[column], U32(rest[column] & LOW)
-        threshold, step = U32(entry >> U32(16)), U32(entry & LOW)
-        out[column] = U32(U32(lowest + step) + U32(bit > threshold))
-        found[column] = U32(bit == threshold) | U32(step == LOW)
+def _settle(out, at, rest, other, entry, lowest):  # type: ignore[no-untyped-def]
+    """Write the numbers that entries settle, and the columns of the other pixels; how many."""
+    many = 0
+    for column in range(len(at)):
+        found = entry[at[column]]
+        threshold, step, bit = found >> U32(16), found & LOW, rest[column] & LOW
+        if bit != threshold and step != LOW:
+            out[column] = U32(lowest + step + (bit > threshold))
+        else:
+            other[many] = column
+            many += 1
+    return many
 
 
 @kernel
