@@ -61,37 +61,45 @@ startrack COMMAND --help lists the options and the output files of a command. Ex
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit status."""
+    """Run one command; returns the exit status.
+
+    All that it raises becomes one sentence here, and nowhere else.
+    """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    options = _parser(arguments).parse_args(arguments)
     with stopped_by_signals():
-        return _run(options)
+        try:
+            # Imports what the command needs, which takes seconds that a signal may fall into.
+            return _run(_parser(arguments).parse_args(arguments))
+        except (Exception, KeyboardInterrupt) as error:
+            status, message = told(error)
+            if "--debug" in arguments and not isinstance(error, KeyboardInterrupt):
+                traceback.print_exception(error)
+    if message:
+        print(f"startrack {_called(arguments)}: {message}", file=sys.stderr)
+    return int(status)
+
+
+def _called(arguments: Sequence[str]) -> str:
+    """The name of the command, empty where none is given."""
+    return next((one for one in arguments if not one.startswith("-")), "")
 
 
 def _run(options: argparse.Namespace) -> int:
-    """The exit status of a command; all that it raises becomes one sentence here, nowhere else."""
-    try:
-        # The command imports what it needs, so that --help is quick.
-        command = import_module(f"startrack.cli.{options.name}").command
-        terminal = import_module("startrack.cli.terminal")
-        core = import_module("startrack.core")
-        with (
-            warnings.catch_warnings(),
-            core.limited_memory(memory_of(options, core.memory_limit())),
-            terminal.report_compiling(),
-            terminal.claimed_out(options),
-        ):
-            warnings.showwarning = _print_warning
-            status = int(command(options))
-            sys.stdout.flush()
-            return status
-    except (Exception, KeyboardInterrupt) as error:
-        status, message = told(error)
-        if options.debug and not isinstance(error, KeyboardInterrupt):
-            traceback.print_exception(error)
-    if message:
-        print(f"startrack {options.name}: {message}", file=sys.stderr)
-    return int(status)
+    """The exit status of a command."""
+    # The command imports what it needs, so that --help is quick.
+    command = import_module(f"startrack.cli.{options.name}").command
+    terminal = import_module("startrack.cli.terminal")
+    core = import_module("startrack.core")
+    with (
+        warnings.catch_warnings(),
+        core.limited_memory(memory_of(options, core.memory_limit())),
+        terminal.report_compiling(),
+        terminal.claimed_out(options),
+    ):
+        warnings.showwarning = _print_warning
+        status = int(command(options))
+        sys.stdout.flush()
+        return status
 
 
 def _print_warning(
@@ -116,7 +124,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"startrack {__version__}")
     commands = parser.add_subparsers(dest="name", required=True, metavar="COMMAND")
-    called = next((one for one in arguments if not one.startswith("-")), None)
+    called = _called(arguments)
     for name, text in COMMANDS.items():
         one = commands.add_parser(
             name, help=text, description=text,

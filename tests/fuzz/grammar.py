@@ -226,7 +226,8 @@ def _writable(value: Any) -> Any:
 
 
 HOSTILE_TOML = (
-    b"", b"\0" * 100, b"\xff\xfe", b"a = " + b"[" * 9000 + b"]" * 9000, b"a" + b".a" * 9000 + b"=1",
+    b"", b"\0" * 100, b"\xff\xfe", b"a = " + b"[" * 9000 + b"]" * 9000,
+    b"a" + b".a" * 60_000 + b"=1",
     b"a = " + b"9" * 5000, b"#" * 2**21, b"a = {" * 2000, b"[[a]]\n" * 2000,
     b'"' * 999, b"a='" + b"'" * 999,
 )  # fmt: skip
@@ -247,6 +248,12 @@ def damaged(draw: Draw, data: bytes) -> bytes:
         case 3:
             return data[:at] + bytes([data[at] ^ (1 << draw.below(8))]) + data[at + 1 :]
     return data[at:] + data[:at]
+
+
+def text_case(draw: Draw) -> Case:
+    """A text that is no table, or hardly one."""
+    data = draw.one_of(HOSTILE_TOML)
+    return Case("text", ("requirements", "design.toml", "--json"), {"design.toml": data})
 
 
 DESIGN_COMMANDS = (
@@ -617,8 +624,8 @@ def whole_cases() -> list[Case]:
 
 Kind = Callable[[Draw], Case]
 WEIGHTS: tuple[Kind, ...] = (
-    *(design_case,) * 6, campaign_case, *(scene_case,) * 4, sequence_case, *(image_case,) * 4,
-    *(catalog_case,) * 4, *(store_case,) * 3,
+    *(design_case,) * 6, campaign_case, text_case, *(scene_case,) * 4, sequence_case,
+    *(image_case,) * 4, *(catalog_case,) * 4, *(store_case,) * 3,
 )  # fmt: skip
 
 

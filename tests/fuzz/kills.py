@@ -130,7 +130,9 @@ def end_once(
         # One that was done before the signal came ends as always.
         if process.returncode not in (0, 3):
             fine = process.returncode == ENDS[kind] and "Traceback" not in words
-            counted["words"] += not (fine and len(told) == (kind is not signal.SIGKILL))
+            if not (fine and len(told) == (kind is not signal.SIGKILL)):
+                counted["words"] += 1
+                print(f"{arguments[0]}: {kind.name}: {process.returncode}: {words[-300:]!r}")
     counted["orphans"] += orphans(process.pid)
 
 
