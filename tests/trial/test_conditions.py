@@ -43,9 +43,9 @@ def test_an_even_sensor_has_no_spread():
 def test_what_a_dark_map_leaves_is_that_of_the_pixels(settings):
     """Of the 262,144 pixels of a device, less those that the map knows to be hot; within 3 %."""
     sensor = replace(SENSOR, defects=Defects(dsnu=30.0, hot=0.01, hot_current=2000.0))
-    instrument = replace(CASE.instrument, detector=sensor)
+    case = replace(CASE, instrument=replace(CASE.instrument, detector=sensor))
     known = replace(CASE.tracker.detection, dark_map=DarkMap(**settings))
-    found = detection_plan(instrument, known).correction
+    found = detection_plan(case, known).correction
     electrons = np.asarray(dark(sensor)) * sensor.exposure
     left = electrons - found.offset * sensor.electrons_per_dn
     assert left[found.marks == 0].std() == pytest.approx(
