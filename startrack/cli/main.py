@@ -11,6 +11,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from typing import TextIO
 
@@ -40,6 +41,11 @@ COMMANDS = {
     "warm": "compile all kernels before they are needed",
     "bench": "measure CPU time and error of every stage on this machine",
 }
+# Commands that identify stars; at the first run a second core compiles what that takes.
+IDENTIFY = (
+    "simulate", "solve", "montecarlo", "sequence", "optimize", "sample", "pareto", "sensitivity",
+    "warm", "bench",
+)  # fmt: skip
 EPILOG = """\
 exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved; 130, 143 stopped
 
@@ -95,11 +101,19 @@ def _run(options: argparse.Namespace) -> int:
         core.limited_memory(memory_of(options, core.memory_limit())),
         terminal.report_compiling(),
         terminal.claimed_out(options),
+        _compiled_beside(options),
     ):
         warnings.showwarning = _print_warning
         status = int(command(options))
         sys.stdout.flush()
         return status
+
+
+def _compiled_beside(options: argparse.Namespace) -> AbstractContextManager[None]:
+    if options.name not in IDENTIFY or getattr(options, "part", None):
+        return nullcontext()
+    beside: AbstractContextManager[None] = import_module("startrack.cli.beside").compiled_beside()
+    return beside
 
 
 def _print_warning(

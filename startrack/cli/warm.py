@@ -8,18 +8,21 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from startrack.budget import analytic
 from startrack.cli.earth import read_scene
 from startrack.cli.options import Exit, describe
 from startrack.cli.terminal import example, print_message, print_result, read_design, read_sequence
-from startrack.core import FOLDERS, UNKEPT
+from startrack.core import FOLDERS, UNKEPT, Spots, one_of
 from startrack.design import Case, Fidelity
 from startrack.earth.geometry import observe_earth
 from startrack.io import shipped
 from startrack.sequence import run
-from startrack.trial import run_random_trial
+from startrack.trial import identify_and_solve, pattern_indexes, run_random_trial
 
 MB = 1e6  # byte
+SPOTS, SIGMA = 20, 0.1  # of the field that is identified: their number, and noise in pixel
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +37,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "as line scanners, are compiled when they are first used.",
     )
     parser.add_argument(
+        "--part", metavar="NAME", help="one part alone, such as `identification` (default: all)"
+    )
+    parser.add_argument(
         "--earth", action="store_true", help="also the kernels of Earth cameras (extra `earth`)"
     )
 
@@ -43,6 +49,9 @@ def command(options: argparse.Namespace) -> int:
     began, jobs = time.perf_counter(), parts(read_design(example()).case)
     if options.earth:
         jobs["Earth geometry"] = earth_geometry
+    if options.part is not None:
+        one_of(jobs, part=options.part)
+        jobs = {options.part: jobs[options.part]}
     for name, job in jobs.items():
         print_message(f"{name} ...")
         job()
@@ -67,6 +76,7 @@ def parts(case: Case) -> dict[str, Callable[[], object]]:
     """What is run, by name."""
     sequence = read_sequence(shipped("sequences/slew.toml"))
     return {
+        "identification": partial(identification, case),
         **{
             f"fidelity {fidelity}": partial(run_random_trial, case, 1, 0, fidelity)
             for fidelity in Fidelity
@@ -74,6 +84,20 @@ def parts(case: Case) -> dict[str, Callable[[], object]]:
         "sequence": partial(run, case, sequence, 1, 0),
         "analytic budget": partial(analytic, case),
     }
+
+
+def identification(case: Case) -> None:
+    """Identify the brightest stars of a field where the tracker expects them, and solve."""
+    camera, indexes = case.believed_camera, pattern_indexes(case.believed_catalog)
+    ahead = indexes.stars.direction
+    pixel = camera.project(ahead)
+    star = np.flatnonzero((ahead[:, 2] > 0) & camera.holds(pixel))[:SPOTS]
+    n, (x, y) = len(star), pixel[star].T.copy()
+    flux = 10 ** (-0.4 * indexes.stars.magnitude_g[star])
+    covariance = np.tile(np.eye(2) * SIGMA**2, (n, 1, 1))
+    spots = Spots(x, y, flux, covariance, np.full(n, 50.0), np.full(n, 9))
+    systematic = np.zeros(len(indexes.stars))
+    identify_and_solve(spots, camera, indexes, case.tracker, systematic)
 
 
 def earth_geometry() -> None:

@@ -35,7 +35,8 @@ from startrack.core.checks import (
 )
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
-from startrack.core.kernel import FOLDERS, UNKEPT, kernel
+from startrack.core.dispatcher import COMPILED_BESIDE
+from startrack.core.kernel import FOLDERS, UNKEPT, is_compiled, kernel
 from startrack.core.memory import (
     GIB,
     begin_limited,

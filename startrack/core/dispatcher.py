@@ -8,7 +8,8 @@ becomes machine code as a part of those that Python calls.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import gc
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,6 +20,8 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import lookup_environment
 from numba.core.registry import CPUDispatcher
 
+# Module -> waits until another process has compiled its kernels, which are then read from disk.
+COMPILED_BESIDE = dict[str, Callable[[], object]]()
 _REPLACED = list[Any]()  # kernels that include this code point to its constants
 ENVIRONMENT = "_ZN08NumbaEnv"  # how numba names the globals that point to a function's constants
 
@@ -84,8 +87,19 @@ class KernelDispatcher(CPUDispatcher):
             known: Any = self.overloads.get(types)
             if known is not None and not inner and isinstance(known.library, InnerCode):
                 _REPLACED.append(self.overloads.pop(types))
-            self._compiler.pipeline_class = _Inner if inner else _Outer
-            return super().compile(sig)
+            if inner:
+                self._compiler.pipeline_class = _Inner
+                return super().compile(sig)
+            if known is None:
+                self._wait()
+            self._compiler.pipeline_class = _Outer
+            with _without_collection():
+                return super().compile(sig)
+
+    def _wait(self) -> None:
+        for module in list(COMPILED_BESIDE):
+            if f"{self.py_func.__module__}.".startswith(f"{module}."):
+                COMPILED_BESIDE.pop(module)()
 
     def add_overload(self, cres: Any) -> None:
         """Keep what was compiled; Python finds it where it is machine code."""
@@ -100,6 +114,18 @@ class KernelDispatcher(CPUDispatcher):
                 constants = lookup_environment(variable.name)
                 if constants is not None:
                     cres.codegen.set_env(variable.name, constants)
+
+
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """Let the garbage collector rest, which takes a tenth of the time of compiling."""
+    resting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if resting:
+            gc.enable()
 
 
 @contextmanager

@@ -20,6 +20,7 @@ import numpy as np
 from numba import config, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
+from numba.core.registry import cpu_target
 from numba.core.serialize import loads
 
 from startrack.core.dispatcher import InnerCode, KernelDispatcher
@@ -62,6 +63,12 @@ def _close(folder: str) -> None:
         with suppress(OSError):  # one of the system, whose owner has set who may read it
             os.chmod(folder, PRIVATE)
     FOLDERS.add(folder)
+
+
+def is_compiled(compiled: Any) -> bool:
+    """Whether a kernel is on disk, for this machine and all that it is made of now."""
+    kept: Any = getattr(compiled, "_cache", None)
+    return not isinstance(kept, _Cache) or kept.holds()
 
 
 def digest(function: Callable[..., Any], options: object = ()) -> bytes:
@@ -193,6 +200,11 @@ class _Cache(FunctionCache):
         """Known when the function is first called: then all that it calls has been defined."""
         versions = f"{numba.__version__} {np.__version__}".encode()
         return versions + digest(self._py_func, self.options)
+
+    def holds(self) -> bool:
+        """Whether anything is kept under this key for this processor."""
+        magic = cpu_target.target_context.codegen().magic_tuple()
+        return any(key[1] == magic for key in self._fresh()._load_index())
 
     def _fresh(self) -> _File:
         self._cache_file = _File(self._cache_path, self._impl.filename_base, self.stamp)

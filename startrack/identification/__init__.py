@@ -21,7 +21,7 @@ track        Matches from spots and a predicted attitude.
 from startrack.identification.agree import refit
 from startrack.identification.blind import identify_blind
 from startrack.identification.cache import PatternIndexes, cached_index
-from startrack.identification.identify import identify, identify_all
+from startrack.identification.identify import identify, identify_all, is_ready
 from startrack.identification.index import POINTS, PatternIndex, build_index, indexed_field
 from startrack.identification.index_stars import merged
 from startrack.identification.parameters import Identification

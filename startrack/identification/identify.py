@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Ints, Matches, Spots, Stars, Status, kernel
+from startrack.core import Camera, Floats, Ints, Matches, Spots, Stars, Status, is_compiled, kernel
 from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
 from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification
@@ -100,6 +100,11 @@ def _identify(
         most_hypotheses,
     )
     return best, tried, gather(seen, faint, magnitude, best.rotation, best.scale)
+
+
+def is_ready() -> bool:
+    """Whether `identify` has been compiled on this machine before."""
+    return is_compiled(_identify)
 
 
 def refined(
