@@ -8,6 +8,7 @@ terminal            Inputs by name, and outputs: results on standard output, mes
                     error.
 campaign            What the commands on campaigns share: the design, the runner of its trials, and
                     the folder.
+beside              At the first run, another process compiles the identification.
 bench               `startrack bench`: the CPU time and the error of every stage, on this machine.
 budget              `startrack budget`: the error of a design cause by cause.
 calibrate           `startrack calibrate`: the camera model of images of stars.
