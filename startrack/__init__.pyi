@@ -23,6 +23,7 @@ from .core import Camera as Camera
 from .core import Curve as Curve
 from .core import DiffuseLight as DiffuseLight
 from .core import Estimate as Estimate
+from .core import FieldPsf as FieldPsf
 from .core import Frame as Frame
 from .core import Light as Light
 from .core import LineOfSight as LineOfSight
@@ -42,6 +43,7 @@ from .design import Case as Case
 from .design import Design as Design
 from .design import Fidelity as Fidelity
 from .design import Instrument as Instrument
+from .design import Temperatures as Temperatures
 from .design import Tracker as Tracker
 from .design import load_design as load_design
 from .design import save_design as save_design

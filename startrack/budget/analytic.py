@@ -72,7 +72,8 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
     pattern moves them by. Fixed errors (camera, catalogue) move each star of each field.
 
     count   fields over the sky, a power of two
-    Raises    ValueError where the case contradicts itself, or no field can be solved.
+    Raises    ValueError where the case contradicts itself, has a lens table, or no field can be
+              solved.
     Accuracy  model: to first order; cosmic rays, the smear of a roll, lag and
               what the PSF does over the field are left out; so is light that varies over the sky
               (`scene.lights`); a star near the threshold, or so sharp that the tracker may take it
@@ -94,6 +95,11 @@ def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[Law] | None:
 def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes] | None:
     """The budget over some fields, and the errors in each of them; None where none is solved."""
     refuse_scans(case)
+    if case.instrument.optics.lens_file:
+        raise ValueError(
+            "optics.lens_file must be left out for an analytic budget, which has one PSF for the "
+            "whole field; measure the budget by trials"
+        )
     star, gate = errors(case), case.tracker.attitude.gate
     table = response(case, star)
     if not table.fraction.any():

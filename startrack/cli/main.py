@@ -24,6 +24,7 @@ from startrack.cli.stopping import one_line, stopped_by_signals, told
 COMMANDS = {
     "simulate": "render one frame of a design to FITS and PNG",
     "psf": "compute how the optics of a design blur a star: width, energy, MTF",
+    "lens": "trace a lens prescription into a table; show a table",
     "detect": "find the stars of images",
     "solve": "find the attitude of images",
     "calibrate": "fit a camera model (focal length, distortion) to images of stars",

@@ -17,6 +17,7 @@ rotations  Rotation matrices -> quaternions and scipy's Rotations, in compiled c
 camera     Direction to pixel and pixel to direction, both ways together, with OpenCV's
            distortion.
 values     The nouns that flow from room to room; every array has its shape and unit here.
+field_psf  FieldPsf: the images of points over a frame and over colour, as sums of a few tables.
 dates      Date as text -> astropy Time, converted with the installed tables.
 variates   Random variates for compiled code: bits of a counter, normal and Poisson quantiles.
 """
@@ -36,6 +37,7 @@ from startrack.core.checks import (
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
 from startrack.core.dispatcher import COMPILED_BESIDE
+from startrack.core.field_psf import FieldPsf
 from startrack.core.kernel import FOLDERS, UNKEPT, is_compiled, kernel
 from startrack.core.memory import (
     GIB,
@@ -56,6 +58,7 @@ from startrack.core.units import (
     GOLDEN_ANGLE,
     LIGHT_SPEED,
     PLANCK,
+    ZERO_CELSIUS,
     Unit,
     arcsec,
     deg,

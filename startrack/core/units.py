@@ -18,6 +18,9 @@ mm = 1e-3  # metre
 deg = math.pi / 180  # radian
 arcsec = deg / 3600  # radian
 
+ZERO_CELSIUS = 273.15  # kelvin
+CELSIUS = ("degC", "deg_C", "°C", "Celsius", "celsius")
+
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radian; turns by it fill a disc evenly
 
 LONGEST = 100  # characters of a quantity, so that no text takes long to read
@@ -25,10 +28,14 @@ NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].
 
 
 class Unit(NamedTuple):
-    """Of a parameter: `Annotated[float, Unit("m", "mm")]` is in metre, in files in millimetre."""
+    """Of a parameter: `Annotated[float, Unit("m", "mm")]` is in metre, in files in millimetre.
+
+    absolute  whether it is a temperature, which files may give in degC, and no difference of two
+    """
 
     si: str
     in_files: str = ""
+    absolute: bool = False
 
     @property
     def shown(self) -> str:
@@ -36,19 +43,22 @@ class Unit(NamedTuple):
         return self.in_files or self.si
 
 
-def parse(text: str, unit: str) -> float:
+def parse(text: str, unit: str, absolute: bool = False) -> float:
     """Turn a number with a unit into a float in another unit.
 
     The product is taken in decimal, so that "50 mm" is 0.05 m and not a neighbour of it.
 
     >>> parse("50 mm", "m")
     0.05
+    >>> parse("20 degC", "K", absolute=True)
+    293.15
 
-    text     a number and a unit as astropy writes them: "50 mm", "5 deg", "10 electron / s"
-    unit     unit of the result
-    Returns  the value in that unit, correctly rounded
-    Raises   ValueError where the text is no number with a unit, its unit does not convert, or the
-             number is beyond all floats.
+    text      a number and a unit as astropy writes them: "50 mm", "5 deg", "10 electron / s"
+    unit      unit of the result
+    absolute  whether degC is a unit too, for the temperature itself and no difference
+    Returns   the value in that unit, correctly rounded
+    Raises    ValueError where the text is no number with a unit, its unit does not convert, or the
+              number is beyond all floats.
     """
     if len(text) > LONGEST:
         raise ValueError(
@@ -57,6 +67,8 @@ def parse(text: str, unit: str) -> float:
     found = NUMBER.fullmatch(text)
     if not found or not found[2]:
         raise ValueError(f"must be a number with a unit, such as '1 {unit}', got {text!r}")
+    if absolute and found[2] in CELSIUS:
+        return float(Decimal(found[1]) + Decimal(str(ZERO_CELSIUS)))
     scale = _scale(found[2], unit)
     if scale is None:
         raise ValueError(f"must have a unit that converts to {unit}, got {text!r}")
@@ -75,11 +87,13 @@ def write(value: float, unit: str, shown: str) -> str:
     >>> write(0.05, "m", "mm")
     '50 mm'
     """
-    scale = _scale(shown, unit)
+    celsius = shown in CELSIUS and unit == "K"
+    scale = Decimal(1) if celsius else _scale(shown, unit)
     assert scale is not None, f"{shown} does not convert to {unit}"
+    zero = Decimal(str(ZERO_CELSIUS)) if celsius else Decimal(0)
     for digits in range(1, 19):
-        text = f"{Decimal(value) / scale:.{digits}g}"
-        if float(Decimal(text) * scale) == value:
+        text = f"{(Decimal(value) - zero) / scale:.{digits}g}"
+        if float(Decimal(text) * scale + zero) == value:
             break
     number = float(text)
     return f"{int(number) if number.is_integer() and abs(number) < 1e15 else text} {shown}"

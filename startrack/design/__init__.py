@@ -17,7 +17,7 @@ files         Design files: a case, and optionally a campaign on it, as TOML wit
 """
 
 from startrack.design.campaign import Campaign
-from startrack.design.case import Case, Fidelity, Instrument, Tracker
+from startrack.design.case import Case, Fidelity, Instrument, Temperatures, Tracker
 from startrack.design.choice import Choice, branches
 from startrack.design.files import Design, load_design, save_design
 from startrack.design.objective import AXES, Objective

@@ -7,16 +7,18 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Annotated
 
+import numpy as np
+
 from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
-from startrack.core import Camera, Unit, finite
+from startrack.core import Camera, Floats, Unit, finite, within
 from startrack.design.epoch import believed_from, seen_from
 from startrack.detection import Detection
 from startrack.detector import Detector
 from startrack.identification import Identification
 from startrack.motion import Motion
-from startrack.optics import Baffle, Optics
-from startrack.scene import Scene
+from startrack.optics import ROOM, Baffle, Optics, fit_camera, open_optics
+from startrack.scene import SUN, WAVELENGTH, Scene, blackbody_photons
 
 
 class Fidelity(StrEnum):
@@ -37,12 +39,26 @@ class Fidelity(StrEnum):
 
 
 @dataclass(frozen=True)
+class Temperatures:
+    """Temperatures of an instrument; that of its detector is in the detector.
+
+    lens  kelvin, of the lens, whose table then gives focal length, focus and distortion
+    """
+
+    lens: Annotated[float, Unit("K", "degC", absolute=True)] = ROOM
+
+    def __post_init__(self) -> None:
+        within(1, 1000, lens=self.lens)
+
+
+@dataclass(frozen=True)
 class Instrument:
     """The truth that makes the frame, and that its attitude is judged by.
 
     mounting  how the camera sits on the spacecraft
     delay     second, by which the time stamp of a frame lies after the middle of its exposure
     baffle    what it lets through of Sun, Moon and Earth; None: nothing
+    thermal   temperatures; None: the lens is at 20 degC
     """
 
     optics: Optics
@@ -51,15 +67,40 @@ class Instrument:
     mounting: Mounting = field(default_factory=Mounting)
     delay: Annotated[float, Unit("s", "ms")] = 0.0
     baffle: Baffle | None = None
+    thermal: Temperatures | None = None
 
     def __post_init__(self) -> None:
         finite(delay=self.delay)
+        if self.thermal and not self.optics.lens_file:
+            raise ValueError(
+                "thermal.lens must be left out where no lens_file says what it changes"
+            )
+        if self.optics.lens_file and self.detector.scan:
+            raise ValueError("optics.lens_file must be left out where lines scan")
+
+    @property
+    def lens_temperature(self) -> float:
+        """Kelvin."""
+        return self.thermal.lens if self.thermal else ROOM
 
     @cached_property
     def camera(self) -> Camera:
-        """Where directions truly fall."""
+        """Where directions truly fall; with a lens table, the camera that fits it best.
+
+        Raises  ValueError where the table does not hold the frame, the band or the temperature.
+        """
         optics = self.optics
         shift_x, shift_y = self.detector.shift
+        if optics.lens_file:
+            return fit_camera(
+                open_optics(optics, self.lens_temperature),
+                self.detector.columns,
+                self.detector.rows,
+                self.detector.pitch,
+                (optics.principal_x + shift_x, optics.principal_y + shift_y),
+                WAVELENGTH,
+                self.detected_spectra(np.array([SUN]))[0],
+            )
         return Camera(
             self.detector.columns,
             self.detector.rows,
@@ -73,6 +114,22 @@ class Instrument:
             optics.k3,
         )
 
+    def detected_spectra(self, temperature: Floats) -> Floats:
+        """Photons per second of blackbodies that are detected in each spectral bin, on any scale.
+
+        temperature  (n,) kelvin
+        Returns      (n, k) in the bins of WAVELENGTH
+        Raises       ValueError where none is.
+        """
+        throughput = self.optics.area * self.optics.transmission(WAVELENGTH)
+        spectra = blackbody_photons(WAVELENGTH, temperature) * throughput
+        spectra = spectra * self.detector.quantum_efficiency(WAVELENGTH)
+        if not spectra.any():
+            raise ValueError(
+                "transmission and quantum_efficiency must overlap between 320 and 1100 nm"
+            )
+        return spectra
+
 
 @dataclass(frozen=True)
 class Tracker:
@@ -84,6 +141,8 @@ class Tracker:
     delay     second that it takes off its time stamps, None for all of the delay there is
     motion    how it believes the camera to turn, None for as it does, jitter apart; where lines
               scan, each spot has its own time
+    calibrated_at  kelvin, temperature of the lens when the camera was calibrated, None for that
+              which it has; a lens table says what differs
     """
 
     detection: Detection = field(default_factory=Detection)
@@ -94,8 +153,11 @@ class Tracker:
     mounting: Mounting | None = None
     delay: Annotated[float | None, Unit("s", "ms")] = None
     motion: Motion | None = None
+    calibrated_at: Annotated[float | None, Unit("K", "degC", absolute=True)] = None
 
     def __post_init__(self) -> None:
+        if self.calibrated_at is not None:
+            within(1, 1000, calibrated_at=self.calibrated_at)
         if self.delay is not None:
             finite(delay=self.delay)
         if self.mounting and self.mounting.swings:
@@ -127,7 +189,15 @@ class Case:
     @property
     def believed_camera(self) -> Camera:
         """The camera that the tracker computes with."""
-        return self.tracker.camera or self.instrument.camera
+        return self.tracker.camera or self.calibrated.camera
+
+    @cached_property
+    def calibrated(self) -> Instrument:
+        """The instrument as it was when its camera was calibrated."""
+        kelvin = self.tracker.calibrated_at
+        if kelvin is None or not self.instrument.optics.lens_file:
+            return self.instrument
+        return replace(self.instrument, thermal=Temperatures(kelvin))
 
     @property
     def believed_catalog(self) -> Selection:

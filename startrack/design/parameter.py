@@ -101,7 +101,7 @@ def quantity(case: Any, name: str, value: float | str) -> float:
     unit = unit_at(case, name)
     if unit and isinstance(value, str):
         try:
-            return parse(value, unit.si)
+            return parse(value, unit.si, unit.absolute)
         except ValueError as error:
             raise ValueError(f"{name}: bound {error}") from None
     if unit or isinstance(value, str):

@@ -28,7 +28,7 @@ scan                 Light and the motion of a camera -> the image of a detector
 star_grid            Stars and companions -> one noise-free Frame with a cell for each star.
 """
 
-from startrack.detector.collect import electron_rate
+from startrack.detector.collect import electron_rate, mean_wavelength
 from startrack.detector.dark_frames import dark_frames
 from startrack.detector.digitise import normals, shot
 from startrack.detector.effects import diffuse, settle

@@ -37,6 +37,18 @@ def efficiency(light: Light, detector: Detector, throughput: Floats) -> Floats:
     return detector.quantum_efficiency(light.wavelength) * detector.fill_factor * throughput
 
 
+def mean_wavelength(light: Light, detector: Detector, throughput: Floats) -> Floats:
+    """Mean wavelength (n,) of the detected photons of each star, metre.
+
+    A star without any has that of an even spectrum.
+    """
+    per_photon = efficiency(light, detector, throughput)
+    even = float(per_photon @ light.wavelength / max(per_photon.sum(), 1e-300))
+    rate = light.photon_irradiance @ per_photon
+    total = light.photon_irradiance @ (per_photon * light.wavelength)
+    return np.where(rate > 0, total / np.where(rate > 0, rate, 1.0), even)
+
+
 def diffuse_electrons(
     light: Light, camera: Camera, detector: Detector, throughput: Floats
 ) -> Floats | None:

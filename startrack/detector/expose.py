@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import (
     Camera,
+    FieldPsf,
     Floats,
     Frame,
     Light,
@@ -25,6 +26,7 @@ from startrack.detector.collect import (
     background_tables,
     diffuse_electrons,
     electron_rate,
+    mean_wavelength,
 )
 from startrack.detector.effects import carry, diffuse
 from startrack.detector.maps import response
@@ -52,7 +54,7 @@ class Exposure:
     """
 
     light: Light
-    psf: Psf
+    psf: Psf | FieldPsf
     line_of_sight: LineOfSight
     icrs_to_camera: Rotation
     camera: Camera
@@ -125,7 +127,10 @@ def expected(exposure: Exposure) -> Floats:
     glow = diffuse_electrons(light, camera, detector, exposure.throughput)
     if glow is not None:
         electrons += apply_response(glow, detector)
-    draw(electrons, exposure.psf, places, star, detector)
+    colour = None
+    if isinstance(exposure.psf, FieldPsf):
+        colour = mean_wavelength(light, detector, exposure.throughput)
+    draw(electrons, exposure.psf, places, star, detector, colour)
     return carry(electrons, exposure.residual_charge, detector.lag) if detector.lag else electrons
 
 
@@ -155,16 +160,29 @@ def seen(
 
 
 def draw(
-    electrons: Floats, psf: Psf, places: Iterable[Places], star: Floats, detector: Detector
-) -> None:
+    electrons: Floats, psf: Psf | FieldPsf, places: Iterable[Places], star: Floats,
+    detector: Detector, colour: Floats | None = None,
+) -> None:  # fmt: skip
     """Add what the stars leave in the pixels, in place.
 
     places  weights (m,), x and y (m, n) of some points of the paths after the other
     star    (n,) electron of each star in the whole exposure
+    colour  (n,) metre, mean wavelength of each star's light; needed by a FieldPsf
     """
     gain = response(detector)
     image = np.zeros_like(electrons) if detector.crosstalk else electrons
-    for some in places:
-        stamp_paths(image, psf, *some, star, gain)
+    for weight, x, y in places:
+        if isinstance(psf, FieldPsf):
+            which, x, y, part = psf.split(x, y, star, weight, colours(colour))
+            stamp_paths(image, psf, weight, x, y, part, gain, which)
+        else:
+            stamp_paths(image, psf, weight, x, y, star, gain)
     if detector.crosstalk:
         electrons += diffuse(image, detector.crosstalk)
+
+
+def colours(colour: Floats | None) -> Floats:
+    """The colours of stars, which a FieldPsf needs. Raises TypeError where there are none."""
+    if colour is None:
+        raise TypeError("colour must be given where the image changes with it, got None")
+    return colour

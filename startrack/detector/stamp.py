@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from startrack.core import Floats, Psf, kernel
+from startrack.core import FieldPsf, Floats, Ints, Psf, kernel
 
 UNIT_GAIN = np.ones((1, 1))
 UNIT_GAIN.flags.writeable = False
@@ -19,15 +19,15 @@ PRODUCT_TOLERANCE = (
 
 
 class PsfTable(NamedTuple):
-    """The table of a PSF, arranged for the kernels.
+    """The tables of a PSF, arranged for the kernels.
 
     The pixels of a star are `oversampling` samples apart. So a star is the sum of 36 images, one
     for each interpolation weight, whose pixels are neighbours when the table is sorted by strides.
 
-    strides       (oversampling, oversampling, k) 1, for each first row and column of samples: the
-                  pixels row by row, `across` of them in a row
-    line, column  (m,) along x and along y, whose product is the table; empty for other tables
-    samples       along a side of the table
+    strides       (tables, oversampling, oversampling, k) 1, for each first row and column of
+                  samples: the pixels row by row, `across` of them in a row
+    line, column  (m,) along x and along y, whose product is the only table; empty otherwise
+    samples       along a side of a table
     oversampling  samples per pixel
     across        pixels of a side of the table, rounded up
     """
@@ -40,7 +40,7 @@ class PsfTable(NamedTuple):
     across: int
 
 
-_shapes: WeakKeyDictionary[Psf, PsfTable] = WeakKeyDictionary()
+_shapes: WeakKeyDictionary[Psf | FieldPsf, PsfTable] = WeakKeyDictionary()
 
 
 def stamp(
@@ -62,33 +62,40 @@ def stamp(
 
 def stamp_paths(
     image: Floats,
-    psf: Psf,
+    psf: Psf | FieldPsf,
     weight: Floats,
     x: Floats,
     y: Floats,
     electrons: Floats,
     gain: Floats | None = None,
+    which: Ints | None = None,
 ) -> None:
     """As `stamp`, for points that move along paths.
 
     weight  (m,) 1, fraction of the electrons at each point of a path
     x, y    (m, n) pixel
+    which   (n,) table of each point, of a FieldPsf; None: the only one
     """
-    _stamp(image, psf_table(psf), weight, x, y, electrons, UNIT_GAIN if gain is None else gain)
+    tables = np.zeros(len(electrons), np.int64) if which is None else which
+    even = UNIT_GAIN if gain is None else gain
+    _stamp(image, psf_table(psf), tables, weight, x, y, electrons, even)
 
 
-def psf_table(psf: Psf) -> PsfTable:
-    """The arranged table of a PSF, made once."""
+def psf_table(psf: Psf | FieldPsf) -> PsfTable:
+    """The arranged tables of a PSF, made once."""
     if psf not in _shapes:
-        step, side = psf.oversampling, len(psf.table)
+        tables = psf.table if isinstance(psf, FieldPsf) else psf.table[None]
+        count, side, _ = tables.shape
+        step = psf.oversampling
         across = -(-side // step)
-        padded = np.zeros((across * step, across * step))
-        padded[:side, :side] = psf.table
-        strides = padded.reshape(across, step, across, step).transpose(1, 3, 0, 2)
+        padded = np.zeros((count, across * step, across * step))
+        padded[:, :side, :side] = tables
+        strides = padded.reshape(count, across, step, across, step).transpose(0, 2, 4, 1, 3)
         # Kernels read whole rows, also from the last pixels on.
-        room = np.zeros((step, step, across * (across + 2)))
-        room[..., : across**2] = strides.reshape(step, step, -1)
-        _shapes[psf] = PsfTable(room, *_separate(psf.table), side, step, across)
+        room = np.zeros((count, step, step, across * (across + 2)))
+        room[..., : across**2] = strides.reshape(count, step, step, -1)
+        lines = (EMPTY, EMPTY) if isinstance(psf, FieldPsf) else _separate(psf.table)
+        _shapes[psf] = PsfTable(room, *lines, side, step, across)
     return _shapes[psf]
 
 
@@ -104,11 +111,12 @@ def _separate(table: Floats) -> tuple[Floats, Floats]:
 
 
 @kernel
-def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-untyped-def]
+def _stamp(image, shape, which, weight, x, y, electrons, gain):  # type: ignore[no-untyped-def]
     room = work_array(shape)
     for n in range(len(electrons)):
         for m in range(len(weight)):
-            add_star(image, shape, x[m, n], y[m, n], weight[m] * electrons[n], gain, room)
+            part = weight[m] * electrons[n]
+            add_star(image, shape, which[n], x[m, n], y[m, n], part, gain, room)
 
 
 @kernel
@@ -118,8 +126,8 @@ def work_array(shape):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_star(image, shape, x, y, electrons, gain, room):  # type: ignore[no-untyped-def]
-    """Add the image of one point; a gain of one element applies to all pixels."""
+def add_star(image, shape, which, x, y, electrons, gain, room):  # type: ignore[no-untyped-def]
+    """Add the image of one point by one of the tables; one element of gain is for all pixels."""
     rows, columns = image.shape
     step = shape.oversampling
     reach = (shape.samples // 2 - 3) // step
@@ -136,7 +144,7 @@ def add_star(image, shape, x, y, electrons, gain, room):  # type: ignore[no-unty
     if len(shape.line):
         _product(star, shape, start_x, start_y, wx, wy, right - left + 1)
     else:
-        _sum(star, shape, start_x, start_y, wx, wy)
+        _sum(star, shape, which, start_x, start_y, wx, wy)
     even = gain.size == 1
     for j in range(lowest, highest + 1):
         line = star[(j - lowest) * shape.across :]
@@ -164,7 +172,7 @@ def _place(centre, pixels, samples, oversampling, weight):  # type: ignore[no-un
 
 
 @kernel
-def _sum(star, shape, x, y, wx, wy):  # type: ignore[no-untyped-def]
+def _sum(star, shape, which, x, y, wx, wy):  # type: ignore[no-untyped-def]
     """The sum of the weighted images, all rows in one loop."""
     step = shape.oversampling
     star[:] = 0.0
@@ -173,7 +181,7 @@ def _sum(star, shape, x, y, wx, wy):  # type: ignore[no-untyped-def]
             weight = wy[b] * wx[a]
             start = (y + b) // step * shape.across + (x + a) // step
             # A slice, because the compiler would check the index for values below zero.
-            part = shape.strides[(y + b) % step, (x + a) % step][start : start + len(star)]
+            part = shape.strides[which, (y + b) % step, (x + a) % step][start : start + len(star)]
             for k in range(len(star)):
                 star[k] += weight * part[k]
 

@@ -35,8 +35,8 @@ class Thermal:
     capacitance  farad, of the sense node; 0 with correlated double sampling
     """
 
-    temperature: Annotated[float, Unit("K")]
-    reference: Annotated[float, Unit("K")] = 293.15
+    temperature: Annotated[float, Unit("K", absolute=True)]
+    reference: Annotated[float, Unit("K", absolute=True)] = 293.15
     doubling: Annotated[float, Unit("K")] = 8.0
     activation: Annotated[float, Unit("J", "eV")] = 0.0
     capacitance: Annotated[float, Unit("F", "fF")] = 0.0

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats, Frame, Ints, Psf, Streams, Workspace, kernel
+from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Streams, Workspace, kernel
 from startrack.detector.collect import background, background_tables
 from startrack.detector.digitise import WORK, digitise_pixel, digitise_row, keys
-from startrack.detector.expose import to_frame
+from startrack.detector.expose import colours, to_frame
 from startrack.detector.hits import tracks
 from startrack.detector.law import Law, law_of
 from startrack.detector.maps import dark, response
@@ -42,12 +42,14 @@ class PixelMaps(NamedTuple):
 class StarPaths(NamedTuple):
     """Stars along their paths, for the kernels.
 
-    shape   table of the PSF
+    shape   tables of the PSF
+    which   (n,) table of each star, or of each term of its image
     weight  (m,), x and y (m, n), of the points of the paths
     star    (n,) electron
     """
 
     shape: PsfTable
+    which: Ints
     weight: Floats
     x: Floats
     y: Floats
@@ -80,11 +82,12 @@ def expose_within(
     windows: Ints,
     places: Places,
     star: Floats,
-    psf: Psf,
+    psf: Psf | FieldPsf,
     detector: Detector,
     sky: float,
     streams: Streams,
     workspace: Workspace,
+    colour: Floats | None = None,
 ) -> Frame:
     """The same numbers as `expose` in windows; elsewhere the mean of the uniform background.
 
@@ -93,6 +96,7 @@ def expose_within(
     star     (n,) electron in the exposure
     sky      electron in a pixel of mean response
     workspace  owns the frame's image, which the next call with it overwrites
+    colour   (n,) metre, mean wavelength of each star's light; needed by a FieldPsf
     Returns  Frame of float32, which holds all numbers of 24 bits
     """
     level, pixels, law, tables = _device(detector, sky)
@@ -100,7 +104,13 @@ def expose_within(
     image = workspace.canvas("digital numbers", shape, level, windows)
     if detector.hits:
         hits = tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)
-    points = StarPaths(psf_table(psf), *places, star)
+    if isinstance(psf, FieldPsf):
+        weight, x, y = places
+        which, x, y, star = psf.split(x, y, star, weight, colours(colour))
+        places = weight, x, y
+    else:
+        which = np.zeros(len(star), np.int64)
+    points = StarPaths(psf_table(psf), which, *places, star)
     _render(image, windows, pixels, points, *hits, *keys(law, streams), law, tables)
     return to_frame(image, detector)
 
@@ -190,7 +200,8 @@ def _window_electrons(window, rows, columns, pixels, points, ends, work):  # typ
             continue
         for m in range(len(points.weight)):
             x, y = points.x[m, n] - first, points.y[m, n] - upper
-            add_star(electrons, points.shape, x, y, points.weight[m] * points.star[n], gain, work)
+            part = points.weight[m] * points.star[n]
+            add_star(electrons, points.shape, points.which[n], x, y, part, gain, work)
     if pixels.crosstalk > 0:
         electrons = _diffused(electrons, pixels.crosstalk)
     return electrons[top - upper : bottom - upper, left - first : right - first]

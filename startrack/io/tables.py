@@ -194,7 +194,7 @@ def _read(field: Field, value: object, place: str) -> Any:
                 f"{place} must have a unit, such as '1 {unit.shown}', got {shown(value)}"
             )
         try:
-            return _moderate(parse(value, unit.si), place)
+            return _moderate(parse(value, unit.si, unit.absolute), place)
         except ValueError as error:
             text = str(error)
             raise ValueError(text if text.startswith(place) else f"{place} {text}") from None

@@ -16,6 +16,11 @@ pixel_psf     Optics -> Psf: the fraction of the light in each pixel, for any su
 over_field    Optics -> Psf at points of the field, where aberrations grow with the distance to the
               axis.
 quality       Psf -> figures of merit: transfer at Nyquist, energies, widths.
+lens_table    LensTable: wavefront, place, pupil and area of a lens over temperature, wavelength and
+              field; its file.
+lens_psf      Optics with a lens table -> the camera that fits it, and the FieldPsf of a detector.
+ray_trace     Prescription of a lens -> its LensTable, by rays of the program optiland (extra
+              `lens`).
 baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light.
 """
 
@@ -23,11 +28,21 @@ from startrack.optics.baffle import Baffle, stray_light
 from startrack.optics.choose import Choice, choose
 from startrack.optics.closed_forms import airy, blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.fraunhofer import intensity, pupil_samples
+from startrack.optics.lens_psf import ROOM, Lens, field_psf, fit_camera, open_optics
+from startrack.optics.lens_table import (
+    LensPoints,
+    LensTable,
+    lens_path,
+    load_lens,
+    open_lens,
+    save_lens,
+)
 from startrack.optics.over_field import at_field, over_field
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import pixel_psf, pixel_response
 from startrack.optics.pupil import Pupil, Segment, area_weights, pupil_grid
 from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, encircled, modulation, quality
+from startrack.optics.ray_trace import Traced, Tracing, read_prescription, trace_lens
 from startrack.optics.zernike import Aberration, zernike
 
 # Public; the other imports serve other rooms.
@@ -36,6 +51,9 @@ __all__ = [
     "Aberration",
     "Baffle",
     "Choice",
+    "Lens",
+    "LensPoints",
+    "LensTable",
     "Optics",
     "Pupil",
     "Quality",

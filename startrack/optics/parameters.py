@@ -46,6 +46,9 @@ class Optics:
     field_edge       radian, field angle at which growing aberrations have their rms
     seeing           radian, sigma of the Gaussian blur of an atmosphere per axis; 0: none
     transmission     1 over wavelength
+    lens_file        a lens table: a shipped one by its name, or the path of a FITS file; "": none.
+                     The table is scaled to `focal_length` and stopped down to `f_number`; it gives
+                     the distortion, and `aberrations` and `blur` add to it
     principal_x, principal_y  pixel from the centre of the detector to the principal point
     k1, k2, p1, p2, k3        OpenCV's distortion coefficients
     """
@@ -63,6 +66,7 @@ class Optics:
     field_edge: Annotated[float, Unit("rad", "deg")] = 10 * deg
     seeing: Annotated[float, Unit("rad", "arcsec")] = 0.0
     transmission: Curve = ALL
+    lens_file: str = ""
     principal_x: float = 0.0
     principal_y: float = 0.0
     k1: float = 0.0
@@ -81,6 +85,20 @@ class Optics:
         finite(defocus=self.defocus)
         self._refuse_places()
         self._refuse_models()
+        if self.lens_file:
+            self._refuse_beside_table()
+
+    def _refuse_beside_table(self) -> None:
+        beside = {
+            "psf": self.psf not in ("auto", "fraunhofer"),
+            "lens": self.lens != "aplanatic",
+            "pupil": not self.pupil.clear,
+            "object_distance": self.object_distance is not None,
+            "k1, k2, p1, p2 and k3": any((self.k1, self.k2, self.p1, self.p2, self.k3)),
+        }
+        named = [name for name, there in beside.items() if there]
+        if named:
+            raise ValueError(f"{named[0]} must be left out beside lens_file, whose table says it")
 
     def _refuse_places(self) -> None:
         if self.object_distance is not None:

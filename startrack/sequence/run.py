@@ -27,9 +27,9 @@ from startrack.sequence.follow import TrackerState, known_rate, predict_state, u
 from startrack.sequence.parameters import Sequence
 from startrack.trial import (
     detection_plan,
+    images_of,
     light_of,
     pattern_indexes,
-    psf_of,
     random_attitude,
     smear_of,
     solve_matches,
@@ -135,7 +135,7 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]
         path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
         exposure = Exposure(
             light_of(case, stars, true.attitude[k], Streams(seed, number)),
-            psf_of(instrument),
+            images_of(instrument),
             path,
             true.attitude[k],
             camera,

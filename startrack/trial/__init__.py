@@ -60,6 +60,7 @@ from startrack.trial.view import (
     detected_spectrum,
     detection_plan,
     expected_electrons,
+    images_of,
     known_smear,
     light_of,
     line_of_sight,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Sky, open_sky
-from startrack.core import Camera, Floats, Ints, Light, LineOfSight, Psf, Stars, Streams
+from startrack.core import Camera, FieldPsf, Floats, Ints, Light, LineOfSight, Psf, Stars, Streams
 from startrack.design import Case, Instrument
 from startrack.detection import (
     LONGEST_STREAK,
@@ -22,12 +22,21 @@ from startrack.detection import (
     DetectionPlan,
     plan_detection,
 )
-from startrack.detector import Exposure, MotionFunction, arriving, dark_frames, expected
+from startrack.detector import (
+    Exposure,
+    MotionFunction,
+    arriving,
+    dark_frames,
+    expected,
+    mean_wavelength,
+)
 from startrack.motion import realise_motion, sample_jitter
-from startrack.optics import pixel_psf, stray_light
-from startrack.scene import SUN, WAVELENGTH, Sight, blackbody_photons, illuminate
+from startrack.optics import field_psf, open_optics, pixel_psf, stray_light
+from startrack.scene import SUN, WAVELENGTH, Sight, illuminate
 
 PART = 2**14  # stars
+# Kelvin, of blackbodies whose images those of all stars are interpolated between.
+TEMPERATURES = np.array([50000.0, 8000.0, 4500.0, 2500.0])
 EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can reach the frame
 
 
@@ -78,6 +87,16 @@ def electrons_of(case: Case) -> Floats:
     return np.concatenate([arriving(each, camera, detector, through)[0] for each in parts])
 
 
+@lru_cache(maxsize=4)
+def colours_of(case: Case) -> Floats:
+    """Mean detected wavelength (n,) of each star of the sky, metre; kept for the 4 last cases."""
+    stars, instrument = open_sky(case.catalog).stars, case.instrument
+    starts = range(0, max(len(stars), 1), PART)
+    parts = (illuminate(case.scene, stars[start : start + PART]) for start in starts)
+    through = throughput(instrument)
+    return np.concatenate([mean_wavelength(each, instrument.detector, through) for each in parts])
+
+
 def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Streams) -> Light:
     """Light at the entrance pupil, with the stray light that passes the baffle."""
     instrument = case.instrument
@@ -92,13 +111,43 @@ def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Stream
 
 @lru_cache(maxsize=8)
 def psf_of(instrument: Instrument) -> Psf:
-    """The PSF for sunlike stars; kept for the 8 last instruments."""
-    detector = instrument.detector
+    """The PSF for sunlike stars, with a lens table its mean over the frame.
+
+    Kept for the 8 last instruments.
+    """
+    detector, spectrum = instrument.detector, detected_spectrum(instrument)
+    if instrument.optics.lens_file:
+        images = field_psf_of(instrument)
+        return images.mean(float(spectrum @ WAVELENGTH / spectrum.sum()))
     return pixel_psf(
         instrument.optics,
         detector.pitch,
         WAVELENGTH,
-        detected_spectrum(instrument),
+        spectrum,
+        detector.fill_factor,
+        detector.diffusion,
+    )
+
+
+def images_of(instrument: Instrument) -> Psf | FieldPsf:
+    """What stars are rendered with; a lens table makes it depend on place and colour."""
+    return field_psf_of(instrument) if instrument.optics.lens_file else psf_of(instrument)
+
+
+@lru_cache(maxsize=4)
+def field_psf_of(instrument: Instrument) -> FieldPsf:
+    """The images of stars over the frame and their colour; kept for the 4 last instruments."""
+    detector = instrument.detector
+    spectra = instrument.detected_spectra(TEMPERATURES)
+    colour = spectra @ WAVELENGTH / spectra.sum(axis=1)
+    order = np.argsort(colour)
+    return field_psf(
+        open_optics(instrument.optics, instrument.lens_temperature),
+        instrument.camera,
+        detector.pitch,
+        WAVELENGTH,
+        spectra[order],
+        colour[order],
         detector.fill_factor,
         detector.diffusion,
     )
@@ -159,12 +208,7 @@ def _with_smear(detection: Detection, x: float, y: float) -> Detection:
 
 def detected_spectrum(instrument: Instrument) -> NDArray[np.float64]:
     """Electrons per second of a sunlike star in each spectral bin, on an arbitrary scale."""
-    sunlike = blackbody_photons(WAVELENGTH, np.array([SUN]))[0]
-    electrons = sunlike * throughput(instrument)
-    electrons = electrons * instrument.detector.quantum_efficiency(WAVELENGTH)
-    if not electrons.any():
-        raise ValueError("transmission and quantum_efficiency must overlap between 320 and 1100 nm")
-    return electrons
+    return instrument.detected_spectra(np.array([SUN]))[0]
 
 
 def line_of_sight(instrument: Instrument, streams: Streams) -> LineOfSight:
@@ -212,7 +256,7 @@ def exposure_of(
     """
     return Exposure(
         light,
-        psf_of(instrument),
+        images_of(instrument),
         path,
         icrs_to_camera,
         instrument.camera,
@@ -240,7 +284,7 @@ def residual_charge(
     earlier, moved = motion_before(instrument, path, streams)
     exposure = Exposure(
         light,
-        psf_of(instrument),
+        images_of(instrument),
         earlier,
         icrs_to_camera,
         instrument.camera,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Sky, open_sky
-from startrack.core import Floats, Ints, Psf, Spots, Streams, Workspace, kernel
+from startrack.core import FieldPsf, Floats, Ints, Psf, Spots, Streams, Workspace, kernel
 from startrack.design import Case, Instrument
 from startrack.detection import (
     DetectionPlan,
@@ -37,6 +37,7 @@ from startrack.detector import (
     expose_within,
     frame_of,
     independent_pixels,
+    mean_wavelength,
     number_distributions,
     outlier_pixels,
     proposal_rates,
@@ -48,10 +49,12 @@ from startrack.detector import (
 )
 from startrack.scene import illuminate
 from startrack.trial.view import (
+    colours_of,
     detection_plan,
     electrons_of,
     expected_electrons,
     exposure_of,
+    images_of,
     light_of,
     line_of_sight,
     motion_before,
@@ -90,11 +93,11 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     Raises          ValueError that names what in the design needs the whole frame.
     """
     plan, instrument = plan_of(case), case.instrument
-    detector, sky, psf, settings = plan.detector, plan.sky, plan.psf, case.tracker.detection
+    detector, sky, settings = plan.detector, plan.sky, case.tracker.detection
     noise = plan.noise
     if noise is None:
         return spots_of_frame(case, icrs_to_camera, streams)
-    direction, star = arrive(case, plan, icrs_to_camera, streams)
+    direction, star, colour = arrive(case, plan, icrs_to_camera, streams)
     weight, x, y = path_points(instrument, direction, icrs_to_camera, streams)
     ground, rates = noise.grounds[int(streams("sample of the sky").integers(SAMPLES))]
     half = reach_of(star / detector.electrons_per_dn, ground.noise, plan)
@@ -113,7 +116,7 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     every = np.concatenate([regions, noisy])
     windows = grown_mask(every, plan.far, *size)
     frame = expose_within(
-        windows, (weight, x, y), star, psf, detector, sky, streams, plan.workspace
+        windows, (weight, x, y), star, plan.psf, detector, sky, streams, plan.workspace, colour
     )
     # Numbers of noise must not be written over those about a star, which are searched first then.
     if separate(grown_mask(noisy, plan.spread, *size), windows[: len(regions)]):
@@ -146,12 +149,16 @@ def cost(pixels: float, proposals: float) -> float:
 
 def arrive(
     case: Case, plan: Plan, icrs_to_camera: Rotation, streams: Streams
-) -> tuple[Floats, Floats]:
-    """Directions (n, 3) of the points that reach the detector, and their electrons (n,)."""
+) -> tuple[Floats, Floats, Floats | None]:
+    """Directions (n, 3) of the points that reach the detector, and their electrons (n,).
+
+    With a lens table, their mean wavelengths (n,) too.
+    """
     camera, detector = case.instrument.camera, case.instrument.detector
     if plan.star is not None:
         near = nearby(plan.catalog, icrs_to_camera, camera)
-        return plan.catalog.stars.direction[near], plan.star[near]
+        colour = colours_of(case)[near] if isinstance(plan.psf, FieldPsf) else None
+        return plan.catalog.stars.direction[near], plan.star[near], colour
     light = light_of(
         case, stars_in_field(plan.catalog, icrs_to_camera, camera), icrs_to_camera, streams
     )
@@ -159,7 +166,10 @@ def arrive(
         raise ValueError(
             "fidelity must be frame where the light of the sky varies over the field, got window"
         )
-    return light.direction, arriving(light, camera, detector, throughput(case.instrument))[0]
+    through, colour = throughput(case.instrument), None
+    if isinstance(plan.psf, FieldPsf):
+        colour = mean_wavelength(light, detector, through)
+    return light.direction, arriving(light, camera, detector, through)[0], colour
 
 
 def path_points(
@@ -221,7 +231,7 @@ class Plan:
     catalog: Sky
     star: Floats | None
     sky: float
-    psf: Psf
+    psf: Psf | FieldPsf
     noise: Noise | None
     threshold: float
     fraction: Floats
@@ -248,7 +258,7 @@ def plan_of(case: Case) -> Plan:
         open_sky(case.catalog),
         None if case.scene.lights else electrons_of(case),
         sky,
-        psf,
+        images_of(instrument),
         noise_of(detector, sky, grounds, detection),
         detection.threshold(detector.columns * detector.rows),
         star_profile(psf, kernel),

@@ -38,6 +38,7 @@ COMMANDS = """
 simulate dated.toml --out dated
 simulate --ra 83 --dec -5 --out frame
 psf design.toml --out psf
+lens show petzval
 detect frame/frame.fits --overlay detect
 solve frame/frame.fits --fov 9.5 --overlay solve
 calibrate frame/frame.fits --fov 9.5 --distortion none --out calibration.json

@@ -221,3 +221,28 @@ def test_outcomes_have_the_law_of_frames(threshold, changes):
     assert stats.fisher_exact(solved)[1] > 1e-3
     errors = [each["error_x"][each["solved"] & ~each["false"]] for each in (whole, parts)]
     assert stats.ks_2samp(*errors).pvalue > 1e-3
+
+
+def test_stars_through_a_lens_table_are_those_of_the_frame(tmp_path):
+    """Place, colour and vignetting change each star, in windows as in frames."""
+    from startrack.optics import save_lens
+    from tests.optics.lenses import ideal
+
+    table = ideal(vignetting=0.4)
+    wavefront = np.zeros(table.wavefront.shape)
+    wavefront[..., 1] = 300e-9 * table.field / table.field[-1]  # coma
+    place = table.place * (1 + 1e-3 * np.linspace(-1, 1, 5)[:, None])  # lateral colour
+    save_lens(tmp_path / "lens.fits", dataclasses.replace(table, wavefront=wavefront, place=place))
+    optics = dataclasses.replace(
+        CASE.instrument.optics, psf="auto", lens_file=str(tmp_path / "lens.fits"), f_number=4.0
+    )
+    detector = dataclasses.replace(CASE.instrument.detector, columns=300, rows=200)
+    instrument = dataclasses.replace(CASE.instrument, optics=optics, detector=detector)
+    case = dataclasses.replace(CASE, instrument=instrument)
+    assert plan_of(case).noise
+    for number in range(2):
+        whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, number))
+        assert len(whole) == len(parts) > 0
+        np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=2e-4)
+    with pytest.raises(ValueError, match="lens_file"):
+        run_trials(case, 1, [0], Fidelity.COVARIANCE)

@@ -38,7 +38,7 @@ class Cover:
     """
 
     reflectance: Curve = GREY
-    temperature: Annotated[float, Unit("K")] = 288.0
+    temperature: Annotated[float, Unit("K", absolute=True)] = 288.0
     above: Annotated[float, Unit("m")] = DEPTHS
 
     def __post_init__(self) -> None:
@@ -56,7 +56,7 @@ class HotSpot:
     longitude: Annotated[float, Unit("rad", "deg")]
     latitude: Annotated[float, Unit("rad", "deg")]
     area: Annotated[float, Unit("m2")]
-    temperature: Annotated[float, Unit("K")] = 1000.0
+    temperature: Annotated[float, Unit("K", absolute=True)] = 1000.0
 
     def __post_init__(self) -> None:
         finite(longitude=self.longitude)

@@ -1,0 +1,28 @@
+"""Trace the shipped prescriptions again: python catalogs/lenses/rebuild.py (extra `lens`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from startrack.cli.main import main
+
+HERE = Path(__file__).parent
+# Prescription, largest field angle (degree), temperatures (degC) and source.
+LENSES = {
+    "double_gauss": ("12", ("20",), "US patent 2,673,491 (Tronnier 1954)"),
+    "petzval": ("5", ("-20", "20", "60"), "Laikin, Lens Design (2007), p. 75, at f/1.6"),
+}
+
+
+def rebuild() -> int:
+    status = 0
+    for name, (field, temperatures, source) in LENSES.items():
+        status |= main([
+            "lens", "import", str(HERE / f"{name}.zmx"), "--field", field, "--source", source,
+            "--temperatures", *temperatures, "--check", "--out", str(HERE / f"{name}.fits"),
+        ])  # fmt: skip
+    return status
+
+
+if __name__ == "__main__":
+    raise SystemExit(rebuild())

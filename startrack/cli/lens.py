@@ -1,0 +1,257 @@
+"""`startrack lens`: tables of lenses from prescriptions."""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe, whole
+from startrack.cli.terminal import print_result, progress
+from startrack.core import ZERO_CELSIUS, deg, nm, um
+from startrack.optics import (
+    LensTable,
+    Tracing,
+    lens_path,
+    load_lens,
+    read_prescription,
+    save_lens,
+    trace_lens,
+    zernike,
+)
+
+LENS = """\
+A lens table holds the wavefront, the place of the chief ray, the pupil and the vignetting of a lens
+over field, wavelength and temperature. A design names it: lens_file = "my-lens.fits" under
+[instrument.optics].
+
+  startrack lens import my-lens.zmx --field 12   trace a prescription (extra `lens`)
+  startrack lens show my-lens.fits               what a table holds
+  startrack lens show double_gauss               a shipped one
+"""
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack lens` and its parts."""
+    parser.description = LENS
+    parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
+    text = "trace a prescription: Zemax .zmx, CODE V .seq, or optiland .json"
+    part = _part(parts, "import", text, "Needs optiland: pip install 'startrack[lens]'.")
+    part.add_argument("prescription", type=Path, metavar="PRESCRIPTION")
+    part.add_argument(
+        "--field", type=float, required=True, metavar="DEG",
+        help="largest angle from the axis, to the corner of the detector, degree",
+    )  # fmt: skip
+    part.add_argument(
+        "--fields", type=whole(2, 200), default=9, metavar="N",
+        help="field angles from the axis to that (default: 9)",
+    )  # fmt: skip
+    part.add_argument(
+        "--band", type=float, nargs=2, default=(400.0, 1000.0), metavar=("NM", "NM"),
+        help="shortest and longest wavelength, nm (default: 400 1000)",
+    )  # fmt: skip
+    part.add_argument(
+        "--wavelengths", type=whole(1, 200), default=7, metavar="N",
+        help="wavelengths in the band, denser in the blue (default: 7)",
+    )  # fmt: skip
+    part.add_argument(
+        "--temperatures", type=float, nargs="+", default=[20.0], metavar="DEGC",
+        help="temperatures of the lens, degC (default: 20)",
+    )  # fmt: skip
+    part.add_argument(
+        "--terms", type=whole(4, 231), default=66, metavar="N",
+        help="largest Noll index of the wavefront (default: 66)",
+    )  # fmt: skip
+    part.add_argument("--vacuum", action="store_true", help="trace the lens in vacuum, not in air")
+    part.add_argument(
+        "--check", action="store_true",
+        help="also trace between the nodes, and print the error of the interpolation",
+    )  # fmt: skip
+    part.add_argument(
+        "--name", dest="title", metavar="TEXT", help="name of the lens (default: that of the file)"
+    )
+    part.add_argument(
+        "--source", metavar="TEXT", help="where its numbers come from (default: name of the file)"
+    )
+    part.add_argument(
+        "--out", type=Path, metavar="FILE",
+        help="lens table to write (default: name of the prescription with .fits)",
+    )  # fmt: skip
+    show = _part(parts, "show", "print what a lens table holds")
+    show.add_argument("table", metavar="TABLE", help="lens table, or name of a shipped one")
+
+
+def _part(parts: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = parts.add_parser(
+        name, help=text, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    describe(parser, more)
+    return parser
+
+
+def command(options: argparse.Namespace) -> int:
+    """Trace a prescription, or print a table."""
+    if options.part == "show":
+        with as_wrong_use(ValueError, OSError):
+            table = load_lens(lens_path(options.table))
+        result = summary(table)
+        print_result(options, result, _text(result))
+        return Exit.DONE
+    return _import(options)
+
+
+def _import(options: argparse.Namespace) -> int:
+    path, tracing = options.prescription, _tracing(options)
+    out = options.out or path.with_suffix(".fits").name
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the tracer and of what it compiles
+        with as_wrong_use(ValueError):
+            lens = read_prescription(path)
+        nodes = len(tracing.temperature) * len(tracing.wavelength) * len(tracing.field)
+        with progress("tracing", nodes) as advance, as_wrong_use(ValueError, path=path):
+            traced = trace_lens(
+                lens, options.title or path.stem, options.source or path.name, tracing, advance
+            )
+        save_lens(Path(out), traced.table)
+        left = float((traced.left / traced.table.wavelength[:, None]).max())
+        result = summary(traced.table) | {"table": str(out), "terms_leave_waves": left}
+        if options.check:
+            between = _between(tracing)
+            nodes = len(between.temperature) * len(between.wavelength) * len(between.field)
+            with progress("checking", nodes) as advance:
+                dense = trace_lens(lens, "between", "", between, advance).table
+            result |= interpolation_error(traced.table, dense)
+    print_result(options, result, _text(result))
+    return Exit.DONE
+
+
+def _tracing(options: argparse.Namespace) -> Tracing:
+    first, last = sorted(options.band)
+    if not (first >= 100 and last <= 20_000):
+        raise WrongUse(f"--band must lie in [100, 20000] nm, got {first:g} to {last:g}")
+    if not 0 < options.field < 80:
+        raise WrongUse(f"--field must lie between 0 and 80 degree, got {options.field:g}")
+    for celsius in options.temperatures:
+        if not -200 < celsius < 300:
+            raise WrongUse(f"--temperatures must lie between -200 and 300 degC, got {celsius:g}")
+    # Glass disperses about as the inverse square; half way to it keeps some nodes in the red.
+    wavelength = 1 / np.linspace(1 / last, 1 / first, options.wavelengths)[::-1] * nm
+    if options.wavelengths == 1:
+        wavelength = np.array([(first + last) / 2 * nm])
+    return Tracing(
+        tuple(sorted({celsius + ZERO_CELSIUS for celsius in options.temperatures})),
+        tuple(wavelength.tolist()),
+        tuple((np.linspace(0, options.field, options.fields) * deg).tolist()),
+        options.terms,
+        options.vacuum,
+    )
+
+
+def _between(tracing: Tracing) -> Tracing:
+    """The middles between the nodes; all temperatures."""
+    fields = np.array(tracing.field)
+    waves = np.array(tracing.wavelength)
+    middle = (waves[1:] + waves[:-1]) / 2 if len(waves) > 1 else waves
+    return replace(
+        tracing,
+        wavelength=tuple(middle.tolist()),
+        field=(0.0, *((fields[1:] + fields[:-1]) / 2).tolist()),
+    )
+
+
+def interpolation_error(table: LensTable, dense: LensTable) -> dict[str, float]:
+    """Largest error of a table at the nodes of another one.
+
+    Of the wavefront the rms over the open pupil, in waves, without its mean and tilt; of the chief
+    ray's place, metre; of the area relative.
+    """
+    radius, turn = np.meshgrid(np.sqrt((np.arange(8) + 0.5) / 8), np.arange(24) * (np.pi / 12))
+    disc_x, disc_y = (radius * np.cos(turn)).ravel(), (radius * np.sin(turn)).ravel()
+    plane = np.stack([np.ones_like(disc_x), disc_x, disc_y], axis=-1)
+    waves, place, area = [0.0], [0.0], [0.0]
+    for t, temperature in enumerate(dense.temperature):
+        found = table.at(float(temperature), dense.wavelength, dense.field)
+        place.append(float(np.abs(found.place - dense.place[t]).max()))
+        area.append(float(np.abs(found.area / dense.area[t] - 1).max()))
+        for at in np.ndindex(found.place.shape):
+            stop, half_p, half_q, *rest = dense.pupil[t][at]
+            p, q = rest[0] + rest[1] * disc_x, rest[2] * disc_y
+            other = found.pupil[at]
+            off = sum(
+                size * zernike(j, (stop - p) / half_p, -q / half_q)
+                - near * zernike(j, (other[0] - p) / other[1], -q / other[2])
+                for j, size, near in zip(
+                    table.noll.tolist(), dense.wavefront[t][at], found.wavefront[at], strict=True
+                )
+            )
+            # The chief ray's place belongs to the tilt, which is left out.
+            off = off - plane @ np.linalg.lstsq(plane, off, rcond=None)[0]
+            waves.append(float(np.sqrt(np.mean(off**2))) / float(dense.wavelength[at[0]]))
+    return {
+        "interpolation_rms_waves": max(waves),
+        "interpolation_place_um": max(place) / um,
+        "interpolation_area": max(area),
+    }
+
+
+def summary(table: LensTable) -> dict[str, Any]:
+    """What a table holds, over the field at the middle wavelength and temperature."""
+    t, w = len(table.temperature) // 2, len(table.wavelength) // 2
+    shape = ~np.isin(table.noll, (1, 2, 3))
+    wavefront = np.sqrt((table.wavefront[t, w][:, shape] ** 2).sum(axis=-1))
+    ideal = table.focal_length * np.tan(table.field)
+    with np.errstate(invalid="ignore"):
+        distortion = np.where(ideal > 0, table.place[t, w] / np.where(ideal > 0, ideal, 1) - 1, 0)
+    return {
+        "name": table.name,
+        "source": table.source,
+        "focal_length_mm": table.focal_length * 1e3,
+        "f_number": table.f_number,
+        "temperature_degc": (table.temperature - ZERO_CELSIUS).tolist(),
+        "wavelength_nm": (table.wavelength / nm).tolist(),
+        "terms": int(table.noll.max()),
+        "field_deg": (table.field / deg).tolist(),
+        "place_mm": (table.place[t, w] * 1e3).tolist(),
+        "distortion_percent": (100 * distortion).tolist(),
+        "lateral_colour_um": (np.ptp(table.place[t], axis=0) / um).tolist(),
+        "wavefront_rms_waves": (wavefront / table.wavelength[w]).tolist(),
+        "illumination": (table.area[t, w] / table.area[t, w, 0]).tolist(),
+    }
+
+
+def _text(result: dict[str, Any]) -> str:
+    waves, degrees = result["wavelength_nm"], result["temperature_degc"]
+    lines = [
+        f"{result['name']}: {result['focal_length_mm']:.3f} mm, f/{result['f_number']:.3g} "
+        f"({result['source']})",
+        f"wavelengths   {', '.join(f'{each:.0f}' for each in waves)} nm",
+        f"temperatures  {', '.join(f'{each:.4g}' for each in degrees)} degC",
+        f"At {waves[len(waves) // 2]:.0f} nm and {degrees[len(degrees) // 2]:.4g} degC; lateral "
+        "colour over all wavelengths; wavefront without tilt:",
+        "field deg  place mm  distortion %  lateral colour um  wavefront waves rms  illumination",
+    ]
+    keys = ("field_deg", "place_mm", "distortion_percent", "lateral_colour_um")
+    more = ("wavefront_rms_waves", "illumination")
+    for row in zip(*(result[key] for key in (*keys, *more)), strict=True):
+        lines.append(
+            f"{row[0]:9.3f} {row[1]:9.4f} {row[2]:13.3f} {row[3]:18.2f} {row[4]:20.3f} "
+            f"{row[5]:13.4f}"
+        )
+    if "terms_leave_waves" in result:
+        lines.append(
+            f"terms to Noll {result['terms']} leave at most {result['terms_leave_waves']:.2g} "
+            "waves rms of the traced wavefront"
+        )
+    if "interpolation_rms_waves" in result:
+        lines.append(
+            f"between the nodes the table errs by at most {result['interpolation_rms_waves']:.2g} "
+            f"waves rms, {result['interpolation_place_um']:.2g} um in place, "
+            f"{result['interpolation_area']:.2g} in area"
+        )
+    if "table" in result:
+        lines.append(f"wrote {result['table']}")
+    return "\n".join(lines)

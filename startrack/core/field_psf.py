@@ -1,0 +1,116 @@
+"""FieldPsf: the images of points over a frame and over colour, as sums of a few tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from startrack.core.arrays import Floats, Ints
+from startrack.core.values import Psf
+
+LEAST = 0.02  # electron in a pixel, below which a term of a star is left out; chosen by hand
+SHIFT = 2  # columns of `value` before the relative flux
+
+
+@dataclass(frozen=True, eq=False)
+class FieldPsf:
+    """Images of points that change over the frame and with the colour of the light.
+
+        image(x, y, colour) = sum_k coefficient_k(x, y, colour) table_k
+
+    The colour of light is the mean wavelength of its detected photons. Between the nodes, the
+    coefficients are cubic polynomials of x and of y, and one polynomial of the colour.
+
+    table         (k, m, m) 1, as in Psf
+    oversampling  samples per pixel
+    x, y          (p,), (q,) pixel, evenly spaced nodes, at least four; beyond the last, the image
+                  is that at the last
+    colour        (c,) metre, nodes, rising; beyond the last, the image is that of the last
+    value         (c, q, p, 3 + k): shift along x and y (pixel) of the centre of the image from the
+                  place that the camera projects to; flux relative to that of the instrument's
+                  throughput; coefficients
+    error         1, of the peak, the largest that was found between the nodes
+    place_error   pixel, of the shift likewise
+    """
+
+    table: Floats
+    oversampling: int
+    x: Floats
+    y: Floats
+    colour: Floats
+    value: Floats
+    error: float
+    place_error: float
+
+    def at(self, x: Floats, y: Floats, colour: Floats) -> Floats:
+        """Shift, relative flux and coefficients (n, 3 + k) at places and colours (n,)."""
+        first_x, weight_x = _local(self.x, x)
+        first_y, weight_y = _local(self.y, y)
+        weight_c = _lagrange(self.colour, np.clip(colour, self.colour[0], self.colour[-1]))
+        tap = np.arange(4)
+        near = self.value[
+            :, (first_y[:, None] + tap)[:, :, None], (first_x[:, None] + tap)[:, None, :]
+        ]
+        weight = (
+            weight_c.T[:, :, None, None] * weight_y[:, :, None] * weight_x[:, None]
+        )  # colours, places, four rows, four columns
+        return np.einsum("cnji,cnjik->nk", weight, near)
+
+    def mean(self, colour: float) -> Psf:
+        """The mean image over the frame at a colour, its flux relative to the mean flux."""
+        x, y = np.meshgrid(
+            np.linspace(self.x[0], self.x[-1], 33), np.linspace(self.y[0], self.y[-1], 33)
+        )
+        found = self.at(x.ravel(), y.ravel(), np.full(x.size, colour))
+        weight = found[:, SHIFT] / found[:, SHIFT].sum()
+        table = np.tensordot(weight @ found[:, SHIFT + 1 :], self.table, 1)
+        return Psf(table, self.oversampling, min(float(table.sum()) / self.oversampling**2, 1.0))
+
+    def split(
+        self, x: Floats, y: Floats, electrons: Floats, weight: Floats, colour: Floats
+    ) -> tuple[Ints, Floats, Floats, Floats]:
+        """Points along paths as terms, each with the table of one term.
+
+        The image of a path is that at its middle, also where the camera rolls.
+
+        x, y       (m, n) pixel, along the paths of n points
+        electrons  (n,)
+        weight     (m,) 1, of the points of a path
+        colour     (n,) metre
+        Returns    (l,) table of each term; (m, l) its x and y; (l,) its electrons, of any sign
+        Accuracy   terms of less than LEAST electrons in each pixel are left out.
+        """
+        share = weight / weight.sum()
+        middle_x, middle_y = share @ x, share @ y
+        there = np.flatnonzero(np.isfinite(middle_x + middle_y))
+        found = self.at(middle_x[there], middle_y[there], colour[there])
+        part = found[:, SHIFT + 1 :] * (found[:, SHIFT] * electrons[there])[:, None]
+        peak = np.abs(self.table).max(axis=(1, 2))
+        star, term = np.nonzero(np.abs(part) * peak > LEAST)
+        which = there[star]
+        return (
+            term,
+            x[:, which] + found[star, 0],
+            y[:, which] + found[star, 1],
+            part[star, term],
+        )
+
+
+def _local(nodes: Floats, at: Floats) -> tuple[Ints, Floats]:
+    """First of the four nodes around each place, and the weights (n, 4) of a cubic through them."""
+    step = nodes[1] - nodes[0]
+    place = np.clip((at - nodes[0]) / step, 0, len(nodes) - 1)
+    first = np.clip(np.floor(place).astype(np.int64) - 1, 0, len(nodes) - 4)
+    return first, _lagrange(np.arange(4.0), place - first)
+
+
+def _lagrange(nodes: Floats, at: Floats) -> Floats:
+    """(n, k) weights of the values at nodes (k,) for those of the polynomial at places (n,)."""
+    away = at[:, None] - nodes
+    weight = np.ones((len(at), len(nodes)))
+    for k in range(len(nodes)):
+        for other in range(len(nodes)):
+            if other != k:
+                weight[:, k] *= away[:, other] / (nodes[k] - nodes[other])
+    return weight

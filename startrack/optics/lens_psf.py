@@ -1,0 +1,603 @@
+"""Optics with a lens table -> the camera that fits it, and the FieldPsf of a detector."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy import fft
+
+from startrack.core import Camera, FieldPsf, Floats, nm
+from startrack.optics.closed_forms import blur_transfer, pixel_transfer
+from startrack.optics.fraunhofer import intensity, pupil_samples
+from startrack.optics.lens_table import LensPoints, LensTable, open_lens
+from startrack.optics.over_field import at_field
+from startrack.optics.parameters import Optics
+from startrack.optics.pixel_psf import gauss_band
+from startrack.optics.pupil import pupil_grid, soft_step
+from startrack.optics.zernike import noll_to_nm, zernike
+
+ROOM = 293.15  # kelvin, of a lens whose design names no temperature
+RINGS, SPOKES = 16, 24  # rays from which centroids and widths are taken
+STEP = 1e-5  # of the radius of the pupil, for slopes
+BAND_NODES = 6  # wavelengths of a band
+NODES = 7  # places along the longer side of the frame, at least four along the shorter
+AIRY_BOX = 6.0  # wavelength * f-number, beyond the outermost ray
+PER_SIGMA = 4.0  # samples per sigma of the core: interpolation errs by 2e-5 of the peak
+LEAST_CORE = 1 / 8  # pixel; a finer image is blurred to that
+FINEST, COARSEST = 32, 12  # samples per pixel
+NYQUIST = 2.05  # samples per wavelength * f-number: just finer than needed
+ALIAS = 2 / 3  # of the samples across a pupil that a sharper image would need
+MOST_SAMPLES = 1024  # across a pupil
+MOST_POINTS = 3072  # along a side of an irradiance
+MOST_NUMBERS = 60_000_000  # of all tables together
+KEPT = 1e-3  # of the norm of an image, that the left-out terms may have
+KEPT_RAYS = 2e-3  # of the light of a star, whose rays may meet the detector outside the tables
+FITTED = 48  # angles to which a camera is fitted
+
+
+class Lens(NamedTuple):
+    """A lens table as a design uses it: scaled to the focal length, stopped down, focused.
+
+    optics       whose focal length the table is scaled to
+    temperature  kelvin
+    """
+
+    optics: Optics
+    table: LensTable
+    temperature: float
+
+    @property
+    def scale(self) -> float:
+        """Size over that of the traced lens."""
+        return self.optics.focal_length / self.table.focal_length
+
+    def at(self, wavelength: Floats, field: Floats) -> LensPoints:
+        """Its points, in the design's size.
+
+        A stop of another size than the traced one scales its image in the pupil; what other
+        apertures cut off stays. In `pupil`, the first ellipse is that of the traced stop, of which
+        the terms of the wavefront are functions.
+
+        Raises  ValueError where the table does not hold them.
+        """
+        found = self.table.at(self.temperature, wavelength, field)
+        size, opening = self.scale, self.table.f_number / self.optics.f_number
+        stop, clear = found.pupil[..., :3], found.pupil[..., 3:]
+        low = np.maximum(clear[..., 0] - clear[..., 1], stop[..., 0] - opening * stop[..., 1])
+        high = np.minimum(clear[..., 0] + clear[..., 1], stop[..., 0] + opening * stop[..., 1])
+        across = np.minimum(clear[..., 2], opening * stop[..., 2])
+        if not (high > low).all():
+            raise ValueError("f_number must leave the pupil open over the field of lens_file")
+        used = np.stack([(low + high) / 2, (high - low) / 2, across], axis=-1)
+        area = found.area * (used[..., 1] * used[..., 2] / (clear[..., 1] * clear[..., 2]))
+        return LensPoints(
+            found.wavefront * size,
+            found.place * size,
+            np.concatenate([stop, used], axis=-1),
+            area * size**2,
+        )
+
+
+def open_optics(optics: Optics, temperature: float = ROOM) -> Lens:
+    """The lens of a design.
+
+    Raises  ValueError where there is no such table, or the design opens it farther than traced.
+    """
+    table = open_lens(optics.lens_file)
+    if optics.f_number < table.f_number * (1 - 1e-6):
+        raise ValueError(
+            f"f_number must be at least {table.f_number:g}, that of the lens table of "
+            f"{table.name}, got {optics.f_number:g}"
+        )
+    return Lens(optics, table, temperature)
+
+
+class _Star(NamedTuple):
+    """A star at one wavelength through a lens; p runs along the radius.
+
+    extra       the design, with the aberrations that it adds at this field angle
+    wavelength  metre
+    azimuth     radian, of the star's image on the detector
+    power       (i, j) metre, coefficients of u^i v^(2 j) of the table's wavefront
+    """
+
+    lens: Lens
+    extra: Optics
+    wavelength: float
+    azimuth: float
+    power: Floats
+    place: float
+    pupil: Floats
+    area: float
+
+    def path(self, p: Floats, q: Floats) -> Floats:
+        """W(p, q) of the table, with focus and added aberrations."""
+        u, v = (self.pupil[0] - p) / self.pupil[1], -q / self.pupil[2]
+        total = _polynomial(self.power, u, v * v)
+        if self.lens.optics.defocus:
+            total += self.lens.optics.defocus * np.sqrt(1 - p * p - q * q)
+        if self.extra.aberrations:
+            opening = self.lens.table.f_number / self.lens.optics.f_number
+            u, v = u / opening, v / opening
+            cosine, sine = math.cos(self.azimuth), math.sin(self.azimuth)
+            x, y = u * cosine - v * sine, u * sine + v * cosine
+            for each in self.extra.aberrations:
+                total += each.rms * zernike(each.noll, x, y)
+        return total
+
+    def rays(self) -> tuple[Floats, Floats]:
+        """Where rays evenly spread over the pupil meet the detector, metre from `place`.
+
+        All of the same weight.
+        """
+        centre, half_p, half_q = self.pupil[3:]
+        p, q = centre + half_p * EVEN_P, half_q * EVEN_Q
+        step_p, step_q = STEP * half_p, STEP * half_q
+        # One call for the four shifted sets of rays.
+        path = self.path(
+            np.concatenate([p + step_p, p - step_p, p, p]),
+            np.concatenate([q, q, q + step_q, q - step_q]),
+        ).reshape(4, -1)
+        return (path[1] - path[0]) / (2 * step_p), (path[3] - path[2]) / (2 * step_q)
+
+    @property
+    def radius(self) -> float:
+        """Larger half axis of the pupil, 1."""
+        return float(max(self.pupil[4], self.pupil[5]))
+
+
+def _even_rays() -> tuple[Floats, Floats]:
+    """Rays of equal weight over the unit disk: rings of equal area, each as a Gaussian node."""
+    ring, turn = np.divmod(np.arange(RINGS * SPOKES), SPOKES)
+    radius = np.sqrt((ring + 0.5) / RINGS)
+    azimuth = (turn + 0.5) * (2 * math.pi / SPOKES)
+    return radius * np.cos(azimuth), radius * np.sin(azimuth)
+
+
+EVEN_P, EVEN_Q = _even_rays()
+
+
+def _polynomial(power: Floats, u: Floats, w: Floats) -> Floats:
+    """Sum of power[i, j] u^i w^j, by Horner's rule."""
+    total = np.zeros_like(u)
+    for j in range(power.shape[1] - 1, -1, -1):
+        inner = np.full_like(u, power[-1, j])
+        for i in range(power.shape[0] - 2, -1, -1):
+            if i + 2 * j < power.shape[0]:
+                inner *= u
+                inner += power[i, j]
+        total *= w
+        total += inner
+    return total
+
+
+@lru_cache(maxsize=8)
+def _powers(noll: tuple[int, ...]) -> Floats:
+    """(k, i, j) coefficients of u^i v^(2 j) of Zernike polynomials that are even in v."""
+    degree = max(noll_to_nm(j)[0] for j in noll)
+    table = np.zeros((len(noll), degree + 1, degree // 2 + 1))
+    for row, index in enumerate(noll):
+        n, m = noll_to_nm(index)
+        size = math.sqrt((n + 1) * (2 if m else 1))
+        for s in range((n - m) // 2 + 1):
+            # The term rho^(n - 2 s), of which rho^m cos(m theta) is Re (u + i v)^m.
+            radial = (-1) ** s * math.factorial(n - s) / (
+                math.factorial(s) * math.factorial((n + m) // 2 - s)
+                * math.factorial((n - m) // 2 - s)
+            )  # fmt: skip
+            squares = (n - m) // 2 - s
+            for a in range(squares + 1):
+                for b in range(m // 2 + 1):
+                    table[row, 2 * (squares - a) + m - 2 * b, a + b] += (
+                        size * radial * math.comb(squares, a) * math.comb(m, 2 * b) * (-1) ** b
+                    )
+    return table
+
+
+def _stars(lens: Lens, wavelength: Floats, fields: Floats, azimuth: float) -> list[list[_Star]]:
+    """For each field angle, a star at each wavelength."""
+    found = lens.at(wavelength, fields)
+    power = np.tensordot(found.wavefront, _powers(tuple(lens.table.noll.tolist())), 1)
+    rows = []
+    for f, field in enumerate(fields):
+        extra = lens.optics
+        if extra.aberrations:
+            extra = at_field(extra, field * math.cos(azimuth), field * math.sin(azimuth))
+        rows.append([
+            _Star(
+                lens, extra, float(one), azimuth, power[j, f], float(found.place[j, f]),
+                found.pupil[j, f], float(found.area[j, f]),
+            )
+            for j, one in enumerate(wavelength)
+        ])  # fmt: skip
+    return rows
+
+
+class Band(NamedTuple):
+    """Spectra as weights of a few wavelengths.
+
+    wavelength  (n,) metre;  weight  (c, n) 1, of each spectrum, whose sum is one
+    """
+
+    wavelength: Floats
+    weight: Floats
+
+
+def band_of(wavelength: Floats, spectra: Floats) -> Band:
+    """Wavelengths whose weighted sums are those of whole spectra.
+
+    The nodes are those of a Gaussian quadrature of the mean spectrum; each spectrum is integrated
+    with the polynomial through the nodes.
+
+    wavelength  (k,) metre;  spectra  (c, k) detected photons, each on any scale
+    Accuracy    numerical: exact for polynomials of degree n - 1 in the wavelength.
+    """
+    fraction = spectra / spectra.sum(axis=1, keepdims=True)
+    nodes, _ = gauss_band(wavelength, fraction.mean(axis=0), BAND_NODES)
+    nodes = np.sort(nodes)
+    shape = np.ones((len(wavelength), len(nodes)))
+    for j in range(len(nodes)):
+        for i in range(len(nodes)):
+            if i != j:
+                shape[:, j] *= (wavelength - nodes[i]) / (nodes[j] - nodes[i])
+    return Band(nodes, fraction @ shape)
+
+
+def _refuse_band(lens: Lens, wavelength: Floats, spectra: Floats) -> None:
+    detected = (spectra > 1e-4 * spectra.max(axis=1, keepdims=True)).any(axis=0)
+    first, last = wavelength[detected][[0, -1]]
+    low, high = lens.table.wavelength[[0, -1]]
+    bin_width = float(np.diff(wavelength).max(initial=0.0))
+    if first < low - bin_width or last > high + bin_width:
+        raise ValueError(
+            f"lens_file must hold the wavelengths that the instrument detects, {first / nm:.0f} to "
+            f"{last / nm:.0f} nm, but that of {lens.table.name} holds {low / nm:.0f} to "
+            f"{high / nm:.0f} nm"
+        )
+
+
+def fit_camera(
+    lens: Lens, columns: int, rows: int, pitch: float, principal: tuple[float, float],
+    wavelength: Floats, spectrum: Floats,
+) -> Camera:  # fmt: skip
+    """The camera that fits the lens best in light of one spectrum: a perfect calibration.
+
+    Focal length and radial coefficients are a least-squares fit to the centroids of stars over the
+    field to the farthest corner, weighted by area; the design's own aberrations are left out.
+
+    principal  pixel (x, y) from the centre of the array
+    Raises     ValueError where the table does not reach the corner of the frame, or the band.
+    Accuracy   what the four coefficients leave is in the images of a frame: the shift of
+               `field_psf`.
+    """
+    _refuse_band(lens, wavelength, spectrum[None])
+    band = band_of(wavelength, spectrum[None])
+    plain = lens._replace(optics=replace(lens.optics, aberrations=()))
+    width, height = columns / 2 + abs(principal[0]), rows / 2 + abs(principal[1])
+    corner = math.hypot(width, height) * pitch
+
+    last = float(lens.table.field[-1])
+
+    def places(angles: Floats) -> Floats:
+        rows = _stars(plain, band.wavelength, angles, 0.0)
+        return np.array([_centroid(stars, band, lens.optics.area)[0, 0] for stars in rows])
+
+    coarse = np.linspace(0, last, 17)
+    reached = places(coarse)
+    if reached[-1] < corner:
+        raise ValueError(
+            f"lens_file must reach the corner of the detector, {corner * 1e3:.4g} mm from the "
+            f"axis, but that of {lens.table.name} ends at {reached[-1] * 1e3:.4g} mm "
+            f"({math.degrees(last):.4g} deg)"
+        )
+    # Evenly over the area of the circle through the corner.
+    edge = float(np.interp(corner, reached, coarse))
+    angles = edge * np.sqrt((np.arange(FITTED) + 0.5) / FITTED)
+    image, tangent = places(angles), np.tan(angles)
+    powers = tangent[:, None] ** np.array([1, 3, 5, 7]) / tangent[-1] ** np.array([0, 2, 4, 6])
+    found = np.linalg.lstsq(powers, image, rcond=None)[0] / tangent[-1] ** np.array([0, 2, 4, 6])
+    k1, k2, k3 = (float(each) for each in found[1:] / found[0])
+    return Camera(columns, rows, float(found[0]) / pitch, *principal, k1=k1, k2=k2, k3=k3)
+
+
+def _centroid(stars: list[_Star], band: Band, area: float) -> Floats:
+    """Centroid (c, 3) of each spectrum: along the radius and across it, metre; relative flux."""
+    rows = []
+    for star in stars:
+        x, y = star.rays()
+        rows.append((star.place + x.mean(), y.mean(), star.area / area))
+    x, y, bright = np.array(rows).T
+    flux = band.weight * bright
+    total = flux.sum(axis=1)
+    return np.column_stack([flux @ x / total, flux @ y / total, total])
+
+
+def field_psf(
+    lens: Lens, camera: Camera, pitch: float, wavelength: Floats, spectra: Floats, colour: Floats,
+    fill_factor: float = 1.0, diffusion: float = 0.0,
+) -> FieldPsf:  # fmt: skip
+    """Images of stars over the frame and over their colour.
+
+    For each node of a grid over the frame, and each of some spectra, the image is the sum of the
+    irradiances of some wavelengths, each centred on its rays, shifted by the lateral colour and
+    averaged over pixels. The images of all nodes are written as sums of their principal components,
+    and as many are kept as every image needs to within 1e-3 of its norm.
+
+    camera       to which the shifts refer
+    pitch        metre, side of a pixel
+    wavelength   (k,) metre
+    spectra      (c, k) detected photons per bin of stars of rising `colour`
+    colour       (c,) metre, mean wavelength of each
+    fill_factor, diffusion  as in `pixel_psf`
+    Raises       ValueError where the table does not hold the frame or the band, or where the
+                 aberrations need more than 1024 samples across the pupil or 3072 across the image.
+    Accuracy     model: Fraunhofer diffraction of an elliptic pupil of even transmission; the
+                 apertures of a vignetted lens make no exact ellipse. numerical: the error between
+                 the nodes is measured at places of the largest distance from them, and returned.
+    """
+    _refuse_band(lens, wavelength, spectra)
+    plan = _Plan(lens, camera, pitch, band_of(wavelength, spectra), fill_factor, diffusion)
+    x, y = _nodes(camera)
+    symmetric = plan.symmetric
+    made: dict[tuple[float, float], tuple[Floats, Floats]] = {}
+
+    def node(at_x: float, at_y: float) -> tuple[Floats, Floats]:
+        """Table (c, m, m) and centre, flux (c, 3) of an image at a place."""
+        away_x, away_y = at_x - camera.centre[0], at_y - camera.centre[1]
+        if not symmetric:
+            return plan.image(away_x, away_y)
+        first, second = sorted((abs(away_x), abs(away_y)), reverse=True)
+        key = round(first, 6), round(second, 6)
+        if key not in made:
+            made[key] = plan.image(first, second)
+        return _reflected(*made[key], away_x, away_y)
+
+    images = [[node(float(u), float(v)) for u in x] for v in y]
+    tables = np.array([[one[0] for one in row] for row in images])
+    tables = tables.reshape(len(y) * len(x) * len(colour), -1)
+    basis, coefficient = _components(tables)
+    side = plan.side
+    basis = basis.reshape(-1, side, side)
+    centre = np.array([[one[1] for one in row] for row in images])
+    coefficient = coefficient.reshape(len(y), len(x), len(colour), -1)
+    value = np.concatenate([centre, coefficient], axis=-1).transpose(2, 0, 1, 3)
+    made_of = FieldPsf(
+        basis, plan.oversampling, x, y, colour, np.ascontiguousarray(value), 0.0, 0.0
+    )
+    error, place_error = _checked(made_of, plan, camera)
+    return replace(made_of, error=error, place_error=place_error)
+
+
+def _nodes(camera: Camera) -> tuple[Floats, Floats]:
+    """Evenly spaced places from border to border of the frame."""
+    longer = max(camera.columns, camera.rows)
+    counts = [
+        max(math.ceil((NODES - 1) * size / longer) + 1, 4) for size in (camera.columns, camera.rows)
+    ]
+    # An odd number of places has one in the middle, so that mirror images share their nodes.
+    x, y = (
+        np.linspace(-0.5, size - 0.5, count + 1 - count % 2)
+        for size, count in zip((camera.columns, camera.rows), counts, strict=True)
+    )
+    return x, y
+
+
+def _reflected(table: Floats, centre: Floats, x: float, y: float) -> tuple[Floats, Floats]:
+    """The image at (x, y) from that at the larger and the smaller of |x| and |y|, by symmetry."""
+    centre = centre.copy()
+    if abs(y) > abs(x):
+        table, centre[:, :2] = table.transpose(0, 2, 1), centre[:, 1::-1]
+    if x < 0:
+        table, centre[:, 0] = table[:, :, ::-1], -centre[:, 0]
+    if y < 0:
+        table, centre[:, 1] = table[:, ::-1], -centre[:, 1]
+    return table, centre
+
+
+def _components(tables: Floats) -> tuple[Floats, Floats]:
+    """Principal components (k, s) of tables (n, s), and their coefficients (n, k)."""
+    value, vector = np.linalg.eigh(tables @ tables.T)
+    value, vector = np.maximum(value[::-1], 0), vector[:, ::-1]
+    # What the components from each on add to an image, as a fraction of its own norm.
+    part = value * vector**2
+    rest = np.cumsum(part[:, ::-1], axis=1)[:, ::-1] / part.sum(axis=1, keepdims=True)
+    left = np.sqrt(rest.max(axis=0))
+    count = max(int((left > KEPT).sum()), 1)
+    return vector[:, :count].T @ tables, vector[:, :count]
+
+
+def _checked(psf: FieldPsf, plan: _Plan, camera: Camera) -> tuple[float, float]:
+    """Error of images between the nodes over their peak, and of their places in pixel."""
+    last_x, last_y = len(psf.x) - 1, len(psf.y) - 1
+    worst = far = 0.0
+    cells = [(0, 0), (last_x // 2, last_y // 2)]
+    for i, j in cells:
+        x = float(psf.x[i] + psf.x[min(i + 1, last_x)]) / 2
+        y = float(psf.y[j] + psf.y[min(j + 1, last_y)]) / 2
+        table, centre = plan.image(x - camera.centre[0], y - camera.centre[1])
+        many = len(psf.colour)
+        found = psf.at(np.full(many, x), np.full(many, y), psf.colour)
+        made = np.tensordot(found[:, 3:], psf.table, 1)
+        worst = max(worst, float(np.abs(made - table).max() / table.max()))
+        far = max(far, float(np.abs(found[:, :2] - centre[:, :2]).max()))
+    return worst, far
+
+
+def _about(star: _Star) -> tuple[Floats, Floats]:
+    """Where rays meet the detector, from their centroid, metre."""
+    x, y = star.rays()
+    return x - x.mean(), y - y.mean()
+
+
+def _shift(size: int, x: float, y: float) -> Floats:
+    """Factor of a spectrum that moves the plane by x and y samples."""
+    along, down = fft.rfftfreq(size), fft.fftfreq(size)
+    return np.multiply.outer(np.exp(-2j * np.pi * y * down), np.exp(-2j * np.pi * x * along))
+
+
+class _Plan:
+    """What the images of all places share."""
+
+    def __init__(
+        self, lens: Lens, camera: Camera, pitch: float, band: Band, fill_factor: float,
+        diffusion: float,
+    ) -> None:  # fmt: skip
+        self.lens, self.camera, self.pitch, self.band = lens, camera, pitch, band
+        self.side_of_pixel = pitch * math.sqrt(fill_factor)
+        optics = lens.optics
+        blur = math.hypot(optics.total_blur, diffusion)
+        corners = [(u, v) for u in _nodes(camera)[0][[0, -1]] for v in _nodes(camera)[1][[0, -1]]]
+        away = [(x - camera.centre[0], y - camera.centre[1]) for x, y in corners]
+        away += [(0.0, 0.0), (away[0][0] / 2, away[0][1] / 2)]
+        stars = [star for u, v in away for star in self.stars(u, v)]
+        # An ellipse's narrower axis makes the wider image.
+        f_number = max(1 / (2 * float(min(star.pupil[4:6]))) for star in stars)
+        longest = float(band.wavelength.max())
+        core = math.hypot(0.45 * float(band.wavelength.mean()) * self._fastest(stars), blur)
+        if core < LEAST_CORE * pitch:
+            blur = math.sqrt(blur**2 + (LEAST_CORE * pitch) ** 2 - core**2)
+            core = LEAST_CORE * pitch
+        self.blur = blur
+        spread = max(self._spread(u, v) for u, v in away)
+        shift = self._lateral(away)
+        reach = (AIRY_BOX * longest * f_number + 4 * blur + spread + shift) / pitch
+        sampling = int(np.clip(math.ceil(PER_SIGMA * pitch / core), COARSEST, FINEST))
+        tables = NODES**2 * len(band.weight)
+        while sampling > COARSEST and tables * (2 * (reach + 1) * sampling) ** 2 > MOST_NUMBERS:
+            sampling -= 1
+        self.oversampling = sampling
+        half = math.ceil((math.ceil(max(reach, 1.0)) + 0.5) * sampling) + 3
+        self.side = 2 * half + 1
+        fastest = self._fastest(stars)
+        fine = math.ceil(pitch / sampling / (float(band.wavelength.min()) * fastest / NYQUIST))
+        self.fine, self.spacing = fine, pitch / sampling / fine
+        self.margin = math.ceil((self.side_of_pixel / 2 + 6 * blur + shift) / self.spacing) + 24
+        self.count = 2 * (half * fine + self.margin) + 1
+        if self.count > MOST_POINTS:
+            raise ValueError(
+                f"the images of lens_file must fit {MOST_POINTS} points a side, got {self.count}: "
+                f"rays spread over {spread * 1e6:.0f} um; focus the lens, stop it down or use a "
+                "smaller field"
+            )
+
+    @staticmethod
+    def _fastest(stars: list[_Star]) -> float:
+        return min(1 / (2 * star.radius) for star in stars)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the images of a frame repeat eight times, by mirrors and a turn."""
+        camera, optics = self.camera, self.lens.optics
+        centred = camera.principal_x == camera.principal_y == 0
+        constant = any(each.growth == 0 for each in optics.aberrations)
+        odd = any(noll_to_nm(each.noll)[1] < 0 for each in optics.aberrations)
+        return centred and not constant and not odd
+
+    def stars(self, away_x: float, away_y: float) -> list[_Star]:
+        """A star at each wavelength, which the camera projects to a place (pixel from the axis)."""
+        place = np.array([[away_x + self.camera.centre[0], away_y + self.camera.centre[1]]])
+        direction = self.camera.unproject(place)[0]
+        field = math.atan2(math.hypot(direction[0], direction[1]), direction[2])
+        azimuth = math.atan2(direction[1], direction[0])
+        field = min(field, float(self.lens.table.field[-1]))
+        return _stars(self.lens, self.band.wavelength, np.array([field]), azimuth)[0]
+
+    def _spread(self, away_x: float, away_y: float) -> float:
+        """Metre, within which all but KEPT_RAYS of the light meets the detector."""
+        stars = self.stars(away_x, away_y)
+        radius = np.concatenate([np.hypot(*_about(star)) for star in stars])
+        order = np.argsort(radius)
+        weight = np.repeat(np.maximum(self.band.weight, 0), len(EVEN_P), axis=1)[:, order]
+        inside = np.cumsum(weight, axis=1) <= (1 - KEPT_RAYS) * weight.sum(axis=1, keepdims=True)
+        return float(radius[order][np.minimum(inside.sum(axis=1), len(order) - 1)].max())
+
+    def _lateral(self, away: list[tuple[float, float]]) -> float:
+        """Metre, largest distance of a wavelength's centroid from that of all."""
+        largest = 0.0
+        for u, v in away:
+            place = [star.place + star.rays()[0].mean() for star in self.stars(u, v)]
+            largest = max(largest, float(np.ptp(place)))
+        return largest
+
+    def image(self, away_x: float, away_y: float) -> tuple[Floats, Floats]:
+        """Table (c, m, m) of each spectrum; its shift (pixel) and relative flux, (c, 3)."""
+        stars = self.stars(away_x, away_y)
+        azimuth, optics = stars[0].azimuth, self.lens.optics
+        cosine, sine = math.cos(azimuth), math.sin(azimuth)
+        centres, planes = [], []
+        for star in stars:
+            x, y = star.rays()
+            u, v = star.place + x.mean(), y.mean()
+            centres.append((u * cosine - v * sine, u * sine + v * cosine, star.area / optics.area))
+            planes.append(fft.rfft2(self._irradiance(star, u, v), s=(self.size, self.size)))
+        x, y, bright = np.array(centres).T
+        flux = self.band.weight * bright
+        total = flux.sum(axis=1)
+        middle_x, middle_y = flux @ x / total, flux @ y / total
+        # First all about the axis of the first spectrum, then each about its own.
+        moved = [
+            plane
+            * _shift(self.size, (u - middle_x[0]) / self.spacing, (v - middle_y[0]) / self.spacing)
+            for plane, u, v in zip(planes, x, y, strict=True)
+        ]
+        tables = []
+        for c in range(len(flux)):
+            sum_ = np.zeros_like(moved[0])
+            for j, plane in enumerate(moved):
+                sum_ += (flux[c, j] / total[c]) * plane
+            away = (middle_x[0] - middle_x[c]), (middle_y[0] - middle_y[c])
+            tables.append(
+                self._pixels(sum_ * _shift(self.size, *(each / self.spacing for each in away)))
+            )
+        centre = np.column_stack([
+            middle_x / self.pitch - away_x, middle_y / self.pitch - away_y, total,
+        ])  # fmt: skip
+        return np.array(tables), centre
+
+    def _irradiance(self, star: _Star, u: float, v: float) -> Floats:
+        """Of one wavelength, about the centroid of its rays; its integral is one."""
+        wavelength, radius = star.wavelength, star.radius
+        disk = wavelength / (2 * radius)
+        half_width = self.count // 2 * self.spacing / disk
+        x, y = _about(star)
+        slope = radius * float(np.hypot(x, y).max()) / wavelength
+        samples = pupil_samples(ALIAS * half_width, slope)
+        if samples > MOST_SAMPLES:
+            raise ValueError(
+                f"the pupil of lens_file must need at most {MOST_SAMPLES} samples, got {samples}"
+            )
+        coordinate, cell = pupil_grid(samples)
+        cosine, sine = math.cos(star.azimuth), math.sin(star.azimuth)
+        across = coordinate * cosine + coordinate[:, None] * sine
+        beside = coordinate[:, None] * cosine - coordinate * sine
+        centre, half_p, half_q = star.pupil[3:]
+        a, b = radius / half_p, radius / half_q
+        rim = np.hypot(a * across, b * beside)
+        steep = np.hypot(a * a * across, b * b * beside)
+        distance = (rim - 1) * rim / np.maximum(steep, 1e-9) / cell
+        opened = soft_step(np.where(rim < 0.5, -99.0, distance))
+        p, q = centre - radius * across, -radius * beside
+        # Beyond the soft edge the polynomials may be huge, and are not read.
+        here = opened != 0
+        path = np.zeros_like(opened)
+        path[here] = star.path(p[here], q[here]) + p[here] * (u - star.place) + q[here] * v
+        grid = (np.arange(float(self.count)) - self.count // 2) * self.spacing
+        unit = cell**2 / (4 * float(opened.sum()) * disk**2)
+        return unit * intensity(opened, 2 * math.pi / wavelength * path, coordinate, grid / disk)
+
+    @cached_property
+    def size(self) -> int:
+        more = math.ceil((self.side_of_pixel / 2 + 6 * self.blur) / self.spacing)
+        return int(fft.next_fast_len(self.count + more, real=True))
+
+    def _pixels(self, spectrum: Floats) -> Floats:
+        fx, fy = fft.rfftfreq(self.size, self.spacing), fft.fftfreq(self.size, self.spacing)
+        along = pixel_transfer(fx, self.side_of_pixel) * blur_transfer(fx, self.blur)
+        down = pixel_transfer(fy, self.side_of_pixel) * blur_transfer(fy, self.blur)
+        plane = fft.irfft2(spectrum * along * down[:, None], s=(self.size, self.size))
+        inner = slice(self.margin, self.count - self.margin, self.fine)
+        return plane[inner, inner] * self.pitch**2

@@ -1,0 +1,279 @@
+"""LensTable: wavefront, place, pupil and area of a lens over temperature, wavelength and field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BarycentricInterpolator, make_interp_spline
+
+from startrack.core import Floats, Ints, positive
+from startrack.io import open_checked, shipped, whole
+from startrack.optics.zernike import MOST, noll_to_nm
+
+FORMAT = 1
+WIDEST = 1.4  # radian, field angle
+MOST_NUMBERS = 10_000_000  # of a table
+DEGREE = 5  # of the splines between nodes
+PUPIL_PARITY = (-1, 1, 1, -1, 1, 1)  # of the columns of `pupil`, where the field angle changes sign
+
+
+class LensPoints(NamedTuple):
+    """A lens at n wavelengths and m field angles, of one temperature; the arrays of a LensTable.
+
+    wavefront  (n, m, k) metre
+    place      (n, m) metre
+    pupil      (n, m, 6) 1
+    area       (n, m) square metre
+    """
+
+    wavefront: Floats
+    place: Floats
+    pupil: Floats
+    area: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class LensTable:
+    """A lens of revolution for stars, at nodes of temperature, wavelength and field angle.
+
+    For a star whose image lies on the positive x axis. The pupil is a region of the direction
+    cosines (p, q) of the rays that meet the detector, where the image is a sum of plane waves:
+
+        U(X, Y) = Int exp(2 pi i / lambda [W(p, q) + p (X - place) + q Y]) dp dq
+        W(p, q) = path - p (x - place) - q y
+
+    with the optical path of the ray that meets the detector at (x, y). W is a sum of Noll's Zernike
+    polynomials of u = -(p - centre) / half_p and v = -q / half_q, the coordinates in the lens: a
+    ray from the upper part of the lens runs downwards.
+
+    name, source  what lens, and where its numbers come from
+    focal_length  metre, nominal
+    f_number      1, nominal
+    temperature   (t,) kelvin, rising
+    wavelength    (w,) metre, rising
+    field         (f,) radian, rising from zero
+    noll          (k,) Noll indices of the terms, 1 to 231, all even in y
+    wavefront     (t, w, f, k) metre, rms of each term over the image of the stop
+    place         (t, w, f) metre from the axis, of the chief ray (through the middle of the stop)
+    pupil         (t, w, f, 6) 1, of the image of the stop: its centre along p, half axes along p
+                  and q; the same of the ellipse of the rays that all apertures let through
+    area          (t, w, f) square metre, cross-section of the beam of these rays before the lens,
+                  times the transmission
+    Raises        ValueError that names what is wrong, the rule and the value.
+    """
+
+    name: str
+    source: str
+    focal_length: float
+    f_number: float
+    temperature: Floats
+    wavelength: Floats
+    field: Floats
+    noll: Ints
+    wavefront: Floats
+    place: Floats
+    pupil: Floats
+    area: Floats
+
+    def __post_init__(self) -> None:
+        positive(focal_length=self.focal_length, f_number=self.f_number)
+        for name in AXES:
+            _check_axis(name, getattr(self, name))
+        _check_range("temperature", self.temperature, 1, 1000, "K")
+        _check_range("wavelength", self.wavelength, 1e-8, 1e-4, "m")
+        _check_range("field", self.field, 0, WIDEST, "radian")
+        if self.field[0] != 0 or len(self.field) < 2:
+            raise ValueError(
+                f"field must hold zero first and another angle, got {self.field[:2].tolist()}"
+            )
+        self._check_terms()
+        shape = len(self.temperature), len(self.wavelength), len(self.field)
+        sizes = {"wavefront": (len(self.noll),), "place": (), "pupil": (6,), "area": ()}
+        for name, more in sizes.items():
+            _check_values(name, getattr(self, name), (*shape, *more))
+        if not (self.pupil[..., (1, 2, 4, 5)] > 0).all() or not (np.abs(self.pupil) < 1).all():
+            raise ValueError(
+                "pupil must hold positive half axes and direction cosines below 1, got "
+                f"{self.pupil.min():g} to {self.pupil.max():g}"
+            )
+        if not (self.area > 0).all():
+            raise ValueError(f"area must be positive, got {self.area.min():g} m^2")
+
+    def _check_terms(self) -> None:
+        noll = self.noll
+        if noll.ndim != 1 or noll.dtype.kind not in "iu" or not 1 <= len(noll) <= MOST:
+            raise ValueError("noll must be a list of Noll indices")
+        if len(set(noll.tolist())) != len(noll):
+            raise ValueError("noll must hold each index once")
+        wrong = [j for j in noll.tolist() if not 1 <= j <= MOST or noll_to_nm(j)[1] < 0]
+        if wrong:
+            raise ValueError(
+                f"noll must lie in [1, {MOST}] and belong to terms even in y, got {wrong[0]}"
+            )
+
+    @cached_property
+    def _packed(self) -> tuple[Floats, Floats]:
+        """All arrays side by side, (t, w, f, columns), and the parity of each column."""
+        parts = [self.wavefront, self.place[..., None], self.pupil, self.area[..., None]]
+        odd = [(-1) ** noll_to_nm(j)[1] for j in self.noll.tolist()]
+        parity = np.array([*odd, -1, *PUPIL_PARITY, 1], float)
+        return np.concatenate(parts, axis=-1), parity
+
+    def at(self, temperature: float, wavelength: Floats, field: Floats) -> LensPoints:
+        """The lens between its nodes.
+
+        Splines of the fifth degree, or the highest that the nodes allow: over the temperature; over
+        the inverse of the wavelength; over the field through the mirror images of the nodes too,
+        because a lens of revolution is even or odd in the angle.
+
+        temperature  kelvin; a table of one temperature has that alone
+        wavelength   (n,) metre
+        field        (m,) radian, not negative
+        Raises       ValueError outside the table.
+        Accuracy     numerical: of the sixth order in the distance of the nodes; `startrack lens
+                     import --check` measures it.
+        """
+        self._refuse_outside("temperature", np.array([temperature]), self.temperature, "K")
+        self._refuse_outside("wavelength", wavelength, self.wavelength, "m")
+        self._refuse_outside("field", field, self.field, "radian")
+        values, parity = self._packed
+        values = _spline(self.temperature, values, np.array([temperature]), 0)[0]
+        values = _spline(-1 / self.wavelength, values, -1 / wavelength, 0)
+        mirrored = values[:, :0:-1] * parity
+        nodes = np.concatenate([-self.field[:0:-1], self.field])
+        values = _spline(nodes, np.concatenate([mirrored, values], axis=1), field, 1)
+        k = len(self.noll)
+        return LensPoints(
+            values[..., :k], values[..., k], values[..., k + 1 : k + 7], values[..., k + 7]
+        )
+
+    def _refuse_outside(self, name: str, asked: Floats, nodes: Floats, unit: str) -> None:
+        low, high = float(nodes[0]), float(nodes[-1])
+        slack = 1e-9 * max(abs(low), abs(high))
+        for one in (float(np.min(asked)), float(np.max(asked))):
+            if not low - slack <= one <= high + slack:
+                raise ValueError(
+                    f"{name} must lie in the lens table of {self.name}, [{low:.4g}, {high:.4g}] "
+                    f"{unit}, got {one:.4g} {unit}"
+                )
+
+
+AXES = ("temperature", "wavelength", "field")
+ARRAYS = ("noll", "wavefront", "place", "pupil", "area")
+UNITS = {
+    "temperature": "K", "wavelength": "m", "field": "rad", "wavefront": "m", "place": "m",
+    "area": "m2",
+}  # fmt: skip
+
+
+def _check_axis(name: str, nodes: Floats) -> None:
+    if not isinstance(nodes, np.ndarray) or nodes.ndim != 1 or not 1 <= len(nodes) <= 10_000:
+        raise ValueError(f"{name} must be a list of 1 to 10000 numbers")
+    if not np.isfinite(nodes).all() or not (np.diff(nodes) > 0).all():
+        raise ValueError(f"{name} must hold finite numbers that rise")
+
+
+def _check_range(name: str, nodes: Floats, low: float, high: float, unit: str) -> None:
+    if nodes[0] < low or nodes[-1] > high:
+        raise ValueError(
+            f"{name} must lie in [{low:g}, {high:g}] {unit}, got {nodes[0]:g} to {nodes[-1]:g}"
+        )
+
+
+def _check_values(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> None:
+    if np.shape(values) != shape:
+        raise ValueError(f"{name} must have the shape {shape}, got {np.shape(values)}")
+    if values.size > MOST_NUMBERS:
+        raise ValueError(f"{name} must hold at most {MOST_NUMBERS} numbers, got {values.size}")
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name} must hold finite numbers")
+
+
+def _spline(nodes: Floats, values: Floats, at: Floats, axis: int) -> Floats:
+    """Values at other places of an axis, by a spline of at most the fifth degree."""
+    if len(nodes) == 1:
+        return np.repeat(values, len(at), axis=axis)
+    degree = min(DEGREE, len(nodes) - 1)
+    inside = np.clip(at, nodes[0], nodes[-1])
+    if degree % 2:
+        return np.asarray(make_interp_spline(nodes, values, degree, axis=axis)(inside))
+    return np.asarray(BarycentricInterpolator(nodes, values, axis=axis)(inside))
+
+
+def save_lens(path: Path, table: LensTable) -> None:
+    """Write a table as FITS with checksums: one image for each array, under its name.
+
+    The first header holds LENS (the format), NAME, SOURCE, FOCAL (metre) and FNUMBER.
+    """
+    from astropy.io import fits
+
+    first = fits.PrimaryHDU()
+    first.header["LENS"] = (FORMAT, "format of this table of a lens")
+    first.header["NAME"] = table.name
+    first.header["SOURCE"] = table.source
+    first.header["FOCAL"] = (table.focal_length, "[m] focal length")
+    first.header["FNUMBER"] = (table.f_number, "f-number")
+    parts = [fits.ImageHDU(getattr(table, name), name=name) for name in (*AXES, *ARRAYS)]
+    for part in parts:
+        part.header["BUNIT"] = UNITS.get(part.name.lower(), "")
+    with whole(Path(path)) as draft:
+        fits.HDUList([first, *parts]).writeto(draft, checksum=True)
+
+
+def load_lens(path: Path) -> LensTable:
+    """Read a table.
+
+    Raises  FileNotFoundError; ValueError where the file is no lens table, damaged, or holds what a
+            LensTable refuses.
+    """
+    with open_checked(path, "LENS", FORMAT, "a lens table") as parts:
+        head = parts[0].header
+        name, source = str(head["NAME"]), str(head["SOURCE"])
+        focal_length, f_number = (_number(path, key, head[key]) for key in ("FOCAL", "FNUMBER"))
+        arrays: dict[str, Any] = {name: np.array(parts[name].data) for name in (*AXES, *ARRAYS)}
+    try:
+        kinds = {"noll": np.int64}
+        found = {key: each.astype(kinds.get(key, np.float64)) for key, each in arrays.items()}
+        return LensTable(name, source, focal_length, f_number, **found)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _number(path: Path, key: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{path}: {key} must be a number, got {value!r}")
+    return float(value)
+
+
+def lens_path(name: str) -> Path:
+    """Where a lens file lies: a shipped one by its name alone, any other by its path.
+
+    Raises  ValueError where there is none.
+    """
+    if Path(name).suffix:
+        if not Path(name).is_file():
+            raise ValueError(f"lens_file must be a lens table, but there is no file {name!r}")
+        return Path(name)
+    known = sorted(path.stem for path in shipped("lenses").glob("*.fits"))
+    if name not in known:
+        raise ValueError(
+            f"lens_file must be a path that ends with .fits or one of {', '.join(known)}, got "
+            f"{name!r}"
+        )
+    return shipped(f"lenses/{name}.fits")
+
+
+def open_lens(name: str) -> LensTable:
+    """The table of a `lens_file`; kept for the 8 last files and their times."""
+    path = lens_path(name)
+    return _open(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=8)
+def _open(path: Path, time: int) -> LensTable:
+    return load_lens(path)

@@ -1,0 +1,385 @@
+"""Prescription of a lens -> its LensTable, by rays of the program optiland (extra `lens`)."""
+
+from __future__ import annotations
+
+import copy
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from startrack.core import ZERO_CELSIUS, Floats, nm
+from startrack.optics.lens_table import LensTable
+from startrack.optics.zernike import noll_to_nm, zernike
+
+MILLIMETRE = 1e-3  # metre; the tracer's lengths are in millimetre
+MICROMETRE = 1e6  # per metre; its wavelengths are in micrometre
+AZIMUTHS = 32  # directions from the chief ray to the rim of a pupil
+RINGS = 16  # rays of a wavefront on each
+ROUNDS, CLOSE = 30, 1e-7  # most steps to the rim, and the relative error that ends them
+BEYOND, OUTSIDE = 1.1, 0.02  # rays just outside an aperture keep the fit smooth: how far, weight
+SMALLEST = 1e-6  # relative singular value of a fit, below which the rays do not decide its terms
+BARREL = 23.6e-6  # 1 / kelvin, expansion of aluminium
+READERS = {".zmx": "load_zemax_file", ".seq": "load_codev_file", ".json": "load_optiland_file"}
+EXPANSION = re.compile(r"thermal_expansion:.*?coefficient:\s*([-+0-9.eE]+)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Tracing:
+    """Where a lens is traced.
+
+    temperature  kelvin
+    wavelength   metre
+    field        radian, from zero
+    terms        largest Noll index of the wavefront
+    vacuum       whether the lens is in vacuum, or in air of one atmosphere
+    barrel       1 / kelvin, expansion of the spacers
+    """
+
+    temperature: tuple[float, ...]
+    wavelength: tuple[float, ...]
+    field: tuple[float, ...]
+    terms: int = 37
+    vacuum: bool = False
+    barrel: float = BARREL
+
+
+class Traced(NamedTuple):
+    """A table, and the rms in metre of the wavefront that its terms leave, (t, w, f)."""
+
+    table: LensTable
+    left: Floats
+
+
+def read_prescription(path: Path) -> Any:
+    """The tracer's lens of a Zemax .zmx, CODE V .seq or optiland .json file.
+
+    Raises  ValueError where the file cannot be read; ImportError without the extra `lens`.
+    """
+    tracer = _tracer()
+    path = Path(path)
+    if path.suffix.lower() not in READERS:
+        raise ValueError(
+            f"{path} must be a prescription that ends with {', '.join(READERS)}, got "
+            f"{path.suffix or 'no suffix'}"
+        )
+    if not path.is_file():
+        raise ValueError(f"{path} must be a prescription, but there is no such file")
+    try:
+        return getattr(tracer, READERS[path.suffix.lower()])(str(path))
+    # The reader raises whatever its parser meets in a file that it does not understand.
+    except Exception as error:
+        what = str(error) or type(error).__name__
+        raise ValueError(f"{path} must be a prescription, and the tracer says: {what}") from None
+
+
+def _tracer() -> Any:
+    try:
+        from optiland import fileio
+    except ImportError as error:
+        raise ImportError(
+            "a prescription is traced by optiland; install it with: pip install 'startrack[lens]' "
+            f"({error})"
+        ) from None
+    return fileio
+
+
+def trace_lens(
+    lens: Any,
+    name: str,
+    source: str,
+    tracing: Tracing,
+    progress: Callable[[int], None] = lambda count: None,
+) -> Traced:
+    """Trace a lens of revolution at all nodes.
+
+    With temperature, radii and thicknesses of glass grow by its own expansion, spaces by that of
+    the barrel, and indices by Schott's formula, where the tracer's catalogue has them; other
+    glasses keep their shape and index.
+
+    lens      as `read_prescription` gives it
+    progress  is told of each node that is done, 1
+    Raises    ValueError where the chief ray does not pass, or the lens is not one of revolution
+              that images stars.
+    Accuracy  the rms of what the terms leave is returned; the pupil is an ellipse of the true area
+              and the true width along p. Transmission is one: no absorption, no reflection.
+    """
+    refuse_lens(lens)
+    names = [
+        j for j in range(2, tracing.terms + 1) if noll_to_nm(j)[1] >= 0
+    ]  # odd in y cancel by symmetry
+    shape = len(tracing.temperature), len(tracing.wavelength), len(tracing.field)
+    wavefront, pupil = np.empty((*shape, len(names))), np.empty((*shape, 6))
+    place, area, left = np.empty(shape), np.empty(shape), np.empty(shape)
+    paraxial = lens.paraxial
+    aim = Aim(float(paraxial.EPL()), float(paraxial.EPD()) / 2, _stop_radius(lens))
+    for t, kelvin in enumerate(tracing.temperature):
+        for w, wavelength in enumerate(tracing.wavelength):
+            here = _at_state(lens, kelvin, wavelength, tracing)
+            for f, angle in enumerate(tracing.field):
+                at = (t, w, f)
+                node = _Node(here, aim, angle, wavelength)
+                wavefront[at], place[at], pupil[at], area[at], left[at] = node.measure(names)
+                progress(1)
+    focal_length, f_number = float(paraxial.f2()) * MILLIMETRE, float(paraxial.FNO())
+    nodes = [np.array(each) for each in (tracing.temperature, tracing.wavelength, tracing.field)]
+    table = LensTable(
+        name, source, abs(focal_length), abs(f_number), nodes[0], nodes[1], nodes[2],
+        np.array(names), wavefront, place, pupil, area,
+    )  # fmt: skip
+    return Traced(table, left)
+
+
+def refuse_lens(lens: Any) -> None:
+    """Refuse what this file cannot trace.
+
+    Raises  ValueError that names it.
+    """
+    surfaces = lens.surfaces
+    if not surfaces[0].is_infinite:
+        raise ValueError("the prescription must have its object at infinity, as stars are")
+    for number in range(1, len(surfaces)):
+        frame = surfaces[number].geometry.cs
+        placed = frame.x, frame.y, frame.rx, frame.ry
+        if any(abs(float(np.squeeze(each))) > 1e-9 for each in placed):
+            raise ValueError(
+                f"the prescription must be a lens of revolution, but surface {number} is tilted or "
+                "decentred"
+            )
+        if surfaces[number].interaction_model.is_reflective:
+            raise ValueError(
+                f"the prescription must have lenses alone, but surface {number} is a mirror"
+            )
+
+
+class Aim(NamedTuple):
+    """Where rays start: distance of the entrance pupil from the first surface and its radius.
+
+    pupil, radius  millimetre
+    stop           millimetre, radius of the stop
+    """
+
+    pupil: float
+    radius: float
+    stop: float
+
+
+def _launch(lens: Any, aim: Aim, angle: float, wavelength: float, across: Floats, y: Floats) -> Any:
+    """Rays of one star after the lens; they start in phase, in a plane across the beam.
+
+    across, y  (n,) millimetre, in that plane from the middle of the entrance pupil
+    """
+    from optiland.rays import RealRays
+
+    sine, cosine = math.sin(angle), math.cos(angle)
+    length = abs(float(np.squeeze(lens.surfaces[-1].geometry.cs.z))) + abs(aim.pupil)
+    back = 2 * (length + 6 * aim.radius)
+    one = np.ones_like(across)
+    rays = RealRays(
+        across * cosine - back * sine, y * one, aim.pupil - across * sine - back * cosine,
+        sine * one, 0 * one, cosine * one, one, wavelength * MICROMETRE * one,
+    )  # fmt: skip
+    lens.surfaces.trace(rays, skip=1)
+    return rays
+
+
+def _stop_radius(lens: Any) -> float:
+    """Millimetre, height in the stop of the outermost ray of a star on the axis."""
+    paraxial = lens.paraxial
+    aim = Aim(float(paraxial.EPL()), float(paraxial.EPD()) / 2, 1.0)
+    primary = float(lens.primary_wavelength) / MICROMETRE
+    plain, _ = _without_apertures(lens)
+    _launch(plain, aim, 0.0, primary, np.array([aim.radius]), np.zeros(1))
+    height = float(np.squeeze(plain.surfaces.x[plain.surfaces.stop_index - 1]))
+    if not height > 0:
+        raise ValueError("the prescription must let the outermost ray of a star on the axis pass")
+    return height
+
+
+def _without_apertures(lens: Any) -> tuple[Any, list[float]]:
+    """A copy whose rays pass everywhere, and the radius of each aperture (or infinity)."""
+    plain, radii = copy.deepcopy(lens), []
+    for surface in plain.surfaces:
+        aperture = surface.aperture
+        radii.append(float(aperture.r_max) if hasattr(aperture, "r_max") else math.inf)
+        if aperture is not None and not hasattr(aperture, "r_max"):
+            raise ValueError("the prescription must have circular apertures alone")
+        surface.aperture = None
+    return plain, radii
+
+
+class _State(NamedTuple):
+    lens: Any
+    radii: list[float]
+
+
+def _at_state(lens: Any, kelvin: float, wavelength: float, tracing: Tracing) -> _State:
+    """The lens at a temperature and with the indices of one wavelength."""
+    here, radii = _without_apertures(lens)
+    celsius, pressure = kelvin - ZERO_CELSIUS, 0.0 if tracing.vacuum else 1.0
+    warmer = celsius - 20.0
+    surfaces, update = here.surfaces, here.updater
+    before = 0.0
+    for number in range(1, len(surfaces) - 1):
+        surface = surfaces[number]
+        material = surface.material_post
+        index = material.n(
+            wavelength * MICROMETRE, temperature=celsius, pressure=pressure
+        )  # relative to what surrounds the lens
+        index = float(np.squeeze(index))
+        glass = index > 1.05
+        after = _expansion(material) if glass else 0.0
+        if warmer:
+            both = [one for one in (before, after) if one]
+            radius = float(np.squeeze(surface.geometry.radius))
+            if both and math.isfinite(radius):
+                update.set_radius(radius * (1 + warmer * sum(both) / len(both)), number)
+            thickness = float(np.squeeze(surface.thickness))
+            growth = after if glass else tracing.barrel
+            update.set_thickness(thickness * (1 + warmer * growth), number)
+        update.set_index(index, number)
+        before = after
+    return _State(here, radii)
+
+
+def _expansion(material: Any) -> float:
+    """1 / kelvin, of a glass of the tracer's catalogue from -30 to 70 degC; 0 where not known."""
+    path = getattr(material, "filename", None)
+    if not path or not Path(path).is_file():
+        return 0.0
+    found = EXPANSION.search(Path(path).read_text(encoding="utf-8"))
+    return float(found[1]) if found else 0.0
+
+
+class _Node:
+    """One star at one wavelength: its pupil and its wavefront."""
+
+    def __init__(self, state: _State, aim: Aim, angle: float, wavelength: float) -> None:
+        self.lens, self.radii = state
+        self.aim, self.angle, self.wavelength = aim, angle, wavelength
+        self.stop = int(self.lens.surfaces.stop_index) - 1  # of the surfaces after the object
+        self.middle = self._chief()
+
+    def trace(self, across: Floats, y: Floats) -> Any:
+        """Rays of this star, kept in `rays`."""
+        self.rays = _launch(self.lens, self.aim, self.angle, self.wavelength, across, y)
+        return self.rays
+
+    def heights(self, across: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Height of rays in the stop over its radius, and the largest such ratio of all apertures.
+
+        Two for a ray that meets no surface.
+        """
+        self.trace(across, y)
+        radius = np.hypot(np.asarray(self.lens.surfaces.x), np.asarray(self.lens.surfaces.y))
+        stop = radius[self.stop] / self.aim.stop
+        limits = np.array(self.radii)[1:, None]
+        open_ = np.maximum(stop, (radius / limits).max(axis=0))
+        lost = ~np.isfinite(radius).all(axis=0)
+        return np.where(lost, 2.0, stop), np.where(lost, 2.0, open_)
+
+    def _chief(self) -> float:
+        """Millimetre across the beam, of the ray through the middle of the stop."""
+        middle, half = 0.0, 0.1 * self.aim.radius
+        for _ in range(8):
+            at = middle + np.array([-half, half])
+            self.trace(at, np.zeros(2))
+            height = np.asarray(self.lens.surfaces.x)[self.stop]
+            if not np.isfinite(height).all() or height[0] == height[1]:
+                break
+            step = -height.mean() / (height[1] - height[0]) * 2 * half
+            middle += step
+            half = max(min(half, 0.1 * abs(step)), 1e-4 * self.aim.radius)
+            if abs(step) < 1e-9 * self.aim.radius:
+                break
+        stop, open_ = self.heights(np.array([middle]), np.zeros(1))
+        if not open_[0] < 1 or not stop[0] < 0.01:
+            raise ValueError(
+                f"the chief ray at {math.degrees(self.angle):.4g} deg and "
+                f"{self.wavelength / nm:.4g} nm must pass the lens, but an aperture stops it"
+            )
+        return middle
+
+    def boundary(self, which: int, azimuth: Floats) -> Floats:
+        """Distance (millimetre) from the chief ray to the rim of the stop (0) or all apertures (1).
+
+        Steps in proportion, since the ratio nearly is; halves of the bracket where they leave it.
+        """
+        low, high = np.zeros(len(azimuth)), np.full(len(azimuth), 3 * self.aim.radius)
+        below, above = np.zeros(len(azimuth)), np.full(len(azimuth), np.inf)
+        cosine, sine = np.cos(azimuth), np.sin(azimuth)
+        distance = np.full(len(azimuth), self.aim.radius)
+        for _ in range(ROUNDS):
+            tried = distance
+            ratio = self.heights(self.middle + tried * cosine, tried * sine)[which]
+            if np.abs(ratio - 1).max() < CLOSE:
+                break
+            inside = ratio <= 1
+            low, below = np.where(inside, distance, low), np.where(inside, ratio, below)
+            high, above = np.where(inside, high, distance), np.where(inside, above, ratio)
+            chord = low + (high - low) * (1 - below) / (above - below)
+            ahead = distance / np.maximum(ratio, 1e-3)
+            step = np.where(np.isfinite(above) & (above < 2) & (below > 0), chord, ahead)
+            good = (step > low) & (step < high)
+            distance = np.where(good, step, (low + high) / 2)
+        # A ray that meets no surface has no ratio of one: the last that passes stands for the rim.
+        return np.where(np.abs(ratio - 1) < 1e-4, tried, low)
+
+    def measure(self, noll: Sequence[int]) -> tuple[Floats, float, list[float], float, float]:
+        """Wavefront (k,), place, pupil, area, and rms that the terms leave, in metre."""
+        azimuth = (np.arange(float(AZIMUTHS)) + 0.5) * (2 * math.pi / AZIMUTHS)
+        chief = self.trace(np.array([self.middle]), np.zeros(1))
+        place, path = float(np.squeeze(chief.x)), float(np.squeeze(chief.opd))
+        rims, pupil = [self.boundary(which, azimuth) for which in (0, 1)], []
+        for distance in rims:
+            rim = self.trace(self.middle + distance * np.cos(azimuth), distance * np.sin(azimuth))
+            p, q = np.asarray(rim.L), np.asarray(rim.M)
+            low, high = -_largest(-p), _largest(p)
+            half = (high - low) / 2
+            pupil += [(high + low) / 2, half, _enclosed(p, q) / (math.pi * half)]
+        area = float((rims[1] ** 2).mean() * math.pi)
+        coefficients, left = self._fit(noll, pupil, azimuth, rims[0], place, path)
+        return coefficients, place * MILLIMETRE, pupil, area * MILLIMETRE**2, left
+
+    def _fit(
+        self, noll: Sequence[int], pupil: list[float], azimuth: Floats, rim: Floats,
+        place: float, chief_path: float,
+    ) -> tuple[Floats, float]:  # fmt: skip
+        node, weight = np.polynomial.legendre.leggauss(RINGS)
+        distance = np.multiply.outer((node + 1) / 2, rim)
+        across = (self.middle + distance * np.cos(azimuth)).ravel()
+        open_ = self.heights(across, (distance * np.sin(azimuth)).ravel())[1]
+        rays = self.rays
+        p, q, x, y, path = (np.asarray(each) for each in (rays.L, rays.M, rays.x, rays.y, rays.opd))
+        good = np.isfinite(path + x + y + p + q) & (open_ <= BEYOND)
+        share = (weight[:, None] * (node[:, None] + 1) * rim**2).ravel()
+        share = share * np.where(open_ <= 1, 1.0, OUTSIDE)
+        # The path to the plane wave of each direction, relative to that of the chief ray.
+        error = (path - chief_path) - p * (x - place) - q * y
+        u, v = -(p - pupil[0]) / pupil[1], -q / pupil[2]
+        shapes = np.stack([np.ones_like(u), *(zernike(j, u, v) for j in noll)], axis=-1)
+        root = np.sqrt(share[good])
+        found = np.linalg.lstsq(shapes[good] * root[:, None], error[good] * root, SMALLEST)[0]
+        rest = (error - shapes @ found)[good & (open_ <= 1)]
+        part = share[good & (open_ <= 1)]
+        left = math.sqrt(float(part @ (rest * rest) / part.sum()))
+        return found[1:] * MILLIMETRE, left * MILLIMETRE
+
+
+def _largest(values: Floats) -> float:
+    """The maximum of a closed curve between its samples, by a parabola."""
+    k = int(values.argmax())
+    a, b, c = values[k - 1], values[k], values[(k + 1) % len(values)]
+    bend = a - 2 * b + c
+    return float(b - (a - c) ** 2 / (8 * bend) if bend else b)
+
+
+def _enclosed(p: Floats, q: Floats) -> float:
+    """Area inside a closed curve of evenly spaced parameters, by derivatives of its harmonics."""
+    order = np.fft.fftfreq(len(p), 1 / len(p)) * 1j
+    slope_p, slope_q = (np.fft.ifft(order * np.fft.fft(each)).real for each in (p, q))
+    return abs(float((p * slope_q - q * slope_p).mean())) * math.pi

@@ -1,0 +1,166 @@
+"""Images from lens tables: closed forms, the plain PSF, and the shipped lenses' ray tracer."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from startrack.core import Camera
+from startrack.detector import stamp
+from startrack.detector.stamp import stamp_paths
+from startrack.optics import (
+    Aberration,
+    Optics,
+    field_psf,
+    fit_camera,
+    open_lens,
+    open_optics,
+    pixel_psf,
+    save_lens,
+)
+from startrack.optics.lens_psf import Band, Lens, _Plan
+from tests.optics.lenses import F_NUMBER, FOCAL, ideal
+
+ORACLE = json.loads((Path(__file__).parents[1] / "oracle/lens.json").read_text())
+PITCH, SIDE = 10e-6, 64
+GREEN, ONE = np.array([550e-9]), np.ones(1)
+AT = np.array([550e-9])
+
+
+def lens_of(tmp_path, table, **changes) -> Lens:
+    save_lens(tmp_path / "lens.fits", table)
+    optics = Optics(FOCAL, F_NUMBER, lens_file=str(tmp_path / "lens.fits"), **changes)
+    return open_optics(optics)
+
+
+def made(lens: Lens, camera: Camera | None = None):
+    camera = camera or fit_camera(lens, SIDE, SIDE, PITCH, (0.0, 0.0), GREEN, ONE)
+    return field_psf(lens, camera, PITCH, GREEN, ONE[None], AT)
+
+
+def image(psf, x, y, electrons=1e6):
+    """A frame with one star, and what was taken of its light."""
+    frame, at = np.zeros((SIDE, SIDE)), (np.array([[x]]), np.array([[y]]))
+    which, u, v, part = psf.split(*at, np.array([electrons]), ONE, AT)
+    stamp_paths(frame, psf, ONE, u, v, part, None, which)
+    return frame / electrons
+
+
+def centroid(frame):
+    rows, columns = np.indices(frame.shape)
+    return np.array([(frame * columns).sum(), (frame * rows).sum()]) / frame.sum()
+
+
+def test_camera_of_an_ideal_lens_is_the_pinhole(tmp_path):
+    camera = fit_camera(lens_of(tmp_path, ideal()), SIDE, SIDE, PITCH, (0.0, 0.0), GREEN, ONE)
+    assert camera.focal_length_px == pytest.approx(FOCAL / PITCH, rel=1e-6)
+    corner = camera.unproject(np.array([[0.0, 0.0]]))
+    plain = Camera(SIDE, SIDE, FOCAL / PITCH).unproject(np.array([[0.0, 0.0]]))
+    assert np.abs(corner - plain).max() < 1e-7
+
+
+@pytest.mark.parametrize("defocus", [0.0, 40e-6])
+def test_a_focused_and_a_defocused_star_are_those_of_the_plain_psf(tmp_path, defocus):
+    psf = made(lens_of(tmp_path, ideal(), defocus=defocus, blur=2e-6))
+    plain = pixel_psf(
+        Optics(FOCAL, F_NUMBER, psf="kirchhoff", defocus=defocus, blur=2e-6), PITCH, GREEN, ONE
+    )
+    for x, y in ((31.3, 31.2), (20.3, 41.1)):
+        wanted = np.zeros((SIDE, SIDE))
+        stamp(wanted, plain, np.array([x]), np.array([y]), ONE)
+        found = image(psf, x, y)
+        # The table of the plain PSF is a little wider.
+        assert np.abs(found - wanted).max() < 1e-3 * wanted.max()
+        assert np.abs(centroid(found) - centroid(wanted)).max() < 3e-3
+
+
+def test_coma_moves_the_centroid_by_its_mean_slope(tmp_path):
+    """The mean slope of sqrt(8) (3 rho^3 - 2 rho) cos over the disk is sqrt(8) per radius."""
+    rms = 50e-9
+    psf = made(lens_of(tmp_path, ideal(), aberrations=(Aberration(8, rms),), blur=2e-6))
+    shift = psf.at(np.array([30.0]), np.array([30.0]), AT)[0, :2]
+    assert shift[0] == pytest.approx(np.sqrt(8) * rms * 2 * F_NUMBER / PITCH, rel=1e-3)
+    assert abs(shift[1]) < 1e-9
+    # The same way as in the model without a table, whose table cuts the wings elsewhere.
+    optics = Optics(FOCAL, F_NUMBER, psf="fraunhofer", aberrations=(Aberration(8, rms),), blur=2e-6)
+    plain = np.zeros((SIDE, SIDE))
+    stamp(plain, pixel_psf(optics, PITCH, GREEN, ONE), np.array([30.0]), np.array([30.0]), ONE)
+    place = centroid(image(psf, 30.0, 30.0))
+    assert np.abs(place - centroid(plain)).max() < 5e-3
+    assert place[0] > 30.09
+
+
+def test_vignetting_takes_flux_and_widens_the_image(tmp_path):
+    """Half of the width along q at the edge of the field takes half of the light."""
+    lens = lens_of(tmp_path, ideal(vignetting=0.5), blur=1e-6)
+    camera = Camera(2001, 21, FOCAL / PITCH)  # whose corner is near the edge of the table
+    flux = field_psf(lens, camera, PITCH, GREEN, ONE[None], AT).at(
+        np.array([1000.0, 2000.5]), np.array([10.0, 10.0]), np.repeat(AT, 2)
+    )[:, 2]
+    angle = np.arctan(1000.5 * PITCH / FOCAL)
+    assert flux[0] == pytest.approx(1.0, abs=1e-3)
+    assert flux[1] == pytest.approx(1 - 0.5 * (angle / 0.2) ** 2, abs=1e-3)
+
+
+def test_what_a_table_cannot_say_is_refused(tmp_path):
+    lens = lens_of(tmp_path, ideal())
+    with pytest.raises(ValueError, match="lens_file must reach the corner"):
+        fit_camera(lens, 4096, 4096, PITCH, (0.0, 0.0), GREEN, ONE)
+    with pytest.raises(ValueError, match="lens_file must hold the wavelengths"):
+        fit_camera(lens, SIDE, SIDE, PITCH, (0.0, 0.0), np.array([390e-9, 391e-9]), np.ones(2))
+    with pytest.raises(ValueError, match="f_number must be at least 4"):
+        open_optics(replace(lens.optics, f_number=2.0))
+    with pytest.raises(ValueError, match="psf must be left out beside lens_file"):
+        replace(lens.optics, psf="airy")
+    with pytest.raises(ValueError, match="one image stands for the whole field"):
+        pixel_psf(lens.optics, PITCH, GREEN, ONE)
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "error"),
+    # Of the peak. The pupil of a vignetted lens is no ellipse; at 8.3 deg a quarter is cut off.
+    [("double_gauss", 0, 0.005), ("double_gauss", 1, 0.02), ("double_gauss", 2, 0.04),
+     ("petzval", 0, 0.03)],
+)  # fmt: skip
+def test_shipped_lenses_have_the_images_of_their_ray_tracer(name, row, error):
+    """Huygens-Fresnel integrals by optiland, on 48 x 48 points of about one micrometre."""
+    said = [each for each in ORACLE[name] if "image" in each][row]
+    table = open_lens(name)
+    lens = open_optics(Optics(table.focal_length, table.f_number, lens_file=name))
+    wavelength = np.array([said["wavelength_um"] * 1e-6])
+    camera = Camera(8, 8, table.focal_length / 10e-6)
+    plan = _Plan(lens, camera, 10e-6, Band(wavelength, np.ones((1, 1))), 1.0, 0.0)
+    wanted = np.array(said["image"])
+    assert compared(plan, lens, wavelength, np.radians(said["angle_deg"]), wanted) < error
+
+
+SPACING = 48 / 47 * 1e-6  # metre: 48 points of optiland share 48 micrometre, ends included
+
+
+def compared(plan, lens, wavelength, angle, wanted):
+    """Largest difference of two images over the peak, where they fit best on each other."""
+    from scipy.optimize import minimize
+
+    from startrack.optics.lens_psf import _stars
+
+    plan.count, plan.spacing = len(wanted) + 1, SPACING
+    star = _stars(lens, wavelength, np.array([angle]), np.pi / 2)[0][0]
+    x, y = star.rays()
+    place = star.place + x.mean(), y.mean()
+
+    def image_at(shift):
+        mine = plan._irradiance(star, place[0] + shift[0] * 1e-6, place[1] + shift[1] * 1e-6)
+        mine = mine[:-1, :-1]
+        return mine * (mine.ravel() @ wanted.ravel()) / (mine**2).sum()
+
+    def error(shift):
+        return float(((image_at(shift) - wanted) ** 2).sum())
+
+    starts = [(u, v) for u in (-0.5, 0.0, 0.5) for v in (-0.8, -0.4, 0.0, 0.4, 0.8)]
+    start = min(starts, key=error)
+    best = minimize(error, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7})
+    return float(np.abs(image_at(best.x) - wanted).max() / wanted.max())
