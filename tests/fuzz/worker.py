@@ -1,5 +1,6 @@
 """The process that runs cases: one JSON object a line in, `main` of the command, one out."""
 
+import contextlib
 import importlib
 import json
 import math
@@ -64,6 +65,10 @@ def _nothing(*_: object, **__: object) -> str:
     return ""
 
 
+def _unguarded(_: object) -> object:
+    return contextlib.nullcontext()
+
+
 def _same(**_: object) -> None:
     return None
 
@@ -76,14 +81,14 @@ def _writes_nan(options: object, result: object, text: str) -> None:
     print(json.dumps({"value": math.nan}))
 
 
-def _takes_memory(*_: object, **__: object) -> object:
+def _takes_memory(*_: object, **__: object) -> None:
     import numpy as np
 
     from startrack.core import memory
 
     with memory._data_limit(2**33):
         held = np.ones(2**28)  # 2 GiB
-    return held.sum() and None
+    raise ValueError(f"nothing is found in {held.nbytes} bytes")
 
 
 def _hangs(*_: object, **__: object) -> None:
@@ -97,7 +102,7 @@ FAULTS: dict[str, dict[str, object]] = {
     "any file is opened": {"startrack.io.tables.read_bytes": _waits},
     "long keys are read": {"startrack.io.tables._long_key": _nothing},
     "images of any kind are read": {"startrack.io.images.read_bytes": _waits},
-    "blocks of a store are not checked": {"startrack.montecarlo.store.fault": _nothing},
+    "damage of a store escapes": {"startrack.montecarlo.store:Store._damage": _unguarded},
     "a trial divides by zero": {"startrack.trial.chain.drawn_outcomes": _raises},
     "JSON with NaN": {"startrack.cli.requirements.print_result": _writes_nan},
     "memory beyond the limit": {"startrack.cli.detect.detect": _takes_memory},
@@ -112,8 +117,10 @@ FAULTS: dict[str, dict[str, object]] = {
 def put_in(fault: str) -> None:
     """Replace the names of a fault."""
     for name, replacement in FAULTS[fault].items():
-        module, _, attribute = name.rpartition(".")
+        path, _, attribute = name.rpartition(".")
+        module, _, owner = path.partition(":")
         held = importlib.import_module(module)
+        held = getattr(held, owner) if owner else held
         if hasattr(held, attribute):
             setattr(held, attribute, replacement)
 
