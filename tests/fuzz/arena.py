@@ -38,9 +38,6 @@ class Case:
     arguments: tuple[str, ...]
     files: Mapping[str, bytes | None] = field(default_factory=dict)
 
-    def __repr__(self) -> str:
-        return f"{self.kind}: {' '.join(self.arguments)}"
-
 
 @dataclass(frozen=True)
 class Verdict:

@@ -30,6 +30,7 @@ def run_cases(
     primed   whether each command is first run once, so that no case waits for its compilation
     fault    that the worker has on purpose, one of `worker.FAULTS`; empty for none
     """
+    enough: list[bool] = []
     with Arena(seconds, fault=fault) as arena:
         for case in whole_cases() if primed else ():
             arena.prime(case)
@@ -37,13 +38,15 @@ def run_cases(
         @seed(start)
         @settings(
             max_examples=number, deadline=None, database=None, phases=[Phase.generate],
-            suppress_health_check=list(HealthCheck), report_multiple_bugs=False,
+            suppress_health_check=list(HealthCheck),
         )  # fmt: skip
         @given(cases(tuple(kinds)))
         def run(case: Case) -> None:
-            report(case, arena.judge(case))
+            # Not raised through Hypothesis, which would run the case again to shrink it.
+            if not enough:
+                try:
+                    report(case, arena.judge(case))
+                except Enough:
+                    enough.append(True)
 
-        try:
-            run()
-        except Enough:
-            return
+        run()
