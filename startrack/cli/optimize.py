@@ -66,6 +66,7 @@ def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
         "availability_bounds": [optimum.availability.low, optimum.availability.high],
         "values": space.text(optimum.best),
         "values_si": space.values(space.coordinates(optimum.best)),
+        "on_bounds": space.on_bounds(optimum.best),
         "margins": optimum.margins,
         "lacking": optimum.lacking,
         "evaluations": len(optimum.evaluations),

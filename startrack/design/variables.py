@@ -52,6 +52,9 @@ class Link:
         finite(power=self.power)
 
 
+AT_BOUND = 0.01  # of a variable's range: as near a bound counts as on it; chosen by hand
+
+
 @dataclass(frozen=True)
 class DesignSpace:
     """The designs that differ from `case` in the variables, and in what follows them.
@@ -146,6 +149,15 @@ class DesignSpace:
             ratio = followed / number(self.case, link.to)
             values[link.name] = number(self.case, link.name) * ratio**link.power
         return replaced_all(self.case, values)
+
+    def on_bounds(self, case: Case) -> dict[str, str]:
+        """The variables that lie within 1 % of their range from a bound, and "low" or "high".
+
+        There the bound decides, and not the model: a wider range could give another design.
+        """
+        at = zip(self.variables, self.coordinates(case).tolist(), strict=True)
+        ends = {variable.name: ("low" if u < 0.5 else "high", min(u, 1 - u)) for variable, u in at}
+        return {name: end for name, (end, away) in ends.items() if away <= AT_BOUND}
 
     def text(self, case: Case) -> dict[str, str]:
         """The variables of a design as a person writes them, four digits and a unit."""

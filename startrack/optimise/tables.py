@@ -93,6 +93,16 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     ]
     if optimum.branch:
         lines += ["", f"The best design has the choices {optimum.branch}."]
+    bounds = [
+        f"{name.split('.', 1)[1]} ({end}, {after[name]})"
+        for name, end in space.on_bounds(optimum.best).items()
+    ]
+    if bounds:
+        lines += [
+            "",
+            f"On a bound of its variable: {', '.join(bounds)}. The range decides there, not the "
+            "model; beyond it the best may be another design.",
+        ]
     if optimum.lacking:
         short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())
         lines += ["", f"NOT MET, the least violated first: {short}."]

@@ -32,6 +32,14 @@ def test_place_undoes_design():
     )
 
 
+def test_a_design_on_a_bound_is_said():
+    space = DesignSpace(CASE, (FOCAL, SHARP))
+    assert space.on_bounds(CASE) == {}
+    corner = space.design(np.array([0.0, 1.0]))
+    assert space.on_bounds(corner) == {FOCAL.name: "low", SHARP.name: "high"}
+    assert space.on_bounds(space.design(np.array([0.02, 0.995]))) == {SHARP.name: "high"}
+
+
 def test_text_has_units():
     assert DesignSpace(CASE, (FOCAL, SHARP)).text(CASE) == {
         "instrument.optics.focal_length": "35 mm",

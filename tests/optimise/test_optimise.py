@@ -137,6 +137,10 @@ def test_branches_race_and_the_better_wins(small):
     assert optimum.branch == "window 5"
     assert optimum.best.tracker.detection.window == 5
     assert "The best design has the choices window 5." in comparison(optimum, campaign)
+    corner = optimum.space.design(np.zeros(len(optimum.space)))
+    assert "On a bound of its variable" in comparison(
+        dataclasses.replace(optimum, best=corner), campaign
+    )
 
 
 def test_a_race_leaves_evaluations_to_the_winner(small):
