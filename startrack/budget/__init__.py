@@ -6,6 +6,8 @@ fields     Sky and camera -> the stars of many fields, and how their errors beco
            attitudes.
 fixed      Case and fields of stars -> errors that are constant from frame to frame.
 analytic   Case -> its Budget in milliseconds, without a trial.
+left_out   Case and its fields of stars -> effects that the analytic budget leaves out.
+check      Case and its analytic budget -> what some trials say of it.
 survey     Case -> number of stars, availability and error over the sky.
 exclusion  Case with a baffle -> error over the angle to Sun, Moon and Earth; exclusion angles.
 indices    Simulated sequences -> the error indices of the standard, over members and times.
@@ -16,9 +18,11 @@ residuals  Case -> errors of single stars in trials, over their position in the 
 from startrack.budget.analytic import analytic
 from startrack.budget.budget import Budget, Law, Line, Sample, Spread
 from startrack.budget.causes import Cause, Term, causes
+from startrack.budget.check import Check, check, differences
 from startrack.budget.exclusion import Exclusion, exclusions
 from startrack.budget.fields import attitudes
 from startrack.budget.indices import INDICES, indices_of
+from startrack.budget.left_out import caveats, refusal
 from startrack.budget.measured import measured
 from startrack.budget.residuals import residuals
 from startrack.budget.survey import Survey, circles, survey
@@ -28,6 +32,7 @@ __all__ = [
     "INDICES",
     "Budget",
     "Cause",
+    "Check",
     "Exclusion",
     "Law",
     "Line",
@@ -37,6 +42,7 @@ __all__ = [
     "Term",
     "analytic",
     "causes",
+    "check",
     "circles",
     "exclusions",
     "indices_of",

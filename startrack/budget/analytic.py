@@ -21,6 +21,7 @@ from startrack.budget.fields import (
     propagate,
 )
 from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, visible
+from startrack.budget.left_out import of_the_case, of_the_sky
 from startrack.core import Floats
 from startrack.design import Case
 from startrack.trial import (
@@ -143,7 +144,20 @@ def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes] | None:
     whole = Law(np.sum([line.spread.mean for line in lines], axis=0), sigma, weight)
     whole_line = Line("end to end", None, whole)
     fraction = total / len(weight)
-    return Budget(lines, whole_line, fraction, float(weight @ found.stars)), found
+    refused = _refused(case, star, magnitude)
+    wrong = np.stack(displacement[2:]).sum(axis=0) if fixed else near
+    moved_rms = float(np.sqrt((wrong**2).mean())) if fixed else 0.0
+    left_out = (*of_the_case(case), *of_the_sky(case, found.stars, refused, moved_rms))
+    stars = float(weight @ found.stars)
+    return Budget(lines, whole_line, fraction, stars, left_out, refused), found
+
+
+def _refused(case: Case, star: Errors, magnitude: Floats) -> float:
+    """Fraction of the stars above the threshold (n,) that are taken for hot pixels."""
+    grid = star.magnitude
+    above = np.interp(magnitude, grid, detection_probability(case, grid))
+    lost = above * (1 - np.interp(magnitude, grid, star.kept))
+    return float(lost.sum() / max(above.sum(), 1e-9))
 
 
 def _lines(

@@ -117,12 +117,17 @@ class Budget(Generic[S]):
     whole         the error end to end
     availability  1, fraction of the sky and time with an attitude
     stars         mean number of stars in these
+    left_out      effects of this design that the budget leaves out, a phrase each
+    refused       1, fraction of the stars above the threshold that are refused as hot pixels; by
+                  formula alone
     """
 
     lines: tuple[Line[S], ...]
     whole: Line[S]
     availability: float
     stars: float
+    left_out: tuple[str, ...] = ()
+    refused: float = 0.0
 
     @property
     def across(self) -> float:

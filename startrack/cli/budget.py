@@ -12,10 +12,13 @@ import numpy as np
 from startrack.budget import (
     INDICES,
     Budget,
+    Check,
     Line,
     Spread,
     Term,
     analytic,
+    caveats,
+    check,
     indices_of,
     measured,
     survey,
@@ -28,6 +31,7 @@ from startrack.cli.terminal import (
     progress,
     read_design,
     read_sequence,
+    summary_values,
 )
 from startrack.core import arcsec
 from startrack.design import Case
@@ -45,7 +49,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack budget`."""
     describe(
         parser,
-        "Prints the analytic budget; with --montecarlo also the measured one, and a note where "
+        "Prints the analytic budget, what of this design it does not count, and whether some "
+        "trials agree with it; with --montecarlo also the measured one, and a note where "
         "the two differ by more than 10 %. With --out it writes budget.json, budget.png, sky.png "
         "(stars and error over the sky) and curves.png (error over rate, magnitude and field). "
         "The status is 3 if a part of the sky has no attitude.",
@@ -91,9 +96,14 @@ def command(options: argparse.Namespace) -> int:
     floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
     result |= {"star_without_noise_px": floor, "centroid_floor_px": stated}
     assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
+    checked = check(case, expected, options.seed)
+    result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
+    result["check"] = {"fidelity": checked.fidelity.value, "differs": checked.differs}
+    result["check"] |= summary_values(checked.summary)
     text = [
         f"{_table(expected, found)}\n"
-        f"centroid error of a star without noise {floor:.4f} pixel; the tracker assumes {assumed}"
+        f"centroid error of a star without noise {floor:.4f} pixel; the tracker assumes {assumed}",
+        "\n".join([*caveats(case, expected.left_out, expected.refused), *_checked(checked)]),
     ]
     if found:
         result |= {"seed": options.seed, "measured": _values(found)}
@@ -111,6 +121,15 @@ def command(options: argparse.Namespace) -> int:
     print_result(options, result, "\n\n".join(text))
     whole = (found or expected).availability
     return Exit.DONE if whole > 0.9999 else Exit.UNSOLVED
+
+
+def _checked(found: Check) -> list[str]:
+    """What the check by trials says, a line each."""
+    doubt = [found.summary.doubt] if found.summary.doubt else []
+    trials = f"{found.summary.trials} trials ({found.fidelity})"
+    if not found.differs:
+        return [*doubt, f"{trials} agree with the formula"]
+    return [*doubt, *(f"FORMULA AND TRIALS DIFFER: {one}" for one in found.differs)]
 
 
 def _measured(case: Case, options: argparse.Namespace) -> Budget[Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 
+from startrack.budget import caveats
 from startrack.cli.earth_requirements import earth_requirements
 from startrack.cli.options import Exit, WrongUse, add_campaign, describe
 from startrack.cli.terminal import example, print_result, read_design
@@ -54,6 +55,7 @@ def command(options: argparse.Namespace) -> int:
     }
     result = {"design": str(path), "met": met, "margins": margins, **costs}
     result |= {"objective": str(objective), "expected_arcsec": error, "stars": budget.stars}
+    result |= {"not_counted": budget.left_out, "refused_as_hot_pixels": budget.refused}
     lines = [f"{'requirement':20} {'margin':>8}"]
     lines += [
         f"{name:20} {margin:+8.3f}{'' if margin >= 0 else '  NOT MET'}"
@@ -65,6 +67,7 @@ def command(options: argparse.Namespace) -> int:
         "",
         f"expected {objective}: {error:.3f} arcsec with {budget.stars:.1f} stars; availability by "
         "the analytic budget. Margins are fractions of the limits; that of stars is in mag.",
+        *caveats(design.case, budget.left_out, budget.refused),
     ]
     print_result(options, result, "\n".join(lines))
     return Exit.DONE if met else Exit.UNSOLVED

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from startrack.budget import analytic, caveats, differences
 from startrack.core import arcsec
 from startrack.design import Campaign, Objective
 from startrack.io import save_csv
@@ -91,6 +92,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         f"(required: {100 * needs.min_availability:g} %); at most {100 * best.false.high:.2f} % of "
         "the frames have a wrong attitude. Brackets and bounds hold with 95 % confidence.",
     ]
+    lines += ["", *(f"{one[0].upper()}{one[1:]}." for one in _caveats(optimum, campaign))]
     if optimum.branch:
         lines += ["", f"The best design has the choices {optimum.branch}."]
     bounds = [
@@ -107,6 +109,22 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())
         lines += ["", f"NOT MET, the least violated first: {short}."]
     return "\n".join(lines)
+
+
+def _caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
+    """Where formula and fresh trials of the best differ, why, and what the formula leaves out."""
+    best, summary = optimum.best, optimum.fresh[1]
+    try:
+        budget = analytic(best)
+    except ValueError as reason:
+        return [f"there is no analytic budget of the best design: {reason}"]
+    found = [f"formula and trials differ: {one}" for one in differences(budget, summary)]
+    if summary.availability.value < campaign.requirements.min_availability:
+        found.append(
+            f"attitudes are lost with {budget.stars:.1f} stars expected on average in the sky "
+            "that has enough of them; the effects named next are possible causes"
+        )
+    return [*found, *caveats(best, budget.left_out, budget.refused)]
 
 
 def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:

@@ -149,7 +149,7 @@ def draw_curves(path: Path, case: Case, seed: int, title: str, trials: int = TRI
 
 
 def _over_rate(axes: Axes, case: Case) -> None:
-    across, about, solved = [], [], []
+    across, about, solved, left_out = [], [], [], []
     for rate in RATES:
         motion = replace(case.instrument.motion, rate_x=rate, rate_y=0.0, rate_z=0.0)
         moving = replace(case, instrument=replace(case.instrument, motion=motion))
@@ -160,12 +160,16 @@ def _over_rate(axes: Axes, case: Case) -> None:
         across.append(budget.across / arcsec)
         about.append(budget.about / arcsec)
         solved.append(budget.availability)
+        left_out.append(len(budget.left_out))
     shown = RATES[: len(across)] / deg
     axes.plot(shown, across, "o-", ms=3, color="#3567a8", label="across")
     axes.plot(shown, about, "s-", ms=3, color="#c0392b", label="about")
     few = [k for k, fraction in enumerate(solved) if fraction < 0.99]
     if few:
         axes.axvline(shown[few[0]], color="0.5", ls=":", label="less than 99 % of the sky")
+    more = [k for k, effects in enumerate(left_out) if effects > left_out[0]]
+    if more:
+        axes.axvspan(shown[more[0]], shown[-1], color="0.9", label="with effects not counted")
     axes.set_xscale("symlog", linthresh=0.02)
     axes.set(yscale="log", xlim=(0, None))
     axes.set(xlabel="rate about x (deg/s)", ylabel="error (arcsec rms per axis)")

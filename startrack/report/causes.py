@@ -5,17 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from startrack.budget import Budget, analytic, measured
+from startrack.budget import Budget, analytic, caveats, differences, measured
 from startrack.core import arcsec
 from startrack.design import Case
+from startrack.metrics import Summary
 from startrack.montecarlo import Serial
 from startrack.report.page import Section, paragraph, table
 
 TITLE = "Error budget"
 
 
-def budget(case: Case, seed: int, members: int, advance: Callable[[int], None]) -> Section:
+def budget(
+    case: Case, seed: int, members: int, summary: Summary, advance: Callable[[int], None]
+) -> Section:
     """Each cause in the terms of ECSS-E-ST-60-20C, analytic and measured; or why there is none.
+
+    summary  of the campaign's trials, with which the formulas are compared
 
     A detector that scans has no budget, nor has a design that finds no attitude.
     """
@@ -42,6 +47,13 @@ def budget(case: Case, seed: int, members: int, advance: Callable[[int], None]) 
             f"{100 * expected.availability:.2f} % of the sky with {expected.stars:.1f} stars; "
             f"over {members} trials, in which each cause is switched off in turn, "
             f"in {100 * found.availability:.2f} % with {found.stars:.1f}."
+        )
+        + "".join(
+            paragraph(f"{one[0].upper()}{one[1:]}.")
+            for one in (
+                *caveats(case, expected.left_out, expected.refused),
+                *(f"formula and trials differ: {one}" for one in differences(expected, summary)),
+            )
         ),
     )
 

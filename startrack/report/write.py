@@ -83,7 +83,7 @@ def write_report(
     case, seed = store.case, store.seed
     sections = [
         _summary(outcomes),
-        budget(case, seed, depth.budget, advance),
+        budget(case, seed, depth.budget, summarise(outcomes), advance),
         _distributions(outcomes),
         _sky(outcomes, store.sampling, seed),
         *_closer(store, outcomes, depth, advance),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -45,6 +46,7 @@ from startrack.trial.view import (
     random_attitude,
     reference_attitude,
     stars_in_field,
+    with_smear,
 )
 from startrack.trial.window import spots_in_windows
 
@@ -173,16 +175,27 @@ def lost_in_space(
     indexes: PatternIndexes,
     tracker: Tracker,
     psf: Psf | None = None,
+    systematic: Floats | None = None,
 ) -> tuple[Spots, Matches, Estimate]:
     """What the flight software does with a frame, real or rendered.
 
-    camera   as the tracker believes it
-    indexes  of the tracker's catalogue
-    tracker  its settings
-    psf      as the tracker believes it; None: a Gaussian
+    camera      as the tracker believes it
+    indexes     of the tracker's catalogue
+    tracker     its settings; where they hold its motion, stars are measured as streaks of that
+    psf         as the tracker believes it; None: a Gaussian
+    systematic  (n,) pixel^2 per axis, by which the stars of the catalogue are weighted beside their
+                noise, as `systematic_variance` of a design gives it; None: the square of
+                tracker.attitude.centroid_floor
     """
-    spots = detect(frame, tracker.detection, psf)
-    return spots, *identify_and_solve(spots, camera, indexes, tracker)
+    settings = tracker.detection
+    if tracker.motion and math.isfinite(frame.exposure):
+        settings = with_smear(
+            settings,
+            tracker.motion.rate_y * frame.exposure * camera.focal_length_px,
+            -tracker.motion.rate_x * frame.exposure * camera.focal_length_px,
+        )
+    spots = detect(frame, settings, psf)
+    return spots, *identify_and_solve(spots, camera, indexes, tracker, systematic)
 
 
 def identify_and_solve(
@@ -192,10 +205,7 @@ def identify_and_solve(
     tracker: Tracker,
     systematic: Floats | None = None,
 ) -> tuple[Matches, Estimate]:
-    """What the flight software does with its spots; arguments as of `lost_in_space`.
-
-    systematic  (n,) pixel^2 per axis, of each star of the catalogue, as `systematic_variance`
-    """
+    """What the flight software does with its spots; arguments as of `lost_in_space`."""
     settings = tracker.identification
     matches = identify(spots, camera, indexes.stars, indexes(camera), settings)
     return matches, solve_matches(spots, matches, tracker, systematic)

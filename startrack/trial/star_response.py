@@ -15,6 +15,7 @@ from startrack.design import Case, Instrument
 from startrack.detection import (
     Candidates,
     Detection,
+    DetectionPlan,
     centroid,
     chance_kept,
     filtered,
@@ -187,11 +188,23 @@ def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, 
     size, detection = scale(case), case.tracker.detection
     noise = size.noise if noisy else 0.0
     ripple = math.hypot(noise, math.sqrt(size.background))
+    every = replace(detection, max_spots=2**20)
+    plan = detection_plan(case, every)
+    place, covariance = _measured(case, electrons, ripple, noise, plan)
+    if not plan.method.skips_dead:
+        return place, covariance
+    # A chessboard moves a fit of a narrow star, as far one way as its negative the other way.
+    other, other_covariance = _measured(case, electrons, -ripple, noise, plan)
+    return (place + other) / 2, (covariance + other_covariance) / 2
+
+
+def _measured(
+    case: Case, electrons: Floats, ripple: float, noise: float, plan: DetectionPlan
+) -> tuple[Floats, Floats]:
+    """`measure` with one ripple."""
     frame, across = _in_cells(case, electrons, ripple, noise)
     side = electrons.shape[-1]
     row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
-    every = replace(detection, max_spots=2**20)
-    plan = detection_plan(case, every)
     candidates = Candidates(column, row, np.ones(len(row), np.int64))
     spots = centroid(frame, pixels(frame), candidates, plan)
     found = np.column_stack([spots.x, spots.y])

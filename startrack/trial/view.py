@@ -162,7 +162,7 @@ def detection_plan(
     smear      pixel, where the settings leave it out; None for `known_smear`
     """
     detection = detection or case.tracker.detection
-    return _planned(case.instrument, _with_smear(detection, *(smear or known_smear(case))))
+    return _planned(case.instrument, with_smear(detection, *(smear or known_smear(case))))
 
 
 @lru_cache(maxsize=16)
@@ -196,7 +196,7 @@ def smear_of(case: Case, rate_x: float, rate_y: float) -> tuple[float, float]:
     return rate_y * scale, -rate_x * scale
 
 
-def _with_smear(detection: Detection, x: float, y: float) -> Detection:
+def with_smear(detection: Detection, x: float, y: float) -> Detection:
     """The settings with a smear where they leave it out, unless it is too short to matter."""
     if detection.smear_x is not None or detection.smear_y is not None:
         return detection

@@ -88,3 +88,16 @@ def test_diffusion_widens_the_psf_by_its_variance():
         line = psf.table.sum(axis=0)
         variance.append((line @ at**2) / line.sum() * (detector.pitch * 1e6) ** 2)
     assert variance[1] - variance[0] == pytest.approx(9.0, rel=0.02)
+
+
+def test_a_frame_is_solved_as_in_a_trial():
+    """With what the tracker of a design knows, `lost_in_space` weighs stars as the chain does."""
+    streams = Streams(1, 0)
+    record = observe(CASE, random_attitude(streams), streams)
+    case, indexes = CASE, pattern_indexes(CASE.believed_catalog)
+    tracker = replace(case.tracker, motion=case.believed_motion)
+    known = psf_of(case.instrument), systematic_variance(case)
+    *_, estimate = lost_in_space(record.frame, case.believed_camera, indexes, tracker, *known)
+    np.testing.assert_array_equal(estimate.covariance, record.estimate.covariance)
+    *_, other = lost_in_space(record.frame, case.believed_camera, indexes, tracker, known[0])
+    assert np.trace(other.covariance) > 1.5 * np.trace(estimate.covariance)

@@ -1,0 +1,135 @@
+"""Case and its fields of stars -> effects that the analytic budget leaves out, a phrase each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from startrack.core import Floats, Psf
+from startrack.design import Case
+from startrack.trial import detection_plan, smear_of
+
+# From these on an effect may change the error by more than 15 %, or the availability by more than
+# a percent. Chosen by hand from the designs of experiments/budget_against_trials.py.
+UNKNOWN_SMEAR = 2.5  # pixel
+LONGEST = 27.0  # pixel; the half sides of the window of a fit end at 15 pixel
+HELD = 0.65  # of a star's light, in the window of its centre of gravity
+ROLLED = 1.5  # pixel of smear in the corner, by rotation about the boresight
+SHAKEN = 1.0  # pixel rms of jitter
+SHARED = 0.3  # of the noise of a pixel, what a row or a column has in common
+FEW = 10.0  # stars in a field, below which its identification is uncertain
+PART = 0.01  # of the sky
+CROWDED = 0.03  # fraction of the stars that share their window with another
+FAR = 0.5  # of the match radius, rms displacement of stars by wrong beliefs
+REFUSED = 0.3  # of the stars above the threshold
+
+
+def of_the_case(case: Case) -> Iterator[str]:
+    """What the budget leaves out of a design, by its parameters alone."""
+    detector, motion = case.instrument.detector, case.instrument.motion
+    if detector.hits:
+        yield "cosmic rays (detector.hits)"
+    if detector.lag and motion.rate:
+        yield "residual charge of the frame before (detector.lag)"
+    if detector.blooming:
+        yield "blooming (detector.blooming)"
+    if detector.defects and detector.defects.hot:
+        hot = detector.defects.hot * detector.columns * detector.rows
+        yield f"false spots and lost stars by {hot:.0f} hot pixels (detector.defects.hot)"
+    pattern = detector.pattern
+    if pattern and math.hypot(pattern.row, pattern.column) > SHARED * detector.noise:
+        yield "noise that pixels of a row or column share (detector.pattern)"
+    if case.scene.lights:
+        names = ", ".join(case.scene.lights)
+        yield f"brighter and blinded sky by {names} (scene.lights)"
+    if any(one.growth for one in case.instrument.optics.aberrations):
+        yield "aberrations that grow over the field (optics.aberrations)"
+    yield from _of_the_motion(case)
+
+
+def _of_the_motion(case: Case) -> Iterator[str]:
+    instrument, plan = case.instrument, detection_plan(case)
+    motion, focal = instrument.motion, instrument.camera.focal_length_px
+    true = np.array(smear_of(case, motion.rate_x, motion.rate_y))
+    known = np.array(plan.settings.smear)
+    # The two directions of a motion make the same streak.
+    unknown = min(float(np.hypot(*(true - known))), float(np.hypot(*(true + known))))
+    if unknown > UNKNOWN_SMEAR:
+        yield (
+            f"{unknown:.1f} pixel of smear that the tracker does not know (tracker.motion, "
+            "tracker.detection.smear_x and smear_y)"
+        )
+    longest = float(np.hypot(*known))
+    if longest > LONGEST:
+        yield f"the ends of a streak of {longest:.0f} pixel, beyond the window of its fit"
+    held = 1.0 if plan.method.skips_dead else _held(plan.star.psf, plan.settings.window)
+    if held < HELD:
+        yield (
+            f"noise that moves a window which holds {100 * held:.0f} % of a star's light "
+            "(tracker.detection.window)"
+        )
+    corner = math.tan(instrument.camera.half_diagonal) * focal
+    rolled = abs(motion.rate_z) * instrument.detector.exposure * corner
+    if rolled > ROLLED:
+        yield f"a smear of up to {rolled:.1f} pixel in the corners (motion.rate_z)"
+    rms = math.hypot(*(math.hypot(one.rms_x, one.rms_y) for one in motion.tones)) * focal
+    if rms > SHAKEN:
+        yield f"that {rms:.1f} pixel of jitter are no blur (motion.tones)"
+
+
+def _held(psf: Psf, window: int) -> float:
+    """Fraction of a star's light in a window about its middle."""
+    # The table holds the light of a pixel about each of its points.
+    middle, half = len(psf.table) // 2, (window // 2) * psf.oversampling
+    part = slice(max(middle - half, 0), middle + half + 1)
+    pixels = psf.table[part, part][:: psf.oversampling, :: psf.oversampling]
+    return float(pixels.sum())
+
+
+def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Iterator[str]:
+    """What it leaves out because of the stars of its fields.
+
+    stars    (m,) expected number of each field
+    refused  1, fraction of the stars above the threshold that are refused as hot pixels
+    moved    pixel, rms displacement of stars by what the tracker believes wrongly
+    """
+    detector, settings = case.instrument.detector, case.tracker.detection
+    few = float((stars < FEW).mean())
+    if few > PART:
+        yield (
+            f"which star is which, in the {100 * few:.0f} % of the sky with fewer than "
+            f"{FEW:.0f} stars"
+        )
+    elif refused > REFUSED:
+        yield f"which star is which, where {100 * refused:.0f} % of the stars are missing"
+    side = settings.window + math.hypot(*detection_plan(case).settings.smear)
+    crowded = float(stars.mean()) * settings.window * side / (detector.columns * detector.rows)
+    if crowded > CROWDED:
+        yield f"wrong centroids of merged stars, {100 * crowded:.0f} % of all"
+    if moved > FAR * case.tracker.identification.match_radius:
+        yield (
+            f"stars beyond tracker.identification.match_radius: they lie {moved:.2g} pixel rms off"
+        )
+
+
+def caveats(case: Case, left_out: tuple[str, ...], refused: float) -> list[str]:
+    """What a reader of the budget must know, a sentence each; fields as of `Budget`."""
+    found = [refusal(case, refused)] if refusal(case, refused) else []
+    return [*found, f"not counted: {'; '.join(left_out) or 'nothing'}"]
+
+
+def refusal(case: Case, refused: float) -> str:
+    """Why stars are refused as hot pixels, a sentence; empty where few are.
+
+    refused  1, fraction of the stars above the threshold
+    """
+    if refused < PART:
+        return ""
+    return (
+        f"{100 * refused:.0f} % of the stars above the threshold are refused as hot pixels: they "
+        "are sharper than tracker.detection.sharpest_sigma = "
+        f"{case.tracker.detection.sharpest_sigma:g} pixel; more blur, or a smaller limit, keeps "
+        "them"
+    )

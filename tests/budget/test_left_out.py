@@ -1,0 +1,57 @@
+"""What a budget says that it leaves out, and what some trials say of it."""
+
+from dataclasses import replace
+
+import pytest
+
+from startrack.budget import analytic, check
+from startrack.core.units import deg
+from startrack.design import Fidelity, replaced
+from startrack.detector import Hits
+from startrack.scene import Scene
+
+
+def test_nothing_is_left_out_of_the_example_and_trials_agree(case):
+    budget = analytic(case)
+    assert budget.left_out == ()
+    assert budget.refused < 0.01
+    found = check(case, budget, 1)
+    assert (found.fidelity, found.summary.trials) == (Fidelity.WINDOW, 60)
+    assert found.differs == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"instrument.detector.hits": Hits(rate=1e5)}, "cosmic rays"),
+        ({"instrument.detector.lag": 0.02}, "residual charge"),
+        ({"instrument.motion.rate_z": 10 * deg}, "corners"),
+        ({"instrument.optics.blur": 25e-6}, "noise that moves a window"),
+        ({"catalog.limit_g": 5.0}, "which star is which"),
+        ({"instrument.detector.exposure": 0.5, "instrument.motion.rate_x": 2 * deg}, "streak"),
+    ],
+)
+def test_an_effect_that_is_not_counted_is_named(case, changes, said):
+    for name, value in changes.items():
+        case = replaced(case, name, value)
+    assert any(said in one for one in analytic(case).left_out)
+
+
+def test_lights_are_named(case):
+    scene = Scene(lights=("zodiacal", "moon"), date="2026-03-01T00:00:00")
+    assert "by zodiacal, moon" in analytic(replace(case, scene=scene)).left_out[0]
+
+
+def test_a_smear_that_the_tracker_does_not_know_is_named_and_found_by_trials(case):
+    """At 2 deg / s the centre of gravity follows noise along the streak."""
+    for name, value in (
+        ("instrument.motion.rate_x", 2 * deg),
+        ("tracker.detection.smear_x", 0.0),
+        ("tracker.detection.smear_y", 0.0),
+    ):
+        case = replaced(case, name, value)
+    budget = analytic(case)
+    assert "9.0 pixel of smear that the tracker does not know" in budget.left_out[0]
+    found = check(case, budget, 1)
+    assert "across" in found.differs[0]
+    assert "squared is" in found.summary.doubt
