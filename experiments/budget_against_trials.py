@@ -267,8 +267,8 @@ def table_of_slews(rows: list[Slew]) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--designs", type=int, default=24)
-    parser.add_argument("--trials", type=int, default=300, help="of each design, and each rate")
-    parser.add_argument("--rates", default="0,0.1,0.3,0.5,1,1.5,2,2.5,3", help="deg / s")
+    parser.add_argument("--trials", type=int, default=240, help="of each design, and each rate")
+    parser.add_argument("--rates", default="0,0.3,1,2,3", help="deg / s")
     parser.add_argument("--markdown", type=Path, help="the page of the documents")
     options = command.read(parser, designs=2, trials=12, rates="2")
     compared = []
