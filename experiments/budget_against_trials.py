@@ -23,12 +23,13 @@ import command
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import Streams, arcsec, deg, shipped
 from startrack.budget import Budget, Law, analytic
 from startrack.catalog import open_sky
-from startrack.core import Floats, Streams, arcsec, deg
+from startrack.core import Floats
 from startrack.design import Case, Fidelity, load_design, replaced
 from startrack.detector import Hits
-from startrack.io import save_text, shipped
+from startrack.io import save_text
 from startrack.metrics import Summary, summarise
 from startrack.scene import Scene
 from startrack.trial import (
