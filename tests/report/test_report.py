@@ -22,7 +22,7 @@ from startrack.report import write_report
 from startrack.report.causes import budget
 from startrack.report.page import Section, code, page, paragraph, table
 from startrack.report.write import Depth
-from startrack.trial.chain import observe
+from startrack.trial.chain import OUTCOMES, observe
 from tests.report.browser import browser
 
 TITLE = "<script>alert('x')</script> & \"quotes\""
@@ -119,7 +119,7 @@ def test_a_campaign_that_solved_nothing_has_a_page_all_the_same(case):
 
 def test_a_detector_that_scans_has_no_budget_and_the_page_says_why():
     lines = load_design(shipped("designs/scanner.toml")).case
-    section = budget(lines, SEED, 2, lambda _: None)
+    section = budget(lines, SEED, 2, summarise(np.empty(0, OUTCOMES)), lambda _: None)
     assert "There is none for this design: detector.scan must be absent" in section.body
 
 
