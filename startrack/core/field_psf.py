@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from startrack.core.arrays import Floats, Ints
 from startrack.core.values import Psf
 
-LEAST = 0.02  # electron in a pixel, below which a term of a star is left out; chosen by hand
+LEAST = 0.5  # electron in a pixel, below which a term of a star is left out; chosen by hand
 SHIFT = 2  # columns of `value` before the relative flux
 
 
@@ -48,14 +49,20 @@ class FieldPsf:
         first_x, weight_x = _local(self.x, x)
         first_y, weight_y = _local(self.y, y)
         weight_c = _lagrange(self.colour, np.clip(colour, self.colour[0], self.colour[-1]))
-        tap = np.arange(4)
+        tap, colours = np.arange(4), np.arange(len(self.colour))
         near = self.value[
-            :, (first_y[:, None] + tap)[:, :, None], (first_x[:, None] + tap)[:, None, :]
+            colours[:, None, None],
+            (first_y[:, None] + tap)[:, None, :, None],
+            (first_x[:, None] + tap)[:, None, None, :],
         ]
-        weight = (
-            weight_c.T[:, :, None, None] * weight_y[:, :, None] * weight_x[:, None]
-        )  # colours, places, four rows, four columns
-        return np.einsum("cnji,cnjik->nk", weight, near)
+        weight = weight_c[:, :, None, None] * (weight_y[:, :, None] * weight_x[:, None])[:, None]
+        n, many = len(first_x), weight[0].size if len(weight) else 1
+        return (weight.reshape(n, 1, many) @ near.reshape(n, many, -1))[:, 0]
+
+    @cached_property
+    def peak(self) -> Floats:
+        """Largest value (k,) of each table, 1."""
+        return np.abs(self.table).max(axis=(1, 2))
 
     def mean(self, colour: float) -> Psf:
         """The mean image over the frame at a colour, its flux relative to the mean flux."""
@@ -86,8 +93,7 @@ class FieldPsf:
         there = np.flatnonzero(np.isfinite(middle_x + middle_y))
         found = self.at(middle_x[there], middle_y[there], colour[there])
         part = found[:, SHIFT + 1 :] * (found[:, SHIFT] * electrons[there])[:, None]
-        peak = np.abs(self.table).max(axis=(1, 2))
-        star, term = np.nonzero(np.abs(part) * peak > LEAST)
+        star, term = np.nonzero(np.abs(part) * self.peak > LEAST)
         which = there[star]
         return (
             term,

@@ -34,7 +34,7 @@ ALIAS = 2 / 3  # of the samples across a pupil that a sharper image would need
 MOST_SAMPLES = 1024  # across a pupil
 MOST_POINTS = 3072  # along a side of an irradiance
 MOST_NUMBERS = 60_000_000  # of all tables together
-KEPT = 1e-3  # of the norm of an image, that the left-out terms may have
+KEPT = 4e-3  # of the norm of an image, that the left-out terms may have
 KEPT_RAYS = 2e-3  # of the light of a star, whose rays may meet the detector outside the tables
 FITTED = 48  # angles to which a camera is fitted
 
@@ -325,7 +325,7 @@ def field_psf(
     For each node of a grid over the frame, and each of some spectra, the image is the sum of the
     irradiances of some wavelengths, each centred on its rays, shifted by the lateral colour and
     averaged over pixels. The images of all nodes are written as sums of their principal components,
-    and as many are kept as every image needs to within 1e-3 of its norm.
+    and as many are kept as every image needs to within 4e-3 of its norm.
 
     camera       to which the shifts refer
     pitch        metre, side of a pixel
