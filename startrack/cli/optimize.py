@@ -10,7 +10,13 @@ from startrack.cli.options import Exit, add_campaign_options
 from startrack.cli.terminal import finite, print_result, progress, summary_values
 from startrack.design import Campaign, Design, Objective, save_design
 from startrack.io import save_json, save_text
-from startrack.optimise import Optimum, comparison, optimize, write_evaluations
+from startrack.optimise import (
+    Optimum,
+    comparison,
+    optimize,
+    optimum_caveats,
+    write_evaluations,
+)
 from startrack.plots import draw_convergence
 
 
@@ -69,6 +75,7 @@ def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
         "on_bounds": space.on_bounds(optimum.best),
         "margins": optimum.margins,
         "lacking": optimum.lacking,
+        "caveats": optimum_caveats(optimum, campaign),
         "evaluations": len(optimum.evaluations),
         "trials": optimum.trials,
         "feasible": optimum.feasible,

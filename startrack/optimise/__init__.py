@@ -28,6 +28,7 @@ from startrack.optimise.tables import (
     chain_text,
     chain_values,
     comparison,
+    optimum_caveats,
     tolerance_table,
     tolerance_values,
     write_evaluations,

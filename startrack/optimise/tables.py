@@ -92,7 +92,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         f"(required: {100 * needs.min_availability:g} %); at most {100 * best.false.high:.2f} % of "
         "the frames have a wrong attitude. Brackets and bounds hold with 95 % confidence.",
     ]
-    lines += ["", *(f"{one[0].upper()}{one[1:]}." for one in _caveats(optimum, campaign))]
+    lines += ["", *(f"{one[0].upper()}{one[1:]}." for one in optimum_caveats(optimum, campaign))]
     if optimum.branch:
         lines += ["", f"The best design has the choices {optimum.branch}."]
     bounds = [
@@ -111,7 +111,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     return "\n".join(lines)
 
 
-def _caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
+def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
     """Where formula and fresh trials of the best differ, why, and what the formula leaves out."""
     best, summary = optimum.best, optimum.fresh[1]
     try:
