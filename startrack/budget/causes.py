@@ -123,7 +123,7 @@ def _linear(case: Case) -> Case:
 
 
 def _calibrated(case: Case) -> Case:
-    return _believing(case, camera=None)
+    return _believing(case, camera=None, calibrated_at=None)
 
 
 def _moved(case: Case) -> Case:

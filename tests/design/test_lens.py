@@ -1,0 +1,80 @@
+"""Lens tables in a design: the camera, its temperature, and what the tracker believes of it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from startrack.budget import causes
+from startrack.design import Design, load_design, save_design
+from startrack.io import from_table, shipped, to_table
+from startrack.optics import open_lens
+
+CASE = load_design(shipped("designs/nanosatellite.toml")).case
+
+
+def behind_the_petzval(case=CASE, **tracker):
+    optics = dataclasses.replace(
+        case.instrument.optics, psf="auto", lens_file="petzval", focal_length=0.05, f_number=2.0
+    )
+    table = to_table(dataclasses.replace(case.instrument, optics=optics))
+    table["thermal"] = {"lens": "35 degC"}
+    instrument = from_table(type(case.instrument), table)
+    believed = dataclasses.replace(case.tracker, **tracker)
+    return dataclasses.replace(case, instrument=instrument, tracker=believed)
+
+
+def test_temperature_moves_the_image_as_the_traced_chief_rays(tmp_path):
+    """The focal length of the fitted camera follows the places of the table's own nodes."""
+    warm = behind_the_petzval()
+    assert warm.instrument.lens_temperature == pytest.approx(308.15)
+    cold = dataclasses.replace(
+        warm, tracker=dataclasses.replace(CASE.tracker, calibrated_at=253.15)
+    )
+    ratio = cold.instrument.camera.focal_length_px / cold.believed_camera.focal_length_px - 1
+    table = open_lens("petzval")
+    wave = np.abs(table.wavelength - 600e-9).argmin()
+    # -20, 20, 60 degC; a parabola between them. The camera is fitted to centroids, which the
+    # change of focus moves by some per cent of that.
+    place = table.place[:, wave, 3]
+    curve = np.polynomial.Polynomial.fit(table.temperature, place, 2)
+    assert ratio == pytest.approx(float(curve(308.15) / curve(253.15)) - 1, rel=0.06)
+    assert abs(ratio) > 1e-4
+    design = tmp_path / "design.toml"
+    save_design(design, Design(cold))
+    assert 'lens = "308.15 K"' in design.read_text() or 'lens = "35 degC"' in design.read_text()
+    assert load_design(design).case == cold
+
+
+def test_a_calibration_at_another_temperature_is_a_cause_of_error():
+    case = behind_the_petzval(calibrated_at=293.15)
+    cause = next(one for one in causes(case) if one.name == "camera model")
+    assert cause.without(case).believed_camera == case.instrument.camera
+    assert case.believed_camera != case.instrument.camera
+
+
+def test_what_a_lens_table_does_not_say_is_refused():
+    with pytest.raises(ValueError, match=r"thermal\.lens must be left out"):
+        from_table(
+            type(CASE.instrument), {**to_table(CASE.instrument), "thermal": {"lens": "35 degC"}}
+        )
+    case = behind_the_petzval()
+    hot = dataclasses.replace(
+        case.instrument, thermal=dataclasses.replace(case.instrument.thermal, lens=400.0)
+    )
+    with pytest.raises(ValueError, match="temperature must lie in the lens table"):
+        _ = hot.camera
+    wide = dataclasses.replace(case.instrument.optics, focal_length=0.02)
+    with pytest.raises(ValueError, match="lens_file must reach the corner"):
+        _ = dataclasses.replace(case.instrument, optics=wide).camera
+
+
+def test_a_difference_of_temperatures_is_not_in_celsius():
+    thermal = {"temperature": "10 degC", "doubling": "8 degC"}
+    with pytest.raises(ValueError, match="doubling must have a unit that converts to K"):
+        from_table(
+            type(CASE.instrument.detector),
+            {**to_table(CASE.instrument.detector), "thermal": thermal},
+        )
