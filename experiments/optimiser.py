@@ -25,12 +25,12 @@ from matplotlib.figure import Figure
 from startrack import Case, arcsec, load_design, shipped
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Objective
-from startrack.metrics import Star, centre_of_gravity_error, summarise
+from startrack.metrics import Star, centre_of_gravity_error
 from startrack.optimise import Evaluation, Ledger, Search, TrialRunner, evaluate, least
-from startrack.optimise.evaluate import LOST, PENALTY, forecast, measured, missed
-from startrack.optimise.margins import margins as margins_of
+from startrack.optimise.evaluate import LOST, PENALTY, expected_objective, measured, missed
 from startrack.optimise.runner import FRESH
-from startrack.optimise.steps import availability, correct, prospect, refine
+from startrack.optimise.steps import assure, correct, prospect, refine
+from startrack.verification.margins import margins as margins_of
 
 JUDGE = 1000  # seed of the trials that all designs are judged on; no search has it
 REACH = 0.25  # of each range, around the best, within which the budget is set right
@@ -123,7 +123,7 @@ def by_trials(
     objective = Objective.read(campaign.objective)
     error = float(objective.of(objective.squares(outcomes)))
     margins = margins_of(campaign.requirements, case)
-    margins |= measured(campaign.requirements, summarise(outcomes))
+    margins |= measured(campaign.judged(case)[0], outcomes, runner.seed)
     return (math.log(error / arcsec) if error > 0 else LOST) + PENALTY * missed(margins)
 
 
@@ -223,8 +223,8 @@ class Truth:
         """Whether the availability asked is shown on fresh trials, at its bound."""
         case = self.space.design(coordinates)
         outcomes = self.runner.run(case, self.judging.judged, self.campaign.fidelity, FRESH)
-        fraction = availability(case, self.campaign, self.runner, outcomes)
-        return fraction.low >= self.campaign.requirements.min_availability
+        own = self.campaign.judged(case)[0]
+        return assure(own, self.campaign, self.runner, outcomes)["availability"].margin >= 0
 
     def reference(self, points: list[Floats]) -> Floats:
         """The best of all places and of where the budget, set right by them, is best.
@@ -245,7 +245,7 @@ class Truth:
             if np.abs(coordinates - best).max() > REACH:
                 return math.nan
             case = self.space.design(coordinates)
-            expected = forecast(case, Objective.read(self.campaign.objective))
+            expected = expected_objective(case, self.campaign)
             margins = margins_of(self.campaign.requirements, case)
             return math.log(expected / arcsec) + correction(coordinates) + PENALTY * missed(margins)
 

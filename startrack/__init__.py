@@ -20,6 +20,7 @@ trial            one trial in any fidelity: frame, window, spots, covariance
 sequence         trials in time: tracking, loss, reacquisition
 montecarlo       many trials: workers, store, resume, variance reduction
 budget           what the error is made of, cause by cause
+verification     whether a design meets its requirements, by analysis and by trials
 optimise         better designs: search, Pareto front, sensitivity, tolerances
 calibration      camera and detector from data
 earth            Earth cameras: terrain, geometry in flight, atmosphere, imager

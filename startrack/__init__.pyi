@@ -19,6 +19,7 @@ from . import report as report
 from . import scene as scene
 from . import sequence as sequence
 from . import trial as trial
+from . import verification as verification
 from .core import Camera as Camera
 from .core import Curve as Curve
 from .core import DiffuseLight as DiffuseLight

@@ -10,7 +10,8 @@ ROOMS = (
     *("core", "io"),
     *("catalog", "scene", "optics", "motion", "detector"),
     *("detection", "identification", "attitude", "metrics"),
-    *("design", "trial", "sequence", "montecarlo", "budget", "optimise", "calibration"),
+    *("design", "trial", "sequence", "montecarlo", "budget", "verification"),
+    *("optimise", "calibration"),
     *("earth.terrain", "earth.geometry", "earth.atmosphere", "earth.imager"),
     *("plots", "report", "benchmark", "cli"),
 )

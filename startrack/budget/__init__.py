@@ -19,7 +19,7 @@ from startrack.budget.analytic import analytic
 from startrack.budget.budget import Budget, Law, Line, Sample, Spread
 from startrack.budget.causes import Cause, Term, causes
 from startrack.budget.check import Check, check, differences
-from startrack.budget.exclusion import Exclusion, exclusions
+from startrack.budget.exclusion import Exclusion, added, exclusions, stray_light_levels
 from startrack.budget.fields import attitudes
 from startrack.budget.indices import INDICES, indices_of
 from startrack.budget.left_out import caveats, refusal

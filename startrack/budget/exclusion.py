@@ -70,13 +70,7 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
     Accuracy  model: that of `Baffle` and of the budget; the stray light is uniform over the field,
               and the body outside it. numerical: 1 % between backgrounds of whole magnitudes.
     """
-    if case.instrument.baffle is None:
-        raise ValueError("instrument.baffle must be given for exclusion angles, got none")
-    levels = {
-        "sun": _stray_light(case, SUN_G, angle),
-        "moon": _stray_light(case, FULL_MOON_G, angle),
-        "earth": _of_the_earth(case, angle, altitude),
-    }
+    levels = stray_light_levels(case, angle, altitude)
     faintest = max(float(level.max()) for level in levels.values())
     background = DARK if case.scene.background_g is None else case.scene.background_g
     skies = np.arange(BRIGHTEST, min(faintest, background) + 2 * STEP, STEP)
@@ -86,6 +80,20 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
         at = np.interp(level, np.append(skies, DARK), np.arange(len(skies) + 1))
         found[name] = Exclusion(angle, level, _straight(across, at), _straight(fraction, at))
     return found
+
+
+def stray_light_levels(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, Floats]:
+    """Magnitude per square arcsecond (n,) of the stray light of "sun", "moon" and "earth".
+
+    Arguments, what is raised and accuracy as of `exclusions`.
+    """
+    if case.instrument.baffle is None:
+        raise ValueError("instrument.baffle must be given for exclusion angles, got none")
+    return {
+        "sun": _stray_light(case, SUN_G, angle),
+        "moon": _stray_light(case, FULL_MOON_G, angle),
+        "earth": _of_the_earth(case, angle, altitude),
+    }
 
 
 def added(magnitudes: Sequence[float]) -> float:

@@ -13,6 +13,7 @@ bench               `startrack bench`: the CPU time and the error of every stage
 budget              `startrack budget`: the error of a design cause by cause.
 calibrate           `startrack calibrate`: the camera model of images of stars.
 combine             `startrack combine`: one error from campaigns of different fidelity.
+compare             `startrack compare`: two designs or campaigns side by side.
 detect              `startrack detect`: the stars of images.
 earth               `startrack earth`: geometry and images of Earth cameras over terrain.
 earth_requirements  Earth cameras in `startrack requirements`: figures of a camera, or parameters
@@ -27,6 +28,7 @@ requirements        `startrack requirements`: margins of a design to its require
                     Earth cameras.
 sample              `startrack sample`: the tolerance of each parameter of a design.
 sensitivity         `startrack sensitivity`: which parameters the error of a design depends on.
+verify        `startrack verify`: a verdict on each requirement of a design.
 sequence            `startrack sequence`: a tracker in time.
 simulate            `startrack simulate`: render one frame of a design.
 solve               `startrack solve`: the attitude of images.

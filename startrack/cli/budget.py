@@ -40,7 +40,7 @@ from startrack.metrics import LEVELS, Interpretation
 from startrack.montecarlo import pool
 from startrack.plots import draw_budget, draw_curves, draw_sky
 from startrack.sequence import Sequence
-from startrack.trial import errors, lasting
+from startrack.trial import TYPICAL, errors, lasting
 
 FAR = 0.1  # relative difference of the two columns from which on it is printed
 
@@ -95,6 +95,7 @@ def command(options: argparse.Namespace) -> int:
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
     floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
     result |= {"star_without_noise_px": floor, "centroid_floor_px": stated}
+    result |= {"star_without_noise_g": TYPICAL}
     assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
     checked = check(case, expected, options.seed)
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
@@ -102,7 +103,8 @@ def command(options: argparse.Namespace) -> int:
     result["check"] |= summary_values(checked.summary)
     text = [
         f"{_table(expected, found)}\n"
-        f"centroid error of a star without noise {floor:.4f} pixel; the tracker assumes {assumed}",
+        f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
+        f"assumes {assumed}",
         "\n".join([*caveats(case, expected.left_out, expected.refused), *_checked(checked)]),
     ]
     if found:

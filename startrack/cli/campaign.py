@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 from startrack.cli.options import as_wrong_use
 from startrack.cli.terminal import example, print_message, read_campaign
-from startrack.design import Campaign, Case, DesignSpace, Fidelity, branches
+from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, branches
 from startrack.montecarlo import Sampling, pool, warm
 from startrack.optimise import Ledger, TrialRunner
+from startrack.trial import require_fidelity
 
 LEDGER = "ledger.sqlite"
 
@@ -24,6 +25,19 @@ class OpenCampaign(NamedTuple):
     campaign: Campaign
     runner: TrialRunner
     out: Path
+
+
+def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
+    """Refuse a campaign whose trials, in any of its conditions, its fidelity cannot compute.
+
+    Raises  ValueError that names the key.
+    """
+    for one in campaign.judged(case):
+        try:
+            require_fidelity(one.case, campaign.fidelity)
+        except ValueError as error:
+            where = "" if one.name == NOMINAL else f" in the condition {one.name}"
+            raise ValueError(f"campaign.fidelity{where}: {error}") from None
 
 
 @contextmanager
@@ -38,6 +52,7 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
     with as_wrong_use(path=path):
         for branch in branches(design.case, campaign.choices):
             DesignSpace(branch.case, campaign.variables, campaign.links)
+            require_campaign_fidelity(campaign, branch.case)
     print_message(
         f"{doing} {path.stem} with {options.workers} workers; results go to {options.out}"
     )

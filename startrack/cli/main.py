@@ -31,9 +31,11 @@ COMMANDS = {
     "budget": "compute the error of a design cause by cause",
     "montecarlo": "measure the error of a design over many trials",
     "combine": "estimate one error from campaigns of different fidelity",
+    "compare": "show two designs or campaigns side by side",
     "report": "write a campaign as one self-contained HTML page",
     "sequence": "simulate a tracker in time: tracking, loss, reacquisition",
     "requirements": "compute the margins of a design to its requirements, without a trial",
+    "verify": "judge each requirement of a design by trials: pass, fail or not shown",
     "optimize": "find a better design",
     "sample": "compute the tolerance of each parameter of a design",
     "pareto": "find designs that no other beats in both of two goals",
@@ -54,6 +56,7 @@ startrack COMMAND --help lists the options and the output files of a command. Ex
   startrack simulate                        one frame of the example design
   startrack psf                             the blur of its optics
   startrack budget                          its error, cause by cause
+  startrack verify startrack-optimize/best.toml   whether it meets its requirements
   startrack optimize                        a better design, in a few minutes
   startrack montecarlo startrack-optimize/best.toml --out trials
   startrack report trials/campaign.sqlite   the results as an HTML page

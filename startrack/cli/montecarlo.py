@@ -35,17 +35,20 @@ from startrack.cli.terminal import (
     summary_text,
     summary_values,
 )
-from startrack.design import Case, Fidelity
+from startrack.core import arcsec
+from startrack.design import Case, Fidelity, Requirements
 from startrack.io import regular_file, save_json
-from startrack.metrics import summarise
+from startrack.metrics import STATED_ALONE, Limits, summarise
 from startrack.montecarlo import (
     STATISTICS,
     Certificates,
+    Ending,
     Precision,
     Sampling,
     Store,
     Watch,
     cluster,
+    endings,
     export,
     half_width,
     last_words,
@@ -53,9 +56,11 @@ from startrack.montecarlo import (
     pool,
     resume,
     warm,
+    with_causes,
 )
 from startrack.plots import draw_errors
-from startrack.trial import OUTCOMES
+from startrack.trial import OUTCOMES, require_fidelity
+from startrack.verification import claims_of, counted
 
 STORE = "campaign.sqlite"
 UNREACHED = 1e-6  # without --precision: one that no campaign reaches
@@ -99,6 +104,10 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for store, table and picture"
     )
+    parser.add_argument(
+        "--table", type=Path, metavar="FILE", help="table of the trials: RA, Dec, roll, rate, "
+        "angles to Sun, Moon and Earth, status, reason, errors; CSV or Parquet, as the name ends",
+    )  # fmt: skip
     parser.add_argument(
         "--store", type=Path, metavar="FILE", help="store of all trials, from which an interrupted "
         "run continues (default: campaign.sqlite in the folder of --out)",
@@ -150,9 +159,16 @@ def command(options: argparse.Namespace) -> int:
     command continues an interrupted run.
     """
     path = options.design or example()
-    case = read_design(path).case
-    precision = None if options.precision is None else _precision(options, options.precision)
+    design = read_design(path)
+    case = design.case
+    needs = design.campaign.requirements if design.campaign else None
+    limits = needs.limits if needs else STATED_ALONE
+    precision = (
+        None if options.precision is None else _precision(options, options.precision, limits)
+    )
     sampling = _sampling(options)
+    with as_wrong_use(path=path):
+        require_fidelity(case, sampling.fidelity)
     where: Path | None = options.store or (options.out / STORE if options.out else None)
     workers = _workers(options)
     warm(case, sampling)  # what no trial can do is refused before the first
@@ -161,7 +177,7 @@ def command(options: argparse.Namespace) -> int:
         held = sum(len(block) for block in store.done())
         if held:
             print_message(f"{where} holds {held} trials; continuing")
-        watched = precision or _precision(options, UNREACHED)
+        watched = precision or _precision(options, UNREACHED, limits)
         with (
             progress("trials", options.trials) as advance,
             Watch(store, watched, options.trials, advance, options.log) as watch,
@@ -170,20 +186,38 @@ def command(options: argparse.Namespace) -> int:
             outcomes = resume(
                 store, executor, options.workers, options.trials, precision, options.seconds, watch
             )
+        if design.campaign:
+            store.keep_campaign(design.campaign)
         failures, done = store.failures(), len(store.outcomes())
+    attitudes = sampling.attitudes_of(options.seed, outcomes["trial"].tolist())
+    found = endings(
+        case, options.seed, outcomes, attitudes, limits, needs.min_keep_out if needs else None
+    )
     rate = (done - held) / (time.perf_counter() - began)
-    summary = summarise(outcomes)
+    judged = outcomes
+    if needs and sampling.attitudes == "random":
+        judged = counted(needs, case, options.seed, outcomes)
+    summary = summarise(judged, limits)
     result = {
         "design": str(path),
         "seed": options.seed,
         "fidelity": sampling.fidelity.value,
     } | summary_values(summary)
     result |= {"trials_per_s": rate}
-    text = f"{summary_text(summary)}\n{rate:.1f} trials/s, seed {options.seed}"
+    text = f"{summary_text(summary, limits)}"
+    if needs and needs.accuracy:
+        values, lines = _required(needs, judged, sampling, options.seed)
+        result |= {"required": values}
+        text += f"\n{lines}"
+    text += f"\n{rate:.1f} trials/s, seed {options.seed}"
     if sampling.control or options.sobol:
         values, lines = _reduced_variance(outcomes, options.sobol)
         result |= {"helped": values}
         text += f"\n{lines}"
+    lost = {one.value: count for one, count in found.count().items() if count}
+    result["endings"] = lost
+    if set(lost) != {Ending.CORRECT.value}:
+        text += "\ntrials by their end: " + ", ".join(f"{n} {name}" for name, n in lost.items())
     if precision:
         width = half_width(precision.interval(outcomes))
         result |= {"statistic": precision.statistic, "relative_half_width": width}
@@ -198,8 +232,11 @@ def command(options: argparse.Namespace) -> int:
         print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
     if where:
         result["store"] = str(where)
+    if options.table:
+        with as_wrong_use(ValueError, ImportError):
+            export(options.table, with_causes(case, outcomes, attitudes, found))
     if options.out:
-        export(options.out / "trials.csv", outcomes)
+        export(options.out / "trials.csv", with_causes(case, outcomes, attitudes, found))
         draw_errors(options.out / "errors.png", outcomes, path.stem)
         save_json(options.out / "summary.json", finite(result))
         result["out"] = str(options.out)
@@ -219,8 +256,33 @@ def _workers(options: argparse.Namespace) -> AbstractContextManager[Executor]:
     return cluster(options.scheduler, Certificates(*files) if files else None)
 
 
-def _precision(options: argparse.Namespace, relative: float) -> Precision:
-    return Precision(relative, options.statistic, options.confidence, options.sobol)
+def _precision(options: argparse.Namespace, relative: float, limits: Limits) -> Precision:
+    return Precision(relative, options.statistic, options.confidence, options.sobol, limits)
+
+
+def _required(
+    needs: Requirements, outcomes: NDArray[np.void], sampling: Sampling, seed: int
+) -> tuple[dict[str, Any], str]:
+    """Each error that is limited, with the bounds of its confidence; no verdict, see `verify`."""
+    result, lines, tail = {}, [], 1 - needs.confidence
+    attitudes = sampling.attitudes_of(seed, outcomes["trial"].tolist())
+    boresight = attitudes.inv().apply([0.0, 0.0, 1.0])
+    for claim in claims_of(needs):
+        if claim.accuracy is None:
+            continue
+        bounds = claim.bounds(outcomes, boresight, tail, tail)
+        result[claim.name] = {
+            "statistic": str(claim.accuracy.objective),
+            "limit_arcsec": claim.limit / arcsec,
+            **{f"{name}_arcsec": value for name, value in in_arcsec(bounds).items()},
+        }
+        shown = claim.answer(bounds).value
+        value, low, high = (one / arcsec for one in (bounds.value, bounds.low, bounds.high))
+        lines.append(
+            f"required: {claim.accuracy.objective} at most {claim.limit / arcsec:g} arcsec, found "
+            f"{value:.3f} [{low:.3f}, {high:.3f}]: {shown} with {100 * needs.confidence:g} %"
+        )
+    return result, "\n".join(lines)
 
 
 def _sampling(options: argparse.Namespace) -> Sampling:

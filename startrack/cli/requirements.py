@@ -11,7 +11,7 @@ from startrack.cli.options import Exit, WrongUse, add_campaign, describe
 from startrack.cli.terminal import example, print_result, read_design
 from startrack.core import arcsec
 from startrack.design import Objective
-from startrack.optimise import expect, expected_error
+from startrack.optimise import expect, expected_objective
 
 EARTH_TOO = (
     "; or an Earth camera (waoss, hsrs, mertis, ads40 or a scene file), to print its ground "
@@ -42,7 +42,7 @@ def command(options: argparse.Namespace) -> int:
         raise WrongUse(f"{path} must have a table [campaign] with requirements")
     budget, margins = expect(design.case, campaign)
     objective = Objective.read(campaign.objective)
-    error = expected_error(objective, budget) / arcsec
+    error = expected_objective(design.case, campaign) / arcsec
     # No requirement is met by what is no number.
     met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())
     needs = campaign.requirements
@@ -56,17 +56,28 @@ def command(options: argparse.Namespace) -> int:
     result = {"design": str(path), "met": met, "margins": margins, **costs}
     result |= {"objective": str(objective), "expected_arcsec": error, "stars": budget.stars}
     result |= {"not_counted": budget.left_out, "refused_as_hot_pixels": budget.refused}
-    lines = [f"{'requirement':20} {'margin':>8}"]
+    limits = {
+        one.name: {"limit_arcsec": one.most / arcsec, "statistic": str(one.objective)}
+        for one in needs.accuracy
+    }
+    result |= {"accuracy": limits} if limits else {}
+    width = max(20, *(len(name) for name in margins))
+    lines = [f"{'requirement':{width}} {'margin':>8}"]
     lines += [
-        f"{name:20} {margin:+8.3f}{'' if margin >= 0 else '  NOT MET'}"
+        f"{name:{width}} {margin:+8.3f}{'' if margin >= 0 else '  NOT MET'}"
         for name, margin in margins.items()
     ]
     lines += [
         "",
         *(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()),
         "",
-        f"expected {objective}: {error:.3f} arcsec with {budget.stars:.1f} stars; availability by "
-        "the analytic budget. Margins are fractions of the limits; that of stars is in mag.",
+        *(
+            f"{name} is limited to {one['limit_arcsec']:g} arcsec, {one['statistic']}"
+            for name, one in limits.items()
+        ),
+        f"expected {objective}: {error:.3f} arcsec with {budget.stars:.1f} stars; errors and "
+        "availability by the analytic budget. Margins are fractions of the limits; "
+        "that of stars is in mag.",
         *caveats(design.case, budget.left_out, budget.refused),
     ]
     print_result(options, result, "\n".join(lines))

@@ -22,7 +22,7 @@ from startrack.cli.stopping import one_line, told
 from startrack.core import UNKEPT, Stars, arcsec
 from startrack.design import Campaign, Design, load_design
 from startrack.io import claimed_folder, shipped
-from startrack.metrics import Interval, Summary
+from startrack.metrics import STATED, STATED_ALONE, Interval, Limits, Summary
 from startrack.sequence import Sequence, load_sequence
 
 CATALOGS = ("bright", "deep")
@@ -193,6 +193,16 @@ def in_arcsec(interval: Interval) -> dict[str, float]:
     return {name: getattr(interval, name) / arcsec for name in ("value", "low", "high")}
 
 
+def limits_text(limits: Limits) -> str:
+    """The error of a correct attitude, in words."""
+    stated = f"{STATED:g} standard deviations that the tracker states"
+    parts = [
+        f"{limit / arcsec:.3g} arcsec {name}" if limit else f"{stated}, {name}"
+        for name, limit in (("across", limits.across), ("about", limits.about))
+    ]
+    return stated if limits == STATED_ALONE else " or ".join(parts)
+
+
 def summary_values(summary: Summary) -> dict[str, Any]:
     """A summary for JSON, with 95 % confidence intervals."""
     across, about = in_arcsec(summary.across), in_arcsec(summary.about)
@@ -205,6 +215,8 @@ def summary_values(summary: Summary) -> dict[str, Any]:
         "availability_95": [summary.availability.low, summary.availability.high],
         "false_attitudes": summary.false.value,
         "false_attitudes_95": [summary.false.low, summary.false.high],
+        "inaccurate_attitudes": summary.inaccurate.value,
+        "inaccurate_attitudes_95": [summary.inaccurate.low, summary.inaccurate.high],
         "nees": summary.nees,
         "beyond_ten_sigma": summary.beyond,
         "covariance_doubt": summary.doubt,
@@ -213,8 +225,11 @@ def summary_values(summary: Summary) -> dict[str, Any]:
     }
 
 
-def summary_text(summary: Summary) -> str:
-    """A summary as text."""
+def summary_text(summary: Summary, limits: Limits = STATED_ALONE) -> str:
+    """A summary as text.
+
+    limits  by which attitudes were judged to be right
+    """
     across, about = in_arcsec(summary.across), in_arcsec(summary.about)
     fraction = summary.availability
     return "\n".join(
@@ -228,6 +243,9 @@ def summary_text(summary: Summary) -> str:
             f"[{100 * fraction.low:.2f}, {100 * fraction.high:.2f}]",
             f"false attitudes       {100 * summary.false.value:9.2f} % "
             f"[{100 * summary.false.low:.2f}, {100 * summary.false.high:.2f}]",
+            f"inaccurate attitudes  {100 * summary.inaccurate.value:9.2f} % "
+            f"[{100 * summary.inaccurate.low:.2f}, {100 * summary.inaccurate.high:.2f}]: "
+            f"off by more than {limits_text(limits)}",
             f"matched stars         {summary.stars:9.1f}",
             f"error^2 / variance    {summary.nees:9.2f} (3 if the tracker's covariance is right)",
             f"trials                {summary.trials:9d}; intervals: 95 % confidence",

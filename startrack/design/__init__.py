@@ -11,6 +11,7 @@ choice        Case, choices -> branches: the cases with each combination of the 
               choices.
 objective     Outcomes of trials -> the error that is minimised, and ratios of it.
 requirements  Requirements: what a design must meet before its accuracy counts.
+conditions    Condition: a rate, a background or an age at which a design is judged, too.
 campaign      Campaign: what a study of a design is asked.
 files         Design files: a case, and optionally a campaign on it, as TOML with units in
               strings.
@@ -19,21 +20,37 @@ files         Design files: a case, and optionally a campaign on it, as TOML wit
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Fidelity, Instrument, Temperatures, Tracker
 from startrack.design.choice import Choice, branches
+from startrack.design.conditions import (
+    MAX_RATE,
+    NOMINAL,
+    REST,
+    Change,
+    Condition,
+    Judged,
+    judged,
+    turning,
+)
 from startrack.design.files import Design, load_design, save_design
-from startrack.design.objective import AXES, Objective
+from startrack.design.objective import AXES, KINDS, Objective
 from startrack.design.parameter import replaced, replaced_all
-from startrack.design.requirements import Requirements
+from startrack.design.requirements import Accuracy, KeepOut, Requirements
 from startrack.design.variables import DesignSpace, Link, Variable
 
 # Public; the other imports serve other rooms.
 __all__ = [
+    "Accuracy",
     "Campaign",
+    "Change",
     "Choice",
+    "Condition",
     "DesignSpace",
+    "Judged",
+    "KeepOut",
     "Link",
     "Objective",
     "Requirements",
     "Variable",
+    "judged",
     "replaced",
     "replaced_all",
 ]

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from startrack.core import positive, whole, within
-from startrack.design.case import Fidelity
+from startrack.design.case import Case, Fidelity
 from startrack.design.choice import Choice
+from startrack.design.conditions import Condition, Judged, judged
 from startrack.design.objective import Objective
 from startrack.design.requirements import Requirements
 from startrack.design.variables import Link, Variable
@@ -22,8 +23,11 @@ class Campaign:
     links          what follows them
     choices        what may be one of several: each combination is a branch of its own
     requirements   what must hold
+    conditions     rates, backgrounds and ages at which the design is judged, besides its own
     objective      "across", "about" or "both", whose rms error is made small; with a fraction in
-                   percent, as in "across-99.73", the error that so many trials do not exceed
+                   percent, as in "across-99.73", the error that so many trials do not exceed by its
+                   length; as in "across-99.73 per axis", that so many errors about single axes do
+                   not exceed. Of several conditions, the geometric mean by their weights
     fidelity       of the trials that a search is done with; the winner is verified on frames
     trials         of each design at first
     most_trials    of each design at last; the number doubles between
@@ -43,6 +47,7 @@ class Campaign:
     links: tuple[Link, ...] = ()
     choices: tuple[Choice, ...] = ()
     requirements: Requirements = field(default_factory=Requirements)
+    conditions: tuple[Condition, ...] = ()
     objective: str = "across"
     fidelity: Fidelity = Fidelity.WINDOW
     trials: int = 50
@@ -63,3 +68,7 @@ class Campaign:
         whole(0, 10**6, analytic_evaluations=self.analytic_evaluations)
         positive(margin=self.margin)
         within(0.001, 0.5, span=self.span)
+
+    def judged(self, case: Case) -> tuple[Judged, ...]:
+        """A design in all conditions in which it is judged; see `startrack.design.judged`."""
+        return judged(case, self.requirements, self.conditions)

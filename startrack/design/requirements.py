@@ -4,11 +4,84 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from startrack.core import Unit, non_negative, positive, whole, within
+from scipy import special
+
+from startrack.core import Unit, non_negative, one_of, positive, whole, within
 from startrack.design.case import Case
+from startrack.design.objective import AXES, KINDS, Objective
+from startrack.metrics import Limits
+
+SKIES = ("whole", "worst")
+BLINDED = ("counted", "left out")
+SURE = 0.9973  # of the normal errors that just meet a requirement are those of correct attitudes
+
+
+@dataclass(frozen=True)
+class KeepOut:
+    """Angles from the boresight from which on accuracy and availability must hold, radian.
+
+    sun, moon  to the centre; None: not required
+    earth      to the limb
+    altitude   metre, from which the Earth is seen
+    """
+
+    sun: Annotated[float | None, Unit("rad", "deg")] = None
+    moon: Annotated[float | None, Unit("rad", "deg")] = None
+    earth: Annotated[float | None, Unit("rad", "deg")] = None
+    altitude: Annotated[float, Unit("m", "km")] = 600e3
+
+    def __post_init__(self) -> None:
+        for name, angle in self.angles.items():
+            within(0, math.pi, **{name: angle})
+        positive(altitude=self.altitude)
+
+    @property
+    def angles(self) -> dict[str, float]:
+        """Those that are required."""
+        named = {"sun": self.sun, "moon": self.moon, "earth": self.earth}
+        return {name: angle for name, angle in named.items() if angle is not None}
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """A limit on the error.
+
+    objective  the statistic
+    most       radian, its limit
+    """
+
+    objective: Objective
+    most: float
+
+    @property
+    def name(self) -> str:
+        """Its direction: "across" or "about"."""
+        return self.objective.axes
+
+    @property
+    def single(self) -> float:
+        """Radian, the limit of a single error.
+
+        That which 99.73 % of the normal errors do not exceed that just meet the requirement, by
+        their length; at least `most` where that is a length.
+        """
+        objective, axes = self.objective, len(AXES[self.objective.axes])
+        if objective.fraction is None:
+            sigma = self.most / math.sqrt(axes if objective.radial else 1)
+        elif objective.per_axis_level or axes == 1:
+            sigma = self.most / float(special.ndtri((1 + objective.fraction) / 2))
+        else:
+            sigma = self.most / _length(axes, objective.fraction)
+        limit = sigma * _length(axes, SURE)
+        return max(limit, self.most) if objective.radial or axes == 1 else limit
+
+
+def _length(axes: int, fraction: float) -> float:
+    """That a fraction of normal errors of sigma 1 about so many axes does not exceed."""
+    return math.sqrt(2 * float(special.gammaincinv(axes / 2, fraction)))
 
 
 @dataclass(frozen=True)
@@ -29,7 +102,18 @@ class Requirements:
 
     max_volume, max_data_rate, max_cost  None where there is no such limit
     min_stars         stars above the detection threshold that `sky_fraction` of the sky must show
-    min_availability  fraction of trials with a right attitude; `optimize` shows it by a lower bound
+    min_availability  fraction of trials with a correct attitude, see `limits`
+    max_across, max_about  error across and about the boresight; None where there is no such limit
+    level             of these errors: "rms", or a percentage such as "99.73 %" that they must not
+                      exceed in so many cases
+    kind              "per axis": of the errors about single axes; "radial": of their length. About
+                      the boresight, both are the same
+    sky               "whole": over the whole sky; "worst": in the worst of 12 regions of equal area
+    confidence        with which trials must show what they show
+    max_rate          slew rate at which accuracy and availability must hold, too
+    min_keep_out      angles to Sun, Moon and Earth at which they must hold, too
+    blinded           whether trials in which Sun, Moon or Earth are nearer than min_keep_out count
+                      in the availability and the errors: "counted" or "left out"
     """
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {"sky_share": "sky_fraction"}
@@ -52,8 +136,25 @@ class Requirements:
     min_stars: int = 5
     sky_fraction: float = 0.99
     min_availability: float = 0.99
+    max_across: Annotated[float | None, Unit("rad", "arcsec")] = None
+    max_about: Annotated[float | None, Unit("rad", "arcsec")] = None
+    level: str = "rms"
+    kind: str = "per axis"
+    sky: str = "whole"
+    confidence: float = 0.95
+    max_rate: Annotated[float | None, Unit("rad/s", "deg/s")] = None
+    min_keep_out: KeepOut = field(default_factory=KeepOut)
+    blinded: str = "counted"
 
     def __post_init__(self) -> None:
+        for name in ("max_across", "max_about", "max_rate"):
+            if getattr(self, name) is not None:
+                positive(**{name: getattr(self, name)})
+        one_of(KINDS, kind=self.kind)
+        one_of(SKIES, sky=self.sky)
+        one_of(BLINDED, blinded=self.blinded)
+        within(0.5, 0.9999, confidence=self.confidence)
+        self._fraction()
         positive(max_mass=self.max_mass, max_power=self.max_power)
         for name in ("max_volume", "max_data_rate", "max_cost"):
             if getattr(self, name) is not None:
@@ -71,6 +172,36 @@ class Requirements:
         )
         whole(1, 100, min_stars=self.min_stars)
         within(0, 1, sky_fraction=self.sky_fraction, min_availability=self.min_availability)
+
+    def _fraction(self) -> float | None:
+        """The level as a fraction, None for the rms."""
+        if self.level == "rms":
+            return None
+        number, percent, rest = self.level.partition("%")
+        try:
+            fraction = float(number) / 100
+        except ValueError:
+            fraction = math.nan
+        if not percent or rest or not 0 < fraction < 1:
+            raise ValueError(
+                f"level must be rms or a percentage such as 99.73 %, got {self.level!r}"
+            )
+        return fraction
+
+    @property
+    def accuracy(self) -> tuple[Accuracy, ...]:
+        """The limits on the error that are required."""
+        limits = {"across": self.max_across, "about": self.max_about}
+        return tuple(
+            Accuracy(Objective(axes, self._fraction(), self.kind), most)
+            for axes, most in limits.items()
+            if most is not None
+        )
+
+    @property
+    def limits(self) -> Limits:
+        """What an attitude must keep to be correct."""
+        return Limits(**{one.name: one.single for one in self.accuracy})
 
     def mass(self, case: Case) -> float:
         """Kilogram."""

@@ -1,7 +1,7 @@
 """The estimate against the truth: outcomes, statistics, confidence levels, bounds.
 
 bounds   Cramer-Rao bounds of centroid and attitude, and the error of the centre of gravity.
-judge    Outcome of one trial from its estimate and the true attitude.
+judge    Outcome of one trial from its estimate and the true attitude; which attitudes are correct.
 summary  Rms errors and availability of many outcomes, each with its interval.
 levels   Size of the error that is not exceeded at a stated confidence level.
 indices  The error indices of ECSS-E-ST-60-10C from a sequence of errors.
@@ -9,7 +9,17 @@ indices  The error indices of ECSS-E-ST-60-10C from a sequence of errors.
 
 from startrack.metrics.bounds import Star, attitude_bound, centre_of_gravity_error, centroid_bound
 from startrack.metrics.indices import Indices, indices, reproducibility
-from startrack.metrics.judge import FALSE_ANGLE, JUDGED, Outcome, judge, judge_all
+from startrack.metrics.judge import (
+    FALSE_ANGLE,
+    JUDGED,
+    STATED,
+    STATED_ALONE,
+    Limits,
+    Outcome,
+    correct,
+    judge,
+    judge_all,
+)
 from startrack.metrics.levels import (
     LEVELS,
     Interpretation,
@@ -26,12 +36,14 @@ __all__ = [
     "Indices",
     "Interpretation",
     "Interval",
+    "Limits",
     "Outcome",
     "Star",
     "Summary",
     "attitude_bound",
     "centre_of_gravity_error",
     "centroid_bound",
+    "correct",
     "fewest_trials",
     "fraction_interval",
     "indices",

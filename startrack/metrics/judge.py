@@ -14,6 +14,23 @@ from startrack.core import Estimate, Status, deg
 # An attitude farther from the truth is false. Chosen by hand: far above all noise, far below the
 # error of a false match, so that its size hardly matters.
 FALSE_ANGLE = 0.5 * deg
+# Standard deviations that the tracker states, beyond which its statement does not cover an error. A
+# normal error with a correct covariance is beyond them in 4 of a million attitudes.
+STATED = 5.0
+
+
+class Limits(NamedTuple):
+    """Largest error of a correct attitude, radian; None where nothing is required.
+
+    across  angle between the boresight and the true one
+    about   size of the rotation about it
+    """
+
+    across: float | None = None
+    about: float | None = None
+
+
+STATED_ALONE = Limits()
 
 
 class Outcome(NamedTuple):
@@ -41,6 +58,31 @@ class Outcome(NamedTuple):
     spots: int
     solved: bool
     false: bool
+
+
+def correct(outcomes: NDArray[np.void], limits: Limits = STATED_ALONE) -> NDArray[np.bool_]:
+    """Which trials have a correct attitude.
+
+        across: hypot(x, y) <= required,   or hypot(x / sigma_x, y / sigma_y) <= 5 where nothing is
+        about:  |z| <= required,           or |z| / sigma_z <= 5
+
+    It must be solved, less than half a degree off, and within what is required of it; within five
+    of the standard deviations that the tracker states where nothing is required.
+
+    outcomes  (n,) structured array with the fields of `Outcome`
+    Returns   (n,)
+    """
+    x, y, z = (outcomes[f"error_{axis}"] for axis in "xyz")
+    if limits.across is None:
+        with np.errstate(divide="ignore", invalid="ignore"):  # nothing stated covers no error
+            good = np.hypot(x / outcomes["sigma_x"], y / outcomes["sigma_y"]) <= STATED
+    else:
+        good = np.hypot(x, y) <= limits.across
+    if limits.about is None:
+        good &= np.abs(z) <= STATED * outcomes["sigma_z"]
+    else:
+        good &= np.abs(z) <= limits.about
+    return np.asarray(good & outcomes["solved"] & ~outcomes["false"])
 
 
 JUDGED = np.dtype(list(typing.get_type_hints(Outcome).items()))

@@ -9,6 +9,8 @@ import scipy
 from numpy.typing import NDArray
 from scipy import special
 
+from startrack.metrics.judge import STATED_ALONE, Limits, correct
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -32,14 +34,17 @@ class Summary:
 
     across        radian, rms per axis of the error across the boresight
     about         radian, rms of the error about the boresight
-    availability  fraction of trials with a correct attitude
-    false         fraction of trials with a false attitude
+    availability  fraction of trials with a correct attitude, see `correct`
+    false         fraction of trials with an attitude that is off by more than half a degree
     nees          1, mean normalised estimation error squared; 3 where the stated covariance is
                   correct
     stars         mean number of matched stars in the solved trials
     trials        number of trials
     beyond        number of attitudes, false ones too, that are off by more than ten of their
                   stated standard deviations about an axis
+    inaccurate    fraction of trials with an attitude that is not false, but off by more than is
+                  required of it, or by more than five standard deviations that the tracker states
+                  where nothing is
     """
 
     across: Interval
@@ -50,6 +55,7 @@ class Summary:
     stars: float
     trials: int
     beyond: int
+    inaccurate: Interval
 
     @property
     def doubt(self) -> str:
@@ -60,14 +66,15 @@ class Summary:
         where attitudes are off by more than ten stated standard deviations.
         """
         reasons = []
-        correct = round(self.trials * self.availability.value) if self.trials else 0
+        kept = self.availability.value + self.inaccurate.value
+        judged = round(self.trials * kept) if self.trials else 0
         low, high = NEES_LIMITS
-        if correct and not low <= self.nees <= high:
+        if judged and not low <= self.nees <= high:
             tail = special.chdtrc if self.nees > high else special.chdtr
-            if tail(3 * correct, correct * self.nees) < CHANCE:
+            if tail(3 * judged, judged * self.nees) < CHANCE:
                 reasons.append(f"the normalised error squared is {self.nees:.3g} (3 expected)")
         if self.beyond:
-            solved = round(self.trials * (self.availability.value + self.false.value))
+            solved = round(self.trials * (kept + self.false.value))
             reasons.append(
                 f"{self.beyond} of {solved} attitudes are off by more than ten of their stated "
                 "sigma"
@@ -75,22 +82,27 @@ class Summary:
         return f"covariance not trustworthy: {' and '.join(reasons)}" if reasons else ""
 
 
-def summarise(outcomes: NDArray[np.void]) -> Summary:
+def summarise(outcomes: NDArray[np.void], limits: Limits = STATED_ALONE) -> Summary:
     """Statistics of a structured array with the fields of `Outcome`.
 
-    Errors, `nees` and `stars` are taken over the trials with a correct attitude.
+    Errors, `nees` and `stars` are taken over all solved trials that are not false: those that are
+    off by more than is required count, too.
+
+    limits  of a correct attitude
     """
-    correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
-    across = (correct["error_x"] ** 2 + correct["error_y"] ** 2) / 2
+    solved = outcomes[outcomes["solved"] & ~outcomes["false"]]
+    across = (solved["error_x"] ** 2 + solved["error_y"] ** 2) / 2
+    hits = int(correct(outcomes, limits).sum())
     return Summary(
         rms_interval(across),
-        rms_interval(correct["error_z"] ** 2),
-        fraction_interval(len(correct), len(outcomes)),
+        rms_interval(solved["error_z"] ** 2),
+        fraction_interval(hits, len(outcomes)),
         fraction_interval(int(outcomes["false"].sum()), len(outcomes)),
-        float(correct["nees"].mean()) if len(correct) else float("nan"),
-        float(correct["stars"].mean()) if len(correct) else float("nan"),
+        float(solved["nees"].mean()) if len(solved) else float("nan"),
+        float(solved["stars"].mean()) if len(solved) else float("nan"),
         len(outcomes),
         _beyond(outcomes[outcomes["solved"]]),
+        fraction_interval(len(solved) - hits, len(outcomes)),
     )
 
 

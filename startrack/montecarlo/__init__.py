@@ -11,11 +11,15 @@ rare         Probability of a rare event, with more trials where it is likelier.
 run          Many trials of one case over workers: the same numbers for any number of them.
 precision    When the interval of a statistic is narrow enough; quantiles with exact intervals.
 store        One SQLite file that holds a campaign; its trials as CSV or Parquet.
+causes       Outcomes of trials -> the status of each, why it is so, where it looked, and what
+             was near.
+paired       Outcomes of two campaigns -> their statistics side by side, and the differences.
 resume       Do the trials that a store lacks: the same bytes, however often it was interrupted.
 watch        A store that is being filled -> its progress and statistic, from time to time.
 """
 
 from startrack.montecarlo.attitudes import Regions, at_random, by_regions, by_sobol
+from startrack.montecarlo.causes import Ending, Endings, endings, with_causes
 from startrack.montecarlo.estimate import (
     Mean,
     controlled,
@@ -25,6 +29,7 @@ from startrack.montecarlo.estimate import (
     two_levels,
 )
 from startrack.montecarlo.mean_square import combined, mean_square
+from startrack.montecarlo.paired import Difference, differences
 from startrack.montecarlo.precision import STATISTICS, Precision, half_width, quantile_interval
 from startrack.montecarlo.rare import chances, probability, where_likely
 from startrack.montecarlo.resume import last_words, resume
@@ -45,6 +50,9 @@ from startrack.montecarlo.workers import (
 # Public; the other imports serve other rooms.
 __all__ = [
     "Certificates",
+    "Difference",
+    "Ending",
+    "Endings",
     "Mean",
     "Precision",
     "Regions",
@@ -60,6 +68,8 @@ __all__ = [
     "combined",
     "controlled",
     "dask_pool",
+    "differences",
+    "endings",
     "export",
     "mean_square",
     "mpi_pool",
@@ -75,4 +85,5 @@ __all__ = [
     "two_levels",
     "warm",
     "where_likely",
+    "with_causes",
 ]

@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import one_of, within
-from startrack.metrics import Interval, fraction_interval, level_interval, rms_interval
+from startrack.metrics import (
+    STATED_ALONE,
+    Interval,
+    Limits,
+    correct,
+    fraction_interval,
+    level_interval,
+    rms_interval,
+)
 from startrack.montecarlo.mean_square import mean_square
 
 STATISTICS = ("across", "about", "availability", "across-99.73")
@@ -22,17 +30,19 @@ class Precision:
 
     relative    1, half-width of its interval over its value, at most
     statistic   across, about: rms error per axis across, or about the boresight;
-                across-99.73: the angle that 99.73 % of the errors across do not exceed;
+                across-99.73: the angle that 99.73 % of the errors across do not exceed, radial;
                 availability: fraction of trials with a correct attitude
     confidence  1, of the interval
     sobol       whether trials lie at Sobol's points. The intervals of an rms then come from the
                 scatter of their scrambles; the others assume random trials and are too wide
+    limits      of a correct attitude, for the availability
     """
 
     relative: float
     statistic: str = "across"
     confidence: float = 0.95
     sobol: bool = False
+    limits: Limits = STATED_ALONE
 
     def __post_init__(self) -> None:
         within(1e-6, 1, relative=self.relative)
@@ -40,20 +50,21 @@ class Precision:
         one_of(STATISTICS, statistic=self.statistic)
 
     def interval(self, outcomes: NDArray[np.void]) -> Interval:
-        """The statistic of structured outcomes; errors over trials with a correct attitude.
+        """The statistic of structured outcomes; errors over solved trials that are not false.
 
         An rms uses the controls of its trials, where they have them.
         """
-        correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
+        solved = outcomes[outcomes["solved"] & ~outcomes["false"]]
         if self.statistic == "availability":
-            return fraction_interval(len(correct), len(outcomes), self.confidence)
-        squares = correct["error_x"] ** 2 + correct["error_y"] ** 2
+            hits = int(correct(outcomes, self.limits).sum())
+            return fraction_interval(hits, len(outcomes), self.confidence)
+        squares = solved["error_x"] ** 2 + solved["error_y"] ** 2
         if self.statistic == "across-99.73":
             return quantile_interval(np.sqrt(squares), 0.9973, self.confidence)
         about = self.statistic == "about"
         if self.sobol or "surplus_across" in (outcomes.dtype.names or ()):
             return mean_square(outcomes, about, self.sobol).root(self.confidence)
-        return rms_interval(correct["error_z"] ** 2 if about else squares / 2, self.confidence)
+        return rms_interval(solved["error_z"] ** 2 if about else squares / 2, self.confidence)
 
     def reached(self, outcomes: NDArray[np.void]) -> bool:
         """Whether the interval is narrow enough."""

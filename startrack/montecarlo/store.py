@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import startrack
 from startrack.core import whole
-from startrack.design import Case, Fidelity
+from startrack.design import Campaign, Case, Fidelity
 from startrack.io import Database, Execute, FileKind, from_table, save_csv, to_table
 from startrack.io import whole as whole_file
 from startrack.montecarlo.run import FRAMES
@@ -160,6 +160,19 @@ class Store:
         other = _difference(held, asked)
         if other:
             raise ValueError(f"{self.path} holds trials of another design: {other}")
+
+    @property
+    def campaign(self) -> Campaign | None:
+        """The question that was put to the case; None where there was none."""
+        table = self._database.read("SELECT value FROM about WHERE name = 'campaign'")
+        with self._damage():
+            return from_table(Campaign, json.loads(table[0][0])) if table else None
+
+    def keep_campaign(self, campaign: Campaign) -> None:
+        """Keep the question, in place of an earlier one: it changes no trial."""
+        row = ("campaign", json.dumps(to_table(campaign), sort_keys=True))
+        with self._database.transaction() as execute:
+            execute("INSERT OR REPLACE INTO about VALUES (?, ?)", row)
 
     @property
     def case(self) -> Case:
@@ -353,7 +366,12 @@ def export(path: Path, outcomes: NDArray[np.void]) -> None:
         except ImportError:
             raise ImportError("Parquet needs pyarrow: python -m pip install pyarrow") from None
         names = outcomes.dtype.names or ()
-        columns = {name: np.ascontiguousarray(outcomes[name]) for name in names}
+        columns = {
+            name: outcomes[name].tolist()
+            if outcomes.dtype[name].kind == "U"
+            else np.ascontiguousarray(outcomes[name])
+            for name in names
+        }
         with whole_file(path) as draft:
             pyarrow.parquet.write_table(pyarrow.table(columns), draft)
     else:

@@ -3,7 +3,6 @@
 search       Function over the unit cube -> the point of its least value (nlopt).
 ledger       One SQLite file with the outcomes of all trials, so that no trial is repeated.
 runner       TrialRunner: trials of any design; it keeps each outcome, so that no trial is repeated.
-margins      Case -> its margins to the requirements that need no trials.
 evaluate     Point of a DesignSpace -> the score of its design.
 steps        The steps of the optimiser: prospect, reach, correction, refine, race, assure.
 optimise     Campaign, TrialRunner -> the best design that was found, and how good it is.
@@ -16,11 +15,11 @@ tables       The results of studies as CSV, JSON lines and Markdown.
 """
 
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
-from startrack.optimise.evaluate import Evaluation, evaluate, expect, expected_error, foresee
+from startrack.optimise.evaluate import Evaluation, evaluate, expect, expected_objective, foresee
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, optimize
 from startrack.optimise.pareto import UNITS, Goals, Point, front
-from startrack.optimise.runner import TrialRunner
+from startrack.optimise.runner import VERIFYING, TrialRunner
 from startrack.optimise.search import Algorithm, Found, Search, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities
 from startrack.optimise.steps import prospect

@@ -3,24 +3,42 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-import scipy
-from scipy import special
+from numpy.typing import NDArray
 
 from startrack.budget import Budget, Law, analytic
 from startrack.core import Floats, arcsec
-from startrack.design import AXES, Campaign, Case, DesignSpace, Objective, Requirements
+from startrack.design import (
+    NOMINAL,
+    Campaign,
+    Case,
+    DesignSpace,
+    Judged,
+    Objective,
+    Requirements,
+)
 from startrack.metrics import Summary, summarise
-from startrack.optimise.margins import margins as margins_of
 from startrack.optimise.runner import TrialRunner
-from startrack.trial import OUTCOMES
+from startrack.verification import (
+    boresights,
+    counted,
+    expected_error,
+    expected_margins,
+    margin,
+    measured_over,
+)
+from startrack.verification import margins as margins_of
 
 # ln(error) for each unit of a margin that is missed. Chosen by hand: it must exceed the slope of
 # ln(error) along every margin; a larger one makes the valley along a limit narrower.
 PENALTY = 10.0
+# Amount by which an error may miss its limit in a score; beyond, ln(error) alone drives the search.
+# Chosen by hand: an error of ten times the limit.
+MOST_MISSED = 9.0
 LOST = 20.0  # ln(arcsec) of a design that no trial solves; chosen by hand: far above any error
 
 
@@ -33,8 +51,8 @@ class Evaluation:
     error        radian, the objective; NaN where no trial was solved
     expected     radian, the objective by the analytic budget; NaN where it expects no attitude
     score        the function that is minimised, see `evaluate`
-    margins      of the requirements, with that of the availability; below 0, not met
-    summary      of the trials, None where none was run
+    margins      of the requirements, with those of errors and availability; below 0, not met
+    summary      of the trials in the design's own condition, None where none was run
     note         why none was run, or empty
     """
 
@@ -74,7 +92,9 @@ def evaluate(
 
     The budget gives the differences between designs without noise. Trials, with the same attitudes
     and random streams for every design, give what the budget neglects: the correction, and how
-    often an attitude is found. An L1 penalty has the same minimum as the constrained problem where
+    often an attitude is found. Of several conditions, `expected` is the geometric mean by their
+    weights; those of weight 0 have no trials here, and their margins are the budget's. An L1
+    penalty has the same minimum as the constrained problem where
     PENALTY exceeds the slope of ln(error) along the margin (Fletcher 1987, Practical Methods of
     Optimization, 14.3).
 
@@ -89,47 +109,126 @@ def evaluate(
     values = space.values(coordinates)
     objective = Objective.read(campaign.objective)
     try:
-        case = space.design(coordinates)
-        margins = margins_of(campaign.requirements, case)
-        expected = forecast(case, objective)
+        judged = campaign.judged(space.design(coordinates))
+        margins = margins_of(campaign.requirements, judged[0].case)
+        expected, foreseen = forecasts(judged, objective)
         score = _log_arcsec(expected) + (correction(coordinates) if correction else 0.0)
         hopeless = expected > 0 and score + PENALTY * missed(margins) > lead
         if hopeless or (spare and missed(margins)):
-            outcomes = np.empty(0, OUTCOMES)
+            tried = {}
         else:
-            outcomes = runner.run(case, trials or campaign.trials, campaign.fidelity)
+            tried = {
+                one.name: runner.run(one.case, trials or campaign.trials, campaign.fidelity)
+                for one in judged
+                if one.weight
+            }
     except ValueError as reason:  # such a design has the worst score; the search goes on
         refused = LOST + PENALTY
         return Evaluation(
             tuple(coordinates), values, math.nan, math.nan, refused, {}, None, str(reason)
         )
-    summary = summarise(outcomes) if len(outcomes) else None
-    if summary:
-        margins |= measured(campaign.requirements, summary)
-    error = float(objective.of(objective.squares(outcomes)))
+    summary = summarise(tried[NOMINAL], campaign.requirements.limits) if tried else None
+    for one in judged if tried else ():
+        by_trials = tried.get(one.name)
+        found = foreseen[one.name] if by_trials is None else measured(one, by_trials, runner.seed)
+        margins |= named(one.name, found)
+    error = combined(judged, tried, objective)
     if not expected > 0:
         score = _log_arcsec(error) + (correction(coordinates) if correction else 0.0)
     score += PENALTY * missed(margins)
     return Evaluation(tuple(coordinates), values, error, expected, score, margins, summary, "")
 
 
-def forecast(case: Case, objective: Objective) -> float:
-    """Error by the analytic budget (radian); NaN where it expects no attitude anywhere."""
-    try:
-        return expected_error(objective, analytic(case))
-    except ValueError:
+def named(condition: str, margins: Mapping[str, float]) -> dict[str, float]:
+    """Margins with the name of their condition, except those of the design's own."""
+    if condition == NOMINAL:
+        return dict(margins)
+    return {f"{name} ({condition})": margin for name, margin in margins.items()}
+
+
+def geometric_mean(errors: Sequence[float], weights: Sequence[float]) -> float:
+    """Mean of errors by their weights; NaN where there is none, or one is NaN or zero."""
+    if not errors or not all(error > 0 for error in errors):
         return math.nan
+    if len(errors) == 1:
+        return errors[0]
+    logs = [weight * math.log(error) for error, weight in zip(errors, weights, strict=True)]
+    return math.exp(math.fsum(logs) / math.fsum(weights))
 
 
-def expect(case: Case, campaign: Campaign) -> tuple[Budget, dict[str, float]]:
-    """The analytic budget of a design, and all its margins without a trial.
+def combined(
+    judged: Sequence[Judged], tried: Mapping[str, NDArray[np.void]], objective: Objective
+) -> float:
+    """The objective (radian) over the trials of all conditions that have a weight."""
+    counted = [one for one in judged if one.weight and one.name in tried]
+    errors = [float(objective.of(objective.squares(tried[one.name]))) for one in counted]
+    return geometric_mean(errors, [one.weight for one in counted]) if counted else math.nan
 
-    Raises  ValueError where the budget expects no attitude anywhere.
+
+@lru_cache(maxsize=16)
+def _budget(case: Case) -> Budget[Law] | None:
+    """The analytic budget, None where it expects no attitude anywhere; of the 16 last cases."""
+    try:
+        return analytic(case)
+    except ValueError:
+        return None
+
+
+def forecasts(
+    judged: Sequence[Judged], objective: Objective
+) -> tuple[float, dict[str, dict[str, float]]]:
+    """The objective (radian) by the analytic budget, and the margins of each condition by it."""
+    errors, weights, margins = [], [], {}
+    for one in judged:
+        budget = _budget(one.case)
+        if budget is None:
+            error, found = math.nan, blind(one.needs)
+        else:
+            error = expected_error(objective, budget)
+            found = bounded(expected_margins(one.needs, budget))
+        margins[one.name] = found
+        if one.weight:
+            errors.append(error)
+            weights.append(one.weight)
+    return geometric_mean(errors, weights), margins
+
+
+def bounded(margins: Mapping[str, float]) -> dict[str, float]:
+    """The margins, of which none misses by more than MOST_MISSED, so that a score stays finite."""
+    return {name: max(found, -MOST_MISSED) for name, found in margins.items()}
+
+
+def blind(needs: Requirements) -> dict[str, float]:
+    """The margins where no attitude is expected: all missed by the most."""
+    return {
+        **{one.name: -MOST_MISSED for one in needs.accuracy},
+        "availability": -needs.min_availability,
+    }
+
+
+def expect(case: Case, campaign: Campaign) -> tuple[Budget[Law], dict[str, float]]:
+    """The analytic budget of a design in its own condition, and all its margins without a trial.
+
+    Raises  ValueError where the budget expects no attitude anywhere, or a condition does not fit.
     """
-    budget = analytic(case)
+    judged = campaign.judged(case)
+    budget = _budget(case) or analytic(case)  # which says why there is none
     margins = margins_of(campaign.requirements, case)
-    margins["availability"] = budget.availability - campaign.requirements.min_availability
+    margins |= expected_margins(campaign.requirements, budget)
+    for one in judged[1:]:
+        there = _budget(one.case)
+        found = expected_margins(one.needs, there) if there else blind(one.needs)
+        margins |= named(one.name, found)
     return budget, margins
+
+
+def expected_objective(case: Case, campaign: Campaign, text: str | None = None) -> float:
+    """An objective (radian) by the analytic budget, over all conditions that have a weight.
+
+    text  the objective; None for the campaign's
+    """
+    objective = Objective.read(text or campaign.objective)
+    return forecasts([one for one in campaign.judged(case) if one.weight], objective)[0]
 
 
 def foresee(space: DesignSpace, campaign: Campaign, coordinates: Floats) -> float:
@@ -139,10 +238,16 @@ def foresee(space: DesignSpace, campaign: Campaign, coordinates: Floats) -> floa
               is drawn to designs whose error the model underestimates.
     """
     try:
-        budget, margins = expect(space.design(coordinates), campaign)
+        case = space.design(coordinates)
+        judged = campaign.judged(case)
+        expected, foreseen = forecasts(judged, Objective.read(campaign.objective))
+        margins = margins_of(campaign.requirements, case)
     except ValueError:
         return math.nan
-    expected = expected_error(Objective.read(campaign.objective), budget)
+    if not expected > 0:
+        return math.nan
+    for one in judged:
+        margins |= named(one.name, foreseen[one.name])
     return _log_arcsec(expected) + PENALTY * missed(margins)
 
 
@@ -150,10 +255,18 @@ def _log_arcsec(angle: float) -> float:
     return math.log(angle / arcsec) if angle > 0 else LOST
 
 
-def measured(requirements: Requirements, summary: Summary) -> dict[str, float]:
-    """The margins that need trials."""
-    return {
-        "availability": summary.availability.value - requirements.min_availability,
+def measured(one: Judged, outcomes: NDArray[np.void], seed: int) -> dict[str, float]:
+    """The margins that need trials, as these found them, without regard to their interval."""
+    needs, outcomes = one.needs, counted(one.needs, one.case, seed, outcomes)
+    summary = summarise(outcomes, needs.limits)
+    worst = needs.sky == "worst" and needs.accuracy
+    boresight = boresights(seed, outcomes) if worst else np.empty((0, 3))
+    errors = {
+        each.name: margin(each.most, measured_over(each.objective, outcomes, boresight, needs.sky))
+        for each in needs.accuracy
+    }
+    return bounded(errors) | {
+        "availability": summary.availability.value - needs.min_availability,
         "false attitudes": -summary.false.value,
     }
 
@@ -166,27 +279,3 @@ def measured_score(one: Evaluation) -> float:
 def missed(margins: dict[str, float]) -> float:
     """The sum of the amounts by which margins are missed."""
     return sum(max(0.0, -margin) for margin in margins.values())
-
-
-def expected_error(objective: Objective, budget: Budget) -> float:
-    """The objective's statistic of the errors that a budget expects (radian).
-
-        sum_i weight_i P(k / 2, L^2 / (2 square_i)) = fraction,   P the regularised incomplete
-        gamma function, k = 2, 1, 3 axes, square_i the mean square per axis in field i
-
-    Accuracy  model: errors that are normal, with equal variance about the axes, in each field.
-    """
-    law = budget.whole.spread
-    assert isinstance(law, Law)
-    axes = AXES[objective.axes]
-    squares = (law.mean**2 + law.sigma**2)[:, axes].mean(axis=1)
-    if objective.fraction is None:
-        return math.sqrt(float(law.weight @ squares))
-    fraction, half = objective.fraction, len(axes) / 2
-
-    def excess(log_square: float) -> float:
-        reached = special.gammainc(half, math.exp(log_square) / (2 * squares))
-        return float(law.weight @ reached) - fraction
-
-    lowest, highest = math.log(squares.min()) - 40, math.log(squares.max()) + 10
-    return math.exp(scipy.optimize.brentq(excess, lowest, highest) / 2)

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats
-from startrack.design import Campaign, Case, DesignSpace, Fidelity, Objective, branches
+from startrack.design import (
+    NOMINAL,
+    Campaign,
+    Case,
+    DesignSpace,
+    Fidelity,
+    Judged,
+    Objective,
+    branches,
+)
 from startrack.metrics import Interval, Summary, summarise
-from startrack.optimise.evaluate import Evaluation, evaluate, measured, measured_score
+from startrack.optimise.evaluate import Evaluation, evaluate, measured_score, named
 from startrack.optimise.runner import FRESH, TrialRunner
-from startrack.optimise.steps import Watch, availability, prospect, race, reach, refine
+from startrack.optimise.steps import Watch, assure, prospect, race, reach, refine
 from startrack.trial import OUTCOMES
 
 # Designs at most that are judged on fresh frames, until one meets the requirements there. Chosen by
@@ -34,7 +45,7 @@ class Optimum:
     tuning_error  radian, error of the best on the trials that tuned it
     optimism      error of the best on fresh frames over that on the tuning trials
     availability  of the best on fresh trials, with bounds at 95 % confidence
-    margins       of the best; that of the availability is the lower bound's
+    margins       of the best; those of errors and availability are of the bounds that must hold
     ending        one sentence: why the search stopped
     trials        number that were done, per fidelity
     """
@@ -114,25 +125,31 @@ def optimize(
             "no design in the design space meets the requirements that need no trials",
         )
     space = spaces[label]
-    first = _fresh(case, campaign, runner, watch_fresh)
-    best, second, fraction = _verify(space, finalists[:FINALISTS], campaign, runner, watch_fresh)
-    objective = Objective.read(campaign.objective)
-    summary = summarise(second)
+    first = _fresh(campaign.judged(case), campaign, runner, watch_fresh)
+    best, second, assured = _verify(space, finalists[:FINALISTS], campaign, runner, watch_fresh)
+    objective, needs = Objective.read(campaign.objective), campaign.requirements
     winner = space.design(np.array(best.coordinates))
-    tuning = runner.run(winner, best.trials, campaign.fidelity) if best.trials else second
-    before, after = objective.squares(first), objective.squares(second)
+    counted = [one for one in campaign.judged(winner) if one.weight]
+    weights = [one.weight for one in counted]
+    tuning = {
+        one.name: runner.run(one.case, best.trials, campaign.fidelity) if best.trials else after
+        for one, after in zip(counted, second.values(), strict=True)
+    }
+    before, after, tuned = (
+        [objective.squares(each) for each in trials.values()] for trials in (first, second, tuning)
+    )
     return Optimum(
         space,
         label,
         case,
         winner,
         tuple(tried),
-        (summarise(first), summary),
-        objective.ratio(before, after, runner.seed),
+        (summarise(first[NOMINAL], needs.limits), summarise(second[NOMINAL], needs.limits)),
+        objective.ratio_of_means(before, after, weights, runner.seed),
         best.error,
-        objective.ratio(after, objective.squares(tuning), runner.seed, paired=False),
-        fraction,
-        best.margins | _shown(campaign, summary, fraction),
+        objective.ratio_of_means(after, tuned, weights, runner.seed, paired=False),
+        assured.availability,
+        best.margins | assured.margins,
         ending,
         {fidelity.value: count for fidelity, count in runner.tried.items()},
     )
@@ -156,40 +173,79 @@ def _better(
     return np.array(min(tried, key=measured_score).coordinates)
 
 
+class _Shown(NamedTuple):
+    """What fresh trials show of a design: margins, and the availability in its own condition."""
+
+    margins: dict[str, float]
+    availability: Interval
+
+
 def _verify(
     space: DesignSpace,
     finalists: Sequence[Evaluation],
     campaign: Campaign,
     runner: TrialRunner,
     watch: Callable[[int], None] | None,
-) -> tuple[Evaluation, NDArray[np.void], Interval]:
+) -> tuple[Evaluation, dict[str, NDArray[np.void]], _Shown]:
     """The first finalist that meets the requirements on fresh trials, else the first.
 
-    Returns  it, its outcomes on fresh frames, and its availability
+    Returns  it, its outcomes on fresh frames in each condition that has a weight, what they show
     """
-    results = list[tuple[Evaluation, NDArray[np.void], Interval]]()
+    results = list[tuple[Evaluation, dict[str, NDArray[np.void]], _Shown]]()
     for one in finalists:
-        design = space.design(np.array(one.coordinates))
-        outcomes = _fresh(design, campaign, runner, watch)
-        fraction = availability(design, campaign, runner, outcomes)
-        results.append((one, outcomes, fraction))
-        margins = one.margins | _shown(campaign, summarise(outcomes), fraction)
+        judged = campaign.judged(space.design(np.array(one.coordinates)))
+        fresh = _fresh(judged, campaign, runner, watch)
+        shown = _shown(judged, campaign, runner, fresh)
+        results.append((one, fresh, shown))
+        margins = one.margins | shown.margins
         if one.summary and all(margin >= 0 for margin in margins.values()):
             return results[-1]
     return results[0]
 
 
-def _shown(campaign: Campaign, summary: Summary, fraction: Interval) -> dict[str, float]:
-    """The margins that need trials, from fresh ones."""
-    needs = campaign.requirements
-    return measured(needs, summary) | {"availability": fraction.low - needs.min_availability}
+def _shown(
+    judged: Sequence[Judged],
+    campaign: Campaign,
+    runner: TrialRunner,
+    fresh: Mapping[str, NDArray[np.void]],
+) -> _Shown:
+    """The margins that need trials, from fresh ones; of the bound that must hold."""
+    margins, fraction = dict[str, float](), Interval(math.nan, 0.0, 1.0)
+    for one in judged:
+        outcomes = fresh.get(one.name)
+        if outcomes is None:
+            try:
+                outcomes = runner.run(one.case, campaign.fresh_trials, campaign.fidelity, FRESH)
+            except ValueError:
+                outcomes = np.empty(0, OUTCOMES)
+        found = assure(one, campaign, runner, outcomes)
+        summary = summarise(outcomes, one.needs.limits)
+        shown = {name: each.margin for name, each in found.items()}
+        if not found:
+            shown = {"availability": -one.needs.min_availability}
+        elif one.name == NOMINAL:
+            fraction = found["availability"].bounds
+        margins |= named(one.name, shown | {"false attitudes": -summary.false.value})
+    return _Shown(margins, fraction)
 
 
 def _fresh(
-    case: Case, campaign: Campaign, runner: TrialRunner, watch: Callable[[int], None] | None
-) -> NDArray[np.void]:
-    """Outcomes on frames that no tuning used; empty where the design cannot be built."""
-    try:
-        return runner.run(case, campaign.fresh_trials, Fidelity.FRAME, FRESH, watch)
-    except ValueError:
-        return np.empty(0, OUTCOMES)
+    judged: Sequence[Judged],
+    campaign: Campaign,
+    runner: TrialRunner,
+    watch: Callable[[int], None] | None,
+) -> dict[str, NDArray[np.void]]:
+    """Outcomes on frames that no tuning used, in each condition that has a weight.
+
+    Empty where the design cannot be built.
+    """
+    outcomes = {}
+    for one in judged:
+        if not one.weight:
+            continue
+        try:
+            made = runner.run(one.case, campaign.fresh_trials, Fidelity.FRAME, FRESH, watch)
+        except ValueError:
+            made = np.empty(0, OUTCOMES)
+        outcomes[one.name] = made
+    return outcomes

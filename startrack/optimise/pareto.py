@@ -11,7 +11,7 @@ import numpy as np
 
 from startrack.core import Floats, arcsec, one_of, whole
 from startrack.design import Campaign, DesignSpace, Objective
-from startrack.optimise.evaluate import PENALTY, expect, expected_error, missed
+from startrack.optimise.evaluate import PENALTY, combined, expect, expected_objective, missed
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import least_of_all
 
@@ -158,14 +158,14 @@ class _Forecasts:
     def _new(self, coordinates: Floats) -> tuple[Floats, float]:
         try:
             case = self._space.design(coordinates)
-            budget, margins = expect(case, self._campaign)
+            _, margins = expect(case, self._campaign)
         except ValueError:
             return np.full(2, math.nan), math.nan
         pair = []
         for goal in self._goals:
             model = cost_of(self._campaign, goal)
             pair.append(
-                model(case) if model else expected_error(Objective.read(goal), budget) / arcsec
+                model(case) if model else expected_objective(case, self._campaign, goal) / arcsec
             )
         return np.log(pair), missed(margins)
 
@@ -197,14 +197,17 @@ def _measured(
     coordinates: Floats,
     expected: Floats,
 ) -> Point:
-    case = space.design(coordinates)
-    outcomes = runner.run(case, campaign.most_trials, campaign.fidelity, FRESH)
+    judged = campaign.judged(space.design(coordinates))
+    tried = {
+        one.name: runner.run(one.case, campaign.most_trials, campaign.fidelity, FRESH)
+        for one in judged
+        if one.weight
+    }
     measured = []
     for goal, known in zip((goals.first, goals.second), np.exp(expected), strict=True):
         if cost_of(campaign, goal):
             measured.append(float(known))
         else:
-            objective = Objective.read(goal)
-            measured.append(float(objective.of(objective.squares(outcomes))) / arcsec)
+            measured.append(combined(judged, tried, Objective.read(goal)) / arcsec)
     both = (float(np.exp(expected[0])), float(np.exp(expected[1])))
     return Point(tuple(coordinates), space.values(coordinates), both, (measured[0], measured[1]))

@@ -19,6 +19,7 @@ from startrack.optimise.ledger import Ledger
 from startrack.trial import OUTCOMES, known_smear
 
 FRESH = 10**6  # number of the first fresh trial, beyond all that tuning uses
+VERIFYING = 10**8  # number of the first trial of a verification, beyond all others
 
 # Earlier names that the keys of ledgers hold: old ledgers stay valid.
 FIRST_NAMES = {

@@ -10,9 +10,9 @@ import numpy as np
 import scipy
 
 from startrack.core import Floats, arcsec, whole
-from startrack.design import Campaign, DesignSpace, Objective
+from startrack.design import Campaign, DesignSpace
 from startrack.metrics import Interval
-from startrack.optimise.evaluate import forecast
+from startrack.optimise.evaluate import expected_objective
 
 STEP = 0.01  # of each range, for derivatives; chosen by hand: the budget is smooth over it
 # Base designs of the Sobol indices, a power of two; each needs d + 2 budgets. Chosen by hand: more
@@ -63,11 +63,10 @@ def sensitivities(
     whole(2, 2**20, designs=designs)
     if designs & (designs - 1):
         raise ValueError(f"designs must be a power of two, got {designs}")
-    objective = Objective.read(campaign.objective)
 
     def log_error(coordinates: Floats) -> float:
         try:
-            error = forecast(space.design(np.clip(coordinates, 0, 1)), objective)
+            error = expected_objective(space.design(np.clip(coordinates, 0, 1)), campaign)
         except ValueError:
             return math.nan
         return math.log(error / arcsec) if error > 0 else math.nan

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats
-from startrack.design import Campaign, Case, DesignSpace, Objective, Requirements
-from startrack.metrics import Interval, fraction_interval
+from startrack.design import Campaign, DesignSpace, Judged, Objective, Requirements
+from startrack.metrics import Interval
 from startrack.optimise.evaluate import Evaluation, evaluate, foresee, missed
-from startrack.optimise.margins import margins as margins_of
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import Found, Search, least, least_of_all
+from startrack.verification import Answer, Looks, boresights, claims_of, counted
+from startrack.verification import margins as margins_of
 
 # Of the evaluations of `prospect` that DIRECT has over the whole space; the rest refine its best.
 # Chosen by hand: more find other basins, fewer leave more for the best one.
@@ -314,33 +315,48 @@ def _beaten(one: _Branch, leader: _Branch, campaign: Campaign, runner: TrialRunn
 
 
 LOOKS = 4  # at 1, 2, 4 and 8 times the fresh trials; chosen by hand: trials against a decision
-WRONG = 0.05  # probability that a bound at any of these does not hold: 95 % confidence
 
 
-def availability(
-    case: Case, campaign: Campaign, runner: TrialRunner, outcomes: NDArray[np.void]
-) -> Interval:
-    """The fraction of trials with a right attitude, with bounds for the requirement.
+def assure(
+    one: Judged, campaign: Campaign, runner: TrialRunner, outcomes: NDArray[np.void]
+) -> dict[str, Assured]:
+    """The errors that are limited, and the availability, with bounds for their requirements.
 
-    Where the interval holds the required fraction, the trials are doubled, up to three times, with
-    the campaign's own fidelity, which has the distribution of frames in less time. Each bound
-    is one of Clopper and Pearson (1934) with a tail of 0.05 / 4, so that at most 5 % of the designs
-    have a wrong bound at any of the looks (Bonferroni).
+    While a requirement is undecided, the trials are doubled, up to three times, with the campaign's
+    own fidelity, which has the distribution of frames in less time. The bounds are those of `Claim`
+    with a tail of 0.05 / 4 (one minus the confidence of the requirements, over four looks), so that
+    at most 5 % of the designs have a wrong bound at any of the looks (Bonferroni).
 
     outcomes  of the fresh frames that exist already
-    Returns   the fraction over all trials, and its bounds
+    Returns   the value over all trials, its bounds and its margin by the bound that must hold
     """
-    tried, hits = len(outcomes), _right(outcomes)
-    required = campaign.requirements.min_availability
-    first = FRESH + tried  # repeated numbers would repeat the attitudes
-    for look in range(LOOKS):
-        fraction = fraction_interval(hits, tried, 1 - 2 * WRONG / LOOKS)
-        if not tried or not fraction.low < required <= fraction.high or look == LOOKS - 1:
+    looks = Looks(2, 2**LOOKS, 1 - one.needs.confidence)  # LOOKS of them; sizes are not used
+    tails = looks.tails(1)
+    first, claims, found = FRESH + len(outcomes), claims_of(one.needs), dict[str, Assured]()
+    for look in range(LOOKS if len(outcomes) else 0):
+        judged = counted(one.needs, one.case, runner.seed, outcomes)
+        boresight = boresights(runner.seed, judged)
+        for claim in claims:
+            bounds = claim.bounds(judged, boresight, *tails)
+            shown = bounds.high if claim.accuracy else bounds.low
+            decided = claim.answer(bounds) is not Answer.NOT_SHOWN
+            found[claim.name] = Assured(bounds, claim.margin(shown), decided)
+        if all(each.decided for each in found.values()) or look == LOOKS - 1:
             break
-        more = runner.run(case, tried, campaign.fidelity, first)
-        first, tried, hits = first + tried, 2 * tried, hits + _right(more)
-    return fraction
+        # Repeated numbers would repeat the attitudes.
+        more = runner.run(one.case, len(outcomes), campaign.fidelity, first)
+        first, outcomes = first + len(more), np.concatenate([outcomes, more])
+    return found
 
 
-def _right(outcomes: NDArray[np.void]) -> int:
-    return int((outcomes["solved"] & ~outcomes["false"]).sum())
+class Assured(NamedTuple):
+    """A requirement on the best design, by fresh trials.
+
+    bounds   of its value
+    margin   by the bound that must hold
+    decided  whether the trials decide it
+    """
+
+    bounds: Interval
+    margin: float
+    decided: bool

@@ -16,9 +16,9 @@ from startrack.io import save_csv
 from startrack.metrics import Interval
 from startrack.optimise.ensemble import Chains
 from startrack.optimise.evaluate import Evaluation
-from startrack.optimise.margins import margins as margins_of
 from startrack.optimise.optimise import Optimum
 from startrack.optimise.tolerance import Tolerance
+from startrack.verification import margins as margins_of
 
 FRACTIONS = (0.025, 0.16, 0.5, 0.84, 0.975)
 
@@ -90,9 +90,17 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         f"{optimism.value:.3f} [{optimism.low:.3f}, {optimism.high:.3f}] of that. {trials} trials "
         f"were done in all. The availability is at least {100 * fraction.low:.2f} % "
         f"(required: {100 * needs.min_availability:g} %); at most {100 * best.false.high:.2f} % of "
-        "the frames have a wrong attitude. Brackets and bounds hold with 95 % confidence.",
+        "the frames have a false attitude. Brackets and bounds hold with 95 % confidence.",
     ]
     lines += ["", *(f"{one[0].upper()}{one[1:]}." for one in optimum_caveats(optimum, campaign))]
+    shown = {
+        name: margin
+        for name, margin in optimum.margins.items()
+        if name.startswith(("across", "about", "availability"))
+    }
+    if len(shown) > 1:
+        named = ", ".join(f"{name} {margin:+.3f}" for name, margin in shown.items())
+        lines += ["", f"Margins of the best on fresh trials, by the bound that must hold: {named}."]
     if optimum.branch:
         lines += ["", f"The best design has the choices {optimum.branch}."]
     bounds = [

@@ -1,6 +1,7 @@
 """A campaign as one HTML page.
 
 page           One self-contained HTML page from sections and figures.
+opening        The first sections: the design in ten lines, the verdicts, the lost trials.
 causes         Section: the error budget, analytic and measured.
 stars          Section: errors of single stars, and of the attitude against slew rate.
 fidelities     CPU time and error of the same trials at each fidelity.
@@ -9,7 +10,7 @@ worst          The trials with the largest errors, with their frames.
 write          The page from a campaign's store.
 """
 
-from startrack.report.write import Depth, write_report
+from startrack.report.write import Depth, repeated, write_report
 
 # Public; the other imports serve other rooms.
 __all__ = ["Depth", "write_report"]

@@ -5,10 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from startrack.budget import Budget, analytic, caveats, differences, measured
+from startrack.budget import (
+    Budget,
+    Line,
+    Sample,
+    analytic,
+    caveats,
+    differences,
+    measured,
+)
 from startrack.core import arcsec
 from startrack.design import Case
-from startrack.metrics import Summary
+from startrack.metrics import Summary, rms_interval
 from startrack.montecarlo import Serial
 from startrack.report.page import Section, paragraph, table
 
@@ -35,9 +43,9 @@ def budget(
     for name in [*named, *(name for name in beside if name not in named)]:
         pair = named.get(name), beside.get(name)
         term = next(line.term.value for line in pair if line and line.term)
-        rows.append([name, term, *_cells(pair[0]), *_cells(pair[1])])
+        rows.append([name, term, *_cells(pair[0]), *_intervals(pair[1])])
     rows.append(["root sum square", "", *_sum(expected), *_sum(found)])
-    rows.append(["end to end", "", *_cells(expected.whole), *_cells(found.whole)])
+    rows.append(["end to end", "", *_cells(expected.whole), *_intervals(found.whole)])
     head = ["cause", "term", "across", "about", "across, measured", "about, measured"]
     return Section(
         TITLE,
@@ -62,6 +70,18 @@ def _cells(line: Any) -> list[str]:
     if line is None:
         return ["none", "none"]
     return [f"{line.across / arcsec:.3f}", f"{line.about / arcsec:.3f}"]
+
+
+def _intervals(line: Line[Sample] | None) -> list[str]:
+    """Measured, with their 95 % intervals over the members."""
+    if line is None:
+        return ["none", "none"]
+    square = (line.spread.error**2).mean(axis=1)
+    found = rms_interval(square[:, :2].mean(axis=1)), rms_interval(square[:, 2])
+    return [
+        f"{one.value / arcsec:.3f} [{one.low / arcsec:.3f}, {one.high / arcsec:.3f}]"
+        for one in found
+    ]
 
 
 def _sum(one: Budget[Any]) -> list[str]:

@@ -7,21 +7,24 @@ import math
 import numpy as np
 import scipy
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from startrack.core import Floats, arcsec
 from startrack.metrics import Interval
 from startrack.montecarlo import Regions, quantile_interval
-from startrack.report.page import BLUE, GREY, RED
+from startrack.report.page import BLUE, GREY, HIGH, RED, WIDE, Picture
 
 FRACTIONS = (0.5, 0.68, 0.9545, 0.9973)
 POINTS = 300  # of a curve
 
 
 def sizes(outcomes: NDArray[np.void]) -> tuple[Floats, Floats]:
-    """Radian, of the trials with a correct attitude: angle across, size about the boresight."""
+    """Radian, of the solved trials that are not false: angle across, size about the boresight."""
     correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
     return np.hypot(correct["error_x"], correct["error_y"]), np.abs(correct["error_z"])
 
@@ -31,25 +34,25 @@ def quantiles(size: Floats) -> list[Interval]:
     return [quantile_interval(size, fraction) for fraction in FRACTIONS]
 
 
-def exceedance(outcomes: NDArray[np.void]) -> Figure:
+def exceedance(outcomes: NDArray[np.void]) -> list[Picture]:
     """Fraction of trials that exceed an error, with its interval, and the normal distribution."""
     across, about = sizes(outcomes)
-    figure = Figure(figsize=(9, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    _exceedance(left, across, scipy.stats.rayleigh(scale=_rms(across) / 2**0.5))
-    _exceedance(right, about, scipy.stats.halfnorm(scale=_rms(about)))
-    left.set(xlabel="angle across the boresight (arcsec)", ylabel="fraction of trials beyond")
-    right.set(xlabel="size of the error about the boresight (arcsec)")
-    if len(across):
-        left.legend(fontsize=8)
-    return figure
+    return [
+        _exceedance(across, scipy.stats.rayleigh(scale=_rms(across) / 2**0.5),
+                    "angle across the boresight, radial (arcsec)"),
+        _exceedance(about, scipy.stats.halfnorm(scale=_rms(about)),
+                    "size of the error about the boresight (arcsec)"),
+    ]  # fmt: skip
 
 
-def _exceedance(axes: Axes, size: Floats, law) -> None:  # type: ignore[no-untyped-def]
-    n = len(size)
+def _exceedance(size: Floats, law, label: str) -> Picture:  # type: ignore[no-untyped-def]
+    figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
+    axes, n = figure.subplots(), len(size)
+    picture = Picture(figure, f"Fraction of trials beyond each {label}")
+    axes.set(xlabel=label, ylabel="fraction of trials beyond")
     if n == 0:
-        axes.text(0.5, 0.5, "no correct attitude", ha="center", transform=axes.transAxes)
-        return
+        axes.text(0.5, 0.5, "no attitude", ha="center", transform=axes.transAxes)
+        return picture
     ordered = np.sort(size)
     rank = np.unique(np.round(np.geomspace(1, n, POINTS)).astype(int))  # from the largest down
     beyond, at = (rank - 0.5) / n, ordered[n - rank] / arcsec
@@ -66,44 +69,68 @@ def _exceedance(axes: Axes, size: Floats, law) -> None:  # type: ignore[no-untyp
     axes.set_ylim(0.3 / n, 1.2)
     axes.set_xlim(0, None)
     axes.grid(lw=0.3)
+    axes.legend(fontsize=8)
+    return picture
 
 
 def _rms(size: Floats) -> float:
     return float(np.sqrt(np.mean(size**2))) if len(size) else 1.0
 
 
-FEWEST = 5  # trials in a region, below which it stays blank; chosen by hand
+# Trials in a region on average, below which the sky is cut into fewer; and at least, below which a
+# region stays blank. Chosen by hand: the rms of 12 trials is known to 15 %.
+IN_A_REGION, FEWEST = 12, 5
+CUTS = ((6, 12), (4, 8), (3, 6), (2, 4))  # bands and sectors
 FINE = 12  # pieces along each border of a region
 
 
-def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> Figure:
+def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> list[Picture]:
     """The error of each trial at its boresight, and its rms over regions of equal area.
+
+    As many regions as the trials bear; none where they are too few for eight.
 
     boresight  (n, 3) unit vectors, ICRS axes, of the outcomes
     """
-    figure = Figure(figsize=(9, 7.5), layout="constrained")
-    each, mean = figure.subplots(2, 1, subplot_kw={"projection": "mollweide"})
-    correct = outcomes["solved"] & ~outcomes["false"]
+    solved = outcomes["solved"] & ~outcomes["false"]
     square = (outcomes["error_x"] ** 2 + outcomes["error_y"] ** 2) / 2
     error = np.sqrt(square) / arcsec
-    scale = _scale(error[correct])
+    scale = _scale(error[solved])
+    figure, axes = _sky()
     x, y = _plane(boresight)
-    points = each.scatter(x[correct], y[correct], c=error[correct], s=9, norm=scale, cmap="viridis",
+    points = axes.scatter(x[solved], y[solved], c=error[solved], s=9, norm=scale, cmap="viridis",
                           rasterized=len(outcomes) > 3000)  # fmt: skip
-    each.scatter(x[~correct], y[~correct], marker="x", s=30, color=RED, label="no correct attitude")
-    if not correct.all():
-        each.legend(loc="lower right", fontsize=8)
-    each.set_title(f"each of {len(outcomes)} trials at its boresight", fontsize=9)
-    regions = Regions()
-    rms = _cell_rms(regions, regions.of(boresight[correct]), square[correct])
-    _regions(mean, regions, rms / arcsec, scale)
-    mean.set_title(f"rms per axis in {len(regions)} regions of equal area; blank: fewer than "
-                   f"{FEWEST} trials", fontsize=9)  # fmt: skip
-    bar = figure.colorbar(points, ax=[each, mean], shrink=0.6)
+    axes.scatter(x[~solved], y[~solved], marker="x", s=30, color=RED, label="none, or false")
+    if not solved.all():
+        axes.legend(loc="lower right", fontsize=8)
+    axes.set_title(f"each of {len(outcomes)} trials", fontsize=9)
+    _bar(figure, points)
+    pictures = [Picture(figure, "Map of the sky with the error of each trial")]
+    cut = next((one for one in CUTS if solved.sum() >= IN_A_REGION * math.prod(one)), None)
+    if cut:
+        regions = Regions(*cut)
+        figure, axes = _sky()
+        rms = _cell_rms(regions, regions.of(boresight[solved]), square[solved])
+        drawn = _regions(axes, regions, rms / arcsec, scale)
+        axes.set_title(f"rms per axis in {len(regions)} regions of equal area", fontsize=9)
+        _bar(figure, drawn)
+        pictures.append(Picture(figure, "Map of the sky with the rms error of its regions"))
+    return pictures
+
+
+def _sky() -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
+    axes = figure.subplots(subplot_kw={"projection": "mollweide"})
+    _graticule(axes)
+    return figure, axes
+
+
+def _bar(figure: Figure, drawn: ScalarMappable) -> None:
+    """The scale of colours, with numbers that a reader reads as they are."""
+    bar = figure.colorbar(drawn, orientation="horizontal", shrink=0.8, extend="both")
+    bar.ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    bar.ax.xaxis.set_minor_formatter(NullFormatter())
     bar.set_label("error across the boresight (arcsec)")
-    for axes in (each, mean):
-        _graticule(axes)
-    return figure
 
 
 def _scale(error: Floats) -> LogNorm:
@@ -124,12 +151,12 @@ def _cell_rms(regions: Regions, cell: NDArray[np.int64], square: Floats) -> Floa
     return np.asarray(np.sqrt(mean))
 
 
-def _regions(axes: Axes, regions: Regions, value: Floats, scale: LogNorm) -> None:
+def _regions(axes: Axes, regions: Regions, value: Floats, scale: LogNorm) -> QuadMesh:
     # From 12 h over 0 h to 12 h, edge to edge; drawn finely, because borders are curved.
     cells = np.roll(value.reshape(regions.bands, regions.sectors), regions.sectors // 2, axis=1)
     fine = cells.repeat(FINE, axis=0).repeat(FINE, axis=1)
     ra, dec = Regions(regions.bands * FINE, regions.sectors * FINE).corners()
-    axes.pcolormesh(math.pi - ra, dec, fine, norm=scale, cmap="viridis", rasterized=True)
+    return axes.pcolormesh(math.pi - ra, dec, fine, norm=scale, cmap="viridis", rasterized=True)
 
 
 def _graticule(axes: Axes) -> None:

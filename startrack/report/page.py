@@ -50,7 +50,8 @@ nav ol { padding-left: 1.4rem; columns: 2 15rem }
 figure { margin: 1rem 0 } figcaption { font-size: .9rem }
 figure svg, figure img { display: block; width: 100%; height: auto; background: #fff;
   border-radius: 4px }
-figure svg { min-width: 34rem }
+.panels { display: grid; gap: .6rem;
+  grid-template-columns: repeat(auto-fit, minmax(min(22rem, 100%), 1fr)) }
 figure img { max-width: 42rem }
 .scroll { overflow-x: auto; margin: .6rem 0 }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
@@ -60,9 +61,26 @@ th, td { padding: .25rem .8rem .25rem 0; text-align: left; vertical-align: top;
 td.number, th.number { text-align: right }
 pre { background: var(--soft); padding: .8rem; overflow-x: auto; font-size: .85rem }
 summary { cursor: pointer; padding: .3rem 0 }
+@media (max-width: 40rem) {
+  table, caption, tbody, tr, td { display: block; width: 100% }
+  thead { display: none }
+  tr { border-bottom: 2px solid var(--line); padding: .3rem 0 }
+  td, td.number { text-align: right; border: 0; padding: .05rem 0; overflow-wrap: anywhere }
+  td::before { content: attr(data-of); float: left; margin-right: 1rem; opacity: .75 }
+  td:empty { display: none } }
 @media print { nav, .skip { display: none } }
 """
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+class Picture(NamedTuple):
+    """A figure, and a text for readers who cannot see it."""
+
+    figure: Figure
+    alternative: str
+
+
+WIDE, HIGH = 4.6, 3.3  # inch, of a figure in `panels`: letters of 9 points are legible at 400 pixel
 
 
 class Section(NamedTuple):
@@ -110,11 +128,28 @@ def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> s
     """Plain text in cells; numbers are right-aligned. Wide tables scroll, also by keys."""
     cells = [list(row) for row in rows]
     right = {i for row in cells[:1] for i, text in enumerate(row) if _numeric(text)}
-    body = "".join(f"<tr>{_row('td', row, right)}</tr>" for row in cells)
+    body = "".join(f"<tr>{_row('td', row, right, head)}</tr>" for row in cells)
     return (
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(caption)}"><table>'
         f"<caption>{escape(caption)}</caption><thead><tr>{_row('th', head, right)}</tr></thead>"
         f"<tbody>{body}</tbody></table></div>\n"
+    )
+
+
+def panels(pictures: Sequence[Picture], name: str, caption: str) -> str:
+    """Figures side by side, one below the other on a narrow screen, with one caption (plain text).
+
+    Each is drawn at the width of a phone, so that its letters are legible there.
+
+    name  letters that no other figure of the page has
+    """
+    drawn = "".join(
+        f"<div>{inline(one.figure, f'{name}{n}', one.alternative)}</div>"
+        for n, one in enumerate(pictures)
+    )
+    return (
+        f'<figure><div class="panels">{drawn}</div><figcaption>{escape(caption)}</figcaption>'
+        "</figure>\n"
     )
 
 
@@ -134,10 +169,12 @@ def code(title: str, text: str) -> str:
     )
 
 
-def _row(kind: str, texts: Sequence[str], right: set[int]) -> str:
+def _row(kind: str, texts: Sequence[str], right: set[int], head: Sequence[str] = ()) -> str:
+    """Cells; those of a row name their column, for narrow screens."""
     scope = ' scope="col"' if kind == "th" else ""
+    named = [f' data-of="{escape(head[i])}"' if i < len(head) else "" for i in range(len(texts))]
     return "".join(
-        f"<{kind}{scope}{_NUMBER if i in right else ''}>{escape(text)}</{kind}>"
+        f"<{kind}{scope}{_NUMBER if i in right else ''}{named[i]}>{escape(text)}</{kind}>"
         for i, text in enumerate(texts)
     )
 

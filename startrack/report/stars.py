@@ -17,7 +17,7 @@ from startrack.design import Case
 from startrack.metrics import Interval, rms_interval, summarise
 from startrack.montecarlo import Serial, run
 from startrack.motion import stability
-from startrack.report.page import BLUE, RED
+from startrack.report.page import BLUE, HIGH, RED, WIDE, Picture
 from startrack.trial import Record, observe
 
 BINS = 8
@@ -104,15 +104,20 @@ def slews(case: Case, seed: int, trials: int, progress: Callable[[int], None]) -
     return result
 
 
-def draw_stars(seen: StarErrors, half_diagonal: float) -> Figure:
+def draw_stars(seen: StarErrors, half_diagonal: float) -> list[Picture]:
     """Rms centroid error per axis against magnitude and against field position."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    _binned(left, seen.magnitude, seen.error)
-    _binned(right, seen.radius / half_diagonal, seen.error)
-    left.set(xlabel="magnitude (G)", ylabel="centroid error, rms per axis (pixel)", yscale="log")
-    right.set(xlabel="distance from the middle (half diagonals)", xlim=(0, 1))
-    return figure
+    pictures = []
+    for at, label in (
+        (seen.magnitude, "magnitude (G)"),
+        (seen.radius / half_diagonal, "distance from the middle (half diagonals)"),
+    ):
+        figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
+        axes = figure.subplots()
+        _binned(axes, at, seen.error)
+        axes.set(xlabel=label, ylabel="centroid error, rms per axis (pixel)", yscale="log")
+        pictures.append(Picture(figure, f"Centroid error of the stars over the {label}"))
+    axes.set_xlim(0, 1)
+    return pictures
 
 
 def _binned(axes: Axes, at: Floats, error: Floats) -> None:
@@ -129,12 +134,16 @@ def _binned(axes: Axes, at: Floats, error: Floats) -> None:
     axes.grid(lw=0.3)
 
 
-def draw_slews(slewed: Sequence[Slew], design_rate: float) -> Figure:
+def draw_slews(slewed: Sequence[Slew], design_rate: float) -> list[Picture]:
     """Error and availability against the rate; `design_rate` in radian / second."""
-    figure = Figure(figsize=(9, 3.4), layout="constrained")
-    error, fraction = figure.subplots(1, 2)
-    rate = np.array([one.rate for one in slewed]) / deg
-    for axes, name, unit in ((error, "across", arcsec), (fraction, "fraction", 0.01)):
+    rate, pictures = np.array([one.rate for one in slewed]) / deg, []
+    solved = any(one.across.value > 0 for one in slewed)
+    for name, unit, label in (
+        ("across", arcsec, "error across, rms per axis (arcsec)"),
+        ("fraction", 0.01, "trials with a correct attitude (%)"),
+    ):
+        figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
+        axes = figure.subplots()
         value, low, high = (
             np.array([getattr(getattr(one, name), part) for one in slewed]) / unit
             for part in ("value", "low", "high")
@@ -143,15 +152,17 @@ def draw_slews(slewed: Sequence[Slew], design_rate: float) -> Figure:
         bars = [np.where(np.isfinite(end), end, 0) for end in (value - low, high - value)]
         axes.errorbar(rate, value, yerr=bars, fmt="o-", ms=4, color=BLUE)
         axes.axvline(design_rate / deg, color=RED, lw=0.8, label="of the design")
-        axes.set_xlabel("slew rate (deg / s)")
+        axes.set(xlabel="slew rate (deg / s)", ylabel=label)
         axes.set_xscale("symlog", linthresh=max(rate[1], 1e-9))
         axes.set_xlim(-0.2 * rate[1], 1.3 * rate[-1])
         axes.grid(lw=0.3)
-    solved = any(one.across.value > 0 for one in slewed)
-    error.set(ylabel="error across, rms per axis (arcsec)", yscale="log" if solved else "linear")
-    fraction.set(ylabel="trials with a correct attitude (%)", ylim=(-3, 103))
-    error.legend(fontsize=8)
-    return figure
+        axes.legend(fontsize=8)
+        if name == "fraction":
+            axes.set_ylim(-3, 103)
+        elif solved:
+            axes.set_yscale("log")
+        pictures.append(Picture(figure, f"{label} over the slew rate"))
+    return pictures
 
 
 def half_diagonal(case: Case) -> float:

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from startrack.core import arcsec, deg, whole
 from startrack.design import Case, Fidelity
 from startrack.io import to_table
-from startrack.metrics import Interval, Summary, summarise
+from startrack.metrics import STATED_ALONE, Interval, Summary, summarise
 from startrack.montecarlo import Sampling, Store, origin
 from startrack.report.causes import budget
 from startrack.report.distributions import FRACTIONS, exceedance, quantiles, sizes, sky_map
 from startrack.report.fidelities import fidelity_comparison
-from startrack.report.page import Section, code, figure, inline, page, paragraph, table
+from startrack.report.opening import design, lost, other_conditions, verdict
+from startrack.report.page import Section, code, page, panels, paragraph, table
 from startrack.report.stars import (
     SMEARS,
     draw_slews,
@@ -41,6 +42,7 @@ class Depth:
     budget               trials of the measured budget
     fidelity_comparison  trials at each fidelity
     worst                trials shown with their frames
+    conditions           trials in each condition of the verdict, but the design's own
     """
 
     stars: int = 60
@@ -48,10 +50,12 @@ class Depth:
     budget: int = 60
     fidelity_comparison: int = 60
     worst: int = 3
+    conditions: int = 200
 
     def __post_init__(self) -> None:
         whole(1, 10**6, stars=self.stars, slews=self.slews)
         whole(2, 10**6, budget=self.budget, fidelity_comparison=self.fidelity_comparison)
+        whole(2, 10**6, conditions=self.conditions)
         whole(0, 100, worst=self.worst)
 
     @property
@@ -61,12 +65,22 @@ class Depth:
         return again + self.budget + self.fidelity_comparison * len(Fidelity)
 
 
+def repeated(store: Store, depth: Depth) -> int:
+    """Number of trials that the page of a store repeats, or runs in other conditions."""
+    return depth.trials + depth.conditions * other_conditions(store)
+
+
 def write_report(
-    store: Store, title: str, depth: Depth, progress: Callable[[int], None] | None = None
+    store: Store,
+    title: str,
+    depth: Depth,
+    progress: Callable[[int], None] | None = None,
+    author: str = "",
 ) -> str:
     """The page as HTML.
 
     title     plain text
+    author    name, for the head of the page
     progress  called with the number of trials that were just repeated
     Raises    ValueError where the store holds no trial, or a startrack of another version made it,
               whose trials this one cannot repeat.
@@ -82,7 +96,10 @@ def write_report(
     advance = progress or (lambda _: None)
     case, seed = store.case, store.seed
     sections = [
-        _summary(outcomes),
+        design(case),
+        verdict(store, outcomes, depth.conditions, advance),
+        _summary(store, outcomes),
+        lost(store, outcomes),
         budget(case, seed, depth.budget, summarise(outcomes), advance),
         _distributions(outcomes),
         _sky(outcomes, store.sampling, seed),
@@ -91,9 +108,12 @@ def write_report(
         _fidelities(case, seed, depth, advance),
         _inputs(store),
     ]
+    date = store.sessions()[-1][0][:10]
     lead = (
-        f"{len(outcomes)} trials of seed {seed}, {store.sampling}. Brackets hold "
-        "the true value with 95 % confidence; a trial is one random attitude with random noise."
+        f"startrack {version}, {date}, author: {author or 'not named'}. "
+        f"{len(outcomes)} trials of seed {seed}, {store.sampling}. "
+        "Brackets hold the true value with 95 % confidence; a trial is one random attitude with "
+        "random noise."
     )
     doubt = summarise(outcomes).doubt
     if doubt:
@@ -101,12 +121,20 @@ def write_report(
     return page(title, lead, sections)
 
 
-def _summary(outcomes: NDArray[np.void]) -> Section:
-    summary = summarise(outcomes)
+def _summary(store: Store, outcomes: NDArray[np.void]) -> Section:
+    campaign = store.campaign
+    limits = campaign.requirements.limits if campaign else STATED_ALONE
+    summary = summarise(outcomes, limits)
+    off = (
+        "off by more than is stated (5 sigma)"
+        if limits == STATED_ALONE
+        else "off by more than is required"
+    )
     rows = [
         ["error across the boresight, rms per axis", *_cells(summary.across, arcsec), "arcsec"],
         ["error about the boresight, rms", *_cells(summary.about, arcsec), "arcsec"],
         ["availability: trials with a correct attitude", *_cells(summary.availability, 0.01), "%"],
+        [f"inaccurate attitudes, {off}", *_cells(summary.inaccurate, 0.01), "%"],
         ["false attitudes, off by more than 0.5 deg", *_cells(summary.false, 0.01), "%"],
     ]
     head = ["", "value", "from", "to", "unit"]
@@ -123,11 +151,13 @@ def _summary(outcomes: NDArray[np.void]) -> Section:
 def _verdict(summary: Summary) -> str:
     if summary.trials == round(summary.trials * summary.availability.value):
         return paragraph("Every trial gave a correct attitude.")
-    lost = summary.trials * (1 - summary.availability.value - summary.false.value)
+    counts = [
+        round(summary.trials * one.value)
+        for one in (summary.availability, summary.inaccurate, summary.false)
+    ]
     return paragraph(
-        f"{round(lost)} trials gave no attitude and "
-        f"{round(summary.trials * summary.false.value)} a false one. "
-        "Errors are those of the others."
+        f"{summary.trials - sum(counts)} trials gave no attitude, {counts[1]} an inaccurate and "
+        f"{counts[2]} a false one. Errors are those of all that are not false."
     )
 
 
@@ -137,11 +167,11 @@ def _distributions(outcomes: NDArray[np.void]) -> Section:
         [f"{100 * fraction:g} %", *_cells(one, arcsec), *_cells(other, arcsec)]
         for fraction, one, other in zip(FRACTIONS, quantiles(across), quantiles(about), strict=True)
     ]
-    head = ["fraction not exceeding", "across", "from", "to", "about", "from", "to"]
-    picture = inline(exceedance(outcomes), "spread", "Fraction of trials that exceed an error")
+    head = ["fraction not exceeding", "across, radial", "from", "to", "about", "from", "to"]
+    caption = f"How often an error is exceeded, over {len(across)} attitudes that are not false."
     return Section(
         "Distributions",
-        figure(picture, f"How often an error is exceeded, over {len(across)} correct attitudes.")
+        panels(exceedance(outcomes), "spread", caption)
         + table("Angles that a fraction of the trials does not exceed, arcsec", head, rows),
     )
 
@@ -150,11 +180,11 @@ def _sky(outcomes: NDArray[np.void], sampling: Sampling, seed: int) -> Section:
     shown = outcomes[:MOST_POINTS]
     attitudes = sampling.attitudes_of(seed, shown["trial"].tolist())
     boresight = attitudes.inv().apply([0.0, 0.0, 1.0])
-    picture = inline(sky_map(boresight, shown), "sky", "Maps of the error over the sky")
     return Section(
         "Sky",
-        figure(
-            picture,
+        panels(
+            sky_map(boresight, shown),
+            "sky",
             f"ICRS, Mollweide's equal-area projection, right ascension grows to the left; the "
             f"first {len(shown)} trials.",
         ),
@@ -170,10 +200,10 @@ def _closer(
     case, seed = store.case, store.seed
     numbers = outcomes["trial"][: depth.stars].tolist()
     seen = repeat_trials(case, seed, numbers, store.sampling.attitudes_of(seed, numbers), advance)
-    stars = inline(draw_stars(seen, half_diagonal(case)), "stars", "Centroid error of the stars")
+    stars = draw_stars(seen, half_diagonal(case))
     slewed = slews(case, seed, depth.slews, advance)
     rate = case.instrument.motion.rate
-    turned = inline(draw_slews(slewed, rate), "slews", "Error and availability over slew rate")
+    turned = draw_slews(slewed, rate)
     rows = [
         [f"{one.rate / deg:.3f}", f"{one.smear:g}", *_cells(one.across, arcsec),
          *_cells(one.fraction, 0.01)]
@@ -192,15 +222,16 @@ def _closer(
     return [
         Section(
             "Stars",
-            figure(
+            panels(
                 stars,
+                "stars",
                 f"{len(seen.magnitude)} matched stars of {seen.trials} trials, against the true "
                 "position on the detector; bars: 95 % intervals in bins of equal numbers.",
             ),
         ),
         Section(
             "Slew rate",
-            figure(turned, f"{depth.slews} trials at each rate, the same skies and noise.")
+            panels(turned, "slews", f"{depth.slews} trials at each rate, the same skies and noise.")
             + table("Error and availability over slew rate", head, rows),
         ),
     ]

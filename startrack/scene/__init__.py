@@ -6,6 +6,7 @@ ephemeris   Scene, Streams -> where the bodies of the solar system are, seen by 
 planets     Body -> V magnitude of a planet.
 bodies      Observer -> the Sun, the Moon and the Earth: discs in the field, stray light,
             eclipses.
+angles      Scene, Streams, boresights -> angles to the Sun, to the Moon and to the Earth's limb.
 limb        The Earth's bright limb: a table of radiance over tangent height and Sun, and its
             light.
 airglow     Lines of sight -> the airglow of the Earth's upper atmosphere, as thin shells.
@@ -15,6 +16,7 @@ starlight   Directions, faintest magnitude of the catalogue -> light of the star
 illuminate  Stars -> Light: photons at the entrance pupil.
 """
 
+from startrack.scene.angles import BODIES, body_angles
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, orbital_velocity
 from startrack.scene.illuminate import Sight, illuminate

@@ -18,6 +18,8 @@ spot_plan      Case -> plan of its statistical trials: detectable stars, their r
 spots          Case and attitude -> the spots of one trial, drawn without an image.
 covariance     Case -> outcomes of trials from drawn spots, with identification assumed to be
                perfect.
+require        Case, fidelity -> a refusal, before the first trial, of what that fidelity cannot
+               compute.
 chain          One trial, one line a room, in the order in which the light goes.
 """
 
@@ -43,9 +45,10 @@ from startrack.trial.conditions import (
 )
 from startrack.trial.covariance import outcomes
 from startrack.trial.neighbours import blending_shift
+from startrack.trial.require import require_fidelity
 from startrack.trial.spot_plan import plan_of, refuse
 from startrack.trial.spots import spots_of
-from startrack.trial.star_errors import METHOD, READ, SHOT, Errors, errors, lasting
+from startrack.trial.star_errors import METHOD, READ, SHOT, TYPICAL, Errors, errors, lasting
 from startrack.trial.star_response import (
     cell_side,
     detection_probability,

@@ -12,11 +12,11 @@ from startrack.core.units import arcsec, deg
 from startrack.design.case import Case, Fidelity
 from startrack.metrics import Interpretation, summarise
 from startrack.motion import Broadband, Motion, Tone, jitter_rms
-from startrack.optimise.margins import limiting_magnitude
 from startrack.trial import errors
 from startrack.trial.chain import run_random_trial, run_trials
 from startrack.trial.star_response import BRIGHTEST, chart, detection_probability, scale
 from startrack.trial.view import line_of_sight
+from startrack.verification.margins import limiting_magnitude
 
 
 def line(case: Case, name: str) -> NDArray[np.float64]:

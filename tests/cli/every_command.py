@@ -44,11 +44,13 @@ solve frame/frame.fits --fov 9.5 --overlay solve
 calibrate frame/frame.fits --fov 9.5 --distortion none --out calibration.json
 requirements design.toml
 requirements hsrs
+verify design.toml --trials 4 --first 2 --out verify --workers 1
 budget dated.toml --out budget --workers 1
 montecarlo dated.toml --trials 4 --out dated --workers 1
 montecarlo design.toml --trials 16 --out frames --control --workers 1
 montecarlo design.toml --trials 32 --out covariance --fidelity covariance --workers 1
 combine frames/campaign.sqlite covariance/campaign.sqlite
+compare frames/campaign.sqlite covariance/campaign.sqlite
 report frames/campaign.sqlite --stars 1 --slews 1 --budget 2 --fidelity-trials 2 --worst 1
 sequence design.toml --sequences 1 --out sequence --workers 1
 optimize design.toml --out optimize --workers 1

@@ -9,10 +9,10 @@ from startrack.core.streams import Streams
 from startrack.design.files import load_design
 from startrack.design.requirements import Requirements
 from startrack.io import shipped
-from startrack.optimise.margins import limiting_magnitude, needed_magnitude
-from startrack.optimise.margins import margins as margins_of
 from startrack.trial.chain import observe
 from startrack.trial.view import random_attitude, stars_in_field
+from startrack.verification.margins import limiting_magnitude, needed_magnitude
+from startrack.verification.margins import margins as margins_of
 
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
 

@@ -4,7 +4,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from startrack.core.values import Estimate, Status
-from startrack.metrics import fraction_interval, judge, rms_interval, summarise
+from startrack.metrics import Limits, correct, fraction_interval, judge, rms_interval, summarise
 from startrack.trial.chain import OUTCOMES
 
 TRUTH = Rotation.from_rotvec([0.3, -1.0, 2.0])
@@ -42,13 +42,39 @@ def outcomes(rows):
     for line, (x, y, z, solved, false) in zip(table, rows, strict=True):
         line["error_x"], line["error_y"], line["error_z"] = x, y, z
         line["solved"], line["false"] = solved, false
+        line["sigma_x"] = line["sigma_y"] = line["sigma_z"] = 2.0
     return table
 
 
+TRIALS = [(3, 4, 1, 1, 0), (3, 4, 7, 1, 0), (99, 99, 99, 1, 1), (np.nan,) * 3 + (0, 0)]
+
+
+def test_an_attitude_is_right_within_what_is_required_or_stated():
+    """Errors of 5 across, and of 1 and 7 about; 2 is stated about each axis."""
+    table = outcomes(TRIALS)
+    for limits, found in (
+        (Limits(), [1, 1, 0, 0]),
+        (Limits(across=4.9), [0, 0, 0, 0]),
+        (Limits(across=5.1), [1, 1, 0, 0]),
+        (Limits(across=5.1, about=6.9), [1, 0, 0, 0]),
+        (Limits(across=1e9, about=1e9), [1, 1, 0, 0]),
+    ):
+        assert correct(table, limits).tolist() == [bool(one) for one in found]
+    for axis in "xyz":
+        table[f"sigma_{axis}"] = 0.99  # of which 5 is more than five
+    assert not correct(table).any()
+    assert correct(table, Limits(5.1, 7.1)).tolist() == [True, True, False, False]
+
+
+def test_inaccurate_attitudes_count_in_the_errors_and_not_in_the_availability():
+    summary = summarise(outcomes(TRIALS), Limits(about=6.9))
+    assert summary.about.value == pytest.approx(5)
+    assert (summary.availability.value, summary.inaccurate.value) == (0.25, 0.25)
+    assert summary.false.value == 0.25
+
+
 def test_summary_takes_correct_attitudes_alone():
-    summary = summarise(
-        outcomes([(3, 4, 1, 1, 0), (3, 4, 7, 1, 0), (99, 99, 99, 1, 1), (np.nan,) * 3 + (0, 0)])
-    )
+    summary = summarise(outcomes(TRIALS))
     assert summary.across.value == pytest.approx(np.sqrt(12.5))
     assert summary.about.value == pytest.approx(5)
     assert summary.availability.value == 0.5

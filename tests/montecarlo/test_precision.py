@@ -59,6 +59,8 @@ def test_availability_counts_false_attitudes_as_lost(outcomes):
     table = outcomes(1000)
     table["solved"][:20] = False
     table["false"][20:30] = True
+    for axis in "xyz":
+        table[f"sigma_{axis}"] = 1e-5
     interval = Precision(0.01, "availability").interval(table)
     assert interval.value == pytest.approx(0.97)
     assert interval.low < 0.97 < interval.high

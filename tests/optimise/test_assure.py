@@ -6,7 +6,7 @@ from scipy import stats
 
 from startrack.design.case import Fidelity
 from startrack.optimise.runner import FRESH
-from startrack.optimise.steps import availability
+from startrack.optimise.steps import assure
 from startrack.trial.chain import OUTCOMES
 
 
@@ -15,10 +15,13 @@ class Coin:
 
     def __init__(self, seed, fraction):
         self.rng, self.fraction, self.asked = np.random.default_rng(seed), fraction, []
+        self.seed = seed
 
     def run(self, case, trials, fidelity=Fidelity.FRAME, first=0):
         self.asked.append(range(first, first + trials))
         table = np.zeros(trials, OUTCOMES)
+        for axis in "xyz":
+            table[f"sigma_{axis}"] = 1.0
         table["solved"] = self.rng.random(trials) < self.fraction
         return table
 
@@ -33,7 +36,9 @@ def campaign(small):
 
 
 def shown(coin, small, campaign, trials=500):
-    return availability(small.case, campaign, coin, coin.run(small.case, trials, first=FRESH))
+    own = campaign.judged(small.case)[0]
+    outcomes = coin.run(small.case, trials, first=FRESH)
+    return assure(own, campaign, coin, outcomes)["availability"].bounds
 
 
 def test_a_design_just_below_the_requirement_is_rarely_believed(small, campaign):

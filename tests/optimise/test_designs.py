@@ -5,8 +5,8 @@ from startrack.design.files import load_design
 from startrack.design.variables import DesignSpace
 from startrack.io import shipped
 from startrack.optimise.evaluate import missed
-from startrack.optimise.margins import margins
 from startrack.optimise.steps import reach
+from startrack.verification.margins import margins
 
 
 def test_with_each_detector_some_design_meets_what_needs_no_trials():

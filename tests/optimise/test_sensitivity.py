@@ -20,7 +20,7 @@ def test_a_power_law_has_known_slopes_and_indices(small, monkeypatch):
     def law(case, _):
         return case.instrument.optics.focal_length**2 / math.sqrt(case.instrument.detector.exposure)
 
-    monkeypatch.setattr(module, "forecast", law)
+    monkeypatch.setattr(module, "expected_objective", law)
     one, other = sensitivities(space, small.campaign, seed=1, designs=512)
     assert one.slope == pytest.approx(2, rel=1e-3)
     assert other.slope == pytest.approx(-0.5, rel=1e-3)
@@ -65,7 +65,7 @@ def test_the_same_seed_has_the_same_intervals_and_another_one_others(small, monk
     def law(case, _=None):
         return case.instrument.optics.focal_length * math.sqrt(case.instrument.optics.f_number)
 
-    monkeypatch.setattr(module, "forecast", law)
+    monkeypatch.setattr(module, "expected_objective", law)
     first, again, other = (sensitivities(space, small.campaign, s, designs=16) for s in (1, 1, 2))
     assert first == again
     assert first != other

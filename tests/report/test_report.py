@@ -11,6 +11,7 @@ import pytest
 from startrack.cli.main import main
 from startrack.core.streams import Streams
 from startrack.core.units import arcsec
+from startrack.design import Campaign, Requirements
 from startrack.design.files import load_design
 from startrack.io import shipped
 from startrack.metrics import summarise
@@ -20,9 +21,12 @@ from startrack.montecarlo.store import Store
 from startrack.montecarlo.workers import Serial
 from startrack.report import write_report
 from startrack.report.causes import budget
+from startrack.report.distributions import sky_map
+from startrack.report.opening import design, lost, verdict
 from startrack.report.page import Section, code, page, paragraph, table
 from startrack.report.write import Depth
 from startrack.trial.chain import OUTCOMES, observe
+from startrack.verification import boresights
 from tests.report.browser import browser
 
 TITLE = "<script>alert('x')</script> & \"quotes\""
@@ -86,6 +90,31 @@ def test_the_summary_is_that_of_the_trials(written, campaign):
     for interval in (told.across, told.about):
         for value in (interval.value, interval.low, interval.high):
             assert f">{value / arcsec:.4g}<" in text
+
+
+def test_the_page_opens_with_the_design_and_its_verdicts(campaign):
+    """The campaign's own trials judge one condition, others are run for the rest."""
+    path, outcomes = campaign
+    needs = Requirements(max_across=1e-3, min_availability=0.5)
+    with Store(path) as store:
+        case = store.case
+    with Store(None, case, SEED) as store:
+        store.keep(0, outcomes)
+        store.keep_campaign(Campaign(requirements=needs))
+        opening = design(case), verdict(store, outcomes, 20, lambda _: None), lost(store, outcomes)
+    assert opening[0].body.count("<tr>") == 11
+    assert "All requirements together: pass." in opening[1].body
+    for word in (">nominal<", ">rest<", ">across<", ">availability<", ">mass<"):
+        assert word in opening[1].body, word
+    assert f">{TRIALS}<" in opening[2].body  # all are correct
+
+
+def test_few_trials_make_no_empty_map(campaign):
+    """80 trials are a point each; 960 are regions as well."""
+    _, outcomes = campaign
+    boresight = boresights(SEED, outcomes)
+    assert len(sky_map(boresight, outcomes)) == 1
+    assert len(sky_map(np.tile(boresight, (12, 1)), np.tile(outcomes, 12))) == 2
 
 
 def test_budget_and_fidelities_are_told(written, campaign):
@@ -165,10 +194,12 @@ def test_a_real_browser_shows_it(written, tmp_path, width, height):
         assert session.run("document.title") == TITLE
         assert session.run("document.documentElement.scrollWidth") <= width
         assert session.run("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
-        # The letters of pictures stay legible: a narrow screen scrolls a picture in its frame.
+        # The letters of pictures stay legible: each is drawn for the width of a phone.
         widths = session.run("[...document.querySelectorAll('svg')].map(s => s.clientWidth)")
-        assert len(widths) == 4
-        assert min(widths) >= 500
+        assert len(widths) == 7
+        assert min(widths) >= 300
+        shown = session.run("getComputedStyle(document.querySelector('thead')).display")
+        assert (shown == "none") == (width < 640)  # a narrow screen shows a table row by row
         assert session.post("se/log", type="browser") == []
         asked = [
             json.loads(one["message"])["message"]
@@ -215,7 +246,7 @@ def test_texts_are_escaped():
         bad, bad, [Section(bad, paragraph(bad) + code(bad, bad) + table(bad, [bad], [[bad]]))]
     )
     assert "<script>" not in made
-    assert made.count("&lt;script&gt;") == 12  # each place that takes text
+    assert made.count("&lt;script&gt;") == 13  # each place that takes text
 
 
 def test_what_cannot_be_reported_is_refused(campaign, tmp_path, capsys):

@@ -12,10 +12,10 @@ from startrack.design.files import Design, load_design, save_design
 from startrack.detector import Detector, Line, Scan
 from startrack.io import shipped
 from startrack.motion import Motion
-from startrack.optimise.margins import limiting_magnitude
 from startrack.trial.chain import observe, run_random_trial
 from startrack.trial.sweep import straighten
 from startrack.trial.view import random_attitude
+from startrack.verification.margins import limiting_magnitude
 
 CASE = load_design(shipped("designs/scanner.toml")).case
 ARCSEC = 206264.8

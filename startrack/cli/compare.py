@@ -1,0 +1,195 @@
+"""`startrack compare`: two designs or campaigns side by side."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.cli.options import (
+    Exit,
+    WrongUse,
+    add_seed,
+    add_workers,
+    as_wrong_use,
+    describe,
+    whole,
+)
+from startrack.cli.terminal import print_result, progress, read_design
+from startrack.core import arcsec
+from startrack.design import Campaign, Case, Fidelity
+from startrack.io import to_table
+from startrack.metrics import STATED_ALONE
+from startrack.montecarlo import Difference as Found
+from startrack.montecarlo import Sampling, Store, differences, pool, run, warm
+
+WIDEST = 40  # letters of a value in the table of parameters
+
+
+class Side(NamedTuple):
+    """One of the two: a design, or a campaign with its trials.
+
+    outcomes  None for a design, whose trials are run
+    drawn     what its attitudes and noise are drawn by: seed and kind of attitudes
+    """
+
+    case: Case
+    campaign: Campaign | None
+    outcomes: NDArray[np.void] | None
+    drawn: tuple[int, str] | None
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack compare`."""
+    describe(
+        parser,
+        "Prints the parameters in which two designs differ, and their errors and availability "
+        "side by side, with the difference and its 95 % interval. Trials of the same seed have "
+        "the same skies and noise, so that their differences are paired and known better than "
+        "either error.",
+    )
+    for name in ("first", "second"):
+        parser.add_argument(
+            name, type=Path, metavar=name.upper(),
+            help="design file, or store of `montecarlo` (.sqlite)",
+        )  # fmt: skip
+    parser.add_argument(
+        "--trials", type=whole(2, 10**8), default=200, metavar="N",
+        help="trials of each design file; of two campaigns, all are used (default: 200)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--fidelity", default="frame", choices=("frame", "window", "spots", "covariance"),
+        help="of the trials of design files (default: frame); see montecarlo",
+    )  # fmt: skip
+    add_seed(parser)
+    add_workers(parser)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print both side by side."""
+    first, second = (_read(path) for path in (options.first, options.second))
+    if (first.outcomes is None) != (second.outcomes is None):
+        raise WrongUse("FIRST and SECOND must both be design files, or both campaigns")
+    paired = first.drawn == second.drawn
+    one, two = _trials(first, second, options) if first.outcomes is None else _common(
+        first, second, paired
+    )  # fmt: skip
+    limits = tuple(
+        side.campaign.requirements.limits if side.campaign else STATED_ALONE
+        for side in (first, second)
+    )
+    found = differences(one, two, options.seed, (limits[0], limits[1]), paired)
+    changed = _changed(to_table(first.case), to_table(second.case))
+    result = {
+        "first": str(options.first),
+        "second": str(options.second),
+        "paired": paired,
+        "trials": [len(one), len(two)],
+        "parameters": {name: list(pair) for name, pair in changed.items()},
+        "statistics": {each.name: _values(each) for each in found},
+    }
+    print_result(options, result, _text(options, changed, found, paired, (len(one), len(two))))
+    return Exit.DONE
+
+
+def _read(path: Path) -> Side:
+    if path.suffix == ".toml":
+        design = read_design(path)
+        return Side(design.case, design.campaign, None, None)
+    with as_wrong_use(), Store(path) as store:
+        outcomes, drawn = store.outcomes(), (store.seed, store.sampling.attitudes)
+        if not len(outcomes):
+            raise WrongUse(f"{path} must hold trials, but holds none")
+        return Side(store.case, store.campaign, outcomes, drawn)
+
+
+def _trials(
+    first: Side, second: Side, options: argparse.Namespace
+) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """The same trials of two designs."""
+    fidelity, made = Fidelity(options.fidelity), []
+    for side in (first, second):
+        warm(side.case, Sampling(fidelity))
+    with pool(options.workers) as executor, progress("trials", 2 * options.trials) as advance:
+        for side in (first, second):
+            made.append(
+                run(side.case, options.trials, options.seed, executor, 0, options.workers,
+                    advance, fidelity)
+            )  # fmt: skip
+    return made[0], made[1]
+
+
+def _common(first: Side, second: Side, paired: bool) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """The trials of two campaigns; those of the same numbers where they are paired."""
+    assert first.outcomes is not None
+    assert second.outcomes is not None
+    if not paired:
+        return first.outcomes, second.outcomes
+    both, a, b = np.intersect1d(
+        first.outcomes["trial"], second.outcomes["trial"], return_indices=True
+    )
+    if not len(both):
+        raise WrongUse("FIRST and SECOND must have trials of the same numbers, they have none")
+    return first.outcomes[a], second.outcomes[b]
+
+
+def _changed(one: Any, other: Any, place: str = "") -> dict[str, tuple[str, str]]:
+    """The parameters in which two tables differ, and their values."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        found = dict[str, tuple[str, str]]()
+        for key in dict.fromkeys([*one, *other]):
+            inner = f"{place}.{key}" if place else key
+            found |= _changed(one.get(key), other.get(key), inner)
+        return found
+    return {} if one == other else {place: (_short(one), _short(other))}
+
+
+def _short(value: Any) -> str:
+    text = "none" if value is None else str(value)
+    return text if len(text) <= WIDEST else f"{text[: WIDEST - 3]}..."
+
+
+def _unit(one: Found) -> float:
+    return 1.0 if one.name == "availability" else arcsec
+
+
+def _values(one: Found) -> dict[str, Any]:
+    unit = _unit(one)
+    return {
+        "first": one.first / unit,
+        "second": one.second / unit,
+        "difference": one.change.value / unit,
+        "difference_95": [one.change.low / unit, one.change.high / unit],
+    }
+
+
+def _text(
+    options: argparse.Namespace,
+    changed: dict[str, tuple[str, str]],
+    found: list[Found],
+    paired: bool,
+    trials: tuple[int, int],
+) -> str:
+    rows = [["", str(options.first), str(options.second), "difference"]]
+    rows += [[name, *pair, ""] for name, pair in changed.items()]
+    for one in found:
+        unit, name = (0.01, f"{one.name} (%)") if one.name == "availability" else (
+            arcsec, f"{one.name} (arcsec)"
+        )  # fmt: skip
+        first, second = (f"{value / unit:.4g}" for value in (one.first, one.second))
+        change = [
+            f"{value / unit:+.3g}" for value in (one.change.value, one.change.low, one.change.high)
+        ]
+        rows.append([name, first, second, f"{change[0]} [{change[1]}, {change[2]}]"])
+    widths = [max(len(row[i]) for row in rows) for i in range(4)]
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
+             for row in rows]  # fmt: skip
+    how = (
+        f"on the same skies and noise in {trials[0]} trials; errors of those that both solved"
+        if paired
+        else f"on different skies: {trials[0]} and {trials[1]} trials"
+    )
+    return "\n".join([*lines, "", f"second minus first, {how}; brackets: 95 % confidence"])

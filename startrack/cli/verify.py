@@ -1,0 +1,113 @@
+"""`startrack verify`: a verdict on each requirement of a design."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.cli.options import (
+    Exit,
+    WrongUse,
+    add_campaign,
+    add_seed,
+    add_workers,
+    as_wrong_use,
+    describe,
+    whole,
+)
+from startrack.cli.terminal import (
+    example,
+    finite,
+    print_message,
+    print_result,
+    progress,
+    read_design,
+)
+from startrack.design import Case, Fidelity
+from startrack.io import save_json, save_text
+from startrack.montecarlo import Sampling, pool, warm
+from startrack.optimise import VERIFYING, Ledger, TrialRunner
+from startrack.trial import require_fidelity
+from startrack.verification import Answer, Looks, cases, verdict_text, verdict_values, verify
+
+LEDGER = "ledger.sqlite"
+EXIT = {Answer.PASS: Exit.DONE, Answer.FAIL: Exit.UNSOLVED, Answer.NOT_SHOWN: Exit.UNSOLVED}
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack verify`."""
+    describe(
+        parser,
+        "Judges each requirement of [campaign.requirements], in the design's own condition, at "
+        "rest, and in all other conditions that it names: pass, fail, or not shown, with the "
+        "number of trials that would do. Errors and availability are shown by trials that no "
+        "other command uses, doubled until each is decided; either answer is wrong with a "
+        "probability of at most one minus the confidence that is required (default: 5 %). With "
+        "--out it writes verdict.md, verdict.json and ledger.sqlite, from which the same command "
+        "continues. The status is 3 if a requirement is not met, or not shown.",
+    )
+    add_campaign(parser)
+    parser.add_argument(
+        "--trials", type=whole(2, 10**8), default=8192, metavar="N",
+        help="trials in each condition at most (default: 8192)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--first", type=whole(2, 10**8), default=256, metavar="N",
+        help="trials in each condition at the first test (default: 256, or --trials if fewer)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--fidelity", default="frame", choices=("frame", "window", "spots", "covariance"),
+        help="frame: render whole frames (default); window, spots, covariance: see montecarlo",
+    )  # fmt: skip
+    add_seed(parser)
+    add_workers(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for results")
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the table of verdicts; with --out, write it."""
+    path = options.campaign or example()
+    design = read_design(path)
+    if design.campaign is None:
+        raise WrongUse(f"{path} must have a table [campaign] with requirements")
+    campaign, fidelity = design.campaign, Fidelity(options.fidelity)
+    with as_wrong_use():
+        looks = Looks(
+            min(options.first, options.trials),
+            options.trials,
+            1 - campaign.requirements.confidence,
+        )
+    with as_wrong_use(path=path):
+        judged, _ = cases(design.case, campaign)
+        for one in judged:
+            require_fidelity(one.case, fidelity)
+    warm(design.case, Sampling(fidelity))  # what no trial can do is refused before the first
+    ledger = options.out / LEDGER if options.out else None
+    with (
+        Ledger(ledger) as kept,
+        pool(options.workers) as executor,
+        progress("trials", options.trials * len(judged)) as advance,
+    ):
+        runner = TrialRunner(options.seed, executor, options.workers, kept)
+
+        def trials(case: Case, number: int) -> NDArray[np.void]:
+            return runner.run(case, number, fidelity, VERIFYING, advance)
+
+        found = verify(
+            design.case, campaign, trials, options.seed, looks,
+            lambda name, number: advance(0, f"{name}: {number} trials"),
+        )  # fmt: skip
+    table = verdict_text(found)
+    result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
+    result |= verdict_values(found)
+    if options.out:
+        save_text(options.out / "verdict.md", f"```\n{table}\n```\n")
+        save_json(options.out / "verdict.json", finite(result))
+        result["out"] = str(options.out)
+    for reason in found.left:
+        print_message(f"not judged: {reason}")
+    print_result(options, result, table)
+    return EXIT[found.answer]

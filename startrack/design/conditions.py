@@ -1,0 +1,153 @@
+"""Condition: a rate, a background or an age at which a design is judged, too."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple
+
+from startrack.core import Unit, non_negative, positive, within
+from startrack.design.case import Case
+from startrack.design.parameter import find, quantity, replaced_all
+from startrack.design.requirements import Requirements
+from startrack.motion import Motion
+
+NOMINAL, REST, MAX_RATE = "nominal", "rest", "max rate"
+
+
+@dataclass(frozen=True)
+class Change:
+    """One parameter that has another value.
+
+    name   path in the case, such as "instrument.detector.dark_current"
+    value  number, text with a unit where the parameter has one, or name
+    """
+
+    name: str
+    value: float | str
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A condition in which a design is judged, besides that of the file itself.
+
+    name              for tables and messages
+    weight            1, of its error in the objective, in which the file's own condition has 1;
+                      0: only its requirements count
+    rate              slew rate, about the axis about which the design turns; where it does not,
+                      across the boresight at 45 degrees to the columns. None: as the design
+    background_g      magnitude per square arcsecond of the sky; None: as the design
+    change            any other parameter, such as the dark current at the end of life
+    max_across, max_about, min_availability  limits in this condition; None: those of the
+                      requirements
+    """
+
+    name: str
+    weight: float = 1.0
+    rate: Annotated[float | None, Unit("rad/s", "deg/s")] = None
+    background_g: float | None = None
+    change: tuple[Change, ...] = ()
+    max_across: Annotated[float | None, Unit("rad", "arcsec")] = None
+    max_about: Annotated[float | None, Unit("rad", "arcsec")] = None
+    min_availability: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name or self.name in (NOMINAL, MAX_RATE):
+            raise ValueError(
+                f"name of a condition must be given and not be {NOMINAL} or {MAX_RATE}, got "
+                f"{self.name!r}"
+            )
+        non_negative(weight=self.weight)
+        if self.rate is not None:
+            non_negative(rate=self.rate)
+        for limit in ("max_across", "max_about"):
+            if getattr(self, limit) is not None:
+                positive(**{limit: getattr(self, limit)})
+        if self.min_availability is not None:
+            within(0, 1, min_availability=self.min_availability)
+
+    def of(self, case: Case) -> Case:
+        """The case in this condition.
+
+        Raises  ValueError where a change does not fit its parameter.
+        """
+        if self.rate is not None:
+            case = turning(case, self.rate)
+        if self.background_g is not None:
+            case = replace(case, scene=replace(case.scene, background_g=self.background_g))
+        values = {
+            one.name: one.value
+            if isinstance(find(case, one.name), str)
+            else quantity(case, one.name, one.value)
+            for one in self.change
+        }
+        return replaced_all(case, values) if values else case
+
+    def requirements(self, needs: Requirements) -> Requirements:
+        """The requirements with the limits of this condition."""
+        own = {
+            name: getattr(self, name)
+            for name in ("max_across", "max_about", "min_availability")
+            if getattr(self, name) is not None
+        }
+        return replace(needs, **own) if own else needs
+
+
+class Judged(NamedTuple):
+    """A case in which a design is judged.
+
+    name    of the condition
+    case    the design in it
+    needs   what it must meet there
+    weight  1, of its error in the objective
+    """
+
+    name: str
+    case: Case
+    needs: Requirements
+    weight: float
+
+
+def turning(case: Case, rate: float) -> Case:
+    """The case at another slew rate, radian / second, about the same axis."""
+    motion = case.instrument.motion
+    if motion.rate:
+        scale = rate / motion.rate
+        x, y, z = scale * motion.rate_x, scale * motion.rate_y, scale * motion.rate_z
+    else:
+        x, y, z = rate / math.sqrt(2), rate / math.sqrt(2), 0.0
+    moved: Motion = replace(motion, rate_x=x, rate_y=y, rate_z=z)
+    return replace(case, instrument=replace(case.instrument, motion=moved))
+
+
+def judged(
+    case: Case, needs: Requirements, conditions: Sequence[Condition] = ()
+) -> tuple[Judged, ...]:
+    """All conditions of a design: its own first, those that are given, rest, the largest rate.
+
+    Rest is always among them, and so is the largest rate that is required; with the weight 0, where
+    they are not given.
+
+    Raises  ValueError where a condition does not fit the case.
+    """
+    return tuple(_judged(case, needs, conditions))
+
+
+def _judged(case: Case, needs: Requirements, conditions: Sequence[Condition]) -> Iterator[Judged]:
+    names = [one.name for one in conditions]
+    if len(set(names)) < len(names):
+        raise ValueError(f"conditions must have different names, got {', '.join(names)}")
+    cases = [case]
+    yield Judged(NOMINAL, case, needs, 1.0)
+    for one in conditions:
+        try:
+            cases.append(one.of(case))
+        except ValueError as error:
+            raise ValueError(f"condition {one.name}: {error}") from None
+        yield Judged(one.name, cases[-1], one.requirements(needs), one.weight)
+    if all(one.instrument.motion.rate for one in cases):
+        yield Judged(REST, turning(case, 0.0), needs, 0.0)
+    fastest = needs.max_rate
+    if fastest and all(not math.isclose(one.instrument.motion.rate, fastest) for one in cases):
+        yield Judged(MAX_RATE, turning(case, fastest), needs, 0.0)

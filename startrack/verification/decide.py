@@ -1,0 +1,268 @@
+"""Outcomes, a requirement -> bounds of its statistic at a look, and whether they decide it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from startrack.core import Floats, whole, within
+from startrack.design import Accuracy, Requirements
+from startrack.metrics import Interval, Limits, correct, fraction_interval
+from startrack.verification.accuracy import REGIONS, measured_over
+
+FEWEST = 10  # solved trials in the sky or a region, below which an rms has no bounds
+MOST = 10**9  # trials, beyond which no number of them is named
+
+
+class Answer(StrEnum):
+    """Whether a requirement is met."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    NOT_SHOWN = "not shown"
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Numbers of trials at which a requirement is tested, and the errors that the tests may make.
+
+        n_k = first 2^k,  k = 0 .. K - 1;   a test may wrongly pass with alpha / K at each look, and
+        wrongly fail with alpha / (K m)
+
+    so that a requirement that is not met passes at any look with at most alpha, and any of m
+    requirements that are met fails at any look with at most alpha (Bonferroni): both answers of the
+    whole verification, too, are wrong with at most alpha each, as it passes only where all m do.
+
+    first  trials at the first look
+    most   trials at the last
+    alpha  1, one minus the confidence
+    """
+
+    first: int = 256
+    most: int = 8192
+    alpha: float = 0.05
+
+    def __post_init__(self) -> None:
+        whole(2, 10**9, first=self.first)
+        whole(self.first, 10**9, most=self.most)
+        within(1e-6, 0.5, alpha=self.alpha)
+
+    @property
+    def sizes(self) -> list[int]:
+        """The numbers of trials."""
+        sizes = [self.first]
+        while sizes[-1] < self.most:
+            sizes.append(min(2 * sizes[-1], self.most))
+        return sizes
+
+    def tails(self, claims: int) -> tuple[float, float]:
+        """Probabilities of passing and of failing wrongly, at one look, of one of m claims."""
+        each = self.alpha / len(self.sizes)
+        return each, each / max(claims, 1)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A requirement that trials can show.
+
+    accuracy  the limit on an error; None for the availability
+    least     fraction of correct attitudes, where it is the availability
+    limits    of a correct attitude
+    sky       "whole", or "worst" for an error in the worst region
+    """
+
+    accuracy: Accuracy | None
+    least: float
+    limits: Limits
+    sky: str = "whole"
+
+    @property
+    def name(self) -> str:
+        """ "across", "about" or "availability"."""
+        return self.accuracy.name if self.accuracy else "availability"
+
+    @property
+    def limit(self) -> float:
+        """Radian, or a fraction."""
+        return self.accuracy.most if self.accuracy else self.least
+
+    def bounds(
+        self, outcomes: NDArray[np.void], boresight: Floats, passing: float, failing: float
+    ) -> Interval:
+        """Its value by trials; the bound that can pass it, and the one that can fail it.
+
+        passing, failing  probabilities that each bound does not hold
+        Accuracy          availability and levels: exact for any distribution, a level per axis with
+                          the two axes of a trial as one. rms: by Hall's transformation of Student's
+                          t with half the probability; measured for errors whose size varies over
+                          the sky by a factor of e^0.5 (1 sigma), passes wrongly in 3.2 % of
+                          verifications of 5 % and fails wrongly in 1.5 %; by e^0.8, 7.7 % and 1 %.
+        """
+        if self.accuracy is None:
+            hits, n = int(correct(outcomes, self.limits).sum()), len(outcomes)
+            low = fraction_interval(hits, n, 1 - 2 * passing).low
+            return Interval(hits / n, low, fraction_interval(hits, n, 1 - 2 * failing).high)
+        objective = self.accuracy.objective
+        value = measured_over(objective, outcomes, boresight, self.sky)
+        if self.sky == "whole":
+            parts, failing_each = [outcomes], failing
+        else:
+            region = REGIONS.of(boresight)
+            parts = [outcomes[region == one] for one in range(len(REGIONS))]
+            failing_each = failing / len(REGIONS)
+        # All regions must pass, and one that fails is enough.
+        found = [_error_bounds(self.accuracy, one, passing, failing_each) for one in parts]
+        return Interval(value, max(low for low, _ in found), max(high for _, high in found))
+
+    def answer(self, bounds: Interval) -> Answer:
+        """What the bounds decide."""
+        if self.accuracy:
+            passes, fails = bounds.high <= self.limit, bounds.low > self.limit
+        else:
+            passes, fails = bounds.low >= self.limit, bounds.high < self.limit
+        return Answer.PASS if passes else Answer.FAIL if fails else Answer.NOT_SHOWN
+
+    def margin(self, value: float) -> float:
+        """Of an error as a fraction of its limit, of the availability as it is."""
+        return 1 - value / self.limit if self.accuracy else value - self.limit
+
+    def needed(
+        self, outcomes: NDArray[np.void], boresight: Floats, passing: float, failing: float
+    ) -> int | None:
+        """Number of trials that would decide it, if further ones are like these.
+
+        None where no number would: the value is the limit, or nothing is known.
+        """
+        if self.accuracy is None:
+            hits = int(correct(outcomes, self.limits).sum())
+            return _needed_hits(hits / len(outcomes), self.least, passing, failing)
+        squares = self.accuracy.objective.squares(outcomes)
+        if self.sky == "worst":
+            region = REGIONS.of(boresight)
+            value = [
+                float(self.accuracy.objective.of(squares[region == one]))
+                for one in range(len(REGIONS))
+            ]
+            inside = region == int(np.nanargmax(value)) if np.isfinite(value).any() else region < 0
+            squares, failing = squares[inside], failing / len(REGIONS)
+        known = squares[np.isfinite(squares).reshape(len(squares), -1).all(axis=1)]
+        if len(known) < 2:
+            return None
+        more = len(outcomes) / len(known)  # trials for each error that counts
+        fraction = self.accuracy.objective.fraction
+        limit = _square(self.accuracy)
+        if fraction is not None:
+            found = _needed_hits(float((known <= limit).mean()), fraction, passing, failing)
+        else:
+            gap = limit - float(known.mean())
+            if not gap:
+                return None
+            tail = passing / 2 if gap > 0 else failing / 2
+            width = float(known.std(ddof=1)) * float(scipy.special.ndtri(1 - tail))
+            found = math.ceil((width / gap) ** 2)
+        return None if found is None or found * more > MOST else math.ceil(found * more)
+
+
+def claims_of(needs: Requirements) -> list[Claim]:
+    """What trials can show of some requirements: the errors that are limited, the availability."""
+    errors = [Claim(each, 0.0, needs.limits, needs.sky) for each in needs.accuracy]
+    return [*errors, Claim(None, needs.min_availability, needs.limits)]
+
+
+def _square(accuracy: Accuracy) -> float:
+    """The limit as a mean square per axis, in which `Objective.squares` are."""
+    return accuracy.most**2 / (len(accuracy.objective.summed) if accuracy.objective.radial else 1)
+
+
+def _error_bounds(
+    accuracy: Accuracy, outcomes: NDArray[np.void], passing: float, failing: float
+) -> tuple[float, float]:
+    """Lower bound, which fails, and upper bound, which passes; radian."""
+    objective = accuracy.objective
+    squares = objective.squares(outcomes)
+    known = squares[np.isfinite(squares).reshape(len(squares), -1).all(axis=1)]
+    scale = math.sqrt(len(objective.summed) if objective.radial else 1)
+    if objective.fraction is None:
+        low, high = mean_bounds(known, failing / 2, passing / 2)
+    else:
+        low, high = _level_bounds(known, objective.fraction, failing, passing)
+    return scale * math.sqrt(low), scale * math.sqrt(high)
+
+
+def mean_bounds(values: Floats, low_tail: float, high_tail: float) -> tuple[float, float]:
+    """Bounds of the mean of skew values that are not negative, each with its tail.
+
+        mean - s / sqrt(n) T(t),   T(w) = 3 / h ((1 + h (w - h / 6))^(1/3) - 1),   h = g / sqrt(n)
+
+    for the quantile t of Student's distribution and the skewness g.
+
+    Source: Hall (1992), J. R. Statist. Soc. B 54, 221, the cubic transformation.
+
+    values   (n,)
+    Returns  zero and infinity where there are fewer than ten
+    """
+    n = len(values)
+    if n < FEWEST:
+        return 0.0, math.inf
+    mean, deviation = float(values.mean()), float(values.std(ddof=1))
+    if not deviation:
+        return mean, mean
+    skew = float(((values - mean) ** 3).mean()) / float(values.std()) ** 3
+    step = skew / math.sqrt(n)
+
+    def bound(quantile: float) -> float:
+        root = float(np.cbrt(1 + step * (quantile - step / 6))) - 1
+        turned = 3 / step * root if abs(step) > 1e-9 else quantile
+        return mean - deviation / math.sqrt(n) * turned
+
+    low = bound(float(scipy.stats.t.isf(low_tail, n - 1)))
+    return max(low, 0.0), bound(-float(scipy.stats.t.isf(high_tail, n - 1)))
+
+
+def _level_bounds(
+    squares: Floats, fraction: float, low_tail: float, high_tail: float
+) -> tuple[float, float]:
+    """Bounds of a quantile of (n,) or (n, axes) squares, by their order."""
+    n = len(squares)
+    ordered = np.sort(squares, axis=None)
+    each = len(ordered) // n if n else 1  # the axes of a trial are one of its n
+    low = int(scipy.stats.binom.ppf(low_tail, n, fraction))
+    high = int(scipy.stats.binom.isf(high_tail, n, fraction)) + 1
+    return (
+        float(ordered[each * low - 1]) if low > 0 else 0.0,
+        float(ordered[each * high - 1]) if high <= n else math.inf,
+    )
+
+
+def _needed_hits(found: float, required: float, passing: float, failing: float) -> int | None:
+    """Trials with a fraction of hits `found` that show that it is at least, or below, required."""
+
+    def passes(n: int) -> bool:
+        hits = math.floor(found * n)
+        return fraction_interval(hits, n, 1 - 2 * passing).low >= required
+
+    def fails(n: int) -> bool:
+        hits = math.ceil(found * n)
+        return fraction_interval(hits, n, 1 - 2 * failing).high < required
+
+    return _least(passes if found >= required else fails)
+
+
+def _least(shows: Callable[[int], bool]) -> int | None:
+    """About the least number that shows something which all larger ones show, too."""
+    high = 2
+    while not shows(high):
+        high *= 2
+        if high > MOST:
+            return None
+    low = high // 2
+    while high - low > max(1, low // 100):
+        middle = (low + high) // 2
+        low, high = (low, middle) if shows(middle) else (middle, high)
+    return high
