@@ -186,6 +186,8 @@ def forecasts(
         else:
             error = expected_error(objective, budget)
             found = bounded(expected_margins(one.needs, budget))
+            # Errors have margins of their own here: the availability must not count them again.
+            found["availability"] = budget.availability - one.needs.min_availability
         margins[one.name] = found
         if one.weight:
             errors.append(error)

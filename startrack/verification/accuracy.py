@@ -83,6 +83,25 @@ def _parts(law: Law) -> Iterator[Law | None]:
             yield None
 
 
+def expected_availability(needs: Requirements, budget: Budget[Law]) -> float:
+    """The fraction of attitudes that are solved and within what is required of a single one.
+
+        sum_i weight_i P(1, A^2 / (2 across_i)) P(1/2, B^2 / (2 about_i)) * solved
+
+    with the limits A and B of `Requirements.limits`, and the mean squares per axis in field i.
+
+    Accuracy  model: normal errors in each field, independent across and about the boresight.
+    """
+    law = budget.whole.spread
+    squares = law.mean**2 + law.sigma**2
+    within = np.ones(len(squares))
+    for limit, axes in ((needs.limits.across, (0, 1)), (needs.limits.about, (2,))):
+        if limit is not None:
+            mean = np.maximum(squares[:, list(axes)].mean(axis=1), 1e-30)
+            within = within * special.gammainc(len(axes) / 2, limit**2 / (2 * mean))
+    return budget.availability * float(law.weight @ within)
+
+
 def measured_over(
     objective: Objective, outcomes: NDArray[np.void], boresight: Floats, sky: str
 ) -> float:
@@ -111,4 +130,4 @@ def expected_margins(needs: Requirements, budget: Budget[Law]) -> dict[str, floa
         one.name: margin(one.most, expected_over(one.objective, budget, needs.sky))
         for one in needs.accuracy
     }
-    return {**found, "availability": budget.availability - needs.min_availability}
+    return {**found, "availability": expected_availability(needs, budget) - needs.min_availability}

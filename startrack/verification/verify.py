@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from startrack.budget import analytic
 from startrack.design import Campaign, Case, Judged
 from startrack.metrics import Interval
-from startrack.verification.accuracy import expected_over
+from startrack.verification.accuracy import expected_availability, expected_over
 from startrack.verification.blinded import boresights, counted
 from startrack.verification.cases import cases
 from startrack.verification.decide import Answer, Claim, Looks, claims_of
@@ -174,4 +174,4 @@ def _analysis(one: Judged) -> tuple[dict[str, float], str]:
         each.name: expected_over(each.objective, budget, one.needs.sky)
         for each in one.needs.accuracy
     }
-    return {**errors, "availability": budget.availability}, ""
+    return {**errors, "availability": expected_availability(one.needs, budget)}, ""
