@@ -69,7 +69,8 @@ def command(options: argparse.Namespace) -> int:
     matrix = None if case.instrument.detector.scan else camera
     write_fits(fits, record.frame, matrix, attitude, record.stars, history)
     title = (
-        f"RA {ra:.3f}, Dec {dec:+.3f}, roll {roll:.1f} deg; field {math.degrees(camera.fov_x):.2f} "
+        f"RA {ra:.3f}, Dec {dec:+.3f}, roll {round(roll, 1) % 360:.1f} deg; "
+        f"field {math.degrees(camera.fov_x):.2f} "
         f"deg; exposure {1e3 * record.frame.exposure:g} ms"
     )
     draw_frame(png, record.frame, title)

@@ -144,7 +144,7 @@ def _text(spots: Spots, matches: Matches, estimate: Estimate) -> str:
         return f"{estimate.status}: {estimate.reason}"
     ra, dec, roll = celestial(estimate.icrs_to_camera)
     return (
-        f"RA {ra:.4f}, Dec {dec:+.4f}, roll {roll:.3f} deg; "
+        f"RA {ra:.4f}, Dec {dec:+.4f}, roll {round(roll, 3) % 360:.3f} deg; "
         f"field {math.degrees(matches.camera.fov_x):.3f} deg; {estimate.stars} of {len(spots)} "
         f"spots matched, residual {estimate.residual_rms:.2f} px; "
         f"probability of a false match {estimate.false_probability:.0e}"

@@ -45,11 +45,13 @@ def camera_to_wcs(camera: Camera, icrs_to_camera: Rotation) -> WCS:
 def celestial(icrs_to_camera: Rotation) -> tuple[float, float, float]:
     """Right ascension and declination of the boresight, and roll, in degree.
 
-    Roll is the angle from the image's up (-y) to celestial north, counter-clockwise.
+    Roll is the angle from the image's up (-y) to celestial north, counter-clockwise, in
+    [0, 360).
     """
     east_north, (ra, dec) = _tangent(icrs_to_camera)
     north_x, north_y = east_north[1]
-    return ra, dec, float(np.degrees(np.arctan2(-north_x, -north_y)) % 360)
+    roll = float(np.degrees(np.arctan2(-north_x, -north_y)) % 360)
+    return ra, dec, roll if roll < 360 else 0.0  # which the remainder of -1e-15 rounds to
 
 
 def pointing(ra: float, dec: float, roll: float) -> Rotation:
