@@ -12,6 +12,7 @@ import numpy as np
 
 from startrack.calibration import UNKNOWNS, Calibrated, Calibration, Prior, calibrate, sample_camera
 from startrack.cli.options import (
+    KNOWN,
     Exit,
     WrongUse,
     add_field_and_sky,
@@ -19,7 +20,7 @@ from startrack.cli.options import (
     as_wrong_use,
     describe,
 )
-from startrack.cli.terminal import finite, print_message, print_result, read_stars
+from startrack.cli.terminal import finite, print_message, print_result, read_stars, save_camera
 from startrack.core import Camera, Frame, Matches, Spots, within
 from startrack.design import Tracker
 from startrack.detection import Detection, subtract_dark
@@ -30,7 +31,6 @@ from startrack.plots import draw_corner
 from startrack.trial import lost_in_space
 
 ROUNDS = 3  # a better camera model matches more stars
-KNOWN = 0.003  # relative tolerance of the focal length after the first round
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -59,6 +59,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
         help="distortion to fit: none, k1 (radial; default) or k1, k2, p1, p2 (full)",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, metavar="FILE", help="JSON file for the result")
+    parser.add_argument(
+        "--camera", type=Path, metavar="FILE",
+        help="TOML file for the camera: `solve --camera` reads it, and its table [tracker.camera] "
+        "is what a tracker of a design believes",
+    )  # fmt: skip
     parser.add_argument(
         "--posterior", type=Path, metavar="DIR",
         help="folder for posterior.json and corner.png: sample the posterior of focal length, "
@@ -108,6 +113,8 @@ def command(options: argparse.Namespace) -> int:
         text += f"\n{more}"
     if options.out:
         save_json(options.out, finite(result))
+    if options.camera:
+        save_camera(options.camera, found.camera)
     print_result(options, result, text)
     if options.posterior and not result["posterior"]["converged"]:
         return Exit.UNSOLVED

@@ -149,6 +149,9 @@ def add_field_and_sky(parser: argparse.ArgumentParser) -> None:
     )
 
 
+KNOWN = 0.003  # relative tolerance of the focal length of a camera that has been calibrated
+
+
 def add_seed(parser: argparse.ArgumentParser) -> None:
     """Add the seed of all random numbers."""
     parser.add_argument(

@@ -9,6 +9,7 @@ from textwrap import fill
 from typing import Any
 
 from startrack.cli.options import (
+    KNOWN,
     Exit,
     add_field_and_sky,
     add_images,
@@ -20,6 +21,7 @@ from startrack.cli.terminal import (
     print_message,
     print_result,
     quaternion,
+    read_camera,
     read_stars,
 )
 from startrack.core import Camera, Estimate, Frame, Matches, Spots, Stars, positive, within
@@ -50,6 +52,10 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add_field_and_sky(parser)
     parser.add_argument(
+        "--camera", type=Path, metavar="FILE",
+        help="calibrated camera, from `calibrate --camera`, or a design with [tracker.camera]",
+    )  # fmt: skip
+    parser.add_argument(
         "--overlay",
         type=Path,
         metavar="DIR",
@@ -63,11 +69,17 @@ def command(options: argparse.Namespace) -> int:
         if options.fov is not None:
             positive(fov=options.fov)
             within(0, 179, fov=options.fov)
-        identification = Identification(focal_tolerance=options.fov_tolerance)
+        known = read_camera(options.camera) if options.camera else None
+        if known and options.fov is not None:
+            raise ValueError("--fov and --camera must not both be given: the camera has its field")
+        tolerance = options.fov_tolerance
+        identification = Identification(
+            focal_tolerance=min(tolerance, KNOWN) if known else tolerance
+        )
         dark = read_image(options.dark) if options.dark else None
     stars = read_stars(options.catalog, options.epoch)
     indexes = PatternIndexes(stars)
-    if options.fov is None:
+    if options.fov is None and known is None:
         print_message("startrack solve: no --fov, searching from 3 to 40 deg; slow the first time")
     statuses = set()
     for path in options.images:
@@ -75,7 +87,7 @@ def command(options: argparse.Namespace) -> int:
             frame = read_image(path)
             if dark is not None:
                 frame = subtract_dark(frame, dark)
-            spots, matches, estimate = _solve(frame, options.fov, indexes, identification)
+            spots, matches, estimate = _solve(frame, known, options.fov, indexes, identification)
         except Exception as error:  # whatever is wrong with it, the others are solved
             print_failed_image(options, path, error)
             statuses.add(Exit.FAILED)
@@ -92,18 +104,27 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _solve(
-    frame: Frame, fov_deg: float | None, indexes: PatternIndexes, identification: Identification
+    frame: Frame,
+    known: Camera | None,
+    fov_deg: float | None,
+    indexes: PatternIndexes,
+    identification: Identification,
 ) -> tuple[Spots, Matches, Estimate]:
-    """The first search that finds an attitude, or the last; fov_deg None: unknown."""
+    """The first search that finds an attitude, or the last; known and fov_deg None: unknown."""
     rows, columns = frame.image.shape
+    if known and (known.rows, known.columns) != (rows, columns):
+        raise ValueError(
+            f"image must have the {known.columns} x {known.rows} pixels of the camera, got "
+            f"{columns} x {rows}"
+        )
     for threshold in THRESHOLDS:
         tracker = Tracker(Detection(threshold=threshold), identification)
-        if fov_deg is None:
+        if known is None and fov_deg is None:
             spots = detect(frame, tracker.detection)
             matches = identify_blind(spots, columns, rows, indexes.stars, indexes, identification)
             estimate = solve_matches(spots, matches, tracker)
         else:
-            camera = Camera.from_field_of_view(columns, rows, math.radians(fov_deg))
+            camera = known or Camera.from_field_of_view(columns, rows, math.radians(fov_deg or 0.0))
             spots, matches, estimate = lost_in_space(frame, camera, indexes, tracker)
         if estimate.icrs_to_camera is not None:
             break

@@ -13,15 +13,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import tomli_w
 from numba.core import event
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, open_sky
 from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.cli.stopping import one_line, told
-from startrack.core import UNKEPT, Stars, arcsec
+from startrack.core import UNKEPT, Camera, Stars, arcsec
 from startrack.design import Campaign, Design, load_design
-from startrack.io import claimed_folder, shipped
+from startrack.io import claimed_folder, from_table, read_table, save_text, shipped, to_table
 from startrack.metrics import STATED, STATED_ALONE, Interval, Limits, Summary
 from startrack.sequence import Sequence, load_sequence
 
@@ -57,6 +58,23 @@ def read_sequence(path: Path) -> Sequence:
     """The sequence of a file; raises WrongUse where it cannot be used."""
     with as_wrong_use():
         return load_sequence(path)
+
+
+def read_camera(path: Path) -> Camera:
+    """The camera in [tracker.camera] of a TOML file; raises WrongUse where it cannot be used."""
+    with as_wrong_use(ValueError):
+        table: Any = read_table(path, "a file with a table [tracker.camera]")
+        for key in ("tracker", "camera"):
+            table = table.get(key) if isinstance(table, dict) else None
+        if table is None:
+            raise ValueError(f"{path} must have a table [tracker.camera]")
+        with as_wrong_use(path=path):
+            return from_table(Camera, table, "tracker.camera")
+
+
+def save_camera(path: Path, camera: Camera) -> None:
+    """Write a camera that `read_camera` reads back to an equal one."""
+    save_text(path, tomli_w.dumps({"tracker": {"camera": to_table(camera)}}))
 
 
 def read_stars(catalog: str, epoch: float) -> Stars:

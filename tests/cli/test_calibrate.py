@@ -1,0 +1,60 @@
+"""What `calibrate` writes is a camera that `solve` and a design take."""
+
+import json
+
+import pytest
+
+from startrack.cli.main import main
+from startrack.cli.terminal import example
+from startrack.design import load_design
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """A rendered frame and the camera that was fitted to it."""
+    folder = tmp_path_factory.mktemp("calibrate")
+    assert main(["simulate", "--ra", "83", "--dec", "-5", "--out", str(folder)]) == 0
+    frame, camera = folder / "frame.fits", folder / "camera.toml"
+    options = ["--fov", "9.3", "--distortion", "none", "--camera", str(camera)]
+    assert main(["calibrate", str(frame), *options]) == 0
+    return frame, camera
+
+
+def test_solve_takes_the_camera(calibrated, capsys):
+    frame, camera = calibrated
+    assert main(["solve", str(frame), "--camera", str(camera), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    true = load_design(example()).case.instrument.camera
+    assert found["fov_x_deg"] == pytest.approx(true.fov_x * 57.29578, rel=2e-4)
+    assert found["residual_rms_px"] < 0.2
+
+
+def test_a_design_takes_the_camera(calibrated, tmp_path):
+    path = tmp_path / "design.toml"
+    path.write_text(f"{example().read_text()}\n{calibrated[1].read_text()}")
+    case = load_design(path).case
+    assert case.believed_camera == case.tracker.camera
+    assert case.believed_camera.focal_length_px == pytest.approx(
+        case.instrument.camera.focal_length_px, rel=2e-4
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "rule"),
+    [
+        (["--camera", "{camera}", "--fov", "9"], "must not both be given"),
+        (["--camera", str(example())], "must have a table [tracker.camera]"),
+    ],
+)
+def test_a_camera_that_cannot_be_used_is_refused(calibrated, options, rule, capsys):
+    frame, camera = calibrated
+    assert main(["solve", str(frame), *(one.format(camera=camera) for one in options)]) == 2
+    assert rule in capsys.readouterr().err
+
+
+def test_an_image_of_another_size_is_refused(calibrated, tmp_path, capsys):
+    frame, camera = calibrated
+    other = tmp_path / "other.toml"
+    other.write_text(camera.read_text().replace("columns = ", "columns = 1"))
+    assert main(["solve", str(frame), "--camera", str(other)]) == 1
+    assert "pixels of the camera" in capsys.readouterr().err
