@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import BarycentricInterpolator, make_interp_spline
 
 from startrack.core import Floats, Ints, positive
 from startrack.io import open_checked, shipped, whole
@@ -201,8 +201,10 @@ def _spline(nodes: Floats, values: Floats, at: Floats, axis: int) -> Floats:
     degree = min(DEGREE, len(nodes) - 1)
     inside = np.clip(at, nodes[0], nodes[-1])
     if degree % 2:
-        return np.asarray(make_interp_spline(nodes, values, degree, axis=axis)(inside))
-    return np.asarray(BarycentricInterpolator(nodes, values, axis=axis)(inside))
+        return np.asarray(
+            scipy.interpolate.make_interp_spline(nodes, values, degree, axis=axis)(inside)
+        )
+    return np.asarray(scipy.interpolate.BarycentricInterpolator(nodes, values, axis=axis)(inside))
 
 
 def save_lens(path: Path, table: LensTable) -> None:

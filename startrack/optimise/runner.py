@@ -99,6 +99,10 @@ class TrialRunner:
         written = NEW_NAMES.sub(lambda found: FIRST_NAMES[found[0]], repr(case))
         if not math.hypot(*known_smear(case)) > STREAK:  # trials are as without a known smear
             written = written.replace("smear_x=None, smear_y=None", "smear_x=0.0, smear_y=0.0")
-        written = written.replace(", dark_map=None", "")
+        for newer in (", dark_map=None", ", lens_file=''", ", calibrated_at=None"):
+            written = written.replace(newer, "")
+        written = written.replace(
+            ", thermal=None)", ")"
+        )  # of the instrument; the detector's has more
         text = f"{startrack.__version__} {self.seed} {fidelity} {first} {written}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()

@@ -1,6 +1,6 @@
 """Every command of `startrack` on a small example, on a given day and without a network.
 
-    python -W error tests/every_command.py YEAR FOLDER
+    python -W error tests/every_command.py quick|all YEAR FOLDER
 
 The clock starts in the middle of the year; all files go to the folder. The status is 1 where a
 command fails, warns or tries to reach the network. It needs a process of its own, since astropy
@@ -63,6 +63,15 @@ earth terrain dem.tif
 warm --json
 bench psf --out bench
 """  # those that read what others write come after them
+LONG = (
+    "optimize",
+    "sample",
+    "pareto",
+    "sensitivity",
+    "report",
+    "warm",
+    "verify",
+)  # left out by quick
 
 
 class NetworkUse(BaseException):
@@ -161,8 +170,8 @@ def succeeds(line: str) -> bool:
         return False
 
 
-def run(year: int, folder: Path) -> int:
-    """All commands; the exit status."""
+def run(left_out: tuple[str, ...], year: int, folder: Path) -> int:
+    """All commands but those that are left out; the exit status."""
     folder.mkdir(parents=True, exist_ok=True)
     os.chdir(folder)
     write_designs(folder)
@@ -170,7 +179,8 @@ def run(year: int, folder: Path) -> int:
     attempts: list[str] = []
     cut_the_network(attempts)
     with time_machine.travel(datetime.datetime(year, 7, 1, tzinfo=datetime.UTC)):
-        failed = [line for line in COMMANDS.strip().splitlines() if not succeeds(line)]
+        lines = [line for line in COMMANDS.strip().splitlines() if line.split()[0] not in left_out]
+        failed = [line for line in lines if not succeeds(line)]
     for line in failed:
         print(f"failed: {line}", file=sys.stderr)
     for attempt in attempts:
@@ -179,4 +189,5 @@ def run(year: int, folder: Path) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(run(int(sys.argv[1]), Path(sys.argv[2]).resolve()))
+    left_out = LONG if sys.argv[1] == "quick" else ()
+    sys.exit(run(left_out, int(sys.argv[2]), Path(sys.argv[3]).resolve()))

@@ -33,6 +33,7 @@ def test_json_holds_both_columns(capsys):
     assert 0.3 < result["measured"]["end to end"]["across"] < 1.5
 
 
+@pytest.mark.slow
 def test_pictures_and_indices(capsys, tmp_path):
     profile = tmp_path / "calm.toml"
     profile.write_text('period = "0.5 s"\n[[legs]]\nduration = "3 s"\n')

@@ -290,6 +290,7 @@ def test_optimize_writes_a_design_that_other_commands_accept(call, short, tmp_pa
     assert status == 0
 
 
+@pytest.mark.slow
 def test_sample_writes_tolerances(call, short, tmp_path):
     text = short.read_text()
     variables = text.split("[[campaign.variables]]")

@@ -28,12 +28,12 @@ def icrs_to_itrs(date: str) -> Rotation:
     return fly(Aircraft(date, 10 * deg, 47 * deg, 3e3, speed=100.0), np.zeros(1)).icrs_to_itrs[0]
 
 
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory):
-    """What all commands write in each of the years."""
+@pytest.fixture(scope="module", params=["quick", pytest.param("all", marks=pytest.mark.slow)])
+def folders(request, tmp_path_factory):
+    """What the commands write in each of the years; the quick ones are without the searches."""
     folder = tmp_path_factory.mktemp("years")
     for year in YEARS:  # one after the other: the second finds the kernels that the first compiled
-        command = [sys.executable, "-W", "error", every_command.__file__, str(year)]
+        command = [sys.executable, "-W", "error", every_command.__file__, request.param, str(year)]
         ended = subprocess.run([*command, folder / str(year)], capture_output=True, text=True)
         assert ended.returncode == 0, f"{year}: {ended.stderr[-5000:]}"
     return [folder / str(year) for year in YEARS]
@@ -44,6 +44,7 @@ def test_the_example_has_every_command():
     assert named == {*COMMANDS, "earth"}
     for part in ("geometry", "render", "terrain"):
         assert f"\nearth {part} " in every_command.COMMANDS
+    assert named > set(every_command.LONG)
 
 
 def test_no_command_depends_on_the_date_or_the_network(folders):

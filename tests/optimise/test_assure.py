@@ -41,6 +41,7 @@ def shown(coin, small, campaign, trials=500):
     return assure(own, campaign, coin, outcomes)["availability"].bounds
 
 
+@pytest.mark.slow
 def test_a_design_just_below_the_requirement_is_rarely_believed(small, campaign):
     """1000 designs of 98.9 % where 99 % is asked: 5 % may be wrong; false alarm 1e-3."""
     asked = campaign(0.99)

@@ -104,6 +104,7 @@ def test_a_box_that_meets_nothing_is_said_to(small):
     assert len(optimum.evaluations) == 1
 
 
+@pytest.mark.slow
 def test_a_start_that_sees_no_star_still_finds_some(small):
     """50 us at f/4, with a threshold of 12 sigma: nothing is detected."""
     case = small.case
@@ -127,6 +128,7 @@ def test_a_start_that_sees_no_star_still_finds_some(small):
     assert optimum.fresh[1].availability.value > 0.9
 
 
+@pytest.mark.slow
 def test_branches_race_and_the_better_wins(small):
     """Windows of 5 and 15 pixels on small stars: 15 pixels of noise lose."""
     window = Choice("tracker.detection.window", (15.0, 5.0))
@@ -143,6 +145,7 @@ def test_branches_race_and_the_better_wins(small):
     )
 
 
+@pytest.mark.slow
 def test_a_race_leaves_evaluations_to_the_winner(small):
     """Four branches and 24 evaluations in all: two each at first, 4 + 2 in the race's rounds."""
     window = Choice("tracker.detection.window", (5.0, 7.0, 9.0, 15.0))
