@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import command
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -143,9 +144,7 @@ def windows(case: Case, runs: int) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--quick", action="store_true")
-    options = parser.parse_args()
+    options = command.read(parser)
     runs = 3 if options.quick else 15
     case = the_case(1024)
     start = time.process_time()
@@ -167,8 +166,7 @@ def main() -> None:
     result["window_ratio"] = time_of["table"] / time_of["one"]
     for name, value in result.items():
         print(f"{name:26} {value:.4g}")
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
+    command.save(options, result)
 
 
 if __name__ == "__main__":

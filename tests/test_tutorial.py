@@ -14,12 +14,14 @@ def walked(tmp_path_factory) -> tuple[Path, list[Told]]:
     return folder, walk(TEXT, folder)
 
 
+@pytest.mark.slow
 def test_what_the_page_quotes_comes(walked):
     _, told = walked
     assert len(told) >= 6
     assert [fault for one in told for fault in faults(one)] == []
 
 
+@pytest.mark.slow
 def test_every_picture_is_made_on_the_way(walked):
     folder, _ = walked
     names = PICTURE.findall(TEXT)
@@ -31,6 +33,7 @@ def test_every_picture_is_made_on_the_way(walked):
         assert len(shown) < 200_000, name
 
 
+@pytest.mark.slow
 def test_the_walk_ends_with_a_report(walked):
     folder, _ = walked
     assert (folder / "trials" / "campaign.html").read_text().rstrip().endswith("</html>")

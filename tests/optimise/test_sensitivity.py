@@ -42,11 +42,12 @@ def test_a_design_without_an_attitude_is_refused(small, blind):
 
 def test_a_variable_alone_has_all_of_the_variance_and_zero_no_slope(small):
     """One variable, which starts at zero."""
-    optics = dataclasses.replace(small.case.instrument.optics, blur=0.0)
-    sharp = dataclasses.replace(
-        small.case, instrument=dataclasses.replace(small.case.instrument, optics=optics)
+    detector = dataclasses.replace(small.case.instrument.detector, read_noise=0.0)
+    quiet = dataclasses.replace(
+        small.case, instrument=dataclasses.replace(small.case.instrument, detector=detector)
     )
-    space = DesignSpace(sharp, (Variable("instrument.optics.blur", "0 um", "20 um"),))
+    name = "instrument.detector.read_noise"
+    space = DesignSpace(quiet, (Variable(name, "0 electron", "20 electron"),))
     (one,) = sensitivities(space, small.campaign, seed=1, designs=2)
     assert one.first.value == one.total.value == 1
     assert one.slope == 0

@@ -28,6 +28,7 @@ def test_the_region_of_a_known_surface_is_found():
     assert stats.kstest(radius**2, "uniform").pvalue > 1e-3
 
 
+@pytest.mark.slow
 def test_the_tolerance_region_of_a_small_tracker(small):
     campaign = dataclasses.replace(small.campaign, variables=small.campaign.variables[:2])
     count = []
