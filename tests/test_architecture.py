@@ -219,7 +219,16 @@ def test_no_hidden_randomness_and_no_pickle():
 
 def test_the_command_line_starts_light():
     """`startrack --help` loads no room."""
-    standard = {"__future__", "argparse", "os", "sys", "collections.abc", "importlib", "math"}
+    standard = {
+        "__future__",
+        "argparse",
+        "builtins",
+        "os",
+        "sys",
+        "collections.abc",
+        "importlib",
+        "math",
+    }
     standard |= {
         "concurrent.futures",
         "signal",
@@ -232,9 +241,10 @@ def test_the_command_line_starts_light():
         "enum",
         "warnings",
     }
-    light = {f"startrack.cli.{module}" for module in ("options", "main", "stopping")}
+    modules = ("main", "imports", "options", "stopping")
+    light = {f"startrack.cli.{module}" for module in modules}
     light.add("startrack")
-    for module in ("main", "options", "stopping"):
+    for module in modules:
         found = imports(ROOT / "cli" / f"{module}.py")
         if module == "stopping":
             found -= {"startrack.core"}  # where a command has run

@@ -6,6 +6,8 @@ options             What commands share: exit status, wrong use, readers of numb
 stopping            A signal or an error -> what ends a command, and the words that tell it.
 terminal            Inputs by name, and outputs: results on standard output, messages on standard
                     error.
+imports             Imports of a command's file -> done when the command runs, so that its help
+                    needs none of them.
 campaign            What the commands on campaigns share: the design, the runner of its trials, and
                     the folder.
 beside              At the first run, another process compiles the identification.
@@ -28,9 +30,9 @@ requirements        `startrack requirements`: margins of a design to its require
                     Earth cameras.
 sample              `startrack sample`: the tolerance of each parameter of a design.
 sensitivity         `startrack sensitivity`: which parameters the error of a design depends on.
-verify        `startrack verify`: a verdict on each requirement of a design.
 sequence            `startrack sequence`: a tracker in time.
 simulate            `startrack simulate`: render one frame of a design.
 solve               `startrack solve`: the attitude of images.
+verify              `startrack verify`: a verdict on each requirement of a design.
 warm                `startrack warm`: compile the kernels before they are needed.
 """

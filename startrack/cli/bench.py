@@ -4,33 +4,35 @@ from __future__ import annotations
 
 import argparse
 
-import cv2
+from startrack.cli.imports import deferred
+from startrack.cli.options import Exit, add_out, as_wrong_use, describe
 
-from startrack.benchmark import STAGES, draw_benchmark, markdown, measure, values, versions
-from startrack.cli.options import Exit, add_out, describe
-from startrack.cli.terminal import print_message, print_result
-from startrack.io import save_json, save_text
+with deferred():
+    import cv2
+
+    from startrack.benchmark import STAGES, draw_benchmark, markdown, measure, values, versions
+    from startrack.cli.terminal import print_message, print_result
+    from startrack.core import one_of
+    from startrack.io import save_json, save_text
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack bench`."""
     describe(parser, "Writes bench.md, bench.json and bench.png.")
     parser.add_argument(
-        "stages", nargs="*", type=stage, metavar="STAGE",
-        help=f"stages to measure: {', '.join(STAGES)} (default: all, which takes some minutes)",
+        "stages", nargs="*", metavar="STAGE",
+        help="stages to measure: psf, stamping, noise, frame, detection, centroid, identification, "
+        "attitude, terrain, radiance, montecarlo, optimiser (default: all, which takes some "
+        "minutes)",
     )  # fmt: skip
     add_out(parser, "startrack-bench")
 
 
-def stage(text: str) -> str:
-    """Read the name of a stage."""
-    if text not in STAGES:
-        raise argparse.ArgumentTypeError(f"must be one of {', '.join(STAGES)}, got {text!r}")
-    return text
-
-
 def command(options: argparse.Namespace) -> int:
     """Write bench.md, bench.json and bench.png."""
+    with as_wrong_use():
+        for name in options.stages:
+            one_of(STAGES, stage=name)
     cv2.setNumThreads(1)
     stages, rows = [], []
     for name in options.stages or STAGES:

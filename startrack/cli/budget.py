@@ -7,40 +7,43 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from startrack.budget import (
-    INDICES,
-    Budget,
-    Check,
-    Line,
-    Spread,
-    Term,
-    analytic,
-    caveats,
-    check,
-    indices_of,
-    measured,
-    survey,
-)
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_design, add_seed, add_workers, describe, positive, whole
-from startrack.cli.terminal import (
-    example,
-    finite,
-    print_result,
-    progress,
-    read_design,
-    read_sequence,
-    summary_values,
-)
-from startrack.core import arcsec
-from startrack.design import Case
-from startrack.io import save_json
-from startrack.metrics import LEVELS, Interpretation
-from startrack.montecarlo import pool
-from startrack.plots import draw_budget, draw_curves, draw_sky
-from startrack.sequence import Sequence
-from startrack.trial import TYPICAL, errors, lasting
+
+with deferred():
+    import numpy as np
+
+    from startrack.budget import (
+        INDICES,
+        Budget,
+        Check,
+        Line,
+        Spread,
+        Term,
+        analytic,
+        caveats,
+        check,
+        indices_of,
+        measured,
+        survey,
+    )
+    from startrack.cli.terminal import (
+        example,
+        finite,
+        print_result,
+        progress,
+        read_design,
+        read_sequence,
+        summary_values,
+    )
+    from startrack.core import arcsec
+    from startrack.design import Case
+    from startrack.io import save_json
+    from startrack.metrics import LEVELS, Interpretation
+    from startrack.montecarlo import pool
+    from startrack.plots import draw_budget, draw_curves, draw_sky
+    from startrack.sequence import Sequence
+    from startrack.trial import TYPICAL, errors, lasting
 
 FAR = 0.1  # relative difference of the two columns from which on it is printed
 

@@ -8,9 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from startrack.calibration import UNKNOWNS, Calibrated, Calibration, Prior, calibrate, sample_camera
+from startrack.cli.imports import deferred
 from startrack.cli.options import (
     KNOWN,
     Exit,
@@ -20,15 +18,27 @@ from startrack.cli.options import (
     as_wrong_use,
     describe,
 )
-from startrack.cli.terminal import finite, print_message, print_result, read_stars, save_camera
-from startrack.core import Camera, Frame, Matches, Spots, within
-from startrack.design import Tracker
-from startrack.detection import Detection, subtract_dark
-from startrack.identification import Identification, PatternIndexes
-from startrack.io import read_image, save_json
-from startrack.optimise import Ledger, chain_text, chain_values, thinned
-from startrack.plots import draw_corner
-from startrack.trial import lost_in_space
+
+with deferred():
+    import numpy as np
+
+    from startrack.calibration import (
+        UNKNOWNS,
+        Calibrated,
+        Calibration,
+        Prior,
+        calibrate,
+        sample_camera,
+    )
+    from startrack.cli.terminal import finite, print_message, print_result, read_stars, save_camera
+    from startrack.core import Camera, Frame, Matches, Spots, within
+    from startrack.design import Tracker
+    from startrack.detection import Detection, subtract_dark
+    from startrack.identification import Identification, PatternIndexes
+    from startrack.io import read_image, save_json
+    from startrack.optimise import Ledger, chain_text, chain_values, thinned
+    from startrack.plots import draw_corner
+    from startrack.trial import lost_in_space
 
 ROUNDS = 3  # a better camera model matches more stars
 

@@ -7,12 +7,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe
-from startrack.cli.terminal import in_arcsec, print_result
-from startrack.design import Fidelity
-from startrack.montecarlo import Store, combined
 
-COST = tuple(Fidelity)  # most expensive first
+with deferred():
+    from startrack.cli.terminal import in_arcsec, print_result
+    from startrack.design import Fidelity
+    from startrack.montecarlo import Store, combined
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +39,8 @@ def command(options: argparse.Namespace) -> int:
     _must_be_several(options.campaigns)
     with ExitStack() as opened:
         stores = [opened.enter_context(_open(path)) for path in options.campaigns]
-        stores.sort(key=lambda store: COST.index(store.sampling.fidelity))
+        cost = tuple(Fidelity)  # most expensive first
+        stores.sort(key=lambda store: cost.index(store.sampling.fidelity))
         _must_belong_together(stores)
         levels = [(store.outcomes(), store.sampling.fidelity) for store in stores]
     result: dict[str, Any] = {"trials": {kind.value: len(table) for table, kind in levels}}

@@ -6,9 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from startrack.cli.imports import deferred
 from startrack.cli.options import (
     Exit,
     WrongUse,
@@ -18,13 +16,18 @@ from startrack.cli.options import (
     describe,
     whole,
 )
-from startrack.cli.terminal import print_result, progress, read_design
-from startrack.core import arcsec
-from startrack.design import Campaign, Case, Fidelity
-from startrack.io import to_table
-from startrack.metrics import STATED_ALONE
-from startrack.montecarlo import Difference as Found
-from startrack.montecarlo import Sampling, Store, differences, pool, run, warm
+
+with deferred():
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from startrack.cli.terminal import print_result, progress, read_design
+    from startrack.core import arcsec
+    from startrack.design import Campaign, Case, Fidelity
+    from startrack.io import to_table
+    from startrack.metrics import STATED_ALONE
+    from startrack.montecarlo import Difference as Found
+    from startrack.montecarlo import Sampling, Store, differences, pool, run, warm
 
 WIDEST = 40  # letters of a value in the table of parameters
 

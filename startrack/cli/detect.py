@@ -7,20 +7,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_images, as_wrong_use, describe
-from startrack.cli.terminal import print_failed_image, print_result, read_design
-from startrack.core import Frame, Psf, Spots
-from startrack.detection import (
-    Detection,
-    detect,
-    divide_flat,
-    false_alarms,
-    plan_detection,
-    subtract_dark,
-)
-from startrack.io import read_image
-from startrack.plots import draw_spots
-from startrack.trial import psf_of
+
+with deferred():
+    from startrack.cli.terminal import print_failed_image, print_result, read_design
+    from startrack.core import Frame, Psf, Spots
+    from startrack.detection import (
+        Detection,
+        detect,
+        divide_flat,
+        false_alarms,
+        plan_detection,
+        subtract_dark,
+    )
+    from startrack.io import read_image
+    from startrack.plots import draw_spots
+    from startrack.trial import psf_of
 
 
 def declare(parser: argparse.ArgumentParser) -> None:

@@ -8,27 +8,30 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, WrongUse, add_out, add_seed, as_wrong_use, describe
-from startrack.cli.terminal import print_result, progress
-from startrack.core import Floats, Streams, require_memory, um
-from startrack.earth.geometry import EarthScene, Strip, find, observe_earth
-from startrack.earth.imager import (
-    Channel,
-    Picture,
-    Setting,
-    cameras,
-    load_survey,
-    open_fits,
-    render,
-    thinned,
-    write_geotiff,
-)
-from startrack.earth.terrain import EQUATORIAL, Raster
-from startrack.io import from_table, read_table, save_netcdf, shipped, whole
-from startrack.motion import Motion, realise_motion
-from startrack.plots import draw_geometry, draw_picture
+
+with deferred():
+    import numpy as np
+
+    from startrack.cli.terminal import print_result, progress
+    from startrack.core import Floats, Streams, require_memory, um
+    from startrack.earth.geometry import EarthScene, Strip, find, observe_earth
+    from startrack.earth.imager import (
+        Channel,
+        Picture,
+        Setting,
+        cameras,
+        load_survey,
+        open_fits,
+        render,
+        thinned,
+        write_geotiff,
+    )
+    from startrack.earth.terrain import EQUATORIAL, Raster
+    from startrack.io import from_table, read_table, save_netcdf, shipped, whole
+    from startrack.motion import Motion, realise_motion
+    from startrack.plots import draw_geometry, draw_picture
 
 EARTH = """\
 A scene file gives an orbit (or tle), a sensor, a pointing and the terrain. The default is the

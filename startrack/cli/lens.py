@@ -8,21 +8,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe, whole
-from startrack.cli.terminal import print_result, progress
-from startrack.core import ZERO_CELSIUS, deg, nm, um
-from startrack.optics import (
-    LensTable,
-    Tracing,
-    lens_path,
-    load_lens,
-    read_prescription,
-    save_lens,
-    trace_lens,
-    zernike,
-)
+
+with deferred():
+    import numpy as np
+
+    from startrack.cli.terminal import print_result, progress
+    from startrack.core import ZERO_CELSIUS, deg, nm, um
+    from startrack.optics import (
+        LensTable,
+        Tracing,
+        lens_path,
+        load_lens,
+        read_prescription,
+        save_lens,
+        trace_lens,
+        zernike,
+    )
 
 LENS = """\
 A lens table holds the wavefront, the place of the chief ray, the pupil and the vignetting of a lens

@@ -16,11 +16,12 @@ from importlib import import_module
 from typing import TextIO
 
 from startrack import __version__
+from startrack.cli.imports import load, postpone
 from startrack.cli.options import add_common, memory_of
 from startrack.cli.stopping import one_line, stopped_by_signals, told
 
-# Each command is a file of this name with `declare(parser)` and `command(options)`, which imports
-# what it needs. Only the command that is called is imported.
+# Each command is a file of this name with `declare(parser)` and `command(options)`. Only that of
+# the called command is imported, and what it computes with when it runs.
 COMMANDS = {
     "simulate": "render one frame of a design to FITS and PNG",
     "psf": "compute how the optics of a design blur a star: width, energy, MTF",
@@ -46,8 +47,8 @@ COMMANDS = {
 }
 # Commands that identify stars; at the first run a second core compiles what that takes.
 IDENTIFY = (
-    "simulate", "solve", "montecarlo", "sequence", "optimize", "sample", "pareto", "sensitivity",
-    "warm", "bench",
+    "simulate", "solve", "budget", "montecarlo", "compare", "sequence", "verify", "optimize",
+    "sample", "pareto", "sensitivity", "warm", "bench",
 )  # fmt: skip
 EPILOG = """\
 exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved; 130, 143 stopped
@@ -75,6 +76,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     All that it raises becomes one sentence here, and nowhere else.
     """
+    if arguments is None:  # this process runs one command, and nothing else
+        postpone()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     with stopped_by_signals():
         try:
@@ -96,7 +99,7 @@ def _called(arguments: Sequence[str]) -> str:
 
 def _run(options: argparse.Namespace) -> int:
     """The exit status of a command."""
-    # The command imports what it needs, so that --help is quick.
+    load()
     command = import_module(f"startrack.cli.{options.name}").command
     terminal = import_module("startrack.cli.terminal")
     core = import_module("startrack.core")

@@ -5,19 +5,22 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from startrack.cli.campaign import open_campaign
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_campaign_options
-from startrack.cli.terminal import finite, print_result, progress, summary_values
-from startrack.design import Campaign, Design, Objective, save_design
-from startrack.io import save_json, save_text
-from startrack.optimise import (
-    Optimum,
-    comparison,
-    optimize,
-    optimum_caveats,
-    write_evaluations,
-)
-from startrack.plots import draw_convergence
+
+with deferred():
+    from startrack.cli.campaign import open_campaign
+    from startrack.cli.terminal import finite, print_result, progress, summary_values
+    from startrack.design import Campaign, Design, Objective, save_design
+    from startrack.io import save_json, save_text
+    from startrack.optimise import (
+        Optimum,
+        comparison,
+        optimize,
+        optimum_caveats,
+        write_evaluations,
+    )
+    from startrack.plots import draw_convergence
 
 
 def declare(parser: argparse.ArgumentParser) -> None:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import argparse
 
-import numpy as np
-
-from startrack.cli.campaign import open_campaign
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_campaign_options, as_wrong_use, whole
-from startrack.cli.terminal import finite, print_result, progress
-from startrack.design import DesignSpace
-from startrack.io import save_json, save_text
-from startrack.optimise import UNITS, Goals, front
-from startrack.plots import draw_front
+
+with deferred():
+    import numpy as np
+
+    from startrack.cli.campaign import open_campaign
+    from startrack.cli.terminal import finite, print_result, progress
+    from startrack.design import DesignSpace
+    from startrack.io import save_json, save_text
+    from startrack.optimise import UNITS, Goals, front
+    from startrack.plots import draw_front
 
 
 def declare(parser: argparse.ArgumentParser) -> None:

@@ -6,32 +6,35 @@ import argparse
 import math
 from typing import Any
 
-import numpy as np
-
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_design, add_out, describe
-from startrack.cli.terminal import example, finite, print_result, read_design
-from startrack.core import Psf, Streams
-from startrack.design import Instrument
-from startrack.io import save_json
-from startrack.motion import image_path, transfer
-from startrack.optics import (
-    BLOCKS,
-    POINT,
-    RADII,
-    Choice,
-    Quality,
-    blur_transfer,
-    choose,
-    modulation,
-    pixel_psf,
-    pixel_transfer,
-    quality,
-)
-from startrack.plots import Curves, draw_psf
-from startrack.scene import WAVELENGTH
-from startrack.trial import detected_spectrum, line_of_sight, psf_of
 
-FREQUENCY = np.linspace(0.0, 0.5, 51)  # cycle / pixel, to Nyquist
+with deferred():
+    import numpy as np
+
+    from startrack.cli.terminal import example, finite, print_result, read_design
+    from startrack.core import Floats, Psf, Streams
+    from startrack.design import Instrument
+    from startrack.io import save_json
+    from startrack.motion import image_path, transfer
+    from startrack.optics import (
+        BLOCKS,
+        POINT,
+        RADII,
+        Choice,
+        Quality,
+        blur_transfer,
+        choose,
+        modulation,
+        pixel_psf,
+        pixel_transfer,
+        quality,
+    )
+    from startrack.plots import Curves, draw_psf
+    from startrack.scene import WAVELENGTH
+    from startrack.trial import detected_spectrum, line_of_sight, psf_of
+
+NYQUIST = 0.5  # cycle / pixel
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -57,36 +60,41 @@ def command(options: argparse.Namespace) -> int:
     pitch = instrument.detector.pitch
     choice = choose(instrument.optics, pitch, mean)
     judged = quality(response, image)
-    curves = [_curves(instrument, response, image, angle) for angle in (0.0, math.pi / 2)]
+    frequency = np.linspace(0.0, NYQUIST, 51)
+    curves = [
+        _curves(instrument, response, image, angle, frequency) for angle in (0.0, math.pi / 2)
+    ]
     result = _values(judged, choice, mean, curves) | {
         "design": str(path),
         "png": str(options.out / "psf.png"),
     }
-    draw_psf(options.out / "psf.png", image, FREQUENCY, curves, _title(path.stem, choice, mean))
+    draw_psf(options.out / "psf.png", image, frequency, curves, _title(path.stem, choice, mean))
     save_json(options.out / "psf.json", finite(result))
     print_result(options, result, _text(judged, choice, mean, curves) + f"\nwrote {result['png']}")
     return Exit.DONE
 
 
-def _curves(instrument: Instrument, response: Psf, image: Psf, angle: float) -> Curves:
+def _curves(
+    instrument: Instrument, response: Psf, image: Psf, angle: float, frequency: Floats
+) -> Curves:
     """Each factor of the modulation along one direction of the detector, up to Nyquist."""
     optics, detector, camera = instrument.optics, instrument.detector, instrument.camera
     pitch = detector.pitch
     factors = {
-        "optics": modulation(image, FREQUENCY, angle),
-        "pixel": np.abs(pixel_transfer(FREQUENCY, math.sqrt(detector.fill_factor))),
+        "optics": modulation(image, frequency, angle),
+        "pixel": np.abs(pixel_transfer(frequency, math.sqrt(detector.fill_factor))),
     }
     if optics.total_blur:
-        factors["blur in optics"] = blur_transfer(FREQUENCY, optics.total_blur / pitch)
+        factors["blur in optics"] = blur_transfer(frequency, optics.total_blur / pitch)
     if detector.diffusion:
-        factors["diffusion"] = blur_transfer(FREQUENCY, detector.diffusion / pitch)
+        factors["diffusion"] = blur_transfer(frequency, detector.diffusion / pitch)
     # The motion of one exposure, for a star in the middle of the field; trial 0 of seed 0.
     path = line_of_sight(instrument, Streams(0, 0))
     if len(path.time) > 1:
         axis = np.array([math.cos(angle), math.sin(angle)])
         offset = image_path(path, camera, camera.unproject(np.array(camera.centre))[0])
-        factors["motion"] = np.abs(transfer(offset, path.weight, np.outer(FREQUENCY, axis)))
-    total = modulation(response, FREQUENCY, angle) * factors.get("motion", 1.0)
+        factors["motion"] = np.abs(transfer(offset, path.weight, np.outer(frequency, axis)))
+    total = modulation(response, frequency, angle) * factors.get("motion", 1.0)
     return {**factors, "total": total}
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, as_wrong_use, describe, whole
-from startrack.cli.terminal import print_result, progress
-from startrack.io import save_text
-from startrack.montecarlo import Store, one_thread
-from startrack.report import Depth, repeated, write_report
+
+with deferred():
+    from startrack.cli.terminal import print_result, progress
+    from startrack.io import save_text
+    from startrack.montecarlo import Store, one_thread
+    from startrack.report import Depth, repeated, write_report
 
 
 def declare(parser: argparse.ArgumentParser) -> None:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 import math
 
-from startrack.budget import caveats
-from startrack.cli.earth_requirements import earth_requirements
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, WrongUse, add_campaign, describe
-from startrack.cli.terminal import example, print_result, read_design
-from startrack.core import arcsec
-from startrack.design import Objective
-from startrack.optimise import expect, expected_objective
+
+with deferred():
+    from startrack.budget import caveats
+    from startrack.cli.earth_requirements import earth_requirements
+    from startrack.cli.terminal import example, print_result, read_design
+    from startrack.core import arcsec
+    from startrack.design import Objective
+    from startrack.optimise import expect, expected_objective
 
 EARTH_TOO = (
     "; or an Earth camera (waoss, hsrs, mertis, ads40 or a scene file), to print its ground "

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import argparse
 
-from startrack.cli.campaign import open_campaign
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_campaign_options
-from startrack.cli.terminal import finite, print_result, progress
-from startrack.io import save_json, save_text
-from startrack.optimise import (
-    designs_needed,
-    sample,
-    tolerance_table,
-    tolerance_values,
-    write_samples,
-)
-from startrack.plots import draw_tolerance
+
+with deferred():
+    from startrack.cli.campaign import open_campaign
+    from startrack.cli.terminal import finite, print_result, progress
+    from startrack.io import save_json, save_text
+    from startrack.optimise import (
+        designs_needed,
+        sample,
+        tolerance_table,
+        tolerance_values,
+        write_samples,
+    )
+    from startrack.plots import draw_tolerance
 
 
 def declare(parser: argparse.ArgumentParser) -> None:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 import math
 
-from startrack.cli.campaign import open_campaign
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_campaign_options, power_of_two
-from startrack.cli.terminal import finite, print_result
-from startrack.design import DesignSpace, Objective
-from startrack.io import save_json, save_text
-from startrack.optimise import Sensitivity, sensitivities
-from startrack.plots import draw_tornado
+
+with deferred():
+    from startrack.cli.campaign import open_campaign
+    from startrack.cli.terminal import finite, print_result
+    from startrack.design import DesignSpace, Objective
+    from startrack.io import save_json, save_text
+    from startrack.optimise import Sensitivity, sensitivities
+    from startrack.plots import draw_tornado
 
 
 def declare(parser: argparse.ArgumentParser) -> None:

@@ -7,22 +7,25 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_design, add_out, add_seed, add_workers, describe, whole
-from startrack.cli.terminal import (
-    example,
-    finite,
-    in_arcsec,
-    print_result,
-    progress,
-    read_design,
-    read_sequence,
-)
-from startrack.core import arcsec
-from startrack.io import save_json, shipped
-from startrack.metrics import Interval
-from startrack.montecarlo import export, pool
-from startrack.plots import draw_sequence
-from startrack.sequence import Tracking, fly_sequences, summarise_sequences
+
+with deferred():
+    from startrack.cli.terminal import (
+        example,
+        finite,
+        in_arcsec,
+        print_result,
+        progress,
+        read_design,
+        read_sequence,
+    )
+    from startrack.core import arcsec
+    from startrack.io import save_json, shipped
+    from startrack.metrics import Interval
+    from startrack.montecarlo import export, pool
+    from startrack.plots import draw_sequence
+    from startrack.sequence import Tracking, fly_sequences, summarise_sequences
 
 
 def declare(parser: argparse.ArgumentParser) -> None:

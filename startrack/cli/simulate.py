@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 
+from startrack.cli.imports import deferred
 from startrack.cli.options import (
     LARGEST_SEED,
     Exit,
@@ -15,11 +16,13 @@ from startrack.cli.options import (
     describe,
     whole,
 )
-from startrack.cli.terminal import example, print_result, quaternion, read_design
-from startrack.core import Streams
-from startrack.io import celestial, pointing, write_fits
-from startrack.plots import draw_frame
-from startrack.trial import observe, random_attitude
+
+with deferred():
+    from startrack.cli.terminal import example, print_result, quaternion, read_design
+    from startrack.core import Streams
+    from startrack.io import celestial, pointing, write_fits
+    from startrack.plots import draw_frame
+    from startrack.trial import observe, random_attitude
 
 
 def declare(parser: argparse.ArgumentParser) -> None:

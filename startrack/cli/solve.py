@@ -8,6 +8,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+from startrack.cli.imports import deferred
 from startrack.cli.options import (
     KNOWN,
     Exit,
@@ -16,21 +17,23 @@ from startrack.cli.options import (
     as_wrong_use,
     describe,
 )
-from startrack.cli.terminal import (
-    print_failed_image,
-    print_message,
-    print_result,
-    quaternion,
-    read_camera,
-    read_stars,
-)
-from startrack.core import Camera, Estimate, Frame, Matches, Spots, Stars, positive, within
-from startrack.design import Tracker
-from startrack.detection import Detection, detect, subtract_dark
-from startrack.identification import Identification, PatternIndexes, identify_blind
-from startrack.io import celestial, read_image
-from startrack.plots import draw_solution
-from startrack.trial import lost_in_space, solve_matches
+
+with deferred():
+    from startrack.cli.terminal import (
+        print_failed_image,
+        print_message,
+        print_result,
+        quaternion,
+        read_camera,
+        read_stars,
+    )
+    from startrack.core import Camera, Estimate, Frame, Matches, Spots, Stars, positive, within
+    from startrack.design import Tracker
+    from startrack.detection import Detection, detect, subtract_dark
+    from startrack.identification import Identification, PatternIndexes, identify_blind
+    from startrack.io import celestial, read_image
+    from startrack.plots import draw_solution
+    from startrack.trial import lost_in_space, solve_matches
 
 # Sigma of the detection: an image of few faint stars is searched twice. The bound of the false
 # match probability holds for each search.

@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from startrack.cli.imports import deferred
 from startrack.cli.options import (
     Exit,
     WrongUse,
@@ -18,23 +16,27 @@ from startrack.cli.options import (
     describe,
     whole,
 )
-from startrack.cli.terminal import (
-    example,
-    finite,
-    print_message,
-    print_result,
-    progress,
-    read_design,
-)
-from startrack.design import Case, Fidelity
-from startrack.io import save_json, save_text
-from startrack.montecarlo import Sampling, pool, warm
-from startrack.optimise import VERIFYING, Ledger, TrialRunner
-from startrack.trial import require_fidelity
-from startrack.verification import Answer, Looks, cases, verdict_text, verdict_values, verify
+
+with deferred():
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from startrack.cli.terminal import (
+        example,
+        finite,
+        print_message,
+        print_result,
+        progress,
+        read_design,
+    )
+    from startrack.design import Case, Fidelity
+    from startrack.io import save_json, save_text
+    from startrack.montecarlo import Sampling, pool, warm
+    from startrack.optimise import VERIFYING, Ledger, TrialRunner
+    from startrack.trial import require_fidelity
+    from startrack.verification import Answer, Looks, cases, verdict_text, verdict_values, verify
 
 LEDGER = "ledger.sqlite"
-EXIT = {Answer.PASS: Exit.DONE, Answer.FAIL: Exit.UNSOLVED, Answer.NOT_SHOWN: Exit.UNSOLVED}
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -110,4 +112,4 @@ def command(options: argparse.Namespace) -> int:
     for reason in found.left:
         print_message(f"not judged: {reason}")
     print_result(options, result, table)
-    return EXIT[found.answer]
+    return Exit.DONE if found.answer is Answer.PASS else Exit.UNSOLVED

@@ -8,18 +8,27 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from startrack.budget import analytic
-from startrack.cli.earth import read_scene
+from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, describe
-from startrack.cli.terminal import example, print_message, print_result, read_design, read_sequence
-from startrack.core import FOLDERS, UNKEPT, Spots, one_of
-from startrack.design import Case, Fidelity
-from startrack.earth.geometry import observe_earth
-from startrack.io import shipped
-from startrack.sequence import run
-from startrack.trial import identify_and_solve, pattern_indexes, run_random_trial
+
+with deferred():
+    import numpy as np
+
+    from startrack.budget import analytic
+    from startrack.cli.earth import read_scene
+    from startrack.cli.terminal import (
+        example,
+        print_message,
+        print_result,
+        read_design,
+        read_sequence,
+    )
+    from startrack.core import FOLDERS, UNKEPT, Spots, one_of
+    from startrack.design import Case, Fidelity
+    from startrack.earth.geometry import observe_earth
+    from startrack.io import shipped
+    from startrack.sequence import run
+    from startrack.trial import identify_and_solve, pattern_indexes, run_random_trial
 
 MB = 1e6  # byte
 SPOTS, SIGMA = 20, 0.1  # of the field that is identified: their number, and noise in pixel

@@ -6,12 +6,15 @@ import hashlib
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import emcee
 import numpy as np
 
 from startrack.core import Floats, whole
 from startrack.optimise.ledger import Ledger
+
+if TYPE_CHECKING:
+    import emcee
 
 LONG_ENOUGH = 50  # autocorrelation times; emcee's documentation, "Autocorrelation analysis"
 # Independent samples of each variable, and split R-hat: Vehtari et al. (2021), Bayesian Analysis
@@ -170,6 +173,8 @@ class _Ensemble:
         settings: Ensembles,
         ledger: Ledger,
     ) -> None:
+        import emcee  # costs 0.9 s, and only sampling needs it
+
         sequence = np.random.SeedSequence(entropy)
         rng = np.random.default_rng(sequence)
         d = start(rng, 1).shape[1]
@@ -216,6 +221,8 @@ class _Ensemble:
         return file.getvalue()
 
     def _unpack(self, held: bytes) -> None:
+        import emcee
+
         try:
             with np.load(io.BytesIO(held), allow_pickle=False) as file:
                 stretch = {name: file[name] for name in PARTS}

@@ -1,6 +1,7 @@
 """The machine interface: one JSON object a line, exit statuses, errors in one sentence."""
 
 import json
+import re
 import subprocess
 import sys
 import warnings
@@ -10,10 +11,12 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
+from startrack.benchmark import STAGES
 from startrack.cli.main import COMMANDS, main
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design
 from startrack.io import shipped
+from startrack.montecarlo.precision import STATISTICS
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store
 
@@ -310,14 +313,41 @@ def test_sample_writes_tolerances(call, short, tmp_path):
     assert (out / "samples.csv").read_text().startswith("instrument.optics.focal_length,")
 
 
-def test_help_imports_no_room():
-    """--help must not import numpy, which takes longer than the rest of it."""
+def test_help_imports_nothing_that_computes():
+    """Of `startrack` and of each command: loading numpy takes longer than all the rest of it."""
     code = (
-        "import sys\nfrom startrack.cli.main import main\n"
-        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
-        "print('heavy' if {'numpy', 'cv2', 'astropy'} & set(sys.modules) else 'light')"
+        "import sys\nfrom startrack.cli.main import COMMANDS, main\n"
+        "for name in ('', *COMMANDS):\n"
+        "    sys.argv = ['startrack', *name.split(), '--help']\n"
+        "    try:\n        main()\n"
+        "    except SystemExit:\n        pass\n"
+        "heavy = {'numpy', 'scipy', 'cv2', 'astropy', 'numba', 'matplotlib', 'startrack.core'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "light"
+    assert done.stdout.splitlines()[-1] == "[]"
     for word in ("optimize", "exit status", "startrack solve photo.jpg"):
         assert word in done.stdout
+
+
+def test_choices_in_the_help_are_those_of_the_rooms(capsys):
+    """The parser names them without an import of the room."""
+    for command, names in (
+        ("montecarlo --help", STATISTICS),
+        ("montecarlo --help", tuple(fidelity.value for fidelity in Fidelity)),
+        ("bench --help", STAGES),
+    ):
+        with pytest.raises(SystemExit):
+            main(command.split())
+        words = re.findall(r"[\w.-]+", capsys.readouterr().out)
+        assert set(names) <= set(words)
+
+
+def test_what_a_command_imports_late_is_there_when_it_runs(tmp_path):
+    """As a process that the shell starts, which postpones the imports."""
+    code = "import sys\nfrom startrack.cli.main import main\nsys.exit(main())"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "bench", "psff"], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.returncode == 2
+    assert "stage must be one of psf, stamping" in done.stderr
