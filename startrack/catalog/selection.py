@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated
 
 from startrack.catalog.apparent import FIRST_YEAR, LAST_YEAR
@@ -34,7 +35,7 @@ class Selection:
     parallax          whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)
 
     What is true and what the tracker believes are two selections: leaving a correction out of the
-    second shows what it is worth.
+    second shows what it is worth. Selections of a file that has changed in between are not equal.
     """
 
     source: str = "bright"
@@ -45,6 +46,7 @@ class Selection:
     aberration: bool = False
     orbital_velocity: Annotated[tuple[float, ...] | None, Unit("m / s", "km / s")] = None
     parallax: bool = False
+    _file: tuple[str, int, int] | None = field(init=False, repr=False, default=None)
 
     def __post_init__(self) -> None:
         if not isinstance(self.source, str):
@@ -63,6 +65,8 @@ class Selection:
         self._check_velocity()
         if self.aberration or self.parallax:
             within(FIRST_YEAR, LAST_YEAR, **{"epoch with aberration or parallax": self.year})
+        if self.source not in ("bright", "deep"):
+            object.__setattr__(self, "_file", _state(Path(self.source)))
 
     @property
     def year(self) -> float:
@@ -85,3 +89,12 @@ class Selection:
     def whole(cls, source: str, epoch: float) -> Selection:
         """Every star of a source: what an image of unknown depth may show."""
         return cls(source, limit_g=LIMITS.get(source, FAINTEST_G), epoch=epoch)
+
+
+def _state(path: Path) -> tuple[str, int, int] | None:
+    """Place, time of the last change and size of a file: what is kept of an older one is no use."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return None
+    return str(path.absolute()), found.st_mtime_ns, found.st_size

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from startrack.core import Floats, Ints, require_memory, shown
-from startrack.io import read_bytes, unpacked
+from startrack.io import read_bytes, require_fits, unpacked
 
 NEEDED = 5  # bytes of memory for a byte of text; Tycho-2 takes 2.5 GB for 0.5 GB
 
@@ -280,6 +280,7 @@ def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
         with warnings.catch_warnings():
             warnings.simplefilter("error", AstropyWarning)  # astropy only warns of a cut file
             data = unpacked(path, read_bytes(path, "a star catalogue"), 2)
+            require_fits(path, data)
             with fits.open(io.BytesIO(data), checksum=True, memmap=False) as file:
                 tables = [unit for unit in file if isinstance(unit, fits.BinTableHDU)]
                 if not tables:

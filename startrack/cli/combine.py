@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,9 @@ def command(options: argparse.Namespace) -> int:
         stores.sort(key=lambda store: cost.index(store.sampling.fidelity))
         _must_belong_together(stores)
         levels = [(store.outcomes(), store.sampling.fidelity) for store in stores]
+        for store, (table, _) in zip(stores, levels, strict=True):
+            if not len(table):
+                raise WrongUse(f"{store.path} must hold trials, but holds none")
     result: dict[str, Any] = {"trials": {kind.value: len(table) for table, kind in levels}}
     counted = ", ".join(f"{len(table)} of {kind}" for table, kind in levels)
     lines = [f"{counted}; intervals: 95 % confidence"]
@@ -53,10 +57,14 @@ def command(options: argparse.Namespace) -> int:
         result[f"{name}_rms_arcsec"] = together["value"]
         result[f"{name}_rms_arcsec_95"] = [together["low"], together["high"]]
         result[f"{name}_alone_rms_arcsec_95"] = [alone["low"], alone["high"]]
+        by_itself = (
+            f"[{alone['low']:.3f}, {alone['high']:.3f}]"
+            if math.isfinite(alone["low"])
+            else "of too few trials for an interval"
+        )
         lines.append(
             f"{name:6s} {together['value']:9.3f} arcsec rms "
-            f"[{together['low']:.3f}, {together['high']:.3f}], "
-            f"alone [{alone['low']:.3f}, {alone['high']:.3f}]"
+            f"[{together['low']:.3f}, {together['high']:.3f}], alone {by_itself}"
         )
     print_result(options, result, "\n".join(lines))
     return Exit.DONE

@@ -10,6 +10,7 @@ from startrack.cli.imports import deferred
 from startrack.cli.options import (
     Exit,
     WrongUse,
+    add_fidelity,
     add_seed,
     add_workers,
     as_wrong_use,
@@ -63,10 +64,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--trials", type=whole(2, 10**8), default=200, metavar="N",
         help="trials of each design file; of two campaigns, all are used (default: 200)",
     )  # fmt: skip
-    parser.add_argument(
-        "--fidelity", default="frame", choices=("frame", "window", "spots", "covariance"),
-        help="of the trials of design files (default: frame); see montecarlo",
-    )  # fmt: skip
+    add_fidelity(parser, "of the trials of design files (default: frame); see montecarlo")
     add_seed(parser)
     add_workers(parser)
 

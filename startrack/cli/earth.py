@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, add_out, add_seed, as_wrong_use, describe
+from startrack.cli.options import Exit, WrongUse, add_out, add_part, add_seed, as_wrong_use
 
 with deferred():
     import numpy as np
@@ -70,7 +70,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack earth` and its parts."""
     parser.description = EARTH
     parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
-    geometry = _part(
+    geometry = add_part(
         parts, "geometry", "compute height, shadow, incidence and level of each pixel",
         "Writes geometry.png and geometry.nc (NetCDF).",
     )  # fmt: skip
@@ -80,7 +80,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add_seed(geometry)
     add_out(geometry, "startrack-earth")
-    render = _part(
+    render = add_part(
         parts, "render",
         "render images: digital numbers, and the radiance in its five terms",
         "Writes a FITS and a PNG file of each channel.",
@@ -94,7 +94,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--geotiff", action="store_true", help="also write GeoTIFF files (extra `earth`)"
     )
     add_out(render, "startrack-earth")
-    terrain = _part(
+    terrain = add_part(
         parts, "terrain", "print the area of height files, and the table that a scene needs"
     )
     terrain.add_argument(
@@ -103,14 +103,6 @@ def declare(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="height files, or a quoted pattern such as 'dem/*.tif'",
     )
-
-
-def _part(parts: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = parts.add_parser(
-        name, help=text, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    describe(parser, more)
-    return parser
 
 
 def command(options: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from startrack.cli.options import (
     Exit,
     WrongUse,
     add_design,
+    add_fidelity,
     add_seed,
     add_workers,
     as_wrong_use,
@@ -87,13 +88,13 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )
     add_seed(parser)
     add_workers(parser)
-    parser.add_argument(
-        "--fidelity", default="frame", choices=("frame", "window", "spots", "covariance"),
-        help="frame: render whole frames (default); window: only the pixels around stars, with the "
+    add_fidelity(
+        parser,
+        "frame: render whole frames (default); window: only the pixels around stars, with the "
         "same noise, in a fifth of the time; spots: draw the spots from their covariance, without "
         "an image, and identify them; covariance: draw the spots, identification is assumed to be "
         "perfect",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--sobol", action="store_true",
         help="use attitudes from a Sobol sequence; 16 scrambled copies give the interval",
@@ -235,11 +236,13 @@ def command(options: argparse.Namespace) -> int:
         print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
     if where:
         result["store"] = str(where)
-    if options.table:
+    tables = [options.table, options.out / "trials.csv" if options.out else None]
+    if any(tables):
+        table = with_causes(case, outcomes, attitudes, found)
         with as_wrong_use(ValueError, ImportError):
-            export(options.table, with_causes(case, outcomes, attitudes, found))
+            for wanted in filter(None, tables):
+                export(wanted, table)
     if options.out:
-        export(options.out / "trials.csv", with_causes(case, outcomes, attitudes, found))
         draw_errors(options.out / "errors.png", outcomes, path.stem)
         save_json(options.out / "summary.json", finite(result))
         result["out"] = str(options.out)

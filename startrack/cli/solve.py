@@ -20,6 +20,7 @@ from startrack.cli.options import (
 
 with deferred():
     from startrack.cli.terminal import (
+        pointing_text,
         print_failed_image,
         print_message,
         print_result,
@@ -166,9 +167,8 @@ def _values(spots: Spots, matches: Matches, estimate: Estimate) -> dict[str, Any
 def _text(spots: Spots, matches: Matches, estimate: Estimate) -> str:
     if estimate.icrs_to_camera is None:
         return f"{estimate.status}: {estimate.reason}"
-    ra, dec, roll = celestial(estimate.icrs_to_camera)
     return (
-        f"RA {ra:.4f}, Dec {dec:+.4f}, roll {round(roll, 3) % 360:.3f} deg; "
+        f"{pointing_text(estimate.icrs_to_camera, 4, 3)}; "
         f"field {math.degrees(matches.camera.fov_x):.3f} deg; {estimate.stars} of {len(spots)} "
         f"spots matched, residual {estimate.residual_rms:.2f} px; "
         f"probability of a false match {estimate.false_probability:.0e}"

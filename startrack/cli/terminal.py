@@ -22,7 +22,15 @@ from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.cli.stopping import one_line, told
 from startrack.core import UNKEPT, Camera, Stars, arcsec
 from startrack.design import Campaign, Design, load_design
-from startrack.io import claimed_folder, from_table, read_table, save_text, shipped, to_table
+from startrack.io import (
+    celestial,
+    claimed_folder,
+    from_table,
+    read_table,
+    save_text,
+    shipped,
+    to_table,
+)
 from startrack.metrics import STATED, STATED_ALONE, Interval, Limits, Summary
 from startrack.sequence import Sequence, load_sequence
 
@@ -204,6 +212,13 @@ def claimed_out(options: argparse.Namespace) -> Iterator[None]:
 def quaternion(rotation: Rotation) -> list[float]:
     """(x, y, z, w) of a rotation, with w >= 0."""
     return [float(x) for x in rotation.as_quat(canonical=True)]
+
+
+def pointing_text(icrs_to_camera: Rotation, digits: int, of_roll: int) -> str:
+    """An attitude in words, with so many digits of right ascension and declination, and of roll."""
+    ra, dec, roll = celestial(icrs_to_camera)
+    turned = round(roll, of_roll) % 360  # so that 359.99 is never printed as 360.0
+    return f"RA {ra:.{digits}f}, Dec {dec:+.{digits}f}, roll {turned:.{of_roll}f} deg"
 
 
 def in_arcsec(interval: Interval) -> dict[str, float]:

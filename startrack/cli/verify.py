@@ -10,6 +10,7 @@ from startrack.cli.options import (
     Exit,
     WrongUse,
     add_campaign,
+    add_fidelity,
     add_seed,
     add_workers,
     as_wrong_use,
@@ -21,6 +22,7 @@ with deferred():
     import numpy as np
     from numpy.typing import NDArray
 
+    from startrack.cli.campaign import LEDGER
     from startrack.cli.terminal import (
         example,
         finite,
@@ -35,8 +37,6 @@ with deferred():
     from startrack.optimise import VERIFYING, Ledger, TrialRunner
     from startrack.trial import require_fidelity
     from startrack.verification import Answer, Looks, cases, verdict_text, verdict_values, verify
-
-LEDGER = "ledger.sqlite"
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -60,10 +60,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--first", type=whole(2, 10**8), default=256, metavar="N",
         help="trials in each condition at the first test (default: 256, or --trials if fewer)",
     )  # fmt: skip
-    parser.add_argument(
-        "--fidelity", default="frame", choices=("frame", "window", "spots", "covariance"),
-        help="frame: render whole frames (default); window, spots, covariance: see montecarlo",
-    )  # fmt: skip
+    add_fidelity(
+        parser, "frame: render whole frames (default); window, spots, covariance: see montecarlo"
+    )
     add_seed(parser)
     add_workers(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for results")

@@ -15,7 +15,7 @@ picture_size  Bytes of a PNG, JPEG or TIFF file -> its size, without decoding it
 images        Image files to frames, and frames to FITS with their WCS and their truth.
 """
 
-from startrack.io.checked_fits import open_checked
+from startrack.io.checked_fits import open_checked, require_fits
 from startrack.io.claim import claimed_folder
 from startrack.io.images import read_image, write_fits
 from startrack.io.reading import read_bytes, regular_file, unpacked
@@ -23,7 +23,7 @@ from startrack.io.saving import save_csv, save_figure, save_json, save_netcdf, s
 from startrack.io.shipped import shipped
 from startrack.io.sqlite import Database, Execute, FileKind
 from startrack.io.tables import current_key, from_table, read_table, to_table, unit_of
-from startrack.io.wcs import camera_to_wcs, celestial, pointing
+from startrack.io.wcs import camera_to_wcs, celestial, celestials, pointing
 
 # Public; the other imports serve other rooms.
 __all__ = ["shipped"]

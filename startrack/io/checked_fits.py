@@ -2,11 +2,33 @@
 
 from __future__ import annotations
 
+import io
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from startrack.io.reading import read_bytes
+
+CARD, MOST = 80, 999  # byte of a card; axes and columns, FITS 4.0
+COUNTS = re.compile(rb"(NAXIS|TFIELDS)\s*=\s*(\d+)")
+
+
+def require_fits(path: Path, data: bytes) -> None:
+    """Refuse what astropy would read for hours: more axes or columns than the standard's 999.
+
+    Raises  ValueError where the bytes are no FITS file, too.
+    """
+    if not data.startswith(b"SIMPLE"):  # nor what astropy would unpack by itself, without a limit
+        raise ValueError(f"{path} must be a whole FITS file, which begins with SIMPLE")
+    for found in COUNTS.finditer(data):
+        if found.start() % CARD == 0 and int(found[2][:9]) > MOST:
+            raise ValueError(
+                f"{path} must be a whole FITS file, with {found[1].decode()} at most {MOST}, got "
+                f"{found[2][:9].decode()}"
+            )
 
 
 @contextmanager
@@ -22,10 +44,11 @@ def open_checked(path: Path, keyword: str, form: int, what: str) -> Iterator[Any
     from astropy.utils.exceptions import AstropyUserWarning
 
     try:
-        # astropy would leave a file open that it opened and then refused.
-        with Path(path).open("rb") as file, warnings.catch_warnings():
+        data = read_bytes(path, what)
+        require_fits(path, data)
+        with warnings.catch_warnings():
             warnings.simplefilter("error", AstropyUserWarning)
-            with fits.open(file, checksum=True, memmap=False) as parts:
+            with fits.open(io.BytesIO(data), checksum=True, memmap=False) as parts:
                 found = parts[0].header.get(keyword, "none")
                 if found != form:
                     raise ValueError(f"{path} must be {what} of format {form}, got {found}")

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Frame, Stars, require_memory
+from startrack.io.checked_fits import require_fits
 from startrack.io.picture_size import picture_size
 from startrack.io.reading import read_bytes, unpacked
 from startrack.io.saving import whole
@@ -122,8 +123,7 @@ def _read_fits(path: Path, data: bytes) -> Frame:
     from astropy.io import fits
 
     data = unpacked(path, data, 2)
-    if not data.startswith(b"SIMPLE"):  # nor what astropy would unpack by itself, without a limit
-        raise ValueError(f"{path} must be a whole FITS file, which begins with SIMPLE")
+    require_fits(path, data)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a cut file is only a warning to astropy

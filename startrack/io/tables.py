@@ -157,6 +157,8 @@ def _fields(kind: type) -> dict[str, Field]:
     hints = typing.get_type_hints(kind, include_extras=True)
     fields = {}
     for entry in dataclasses.fields(kind):
+        if not entry.init:
+            continue
         kind, unit = _bare(hints[entry.name])
         required = entry.default is entry.default_factory is dataclasses.MISSING
         default = entry.default

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera
+from startrack.core import Camera, Floats
 
 if TYPE_CHECKING:
     from astropy.wcs import WCS
@@ -26,7 +26,7 @@ def camera_to_wcs(camera: Camera, icrs_to_camera: Rotation) -> WCS:
     """
     from astropy.wcs import WCS, Sip
 
-    east_north, (ra, dec) = _tangent(icrs_to_camera)
+    (east_north,), ((ra, dec),) = _tangent(icrs_to_camera.as_matrix()[None])
     wcs = WCS(naxis=2)
     wcs.wcs.crpix = np.add(camera.centre, 1)
     wcs.wcs.crval = [ra, dec]
@@ -48,10 +48,17 @@ def celestial(icrs_to_camera: Rotation) -> tuple[float, float, float]:
     Roll is the angle from the image's up (-y) to celestial north, counter-clockwise, in
     [0, 360).
     """
-    east_north, (ra, dec) = _tangent(icrs_to_camera)
-    north_x, north_y = east_north[1]
-    roll = float(np.degrees(np.arctan2(-north_x, -north_y)) % 360)
-    return ra, dec, roll if roll < 360 else 0.0  # which the remainder of -1e-15 rounds to
+    ra, dec, roll = celestials(icrs_to_camera.as_matrix()[None])[0].tolist()
+    return ra, dec, roll
+
+
+def celestials(axes: Floats) -> Floats:
+    """`celestial` (n, 3) of many attitudes, given as matrices (n, 3, 3)."""
+    east_north, direction = _tangent(axes)
+    north_x, north_y = east_north[:, 1].T
+    roll = np.degrees(np.arctan2(-north_x, -north_y)) % 360
+    roll[roll >= 360] = 0.0  # to which the remainder of -1e-15 is rounded
+    return np.column_stack([direction, roll])
 
 
 def pointing(ra: float, dec: float, roll: float) -> Rotation:
@@ -64,16 +71,17 @@ def pointing(ra: float, dec: float, roll: float) -> Rotation:
     return Rotation.from_matrix([-c * east - s * north, s * east - c * north, boresight])
 
 
-def _tangent(icrs_to_camera: Rotation) -> tuple[np.ndarray, tuple[float, float]]:
-    """East and north at the boresight as rows over camera (x, y), and its RA and Dec in degree."""
-    axes = icrs_to_camera.as_matrix()
-    boresight = axes[2]
-    ra = np.arctan2(boresight[1], boresight[0]) % (2 * np.pi)
-    dec = np.arctan2(boresight[2], np.hypot(boresight[0], boresight[1]))
-    east = np.array([-np.sin(ra), np.cos(ra), 0.0])
-    north = np.cross(boresight, east)
-    rows = np.array([east, north]) @ axes[:2].T
-    return rows, (float(np.degrees(ra)), float(np.degrees(dec)))
+def _tangent(axes: Floats) -> tuple[Floats, Floats]:
+    """East and north at the boresights as rows over camera (x, y), and RA and Dec in degree.
+
+    axes     (n, 3, 3) matrices icrs_to_camera
+    Returns  (n, 2, 2), (n, 2)
+    """
+    x, y, z = axes[:, 2].T
+    ra, dec = np.arctan2(y, x) % (2 * np.pi), np.arctan2(z, np.hypot(x, y))
+    east = np.column_stack([-np.sin(ra), np.cos(ra), np.zeros(len(ra))])
+    rows = np.stack([east, np.cross(axes[:, 2], east)], axis=1) @ axes[:, :2].transpose(0, 2, 1)
+    return rows, np.degrees(np.column_stack([ra, dec]))
 
 
 def _sip(camera: Camera) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Floats, arcsec, deg
 from startrack.design import Case, KeepOut
-from startrack.io import celestial
+from startrack.io import celestials
 from startrack.metrics import STATED, STATED_ALONE, Limits, correct
 from startrack.scene import BODIES, SUN_RADIUS, body_angles
 
@@ -142,8 +142,9 @@ def with_causes(
     table = np.empty(len(outcomes), [*dtype, ("status", "U16"), ("reason", f"U{max(width, 1)}")])
     for name in outcomes.dtype.names or ():
         table[name] = outcomes[name]
-    for n, attitude in enumerate(icrs_to_camera):
-        table["ra_deg"][n], table["dec_deg"][n], table["roll_deg"][n] = celestial(attitude)
+    angles = celestials(icrs_to_camera.as_matrix()).T
+    for name, column in zip(("ra_deg", "dec_deg", "roll_deg"), angles, strict=True):
+        table[name] = column
     table["rate_deg_per_s"] = case.instrument.motion.rate / deg
     for name, column in zip(("sun_deg", "moon_deg", "limb_deg"), found.angles.T, strict=True):
         table[name] = column / deg

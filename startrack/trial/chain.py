@@ -45,6 +45,7 @@ from startrack.trial.view import (
     line_of_sight,
     random_attitude,
     reference_attitude,
+    smear,
     stars_in_field,
     with_smear,
 )
@@ -189,11 +190,8 @@ def lost_in_space(
     """
     settings = tracker.detection
     if tracker.motion and math.isfinite(frame.exposure):
-        settings = with_smear(
-            settings,
-            tracker.motion.rate_y * frame.exposure * camera.focal_length_px,
-            -tracker.motion.rate_x * frame.exposure * camera.focal_length_px,
-        )
+        rates = tracker.motion.rate_x, tracker.motion.rate_y
+        settings = with_smear(settings, *smear(camera, frame.exposure, *rates))
     spots = detect(frame, settings, psf)
     return spots, *identify_and_solve(spots, camera, indexes, tracker, systematic)
 

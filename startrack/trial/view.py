@@ -188,11 +188,16 @@ def known_smear(case: Case) -> tuple[float, float]:
 
 
 def smear_of(case: Case, rate_x: float, rate_y: float) -> tuple[float, float]:
-    """Smear on the boresight (pixel, x and y) that a tracker computes from rates (rad / s).
+    """`smear` that the tracker of a case computes from rates (rad / s)."""
+    return smear(case.believed_camera, case.instrument.detector.exposure, rate_x, rate_y)
+
+
+def smear(camera: Camera, exposure: float, rate_x: float, rate_y: float) -> tuple[float, float]:
+    """Smear on the boresight (pixel, x and y) in an exposure (s) at rates (rad / s).
 
     The sky turns by r: a star on the boresight moves by (r_y, -r_x).
     """
-    scale = case.believed_camera.focal_length_px * case.instrument.detector.exposure
+    scale = camera.focal_length_px * exposure
     return rate_y * scale, -rate_x * scale
 
 

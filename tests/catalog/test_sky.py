@@ -8,6 +8,7 @@ import pytest
 from startrack.catalog import Selection, Sky, open_sky, v_from_g
 from startrack.core.units import arcsec, deg
 from startrack.core.values import Stars
+from tests.catalog.layouts import hip_main
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +104,25 @@ def test_epoch_moves_the_stars_and_the_earth_displaces_them(sky):
 
 def test_same_selection_same_sky(sky):
     assert open_sky(Selection()) is sky
+
+
+def test_a_catalogue_that_changes_while_it_is_used_is_another_sky(tmp_path):
+    path = tmp_path / "hip_main.dat"
+    sirius = hip_main(
+        32349, "06 45 09.25", "-16 42 47.3", -1.44, "101.28854105", "-16.71314306",
+        "379.21", "-546.01", "-1223.08", "-0.02", "-1.0876",
+    )  # fmt: skip
+    vega = hip_main(
+        91262, "18 36 56.19", "+38 46 58.8", 0.03, "279.23410832", "+38.78299311",
+        "128.93", "201.02", "287.46", "-0.01", "0.0868",
+    )  # fmt: skip
+    path.write_text(sirius + vega)
+    first = Selection.whole(str(path), 2026.0)
+    assert len(open_sky(first)) == 2
+    path.write_text(vega)
+    second = Selection.whole(str(path), 2026.0)
+    assert second != first
+    assert open_sky(second).stars.identifier.tolist() == [-91262]
 
 
 def test_deep_sky_holds_the_bright_one(sky):

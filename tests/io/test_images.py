@@ -153,6 +153,8 @@ def with_card(data: bytes, name: bytes, value: bytes) -> bytes:
         (with_card(RICE, b"ZNAXIS1", b"2000000000"), "GiB|whole FITS"),
         (with_card(RICE, b"ZTILE1", b"0"), "whole FITS"),
         (b"BZh9" + PLAIN, "begins with SIMPLE"),
+        # astropy would look for each of these axes for minutes
+        (with_card(PLAIN, b"NAXIS", b"99999999"), "NAXIS at most 999, got 99999999"),
     ],
 )
 def test_damaged_fits_is_refused_in_a_sentence(tmp_path, data, words):
