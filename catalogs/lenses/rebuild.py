@@ -10,6 +10,8 @@ HERE = Path(__file__).parent
 # Prescription, largest field angle (degree), temperatures (degC) and source.
 LENSES = {
     "double_gauss": ("12", ("20",), "US patent 2,673,491 (Tronnier 1954)"),
+    "triplet": ("12", ("20",), "Smith, Modern Optical Engineering, 4th ed. (2008), pp. 119 ff."),
+    "catadioptric": ("1.5", ("20",), "Maksutov, J. Opt. Soc. Am. 34, 270 (1944)"),
     "petzval": ("5", ("-20", "20", "60"), "Laikin, Lens Design (2007), p. 75, at f/1.6"),
 }
 

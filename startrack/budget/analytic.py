@@ -96,7 +96,7 @@ def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[Law] | None:
 def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes] | None:
     """The budget over some fields, and the errors in each of them; None where none is solved."""
     refuse_scans(case)
-    if case.instrument.optics.lens_file:
+    if case.instrument.optics.tabulated:
         raise ValueError(
             "optics.lens_file must be left out for an analytic budget, which has one PSF for the "
             "whole field; measure the budget by trials"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,8 @@ with deferred():
         load_lens,
         read_prescription,
         save_lens,
+        save_surfaces,
+        surfaces_of,
         trace_lens,
         zernike,
     )
@@ -120,6 +123,8 @@ def _import(options: argparse.Namespace) -> int:
                 lens, options.title or path.stem, options.source or path.name, tracing, advance
             )
         save_lens(Path(out), traced.table)
+        with suppress(ValueError):  # of surfaces that are no spheres
+            save_surfaces(Path(out), surfaces_of(lens))
         left = float((traced.left / traced.table.wavelength[:, None]).max())
         result = summary(traced.table) | {"table": str(out), "terms_leave_waves": left}
         if options.check:

@@ -71,11 +71,11 @@ class Instrument:
 
     def __post_init__(self) -> None:
         finite(delay=self.delay)
-        if self.thermal and not self.optics.lens_file:
+        if self.thermal and not self.optics.tabulated:
             raise ValueError(
                 "thermal.lens must be left out where no lens_file says what it changes"
             )
-        if self.optics.lens_file and self.detector.scan:
+        if self.optics.tabulated and self.detector.scan:
             raise ValueError("optics.lens_file must be left out where lines scan")
 
     @property
@@ -91,7 +91,7 @@ class Instrument:
         """
         optics = self.optics
         shift_x, shift_y = self.detector.shift
-        if optics.lens_file:
+        if optics.tabulated:
             return fit_camera(
                 open_optics(optics, self.lens_temperature),
                 self.detector.columns,
@@ -195,7 +195,7 @@ class Case:
     def calibrated(self) -> Instrument:
         """The instrument as it was when its camera was calibrated."""
         kelvin = self.tracker.calibrated_at
-        if kelvin is None or not self.instrument.optics.lens_file:
+        if kelvin is None or not self.instrument.optics.tabulated:
             return self.instrument
         return replace(self.instrument, thermal=Temperatures(kelvin))
 

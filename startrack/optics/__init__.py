@@ -13,12 +13,14 @@ kirchhoff     Kirchhoff integral over a thin lens without paraxial approximation
               model.
 choose        The cheapest model of the PSF within a tolerance, and the reason.
 pixel_psf     Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.
+lens_family   Family, focal length, f-number -> the LensTable of a lens of that family.
 over_field    Optics -> Psf at points of the field, where aberrations grow with the distance to the
               axis.
 quality       Psf -> figures of merit: transfer at Nyquist, energies, widths.
 lens_table    LensTable: wavefront, place, pupil and area of a lens over temperature, wavelength and
               field; its file.
 lens_psf      Optics with a lens table -> the camera that fits it, and the FieldPsf of a detector.
+surfaces      Surfaces: radii, spaces, glasses and clear apertures of a lens, beside its table.
 ray_trace     Prescription of a lens -> its LensTable, by rays of the program optiland (extra
               `lens`).
 baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light.
@@ -28,6 +30,13 @@ from startrack.optics.baffle import Baffle, stray_light
 from startrack.optics.choose import Choice, choose
 from startrack.optics.closed_forms import airy, blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.fraunhofer import intensity, pupil_samples
+from startrack.optics.lens_family import (
+    FAMILIES,
+    element_count,
+    family_surfaces,
+    family_table,
+    scaled_table,
+)
 from startrack.optics.lens_psf import ROOM, Lens, field_psf, fit_camera, open_optics
 from startrack.optics.lens_table import (
     LensPoints,
@@ -42,7 +51,14 @@ from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import pixel_psf, pixel_response
 from startrack.optics.pupil import Pupil, Segment, area_weights, pupil_grid
 from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, encircled, modulation, quality
-from startrack.optics.ray_trace import Traced, Tracing, read_prescription, trace_lens
+from startrack.optics.ray_trace import (
+    Traced,
+    Tracing,
+    read_prescription,
+    surfaces_of,
+    trace_lens,
+)
+from startrack.optics.surfaces import Surfaces, load_surfaces, open_surfaces, save_surfaces
 from startrack.optics.zernike import Aberration, zernike
 
 # Public; the other imports serve other rooms.

@@ -13,6 +13,7 @@ from scipy import fft
 from startrack.core import Camera, FieldPsf, Floats, nm
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer
 from startrack.optics.fraunhofer import intensity, pupil_samples
+from startrack.optics.lens_family import family_table
 from startrack.optics.lens_table import LensPoints, LensTable, open_lens
 from startrack.optics.over_field import at_field
 from startrack.optics.parameters import Optics
@@ -87,7 +88,10 @@ def open_optics(optics: Optics, temperature: float = ROOM) -> Lens:
 
     Raises  ValueError where there is no such table, or the design opens it farther than traced.
     """
-    table = open_lens(optics.lens_file)
+    if optics.lens_family:
+        table = family_table(optics.lens_family, optics.f_number, optics.lens_field)
+    else:
+        table = open_lens(optics.lens_file)
     if optics.f_number < table.f_number * (1 - 1e-6):
         raise ValueError(
             f"f_number must be at least {table.f_number:g}, that of the lens table of "

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from startrack.core import ALL, Curve, Unit, deg, finite, non_negative, one_of, positive, within
+from startrack.optics.lens_table import WIDEST
 from startrack.optics.pupil import Pupil
 from startrack.optics.zernike import Aberration
 
@@ -18,6 +19,8 @@ MODELS = (
     "kirchhoff",
 )  # from the cheapest to the most exact
 STEEPEST_F = 0.6  # the limit of an aplanatic lens is f/0.5, a whole hemisphere
+MEAN_SLOPE = 30.0  # squared, per axis, of equal parts of three aberrations of rms 1
+
 LENSES = ("aplanatic", "perfect", "parabolic")
 
 
@@ -49,6 +52,12 @@ class Optics:
     lens_file        a lens table: a shipped one by its name, or the path of a FITS file; "": none.
                      The table is scaled to `focal_length` and stopped down to `f_number`; it gives
                      the distortion, and `aberrations` and `blur` add to it
+    lens_family      "double-gauss", "petzval", "cooke-triplet" or "catadioptric": the lens table of
+                     that family's lens of `focal_length` and `f_number`; "": none
+    lens_field       radian, half field that a lens of a family is made for; None: that of the
+                     published lens
+    as_built         metre, rms wavefront error of manufacture and alignment, which blurs by its
+                     mean slope: see `total_blur`
     principal_x, principal_y  pixel from the centre of the detector to the principal point
     k1, k2, p1, p2, k3        OpenCV's distortion coefficients
     """
@@ -67,6 +76,9 @@ class Optics:
     seeing: Annotated[float, Unit("rad", "arcsec")] = 0.0
     transmission: Curve = ALL
     lens_file: str = ""
+    lens_family: str = ""
+    lens_field: Annotated[float | None, Unit("rad", "deg")] = None
+    as_built: Annotated[float, Unit("m", "nm")] = 0.0
     principal_x: float = 0.0
     principal_y: float = 0.0
     k1: float = 0.0
@@ -78,14 +90,16 @@ class Optics:
     def __post_init__(self) -> None:
         positive(focal_length=self.focal_length, field_edge=self.field_edge)
         within(0.3, 200, f_number=self.f_number)
-        non_negative(blur=self.blur, seeing=self.seeing)
+        non_negative(blur=self.blur, seeing=self.seeing, as_built=self.as_built)
         within(1e-6, 1, psf_tolerance=self.psf_tolerance)
         one_of((*MODELS, "auto"), psf=self.psf)
         one_of(LENSES, lens=self.lens)
         finite(defocus=self.defocus)
         self._refuse_places()
         self._refuse_models()
-        if self.lens_file:
+        if self.lens_field is not None:
+            within(0.001, WIDEST, lens_field=self.lens_field)
+        if self.tabulated:
             self._refuse_beside_table()
 
     def _refuse_beside_table(self) -> None:
@@ -97,8 +111,11 @@ class Optics:
             "k1, k2, p1, p2 and k3": any((self.k1, self.k2, self.p1, self.p2, self.k3)),
         }
         named = [name for name, there in beside.items() if there]
+        key = "lens_file" if self.lens_file else "lens_family"
+        if self.lens_file and self.lens_family:
+            raise ValueError("lens_family must be left out beside lens_file, which is one lens")
         if named:
-            raise ValueError(f"{named[0]} must be left out beside lens_file, whose table says it")
+            raise ValueError(f"{named[0]} must be left out beside {key}, whose table says it")
 
     def _refuse_places(self) -> None:
         if self.object_distance is not None:
@@ -134,6 +151,11 @@ class Optics:
             )
 
     @property
+    def tabulated(self) -> bool:
+        """Whether a lens table gives the images: of `lens_file` or of `lens_family`."""
+        return bool(self.lens_file or self.lens_family)
+
+    @property
     def plain(self) -> bool:
         """Whether the pupil is a clear circle, in focus and without aberrations."""
         return self.pupil.clear and not self.aberrations and self.defocus == 0
@@ -162,5 +184,13 @@ class Optics:
 
     @property
     def total_blur(self) -> float:
-        """Metre, sigma of the blur of lens and atmosphere together."""
-        return math.hypot(self.blur, self.seeing * self.image_distance)
+        """Metre, sigma of the blur of lens and atmosphere together.
+
+        A wavefront error of rms W over the pupil moves rays by 2 N times its slope over the radius.
+        Equal parts of astigmatism, coma and spherical aberration have a mean square slope, without
+        its mean, of (12 + 48 + 120) / 3 W^2 in both directions: a blur of 2 N sqrt(30) W.
+        """
+        blur = math.hypot(self.blur, self.seeing * self.image_distance)
+        if not self.as_built:
+            return blur
+        return math.hypot(blur, 2 * self.working_f_number * math.sqrt(MEAN_SLOPE) * self.as_built)

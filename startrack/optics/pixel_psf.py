@@ -101,7 +101,7 @@ def pixel_psf(
     positive(pitch=pitch, fill_factor=fill_factor)
     within(0, 1, fill_factor=fill_factor)
     non_negative(diffusion=diffusion)
-    if optics.lens_file:
+    if optics.tabulated:
         raise ValueError("lens_file must be left out where one image stands for the whole field")
     wavelength, weight = gauss_band(wavelength, weight, BAND_NODES)
     mean_wavelength = float(weight @ wavelength)

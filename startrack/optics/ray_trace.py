@@ -6,7 +6,7 @@ import copy
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,12 +14,14 @@ import numpy as np
 
 from startrack.core import ZERO_CELSIUS, Floats, nm
 from startrack.optics.lens_table import LensTable
+from startrack.optics.surfaces import Surfaces
 from startrack.optics.zernike import noll_to_nm, zernike
 
 MILLIMETRE = 1e-3  # metre; the tracer's lengths are in millimetre
 MICROMETRE = 1e6  # per metre; its wavelengths are in micrometre
 AZIMUTHS = 32  # directions from the chief ray to the rim of a pupil
 RINGS = 16  # rays of a wavefront on each
+COVERED = 400  # rays on each, of which those are counted that an obstruction stops
 ROUNDS, CLOSE = 30, 1e-7  # most steps to the rim, and the relative error that ends them
 BEYOND, OUTSIDE = 1.1, 0.02  # rays just outside an aperture keep the fit smooth: how far, weight
 SMALLEST = 1e-6  # relative singular value of a fit, below which the rays do not decide its terms
@@ -134,6 +136,43 @@ def trace_lens(
     return Traced(table, left)
 
 
+def surfaces_of(lens: Any) -> Surfaces:
+    """The surfaces of a tracer's lens, without those that do nothing.
+
+    Raises  ValueError where they are no spheres.
+    Accuracy  a surface without an aperture has that of the beams to the largest field angle,
+              paraxially.
+    """
+    refuse_lens(lens)
+    wavelength = float(lens.primary_wavelength)
+    rows, stop = [], int(lens.surfaces.stop_index) - 1
+    for number in range(1, len(lens.surfaces) - 1):
+        surface = lens.surfaces[number]
+        aspheric = getattr(surface.geometry, "k", 0.0), getattr(surface.geometry, "coefficients", 0)
+        if np.any(np.asarray(aspheric[0])) or np.any(np.asarray(aspheric[1])):
+            raise ValueError(f"the prescription must have spheres alone, but {number} is none")
+        radius = float(np.squeeze(surface.geometry.radius))
+        index = abs(float(np.squeeze(surface.material_post.n(wavelength))))
+        outer = float(getattr(surface.aperture, "r_max", math.inf))
+        rows.append([
+            1 / radius / MILLIMETRE if math.isfinite(radius) else 0.0,
+            float(np.squeeze(surface.thickness)) * MILLIMETRE,
+            index, outer * MILLIMETRE, float(surface.interaction_model.is_reflective),
+        ])  # fmt: skip
+    columns = np.array(rows).T
+    known = np.isfinite(columns[3])
+    columns[3][~known] = 1e-9
+    columns[3][stop] = _stop_radius(lens) * MILLIMETRE
+    curvature, thickness, index, clear, mirror = columns
+    made = Surfaces(curvature, thickness, index, clear, mirror, stop)
+    axis, field = made.heights()
+    largest = max(float(each.y) for each in lens.fields.fields)
+    beam = np.abs(axis) * columns[3][stop] / abs(axis[stop])
+    beam = beam + np.abs(field) * math.tan(math.radians(largest))
+    clear = np.where(known | (np.arange(len(known)) == stop), clear, beam)
+    return replace(made, radius=clear)
+
+
 def refuse_lens(lens: Any) -> None:
     """Refuse what this file cannot trace.
 
@@ -149,10 +188,6 @@ def refuse_lens(lens: Any) -> None:
             raise ValueError(
                 f"the prescription must be a lens of revolution, but surface {number} is tilted or "
                 "decentred"
-            )
-        if surfaces[number].interaction_model.is_reflective:
-            raise ValueError(
-                f"the prescription must have lenses alone, but surface {number} is a mirror"
             )
 
 
@@ -200,12 +235,20 @@ def _stop_radius(lens: Any) -> float:
     return height
 
 
-def _without_apertures(lens: Any) -> tuple[Any, list[float]]:
-    """A copy whose rays pass everywhere, and the radius of each aperture (or infinity)."""
+class Opening(NamedTuple):
+    """Radii of an aperture, millimetre: what covers its middle, and its rim."""
+
+    inner: float = 0.0
+    outer: float = math.inf
+
+
+def _without_apertures(lens: Any) -> tuple[Any, list[Opening]]:
+    """A copy whose rays pass everywhere, and the aperture of each surface."""
     plain, radii = copy.deepcopy(lens), []
     for surface in plain.surfaces:
         aperture = surface.aperture
-        radii.append(float(aperture.r_max) if hasattr(aperture, "r_max") else math.inf)
+        round_ = hasattr(aperture, "r_max")
+        radii.append(Opening(float(aperture.r_min), float(aperture.r_max)) if round_ else Opening())
         if aperture is not None and not hasattr(aperture, "r_max"):
             raise ValueError("the prescription must have circular apertures alone")
         surface.aperture = None
@@ -214,7 +257,7 @@ def _without_apertures(lens: Any) -> tuple[Any, list[float]]:
 
 class _State(NamedTuple):
     lens: Any
-    radii: list[float]
+    radii: list[Opening]
 
 
 def _at_state(lens: Any, kelvin: float, wavelength: float, tracing: Tracing) -> _State:
@@ -241,7 +284,8 @@ def _at_state(lens: Any, kelvin: float, wavelength: float, tracing: Tracing) -> 
             thickness = float(np.squeeze(surface.thickness))
             growth = after if glass else tracing.barrel
             update.set_thickness(thickness * (1 + warmer * growth), number)
-        update.set_index(index, number)
+        if not surface.interaction_model.is_reflective:
+            update.set_index(index, number)
         before = after
     return _State(here, radii)
 
@@ -277,7 +321,7 @@ class _Node:
         self.trace(across, y)
         radius = np.hypot(np.asarray(self.lens.surfaces.x), np.asarray(self.lens.surfaces.y))
         stop = radius[self.stop] / self.aim.stop
-        limits = np.array(self.radii)[1:, None]
+        limits = np.array(self.radii)[1:, 1, None]
         open_ = np.maximum(stop, (radius / limits).max(axis=0))
         lost = ~np.isfinite(radius).all(axis=0)
         return np.where(lost, 2.0, stop), np.where(lost, 2.0, open_)
@@ -341,9 +385,20 @@ class _Node:
             low, high = -_largest(-p), _largest(p)
             half = (high - low) / 2
             pupil += [(high + low) / 2, half, _enclosed(p, q) / (math.pi * half)]
-        area = float((rims[1] ** 2).mean() * math.pi)
+        area = float((rims[1] ** 2).mean() * math.pi) * self._uncovered(azimuth, rims[1])
         coefficients, left = self._fit(noll, pupil, azimuth, rims[0], place, path)
         return coefficients, place * MILLIMETRE, pupil, area * MILLIMETRE**2, left
+
+    def _uncovered(self, azimuth: Floats, rim: Floats) -> float:
+        """Fraction of the open beam that nothing in the middle of an aperture covers."""
+        inner = np.array(self.radii)[1:, 0, None]
+        if not inner.any():
+            return 1.0
+        distance = np.multiply.outer(np.sqrt((np.arange(COVERED) + 0.5) / COVERED), rim)
+        self.trace(self.middle + distance * np.cos(azimuth), distance * np.sin(azimuth))
+        radius = np.hypot(np.asarray(self.lens.surfaces.x), np.asarray(self.lens.surfaces.y))
+        passes = (radius.reshape(len(inner), -1) >= inner).all(axis=0).reshape(distance.shape)
+        return float((passes * rim**2).sum() / (np.ones_like(distance) * rim**2).sum())
 
     def _fit(
         self, noll: Sequence[int], pupil: list[float], azimuth: Floats, rim: Floats,

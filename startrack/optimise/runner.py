@@ -99,7 +99,14 @@ class TrialRunner:
         written = NEW_NAMES.sub(lambda found: FIRST_NAMES[found[0]], repr(case))
         if not math.hypot(*known_smear(case)) > STREAK:  # trials are as without a known smear
             written = written.replace("smear_x=None, smear_y=None", "smear_x=0.0, smear_y=0.0")
-        for newer in (", dark_map=None", ", lens_file=''", ", calibrated_at=None"):
+        for newer in (
+            ", dark_map=None",
+            ", lens_file=''",
+            ", lens_family=''",
+            ", lens_field=None",
+            ", as_built=0.0",
+            ", calibrated_at=None",
+        ):
             written = written.replace(newer, "")
         written = written.replace(
             ", thermal=None)", ")"

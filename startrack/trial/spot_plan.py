@@ -107,7 +107,7 @@ def refuse(case: Case) -> None:
     require_independent_pixels(detector)
     corner = math.tan(instrument.camera.half_diagonal) * instrument.camera.focal_length_px
     there = {
-        "lens_file": instrument.optics.lens_file,
+        "lens_file": instrument.optics.tabulated,
         "hits": detector.hits,
         "defects": detector.defects,
         "row_delay": detector.row_delay,

@@ -116,7 +116,7 @@ def psf_of(instrument: Instrument) -> Psf:
     Kept for the 8 last instruments.
     """
     detector, spectrum = instrument.detector, detected_spectrum(instrument)
-    if instrument.optics.lens_file:
+    if instrument.optics.tabulated:
         images = field_psf_of(instrument)
         return images.mean(float(spectrum @ WAVELENGTH / spectrum.sum()))
     return pixel_psf(
@@ -131,7 +131,7 @@ def psf_of(instrument: Instrument) -> Psf:
 
 def images_of(instrument: Instrument) -> Psf | FieldPsf:
     """What stars are rendered with; a lens table makes it depend on place and colour."""
-    return field_psf_of(instrument) if instrument.optics.lens_file else psf_of(instrument)
+    return field_psf_of(instrument) if instrument.optics.tabulated else psf_of(instrument)
 
 
 @lru_cache(maxsize=4)

@@ -19,8 +19,8 @@ def test_show_prints_what_a_table_holds(capsys):
     assert shown["temperature_degc"] == pytest.approx([-20, 20, 60])
     assert main(["lens", "show", "double_gauss"]) == 0
     assert "illumination" in capsys.readouterr().out
-    assert main(["lens", "show", "triplet"]) == 2
-    assert "one of double_gauss, petzval" in capsys.readouterr().err
+    assert main(["lens", "show", "tessar"]) == 2
+    assert "one of catadioptric, double_gauss, petzval, triplet" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(

@@ -11,6 +11,7 @@ from startrack.budget import causes
 from startrack.design import Design, load_design, save_design
 from startrack.io import from_table, shipped, to_table
 from startrack.optics import open_lens
+from startrack.trial import view
 
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
 
@@ -78,3 +79,19 @@ def test_a_difference_of_temperatures_is_not_in_celsius():
             type(CASE.instrument.detector),
             {**to_table(CASE.instrument.detector), "thermal": thermal},
         )
+
+
+def test_a_family_makes_the_images_and_the_camera_of_its_table(monkeypatch):
+    """Where it is no faster than the traced lens: those of the shipped table."""
+    plain = dataclasses.replace(CASE.instrument.optics, psf="auto", focal_length=0.035)
+    family = dataclasses.replace(
+        CASE.instrument, optics=dataclasses.replace(plain, lens_family="double-gauss")
+    )
+    file = dataclasses.replace(
+        CASE.instrument, optics=dataclasses.replace(plain, lens_file="double_gauss")
+    )
+    assert family.camera == file.camera
+    asked = []
+    monkeypatch.setattr(view, "field_psf", lambda lens, *rest: asked.append(lens.table))
+    view.images_of(family)
+    assert asked == [open_lens("double_gauss")]

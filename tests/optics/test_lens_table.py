@@ -61,7 +61,7 @@ def test_hostile_files_are_refused(tmp_path):
     path.write_bytes(damaged)
     with pytest.raises(ValueError, match="a lens table"):
         load_lens(path)
-    with pytest.raises(ValueError, match="one of double_gauss, petzval"):
+    with pytest.raises(ValueError, match="one of catadioptric, double_gauss, petzval, triplet"):
         open_lens("no_such_lens")
     with pytest.raises(ValueError, match="there is no file"):
         open_lens(str(tmp_path / "none.fits"))

@@ -1,0 +1,179 @@
+"""Family, focal length, f-number -> the LensTable of a lens of that family."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.core import Floats
+from startrack.io import shipped
+from startrack.optics.lens_table import LensTable, open_lens
+from startrack.optics.surfaces import Surfaces, open_surfaces
+from startrack.optics.zernike import noll_to_nm, zernike
+
+WIDER = 1.5  # largest field over that of the traced lens
+NARROWER = 0.5
+COMPLEXITY = 0.5  # exponent of the number of elements
+
+
+class Family(NamedTuple):
+    """Lenses of one shape.
+
+    lens     the traced one, of the catalogue of lenses
+    fastest  smallest f-number to which its aberrations are extrapolated
+    what     for people
+    """
+
+    lens: str
+    fastest: float
+    what: str
+
+
+FAMILIES = {
+    "double-gauss": Family("double_gauss", 1.2, "six elements about a stop, two of them cemented"),
+    "petzval": Family("petzval", 1.2, "two spaced positive groups and a field flattener"),
+    "cooke-triplet": Family("triplet", 2.4, "three spaced elements"),
+    "catadioptric": Family("catadioptric", 2.5, "Maksutov's meniscus and mirror, prime focus"),
+}
+
+
+@lru_cache(maxsize=32)
+def family_table(name: str, f_number: float, field: float | None = None) -> LensTable:
+    """The lens of a family, as large as the traced one, for a design to scale and to stop down.
+
+    A slower lens is the traced one, stopped down. A faster or wider one has other aberrations: of
+    each Zernike term (n, m) of the wavefront W in length, at the same place of the pupil and of the
+    field,
+
+        W' = s^n [W(0) + q^k (W(h) - W(0))],   k = max(m, 4 - n, 2 if m = 0),  h = field / edge
+
+    with s the traced f-number over the new one and q the tangent of the new edge of the field over
+    that of the traced: the lowest order of each aberration, by Seidel's (spherical aberration s^4,
+    coma s^3 q, astigmatism and curvature s^2 q^2), where the lens is focused as the traced one is.
+    The tilt is such that the chief ray stays. Distortion grows as q^2, lateral colour not. The
+    pupil is s times as wide, its vignetting that of the same h, and the area s^2 times as large.
+    In focal length all lengths scale, the wavefront with them.
+
+    name      of FAMILIES
+    f_number  1; the table is of this, or of the traced where that is faster
+    field     radian, half field for which the lens is made; None: that of the traced one
+    Raises    ValueError for another name, a faster lens than the family's fastest, or a field
+              outside of half to one and a half times the traced.
+    Accuracy  model: against rays through the prescription itself, scaled from f-numbers 1.2 to 1.4
+              times as large, the rms of the wavefront errs as catalogs/lenses/README.md says. A
+              lens that was designed for the speed is better, one of worse glass worse. Thermal
+              defocus keeps the order of a defocus.
+    """
+    family = _family(name)
+    table = open_lens(family.lens)
+    if f_number < family.fastest * (1 - 1e-6):
+        raise ValueError(
+            f"f_number must be at least {family.fastest:g} in the lens_family {name}, got "
+            f"{f_number:g}"
+        )
+    wider = _wider(name, table, field)
+    faster = max(table.f_number / f_number, 1.0)
+    if faster == wider == 1.0:
+        return table
+    return scaled_table(table, faster, wider)
+
+
+def family_surfaces(
+    name: str, focal_length: float, f_number: float, field: float | None = None
+) -> Surfaces:
+    """The surfaces of a lens of a family, with the clear apertures that its beams need.
+
+    Raises  as `family_table`.
+    """
+    family = _family(name)
+    table = open_lens(family.lens)
+    found = open_surfaces(shipped(f"lenses/{family.lens}.fits"))
+    assert found is not None  # the shipped ones have them
+    return found.scaled(
+        focal_length / table.focal_length, table.f_number / f_number, _wider(name, table, field)
+    )
+
+
+def element_count(name: str, f_number: float, field: float | None = None) -> float:
+    """Elements that a lens of a family needs; more where it is faster or wider than the traced.
+
+        elements = traced elements * max(1, s q)^(1 / 2)
+
+    Accuracy  model: lenses of 50 mm have six at f/2, seven at f/1.4, eight at f/1.2.
+    """
+    table = open_lens(_family(name).lens)
+    more = max(table.f_number / f_number, 1.0) * _wider(name, table, field)
+    whole = len(family_surfaces(name, table.focal_length, table.f_number).elements)
+    return whole * max(more, 1.0) ** COMPLEXITY
+
+
+def scaled_table(table: LensTable, faster: float, wider: float) -> LensTable:
+    """A table at another aperture and field, by the orders of its aberrations: `family_table`."""
+    order = np.array([noll_to_nm(j) for j in table.noll.tolist()])
+    n, m = order.T
+    power = np.maximum(np.maximum(np.abs(m), 4 - n), np.where(m == 0, 2, 1))
+    axis = table.wavefront[:, :, :1]
+    wavefront = (axis + (table.wavefront - axis) * wider**power) * faster**n
+    wavefront = _without_moving_chief(table, wavefront, faster)
+    angle = np.arctan(np.tan(table.field) * wider)
+    place = _distorted(table, wider)
+    pupil = table.pupil.copy()
+    stop, clear = table.pupil[..., :3], table.pupil[..., 3:]
+    pupil[..., 0] = stop[..., 0] * wider
+    pupil[..., 3] = stop[..., 0] * wider + (clear[..., 0] - stop[..., 0]) * faster
+    pupil[..., (1, 2, 4, 5)] *= faster
+    return LensTable(
+        f"{table.name}, {faster:.4g} times as fast and {wider:.4g} times as wide",
+        table.source, table.focal_length, table.f_number / faster, table.temperature,
+        table.wavelength, angle, table.noll, wavefront, place, pupil, table.area * faster**2,
+    )  # fmt: skip
+
+
+def _without_moving_chief(table: LensTable, wavefront: Floats, faster: float) -> Floats:
+    """The terms with such a tilt that the ray through the middle of the stop keeps its slope."""
+    step = 1e-4
+    at = np.array([step, -step]), np.zeros(2)
+    slope = np.array([float(np.diff(-zernike(j, *at))[0]) for j in table.noll.tolist()]) / 2 / step
+    tilt = table.noll.tolist().index(2) if 2 in table.noll else None
+    if tilt is None:
+        return wavefront
+    wanted = (table.wavefront @ slope) * faster
+    wavefront[..., tilt] += (wanted - wavefront @ slope) / slope[tilt]
+    return wavefront
+
+
+def _distorted(table: LensTable, wider: float) -> Floats:
+    """Metre, places at the scaled field angles."""
+    ideal = table.focal_length * np.tan(table.field[1:])
+    relative = table.place[..., 1:] / ideal - 1
+    # Towards the axis only lateral colour is left.
+    nearer = np.tan(table.field[1:3]) ** 2
+    if len(nearer) > 1:
+        bend = (relative[..., 1] - relative[..., 0]) / (nearer[1] - nearer[0])
+        colour = (relative[..., 0] - bend * nearer[0])[..., None]
+    else:
+        colour = relative[..., :1]
+    place = ideal * wider * (1 + colour + (relative - colour) * wider**2)
+    return np.concatenate([table.place[..., :1], place], axis=-1)
+
+
+def _family(name: str) -> Family:
+    if name not in FAMILIES:
+        raise ValueError(f"lens_family must be one of {', '.join(FAMILIES)}, got {name!r}")
+    return FAMILIES[name]
+
+
+def _wider(name: str, table: LensTable, field: float | None) -> float:
+    if field is None:
+        return 1.0
+    edge = float(table.field[-1])
+    wider = float(np.tan(field) / np.tan(edge))
+    if not NARROWER * (1 - 1e-9) <= wider <= WIDER * (1 + 1e-9):
+        low, high = (np.degrees(np.arctan(np.tan(edge) * each)) for each in (NARROWER, WIDER))
+        raise ValueError(
+            f"lens_field must lie in [{low:.3g}, {high:.3g}] deg in the lens_family {name}, got "
+            f"{np.degrees(field):.3g} deg"
+        )
+    return wider
