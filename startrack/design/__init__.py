@@ -10,6 +10,7 @@ variables     Variable, Link, DesignSpace: named parameters of a case as points 
 choice        Case, choices -> branches: the cases with each combination of the values of the
               choices.
 objective     Outcomes of trials -> the error that is minimised, and ratios of it.
+lens_cost     Optics with a lens table -> mass, volume and price of the lens, from its glass.
 requirements  Requirements: what a design must meet before its accuracy counts.
 conditions    Condition: a rate, a background or an age at which a design is judged, too.
 campaign      Campaign: what a study of a design is asked.
@@ -31,6 +32,7 @@ from startrack.design.conditions import (
     turning,
 )
 from startrack.design.files import Design, load_design, save_design
+from startrack.design.lens_cost import LensCost, cost_of, lens_cost
 from startrack.design.objective import AXES, KINDS, Objective
 from startrack.design.parameter import replaced, replaced_all
 from startrack.design.requirements import Accuracy, KeepOut, Requirements

@@ -11,6 +11,7 @@ from scipy import special
 
 from startrack.core import Unit, non_negative, one_of, positive, whole, within
 from startrack.design.case import Case
+from startrack.design.lens_cost import lens_cost
 from startrack.design.objective import AXES, KINDS, Objective
 from startrack.metrics import Limits
 
@@ -92,6 +93,9 @@ class Requirements:
         volume = volume_fixed + pi / 4 aperture^2 * length_ratio * focal length
         power  = power_fixed + energy_per_bit * data rate
         cost   = cost_fixed + cost_of_metre * aperture^cost_power
+
+    A lens of a family, or of a table that has its surfaces, has its own mass, volume and price
+    instead of the terms of the aperture: see `lens_cost`.
 
     The models are proxies: a lens of one shape grows in all directions with its aperture, a tube
     is as long as its focal length asks, and the electronics pay for each bit. Their coefficients
@@ -205,6 +209,9 @@ class Requirements:
 
     def mass(self, case: Case) -> float:
         """Kilogram."""
+        lens = lens_cost(case.instrument.optics)
+        if lens:
+            return self.mass_fixed + lens.mass
         return self.mass_fixed + self.mass_per_volume * case.instrument.optics.aperture**3
 
     def power(self, case: Case) -> float:
@@ -214,6 +221,9 @@ class Requirements:
     def volume(self, case: Case) -> float:
         """Cubic metre."""
         optics = case.instrument.optics
+        lens = lens_cost(optics)
+        if lens:
+            return self.volume_fixed + lens.volume
         tube = math.pi / 4 * optics.aperture**2 * self.length_ratio * optics.focal_length
         return self.volume_fixed + tube
 
@@ -222,7 +232,10 @@ class Requirements:
         return case.instrument.detector.data_rate
 
     def cost(self, case: Case) -> float:
-        """In the unit of `cost_of_metre`."""
+        """In the unit of `cost_of_metre`; with a lens of known surfaces in dollars of 2010."""
+        lens = lens_cost(case.instrument.optics)
+        if lens:
+            return self.cost_fixed + lens.price
         return (
             self.cost_fixed + self.cost_of_metre * case.instrument.optics.aperture**self.cost_power
         )
