@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -56,8 +57,8 @@ class FieldPsf:
             (first_x[:, None] + tap)[:, None, None, :],
         ]
         weight = weight_c[:, :, None, None] * (weight_y[:, :, None] * weight_x[:, None])[:, None]
-        n, many = len(first_x), weight[0].size if len(weight) else 1
-        return (weight.reshape(n, 1, many) @ near.reshape(n, many, -1))[:, 0]
+        n, many = len(first_x), math.prod(weight.shape[1:])
+        return (weight.reshape(n, 1, many) @ near.reshape(n, many, near.shape[-1]))[:, 0]
 
     @cached_property
     def peak(self) -> Floats:

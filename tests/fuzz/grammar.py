@@ -22,6 +22,7 @@ import numpy as np
 import tomli_w
 from hypothesis import strategies as st
 
+from startrack.core import Camera
 from startrack.design import Campaign, Fidelity, load_design
 from startrack.design import Case as Design
 from startrack.earth.geometry import EarthScene
@@ -264,7 +265,11 @@ DESIGN_COMMANDS = (
     ("montecarlo", "design.toml", "--trials", "1", "--fidelity", "window", "--workers", "1"),
     ("psf", "design.toml", "--out", "out"),
     ("budget", "design.toml", "--out", "out", "--workers", "1"),
-)
+    ("verify", "design.toml", "--trials", "2", "--first", "2", "--fidelity", "covariance",
+     "--workers", "1"),
+    ("compare", "design.toml", "plain.toml", "--trials", "2", "--fidelity", "covariance",
+     "--workers", "1"),
+)  # fmt: skip
 
 
 def design_case(draw: Draw) -> Case:
@@ -272,7 +277,14 @@ def design_case(draw: Draw) -> Case:
     table = mutated(draw, {k: v for k, v in bases()["design"].items() if k != "campaign"}, Design)
     table.setdefault("campaign", {"requirements": {}})
     data = toml(draw, table) if text is None else text
-    return Case("design", (*draw.one_of(DESIGN_COMMANDS), "--json"), {"design.toml": data})
+    return Case(
+        "design", (*draw.one_of(DESIGN_COMMANDS), "--json"), plain() | {"design.toml": data}
+    )
+
+
+def plain() -> dict[str, bytes]:
+    """A valid design."""
+    return {"plain.toml": tomli_w.dumps(bases()["design"]).encode()}
 
 
 def campaign_case(draw: Draw) -> Case:
@@ -339,6 +351,82 @@ def pictures() -> dict[str, bytes]:
     return found
 
 
+def camera_case(draw: Draw) -> Case:
+    """A calibrated camera that is not one."""
+    camera = {
+        "columns": 64, "rows": 48, "focal_length_px": 300.0, "principal_x": 32.0,
+        "principal_y": 24.0, "k1": -0.1,
+    }  # fmt: skip
+    data = toml(draw, {"tracker": {"camera": mutated(draw, camera, Camera)}})
+    return Case(
+        "camera",
+        ("solve", "a.png", "--camera", "camera.toml", "--json"),
+        {"a.png": pictures()["a.png"], "camera.toml": data},
+    )
+
+
+def lens_case(draw: Draw) -> Case:
+    """A lens table with other numbers and right checksums, or with damage."""
+    from astropy.io import fits
+
+    data = shipped("lenses/double_gauss.fits").read_bytes()
+    if draw.below(4) == 0:
+        data = damaged(draw, data)
+    else:
+        with fits.open(io.BytesIO(data)) as parts:
+            for _ in range(1 + draw.below(3)):
+                part = parts[draw.below(len(parts))]
+                if part.data is None or draw.below(6) == 0:
+                    number = draw.one_of(NUMBERS)
+                    if abs(number) < 2**63:
+                        part.header[draw.one_of(("FOCAL", "FNUMBER", "LENS", "NAME"))] = number
+                elif draw.below(4) == 0 and len(parts) > 2:
+                    parts.remove(part)
+                else:
+                    _change_values(draw, part)
+            file = io.BytesIO()
+            parts.writeto(file, checksum=True, output_verify="ignore")
+        data = file.getvalue()
+    table = copy.deepcopy({k: v for k, v in bases()["design"].items() if k != "campaign"})
+    table["instrument"]["optics"] |= {"lens_file": "lens.fits", "psf": "auto", "blur": "5 um"}
+    table["instrument"]["detector"] |= {"pixel_pitch": "11 um"}
+    command = draw.one_of(
+        (
+            ("lens", "show", "lens.fits"),
+            ("simulate", "design.toml", "--out", "out"),
+            (
+                "montecarlo",
+                "design.toml",
+                "--trials",
+                "1",
+                "--fidelity",
+                "window",
+                "--workers",
+                "1",
+            ),
+            ("requirements", "design.toml"),
+        )
+    )
+    files = {"lens.fits": data, "design.toml": tomli_w.dumps(table).encode()}
+    return Case("lens", (*command, "--json"), files)
+
+
+def _change_values(draw: Draw, part: Any) -> None:
+    """Other values, another order, or another shape of an array."""
+    match draw.below(4):
+        case 0:
+            part.data = part.data[..., ::-1].copy()
+        case 1 if part.data.shape[-1] > 1:
+            part.data = part.data[..., : draw.below(part.data.shape[-1])].copy()
+        case 2:
+            part.data = part.data * draw.one_of(SCALES)
+        case _:
+            number = float(draw.one_of(NUMBERS))
+            place = draw.below(part.data.size)
+            part.data = part.data.astype(float)
+            part.data.flat[place] = number
+
+
 CARDS = (
     b"NAXIS",
     b"NAXIS1",
@@ -377,7 +465,14 @@ def image_case(draw: Draw) -> Case:
         case _:
             for _ in range(1 + draw.below(3)):
                 data = damaged(draw, data)
-    command = draw.one_of((("detect",), ("detect", "--overlay", "out"), ("solve", "--fov", "12")))
+    command = draw.one_of(
+        (
+            ("detect",),
+            ("detect", "--overlay", "out"),
+            ("solve", "--fov", "12"),
+            ("calibrate", "--fov", "12"),
+        )
+    )
     # A name that is no UTF-8 cannot be an argument of a line of JSON: surrogates stand for it.
     name = draw.one_of((name, name, "$\\frac" + name, "\udcff" + name))
     return Case("image", (*command, name, "--json"), {name: data})
@@ -603,7 +698,7 @@ def special_case(draw: Draw) -> Case:
 
 def whole_cases() -> list[Case]:
     """A case of each command with valid files."""
-    design = {"design.toml": tomli_w.dumps(bases()["design"]).encode()}
+    design = plain() | {"design.toml": tomli_w.dumps(bases()["design"]).encode()}
     image = {"a.png": pictures()["a.png"]}
     survey, scene = (
         {"s.toml": tomli_w.dumps(bases()[name]).encode()} for name in ("survey", "scene")
@@ -619,13 +714,14 @@ def whole_cases() -> list[Case]:
         Case("whole", ("earth", "render", "s.toml", "--json"), survey),
         Case("whole", ("detect", "a.png", "--overlay", "out", "--json"), image),
         Case("whole", ("solve", "a.png", "--fov", "12", "--json"), image),
+        Case("whole", ("calibrate", "a.png", "--fov", "12", "--json"), image),
     ]  # fmt: skip
 
 
 Kind = Callable[[Draw], Case]
 WEIGHTS: tuple[Kind, ...] = (
     *(design_case,) * 6, campaign_case, text_case, *(scene_case,) * 4, sequence_case,
-    *(image_case,) * 4, *(catalog_case,) * 4, *(store_case,) * 3,
+    *(image_case,) * 4, *(catalog_case,) * 4, *(store_case,) * 3, camera_case, *(lens_case,) * 2,
 )  # fmt: skip
 
 

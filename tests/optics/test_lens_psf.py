@@ -63,6 +63,12 @@ def test_camera_of_an_ideal_lens_is_the_pinhole(tmp_path):
     assert np.abs(corner - plain).max() < 1e-7
 
 
+def test_a_field_without_stars_has_no_terms(tmp_path):
+    none = np.empty(0)
+    psf = made(lens_of(tmp_path, ideal()))
+    assert len(psf.split(np.empty((1, 0)), np.empty((1, 0)), none, ONE, none)[0]) == 0
+
+
 @pytest.mark.parametrize("defocus", [0.0, 40e-6])
 def test_a_focused_and_a_defocused_star_are_those_of_the_plain_psf(tmp_path, defocus):
     psf = made(lens_of(tmp_path, ideal(), defocus=defocus, blur=2e-6))
