@@ -91,7 +91,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Print the budget; with --out, write budget.json and pictures."""
     path = options.design or example()
-    case = read_design(path).case
+    case = read_design(path, options.set).case
     sequence = read_sequence(options.profile) if options.profile else None
     expected = analytic(case)
     found = _measured(case, options) if options.montecarlo else None

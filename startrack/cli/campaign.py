@@ -48,7 +48,7 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
     ledger holds the results of an interrupted run, from which the same command continues.
     """
     path = options.campaign or example()
-    design, campaign = read_campaign(path)
+    design, campaign = read_campaign(path, options.set)
     with as_wrong_use(path=path):
         for branch in branches(design.case, campaign.choices):
             DesignSpace(branch.case, campaign.variables, campaign.links)

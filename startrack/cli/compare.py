@@ -12,6 +12,7 @@ from startrack.cli.options import (
     WrongUse,
     add_fidelity,
     add_seed,
+    add_set,
     add_workers,
     as_wrong_use,
     describe,
@@ -64,6 +65,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--trials", type=whole(2, 10**8), default=200, metavar="N",
         help="trials of each design file; of two campaigns, all are used (default: 200)",
     )  # fmt: skip
+    add_set(parser)
     add_fidelity(parser, "of the trials of design files (default: frame); see montecarlo")
     add_seed(parser)
     add_workers(parser)
@@ -71,7 +73,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Print both side by side."""
-    first, second = (_read(path) for path in (options.first, options.second))
+    first, second = (_read(path, options.set) for path in (options.first, options.second))
     if (first.outcomes is None) != (second.outcomes is None):
         raise WrongUse("FIRST and SECOND must both be design files, or both campaigns")
     paired = first.drawn == second.drawn
@@ -96,10 +98,12 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _read(path: Path) -> Side:
+def _read(path: Path, changes: list[str]) -> Side:
     if path.suffix == ".toml":
-        design = read_design(path)
+        design = read_design(path, changes)
         return Side(design.case, design.campaign, None, None)
+    if changes:
+        raise WrongUse(f"--set must be given with design files alone, got {path}")
     with as_wrong_use(), Store(path) as store:
         outcomes, drawn = store.outcomes(), (store.seed, store.sampling.attitudes)
         if not len(outcomes):

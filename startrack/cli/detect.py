@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_images, as_wrong_use, describe
+from startrack.cli.options import Exit, WrongUse, add_images, add_set, as_wrong_use, describe
 
 with deferred():
     from startrack.cli.terminal import print_failed_image, print_result, read_design
@@ -39,6 +39,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--design", type=Path, metavar="DESIGN.toml",
         help="design file that gives the settings of the detection and the PSF",
     )  # fmt: skip
+    add_set(parser)
     parser.add_argument(
         "--threshold", type=float, metavar="SIGMA", help="detection threshold (default: 5.5)"
     )
@@ -98,8 +99,10 @@ def command(options: argparse.Namespace) -> int:
 
 def _settings(options: argparse.Namespace) -> tuple[Detection, Psf | None]:
     settings, psf = Detection(), None
+    if options.set and not options.design:
+        raise WrongUse("--set must be given with --design")
     if options.design:
-        case = read_design(options.design).case
+        case = read_design(options.design, options.set).case
         settings, psf = case.tracker.detection, psf_of(case.instrument)
     given = {
         "threshold": options.threshold,

@@ -39,6 +39,8 @@ def earth_requirements(options: argparse.Namespace) -> int | None:
         path = shipped(f"scenes/{path}.toml")
     with as_wrong_use():
         table = read_table(path, f"a design file, or one of {', '.join(cameras())}")
+        if options.set and ("camera" in table or "goals" in table):
+            raise ValueError(f"--set must be given with design files alone, got {path}")
         if "goals" in table and len(table) == 1:
             return _print_parameters(options, path, from_table(Goals, table["goals"], "goals"))
         if "camera" in table:

@@ -163,7 +163,7 @@ def command(options: argparse.Namespace) -> int:
     command continues an interrupted run.
     """
     path = options.design or example()
-    design = read_design(path)
+    design = read_design(path, options.set)
     case = design.case
     needs = design.campaign.requirements if design.campaign else None
     limits = needs.limits if needs else STATED_ALONE

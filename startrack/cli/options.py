@@ -130,6 +130,7 @@ def add_design(parser: argparse.ArgumentParser) -> None:
         "design", type=Path, nargs="?", metavar="DESIGN.toml",
         help="design file (default: the example, a nanosatellite)",
     )  # fmt: skip
+    add_set(parser)
 
 
 def add_campaign(parser: argparse.ArgumentParser, more: str = "") -> None:
@@ -137,6 +138,16 @@ def add_campaign(parser: argparse.ArgumentParser, more: str = "") -> None:
     parser.add_argument(
         "campaign", type=Path, nargs="?", metavar="CAMPAIGN.toml",
         help="design file with a table [campaign] (default: the example, a nanosatellite)" + more,
+    )  # fmt: skip
+    add_set(parser)
+
+
+def add_set(parser: argparse.ArgumentParser) -> None:
+    """Add values over those of a design file."""
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE",
+        help="a value over that of the design file, such as instrument.optics.f_number=2.0 or "
+        "'scene.background_g=21'; may be given several times",
     )  # fmt: skip
 
 

@@ -52,7 +52,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Print the table; write psf.png and psf.json."""
     path = options.design or example()
-    instrument = read_design(path).case.instrument
+    instrument = read_design(path, options.set).case.instrument
     weight = detected_spectrum(instrument)
     response = psf_of(instrument)
     image = pixel_psf(instrument.optics, instrument.detector.pitch, WAVELENGTH, weight, POINT)

@@ -39,7 +39,7 @@ def command(options: argparse.Namespace) -> int:
     if earth is not None:
         return earth
     path = options.campaign or example()
-    design = read_design(path)
+    design = read_design(path, options.set)
     campaign = design.campaign
     if campaign is None:
         raise WrongUse(f"{path} must have a table [campaign] with requirements")

@@ -55,7 +55,7 @@ def command(options: argparse.Namespace) -> int:
     """Print accuracy, losses and reacquisitions; write frames.csv, sequence.png, summary.json."""
     design = options.design or example()
     profile = options.profile or shipped("sequences/slew.toml")
-    case, sequence = read_design(design).case, read_sequence(profile)
+    case, sequence = read_design(design, options.set).case, read_sequence(profile)
     with (
         pool(min(options.workers, options.sequences)) as executor,
         progress("sequences", options.sequences) as advance,

@@ -57,7 +57,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Write frame.fits and frame.png; of a matrix with its WCS and a table of its true stars."""
-    case = read_design(options.design or example()).case
+    case = read_design(options.design or example(), options.set).case
     streams = Streams(options.seed, options.trial)
     angles = (options.ra, options.dec, options.roll)
     if any(angle is not None for angle in angles):

@@ -8,7 +8,7 @@ import math
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -48,15 +48,15 @@ def example() -> Path:
     return shipped("designs/nanosatellite.toml")
 
 
-def read_design(path: Path) -> Design:
-    """The design of a file; raises WrongUse where it cannot be used."""
+def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
+    """The design of a file with the changes of --set; raises WrongUse where it cannot be used."""
     with as_wrong_use():
-        return load_design(path)
+        return load_design(path, list(changes))
 
 
-def read_campaign(path: Path) -> tuple[Design, Campaign]:
+def read_campaign(path: Path, changes: Iterable[str] = ()) -> tuple[Design, Campaign]:
     """A design that comes with a campaign."""
-    design = read_design(path)
+    design = read_design(path, changes)
     if design.campaign is None or not design.campaign.variables:
         raise WrongUse(f"{path} must have a table [campaign] that names variables")
     return design, design.campaign
@@ -101,6 +101,8 @@ def print_message(message: str) -> None:
 def print_result(options: argparse.Namespace, result: dict[str, Any], text: str) -> None:
     """Print a result: one JSON object on a line with --json, the text without."""
     if options.json:
+        if changes := getattr(options, "set", []):
+            result = {**result, "set": changes}
         print(json.dumps(finite(result), allow_nan=False), flush=True)
     else:
         # The name of a file may hold what its encoding cannot.

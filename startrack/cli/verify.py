@@ -71,7 +71,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Print the table of verdicts; with --out, write it."""
     path = options.campaign or example()
-    design = read_design(path)
+    design = read_design(path, options.set)
     if design.campaign is None:
         raise WrongUse(f"{path} must have a table [campaign] with requirements")
     campaign, fidelity = design.campaign, Fidelity(options.fidelity)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case
 from startrack.design.products import with_product
-from startrack.io import from_table, read_table, save_text, to_table
+from startrack.io import from_table, read_layers, save_text, to_table
 
 
 @dataclass(frozen=True)
@@ -24,16 +25,20 @@ class Design:
     campaign: Campaign | None = None
 
 
-def load_design(path: Path) -> Design:
+def load_design(path: Path, changes: Sequence[str] = ()) -> Design:
     """Read a design file.
 
     `product = "cmv4000"` under `[instrument.detector]` takes the values of that detector from
-    the catalogue; other keys of the table override them.
+    the catalogue; other keys of the table override them. `base = "other.toml"` and
+    `include = ["a.toml"]` at the top of the file take those of other files, see `read_layers`.
 
-    Raises  ValueError, one sentence with the file, the position in it, the rule and the value.
+    changes  values over those of the file: "instrument.optics.f_number=2.0"
+    Raises   ValueError, one sentence with the file that the value is from, the position in it, the
+             rule and the value.
     """
     path = Path(path)
-    table = read_table(path, "a design file")
+    layers = read_layers(path, "a design file", changes)
+    table = layers.table
     try:
         campaign = table.pop("campaign", None)
         return Design(
@@ -41,7 +46,7 @@ def load_design(path: Path) -> Design:
             None if campaign is None else from_table(Campaign, campaign, "campaign"),
         )
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise ValueError(layers.blamed(str(error), path)) from None
 
 
 def save_design(path: Path, design: Design, comment: str = "") -> None:

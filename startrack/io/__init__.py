@@ -8,6 +8,8 @@ sqlite        SQLite file of one kind -> its tables, open for one process at a t
               sentences.
 tables        Frozen dataclasses to tables of TOML and back, units in strings, each error with its
               place.
+layers        A TOML file, the files below it, and single values -> one table, and the file of each
+              value.
 checked_fits  FITS file -> its parts with verified checksums, or a sentence that says what is wrong.
 wcs           Camera and attitude as a FITS world coordinate system, and back to pixels by any
               reader.
@@ -18,6 +20,7 @@ images        Image files to frames, and frames to FITS with their WCS and their
 from startrack.io.checked_fits import open_checked, require_fits
 from startrack.io.claim import claimed_folder
 from startrack.io.images import read_image, write_fits
+from startrack.io.layers import read_layers
 from startrack.io.reading import read_bytes, regular_file, unpacked
 from startrack.io.saving import save_csv, save_figure, save_json, save_netcdf, save_text, whole
 from startrack.io.shipped import shipped

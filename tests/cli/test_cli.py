@@ -138,6 +138,9 @@ def test_a_bad_image_does_not_stop_the_others(call, tmp_path):
         (["simulate", "--seed", 2**63], f"--seed: must be at most {2**63 - 1}"),
         (["budget", "--workers", "5000"], "--workers: must be at most 1024, got '5000'"),
         (["budget", "--window", "0"], "--window: must be positive, got '0'"),
+        (["budget", "--set", "scene"], "--set must be KEY=VALUE"),
+        (["detect", EXAMPLE, "--set", "scene.background_g=1"], "--set must be given with --design"),
+        (["requirements", "hsrs", "--set", "a=1"], "--set must be given with design files alone"),
         (["requirements", "waos"], "waos must be a design file, or one of ads40, hsrs, mertis"),
         (["montecarlo", "none.toml"], "none.toml must be a design file"),
         (["montecarlo", "--precision", "0"], "--precision: must be a number from 1e-06 to 1"),
@@ -198,6 +201,31 @@ def test_a_design_with_an_error_is_wrong_use(call, tmp_path):
         assert status == 2
         assert "instrument.optics.focal_length must have a unit that converts to m" in err
     assert not (tmp_path / "out").exists()
+
+
+ON_DESIGNS = (
+    "simulate", "psf", "budget", "montecarlo", "compare", "sequence", "requirements",
+    "verify", "optimize", "sample", "pareto", "sensitivity", "detect --design",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ON_DESIGNS)
+def test_every_command_on_a_design_takes_single_values(call, command, tmp_path):
+    second = {"detect --design": [tmp_path / "none.png"], "compare": [EXAMPLE]}
+    design = [EXAMPLE, *second.get(command, [])]
+    status, _, err = call(*command.split(), *design, "--set", "instrument.optics.f_number=-3")
+    assert status == 2
+    assert "--set: instrument.optics.f_number must lie in [0.3, 200], got -3" in err
+
+
+def test_a_value_changes_the_design_and_stands_in_the_result(call):
+    plain, faster = (
+        call("requirements", EXAMPLE, *more, "--json")[1][0]
+        for more in ([], ["--set", "instrument.optics.f_number=1.9"])
+    )
+    assert faster["mass_kg"] > plain["mass_kg"]
+    assert faster["set"] == ["instrument.optics.f_number=1.9"]
+    assert "set" not in plain
 
 
 def test_an_old_key_is_one_line_on_standard_error(capsys, tmp_path):

@@ -113,3 +113,27 @@ def test_a_fidelity_is_read_by_its_name(tmp_path):
         ValueError, match=r"campaign\.fidelity must be one of frame, window, spots, cov"
     ):
         load_design(path)
+
+
+def test_a_design_lies_over_another_and_a_change_over_both(tmp_path):
+    path = tmp_path / "faster.toml"
+    path.write_text(
+        'base = "designs/nanosatellite.toml"\n[instrument.optics]\nf_number = 1.9\n'
+        "[campaign]\ntrials = 77\n"
+    )
+    plain = load_design(EXAMPLE)
+    design = load_design(path, ["scene.background_g=21"])
+    assert design.case.instrument.optics.f_number == 1.9
+    assert design.case.instrument.optics.blur == plain.case.instrument.optics.blur
+    assert design.case.scene.background_g == 21
+    assert (design.campaign.trials, design.campaign.variables) == (77, plain.campaign.variables)
+
+
+def test_a_wrong_value_is_told_with_the_file_that_it_is_from(tmp_path):
+    ground, path = tmp_path / "ground.toml", tmp_path / "top.toml"
+    ground.write_text('base = "designs/nanosatellite.toml"\n[instrument.optics]\nf_number = -2\n')
+    path.write_text('base = "ground.toml"\n')
+    with pytest.raises(ValueError, match=f"^{ground}: instrument.optics.f_number must lie"):
+        load_design(path)
+    with pytest.raises(ValueError, match=r"^--set: instrument\.optics\.blur"):
+        load_design(path, ["instrument.optics.f_number=2", "instrument.optics.blur=4 parsnips"])

@@ -1,0 +1,129 @@
+"""A TOML file, the files below it, and single values -> one table, and the file of each value."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from startrack.core import shown
+from startrack.io.shipped import shipped
+from startrack.io.tables import read_table
+
+DEEPEST = 16  # files below each other; chosen by hand
+KEY = re.compile(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*")
+PLACE = re.compile(r"[^\s:]+")
+SET = "--set"
+
+
+@dataclass
+class Layers:
+    """One table of several files.
+
+    table   the values
+    origin  file (or `--set`) of each value that is no table, by its place: "scene.background_g"
+    """
+
+    table: dict[str, Any] = field(default_factory=dict)
+    origin: dict[str, str] = field(default_factory=dict)
+
+    def lay(self, above: dict[str, Any], origin: str | dict[str, str], place: str = "") -> None:
+        """Put a table over this one: tables are merged by their keys, all else is replaced."""
+        held = self.table
+        for name in filter(None, place.split(".")):
+            held = held[name]
+        for key, value in above.items():
+            inner = f"{place}.{key}" if place else key
+            if isinstance(value, dict) and isinstance(held.get(key), dict):
+                self.lay(value, origin, inner)
+                continue
+            for known in [one for one in self.origin if _within(one, inner)]:
+                del self.origin[known]
+            held[key] = {} if isinstance(value, dict) else value
+            if isinstance(value, dict):
+                self.lay(value, origin, inner)
+            else:
+                self.origin[inner] = origin if isinstance(origin, str) else origin[inner]
+
+    def blamed(self, message: str, path: Path) -> str:
+        """A message on a place in the table, with the file that the value there is from."""
+        found = PLACE.match(message)
+        place = found[0] if found else ""
+        origins = {one for name, one in self.origin.items() if _within(name, place)}
+        return f"{origins.pop() if len(origins) == 1 else path}: {message}"
+
+
+def read_layers(path: Path, what: str, changes: Sequence[str] = ()) -> Layers:
+    """The table of a file over those that it names.
+
+        base = "other.toml"          the file below all others
+        include = ["a.toml", ...]    over the base, each over the one before
+
+    Both stand first in the file, which is over them; they may name others themselves. A name is
+    that of a file beside the one that names it, or of one in the catalogue
+    ("designs/nanosatellite.toml"). Tables are merged by their keys; a list replaces a list.
+
+    what     the file must be, for the errors: "a design file"
+    changes  "key = value" each, over all files: "instrument.optics.f_number=2.0". A value that is
+             no TOML is a text: "instrument.optics.blur=3 um".
+    Raises   ValueError, one sentence with the file: where a file is missing or no TOML, names
+             itself by way of others, or a change is none.
+    """
+    layers = _read(path, what, ())
+    for change in changes:
+        layers.lay(_changed(change), SET)
+    return layers
+
+
+def _read(path: Path, what: str, above: tuple[Path, ...]) -> Layers:
+    if path.resolve() in above:
+        raise ValueError(f"{above[0]}: base and include must not lead back to {path}")
+    if len(above) == DEEPEST:
+        raise ValueError(f"{above[0]} must have at most {DEEPEST} files below each other")
+    own = read_table(path, what)
+    below, more = own.pop("base", None), own.pop("include", [])
+    if below is not None and not isinstance(below, str):
+        raise ValueError(f"{path}: base must be the name of a file, got {shown(below)}")
+    if not (isinstance(more, list) and all(isinstance(one, str) for one in more)):
+        raise ValueError(f"{path}: include must be a list of names of files, got {shown(more)}")
+    layers = Layers()
+    for key, name in [("base", below)] * (below is not None) + [("include", one) for one in more]:
+        read = _read(_found(path, key, str(name)), what, (*above, path.resolve()))
+        layers.lay(read.table, read.origin)
+    layers.lay(own, str(path))
+    return layers
+
+
+def _found(path: Path, key: str, name: str) -> Path:
+    try:
+        beside = path.parent / name
+        return beside if name and beside.exists() else shipped(name or "-")
+    except (OSError, ValueError):  # not there, or a name that no file can have
+        raise ValueError(
+            f"{path}: {key} must be the name of a file beside it, or of one in the catalogue, such "
+            f"as 'designs/nanosatellite.toml', got {shown(name)}"
+        ) from None
+
+
+def _changed(change: str) -> dict[str, Any]:
+    key, equals, text = (part.strip() for part in change.partition("="))
+    if not (equals and KEY.fullmatch(key)):
+        raise ValueError(
+            f"{SET} must be KEY=VALUE, such as instrument.optics.f_number=2.0, got {shown(change)}"
+        )
+    try:
+        read = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        read = {}
+    *outer, last = key.split(".")
+    table: dict[str, Any] = {last: read["value"] if list(read) == ["value"] else text}
+    for name in reversed(outer):
+        table = {name: table}
+    return table
+
+
+def _within(place: str, other: str) -> bool:
+    return place == other or place.startswith(f"{other}.")
