@@ -4,7 +4,7 @@
 
 A double Gauss of 35 mm at f/2.4 before a megapixel. The tracer's chief rays are those of
 tests/oracle/lens.json. Times are CPU seconds of one thread, the least
-of some runs, in turns. Ghosts and a design with a family lens are not built and have no figure.
+of some runs, in turns. Ghosts are compared with those of ghost_rays.py.
 """
 
 from __future__ import annotations
@@ -17,13 +17,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import command
+import ghost_rays
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import Case, FieldPsf, Psf, Streams, load_design, shipped
+from startrack import Camera, Case, FieldPsf, Psf, Streams, load_design, shipped
 from startrack.catalog import open_sky
 from startrack.detector import Exposure, expose
-from startrack.optics import open_lens, open_optics
+from startrack.optics import Ghosts, lens_surfaces, open_lens, open_optics
+from startrack.optics.ghosts import ghost_map, pairs, reflectances
 from startrack.optics.lens_psf import _Plan, band_of
 from startrack.scene import WAVELENGTH, illuminate
 from startrack.trial import images_of, line_of_sight, psf_of, stars_in_field, throughput
@@ -142,6 +144,40 @@ def windows(case: Case, runs: int) -> dict[str, float]:
     return found
 
 
+def ghost_errors() -> dict[str, float]:
+    """Largest distance of ghosts from those of a non-sequential trace, and ratio of their flux.
+
+    Of the ratios over places and ghosts that which is farthest from one.
+    """
+    optics = replace(
+        the_case(1024).instrument.optics, lens_file="", lens_family="double-gauss", f_number=2.8
+    )
+    surfaces, ghosts = lens_surfaces(optics), Ghosts()
+    lens, pitch = ghost_rays.lens_of(surfaces), 2 * PIXEL
+    camera = Camera(1200, 1200, optics.focal_length / pitch)
+    away, ratios = [0.0], [1.0]
+    for pair, angle in (((9, 1), 3.0), ((8, 4), 3.0), ((6, 0), 4.0), ((9, 1), 5.0)):
+        only = np.zeros(len(surfaces) + 1)
+        only[list(pair)] = reflectances(surfaces, ghosts)[list(pair)]
+        towards = np.array([np.sin(np.radians(angle)), 0.0, np.cos(np.radians(angle))])
+        at, ray, cell = ghost_rays.source(lens, towards, 90)
+        x, y, weight = ghost_rays.ghosts(lens, at, ray, only)[pair]
+        which = next(one for one in pairs(surfaces, ghosts) if one[:2] == pair)
+        made = ghost_map(surfaces, which, towards, camera, pitch, optics)
+        assert made is not None  # they lie in the frame
+        step = (camera.columns - 1) / (made.shape[1] - 1)
+        down, across = np.indices(made.shape) * step
+        place = np.array([(made * across).sum(), (made * down).sum()]) / made.sum()
+        wanted = np.array([x.mean(), y.mean()]) / pitch + camera.centre
+        away.append(float(np.abs(place - wanted).max()))
+        flux = made.sum() * optics.area * (step / camera.focal_length_px) ** 2
+        ratios.append(float(flux / (weight.sum() * cell)))
+    return {
+        "ghost_place_px": max(away),
+        "ghost_irradiance_ratio": max(ratios, key=lambda one: abs(one - 1)),
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     options = command.read(parser)
@@ -164,6 +200,7 @@ def main() -> None:
     time_of = windows(case, runs)
     result["window_ms"] = 1e3 * time_of["table"] / 4
     result["window_ratio"] = time_of["table"] / time_of["one"]
+    result |= ghost_errors()
     for name, value in result.items():
         print(f"{name:26} {value:.4g}")
     command.save(options, result)

@@ -18,8 +18,9 @@ from typing import Any
 
 import command
 
+from startrack import shipped
 from startrack.design import cost_of
-from startrack.io import save_text, shipped
+from startrack.io import save_text
 from startrack.optics import open_lens, open_surfaces
 
 LENSES = Path(__file__).parents[1] / "tests/oracle/lens_costs.json"

@@ -23,6 +23,7 @@ with deferred():
         lens_path,
         load_lens,
         read_prescription,
+        save_ghosts,
         save_lens,
         save_surfaces,
         surfaces_of,
@@ -124,7 +125,10 @@ def _import(options: argparse.Namespace) -> int:
             )
         save_lens(Path(out), traced.table)
         with suppress(ValueError):  # of surfaces that are no spheres
-            save_surfaces(Path(out), surfaces_of(lens))
+            surfaces = surfaces_of(lens)
+            save_surfaces(Path(out), surfaces)
+            if not surfaces.mirror.any():
+                save_ghosts(Path(out), surfaces)
         left = float((traced.left / traced.table.wavelength[:, None]).max())
         result = summary(traced.table) | {"table": str(out), "terms_leave_waves": left}
         if options.check:

@@ -17,7 +17,7 @@ from startrack.detection import Detection
 from startrack.detector import Detector
 from startrack.identification import Identification
 from startrack.motion import Motion
-from startrack.optics import ROOM, Baffle, Optics, fit_camera, open_optics
+from startrack.optics import ROOM, Baffle, Ghosts, Optics, fit_camera, lens_surfaces, open_optics
 from startrack.scene import SUN, WAVELENGTH, Scene, blackbody_photons
 
 
@@ -59,6 +59,7 @@ class Instrument:
     delay     second, by which the time stamp of a frame lies after the middle of its exposure
     baffle    what it lets through of Sun, Moon and Earth; None: nothing
     thermal   temperatures; None: the lens is at 20 degC
+    ghosts    reflections in the lens that make ghosts of bright sources; None: no ghosts
     """
 
     optics: Optics
@@ -68,6 +69,7 @@ class Instrument:
     delay: Annotated[float, Unit("s", "ms")] = 0.0
     baffle: Baffle | None = None
     thermal: Temperatures | None = None
+    ghosts: Ghosts | None = None
 
     def __post_init__(self) -> None:
         finite(delay=self.delay)
@@ -75,6 +77,10 @@ class Instrument:
             raise ValueError(
                 "thermal.lens must be left out where no lens_file says what it changes"
             )
+        if self.ghosts:
+            lens_surfaces(self.optics)
+            if self.detector.scan:
+                raise ValueError("ghosts must be left out where lines scan")
         if self.optics.tabulated and self.detector.scan:
             raise ValueError("optics.lens_file must be left out where lines scan")
 

@@ -43,9 +43,9 @@ def lens_cost(optics: Optics) -> LensCost | None:
         volume = pi / 4 (1.96 largest clear diameter)^2 * 1.26 length to the detector
         price  = 270 (mass / 0.24 kg)^1.6
 
-    The glass is that of the prescription in the design's size, with the clear apertures that its
-    beams need at the design's f-number. The three factors of mass and volume are medians over nine
-    camera lenses, and the price is a fit to five of them: docs/lens-costs.md has them one by one.
+    The glass is that of the prescription in the design's size; a family's has the clear apertures
+    that its beams need at the design's f-number. The three factors of mass and volume are medians
+    over nine camera lenses, and the price is a fit to five of them: docs/lens-costs.md has them.
 
     Accuracy  model: measured over predicted, mass is 0.5 to 1.8, by barrels of plastic or brass;
               volume 0.5 to 1.4; price 0.5 to 3.1, of series. A lens for space costs some hundred
@@ -61,8 +61,8 @@ def lens_cost(optics: Optics) -> LensCost | None:
     if found is None:
         return None
     table = open_lens(optics.lens_file)
-    faster = table.f_number / optics.f_number
-    surfaces = found.scaled(optics.focal_length / table.focal_length, faster)
+    # Stopped down, it is as large as before.
+    surfaces = found.scaled(optics.focal_length / table.focal_length)
     return cost_of(surfaces, len(found.elements))
 
 

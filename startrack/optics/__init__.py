@@ -23,6 +23,8 @@ lens_psf      Optics with a lens table -> the camera that fits it, and the Field
 surfaces      Surfaces: radii, spaces, glasses and clear apertures of a lens, beside its table.
 ray_trace     Prescription of a lens -> its LensTable, by rays of the program optiland (extra
               `lens`).
+ghosts        Light -> Light: ghosts of bright sources by two reflections in the lens, as diffuse
+              light.
 baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light.
 """
 
@@ -30,6 +32,7 @@ from startrack.optics.baffle import Baffle, stray_light
 from startrack.optics.choose import Choice, choose
 from startrack.optics.closed_forms import airy, blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.fraunhofer import intensity, pupil_samples
+from startrack.optics.ghosts import Ghosts, add_ghosts, lens_surfaces, save_ghosts
 from startrack.optics.lens_family import (
     FAMILIES,
     element_count,
@@ -67,6 +70,7 @@ __all__ = [
     "Aberration",
     "Baffle",
     "Choice",
+    "Ghosts",
     "Lens",
     "LensPoints",
     "LensTable",

@@ -105,6 +105,7 @@ class TrialRunner:
             ", lens_family=''",
             ", lens_field=None",
             ", as_built=0.0",
+            ", ghosts=None",
             ", calibrated_at=None",
         ):
             written = written.replace(newer, "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from startrack.design import Case, Fidelity
 from startrack.detector import require_independent_pixels
 from startrack.trial.spot_plan import refuse
+from startrack.trial.window import require_no_ghosts
 
 # Lights of the scene that vary over the field wherever the camera points, or in some attitudes.
 VARYING = ("zodiacal", "starlight", "earth", "airglow")
@@ -18,6 +19,7 @@ def require_fidelity(case: Case, fidelity: Fidelity) -> None:
     """
     if fidelity is Fidelity.WINDOW:
         require_independent_pixels(case.instrument.detector)
+        require_no_ghosts(case.instrument)
         lights = [one for one in case.scene.lights if one in VARYING]
         if case.instrument.baffle is not None:
             lights += [one for one in case.scene.lights if one in STRAY and one not in lights]

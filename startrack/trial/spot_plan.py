@@ -108,6 +108,7 @@ def refuse(case: Case) -> None:
     corner = math.tan(instrument.camera.half_diagonal) * instrument.camera.focal_length_px
     there = {
         "lens_file": instrument.optics.tabulated,
+        "ghosts": instrument.ghosts,
         "hits": detector.hits,
         "defects": detector.defects,
         "row_delay": detector.row_delay,

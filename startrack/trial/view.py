@@ -31,7 +31,7 @@ from startrack.detector import (
     mean_wavelength,
 )
 from startrack.motion import realise_motion, sample_jitter
-from startrack.optics import field_psf, open_optics, pixel_psf, stray_light
+from startrack.optics import add_ghosts, field_psf, open_optics, pixel_psf, stray_light
 from startrack.scene import SUN, WAVELENGTH, Sight, illuminate
 
 PART = 2**14  # stars
@@ -102,6 +102,11 @@ def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Stream
     instrument = case.instrument
     sight = Sight(icrs_to_camera, instrument.camera, case.catalog.limit_g, streams)
     light = illuminate(case.scene, stars, sight)
+    if instrument.ghosts is not None:
+        light = add_ghosts(
+            light, instrument.ghosts, instrument.optics, icrs_to_camera, instrument.camera,
+            instrument.detector.pitch,
+        )  # fmt: skip
     if instrument.baffle is None:
         return light
     return stray_light(

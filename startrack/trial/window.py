@@ -242,12 +242,19 @@ class Plan:
     workspace: Workspace
 
 
+def require_no_ghosts(instrument: Instrument) -> None:
+    """Refuse light that varies over the field with the sources in it."""
+    if instrument.ghosts:
+        raise ValueError("window needs an instrument without ghosts; choose the fidelity frame")
+
+
 @lru_cache(maxsize=8)
 def plan_of(case: Case) -> Plan:
     """Render and measure some frames of a case; kept for the 8 last cases."""
     instrument, settings = case.instrument, case.tracker.detection
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
     require_independent_pixels(detector)
+    require_no_ghosts(instrument)
     light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
     _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]

@@ -1,0 +1,360 @@
+"""Light -> Light: ghosts of bright sources by two reflections in the lens, as diffuse light."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Camera, DiffuseLight, Floats, Light, whole, within
+from startrack.io import open_checked
+from startrack.io import whole as whole_file
+from startrack.optics.lens_family import family_surfaces
+from startrack.optics.lens_table import FORMAT, lens_path, open_lens
+from startrack.optics.parameters import Optics
+from startrack.optics.surfaces import AIR, Surfaces, open_surfaces
+
+PART = "GHOSTS"
+GRID = 33  # rays across the beam that are traced
+FAINTEST = 1e-3  # of the irradiance of a source's brightest ghost; fainter ones are left out
+FRONT = 1.1  # half side of the grid over the clear radius of the first surface
+WIDEST = math.radians(60)  # from the axis, of a source
+PARTS = 12  # of a cell of the grid along a side, between the traced rays
+NODES = 20  # of a map, across half a ghost
+COARSEST = 64  # pixel between nodes
+
+
+@dataclass(frozen=True)
+class Ghosts:
+    """Reflections that make ghosts.
+
+    coating   1, reflectance of each surface between glass and air
+    detector  1, reflectance of the detector
+    sources   how many of the brightest point sources make ghosts, beside Sun, Moon and Earth
+    """
+
+    coating: float = 0.005
+    detector: float = 0.1
+    sources: int = 10
+
+    def __post_init__(self) -> None:
+        within(0, 1, coating=self.coating, detector=self.detector)
+        whole(1, 10_000, sources=self.sources)
+
+
+class Pair(NamedTuple):
+    """Two reflections, and their ghost by paraxial optics.
+
+    first, second  surfaces, in the order of the reflections; as many as there are is the detector
+    width          1, radius of the disc on the detector over that of the beam before the lens
+    place          metre from the axis, of its middle for a field angle whose tangent is 1
+    reflectance    1, of both together
+    """
+
+    first: int
+    second: int
+    width: float
+    place: float
+    reflectance: float
+
+    @property
+    def irradiance(self) -> float:
+        """1, on the detector over that before the lens: reflectance / width^2."""
+        return self.reflectance / max(self.width**2, 1e-12)
+
+
+def lens_surfaces(optics: Optics) -> Surfaces:
+    """The surfaces of a design's lens, in its size, stopped down and focused.
+
+    Raises  ValueError where they are not known.
+    """
+    if optics.lens_family:
+        made = family_surfaces(
+            optics.lens_family, optics.focal_length, optics.f_number, optics.lens_field
+        )
+    else:
+        found = open_surfaces(lens_path(optics.lens_file)) if optics.lens_file else None
+        if found is None:
+            raise ValueError("ghosts must be left out where no lens table has SURFACES of the lens")
+        table = open_lens(optics.lens_file)
+        made = found.scaled(optics.focal_length / table.focal_length)
+        radius = made.radius.copy()
+        radius[made.stop] *= min(table.f_number / optics.f_number, 1.0)
+        made = replace(made, radius=radius)
+    if made.mirror.any():
+        raise ValueError("ghosts must be left out where the lens has a mirror")
+    thickness = made.thickness.copy()
+    thickness[-1] += optics.defocus
+    return replace(made, thickness=thickness)
+
+
+def reflectances(surfaces: Surfaces, ghosts: Ghosts) -> Floats:
+    """Reflectance (s + 1,) of each surface and of the detector.
+
+    Between two glasses that of Fresnel, ((n' - n) / (n' + n))^2; none of a diaphragm.
+    """
+    before, after = np.concatenate([[1.0], surfaces.index[:-1]]), surfaces.index
+    glasses = (before > AIR) & (after > AIR)
+    bare = ((after - before) / (after + before)) ** 2
+    coated = np.where(glasses, bare, ghosts.coating)
+    return np.append(np.where(np.abs(after - before) > 1e-6, coated, 0.0), ghosts.detector)
+
+
+def pairs(surfaces: Surfaces, ghosts: Ghosts) -> tuple[Pair, ...]:
+    """All pairs of reflections, the brightest on the axis first.
+
+    By products of the matrices of the surfaces and spaces that the light passes, forwards,
+    backwards after the first reflection, and forwards again.
+    """
+    reflectance = reflectances(surfaces, ghosts)
+    entry = _entry(surfaces)
+    found = []
+    for first in range(1, len(surfaces) + 1):
+        for second in range(first):
+            both = float(reflectance[first] * reflectance[second])
+            if both:
+                matrix = _folded(surfaces, first, second)
+                place = matrix[0, 0] * entry + matrix[0, 1]
+                found.append(Pair(first, second, abs(matrix[0, 0]), float(place), both))
+    return tuple(sorted(found, key=lambda pair: -pair.irradiance))
+
+
+def _entry(surfaces: Surfaces) -> float:
+    """Metre at the first vertex, of the ray through the stop's middle whose slope is 1."""
+    return float(surfaces.heights()[1][0])
+
+
+def _steps(count: int, first: int, second: int) -> list[tuple[int, bool, bool]]:
+    """Surface, whether it reflects, whether the light comes from the front; in their order.
+
+    The detector ends the list, where it does not reflect.
+    """
+    forward = [(at, False, True) for at in range(first)]
+    back = [(at, False, False) for at in range(first - 1, second, -1)]
+    again = [(at, False, True) for at in range(second + 1, count)]
+    return [*forward, (first, True, True), *back, (second, True, False), *again]
+
+
+def _folded(surfaces: Surfaces, first: int, second: int) -> Floats:
+    """Matrix (2, 2) from height and slope before the lens to those on the detector."""
+    count = len(surfaces)
+    before = np.concatenate([[1.0], surfaces.index[:-1]])
+    vertex = np.concatenate([[0.0], np.cumsum(surfaces.thickness)])
+    curvature = np.append(surfaces.curvature, 0.0)
+    matrix, at = np.eye(2), 0.0
+    for surface, reflects, front in _steps(count, first, second):
+        space = vertex[surface] - at
+        at = float(vertex[surface])
+        if reflects:
+            bend = np.array([[1.0, 0.0], [-2 * curvature[surface], -1.0]])
+        else:
+            here, there = before[surface], surfaces.index[surface]
+            if not front:
+                here, there = there, here
+            power = (there - here) * curvature[surface]
+            bend = np.array([[1.0, 0.0], [-power / there, here / there]])
+        matrix = bend @ np.array([[1.0, space], [0.0, 1.0]]) @ matrix
+    return np.array([[1.0, float(vertex[-1]) - at], [0.0, 1.0]]) @ matrix
+
+
+class Beam(NamedTuple):
+    """Rays of a source that made two reflections.
+
+    x, y  (n, n) metre on the detector; NaN of rays that meet no surface
+    open  (n, n) 1, largest distance from the axis over the clear radius, of all surfaces met
+    cell  square metre across the beam, of each ray
+    """
+
+    x: Floats
+    y: Floats
+    open: Floats
+    cell: float
+
+
+def trace_ghost(surfaces: Surfaces, pair: Pair, direction: Floats, rays: int = GRID) -> Beam:
+    """Rays on a square grid before the lens, traced exactly through the folded path.
+
+    direction  (3,) unit vector to the source in camera axes, along which its rays run here: a
+               lens turns the image, and a camera's axes are those of the image
+    Accuracy   model: spheres, the index of one wavelength, no polarisation.
+    """
+    count = len(surfaces)
+    vertex = np.concatenate([[0.0], np.cumsum(surfaces.thickness)])
+    curvature = np.append(surfaces.curvature, 0.0)
+    before = np.append(np.concatenate([[1.0], surfaces.index[:-1]]), surfaces.index[-1])
+    after = np.append(surfaces.index, 1.0)
+    size = FRONT * float(surfaces.radius[0])
+    axis = np.linspace(-size, size, rays)
+    across, down = np.meshgrid(axis, axis)
+    point = np.stack([across, down, np.zeros_like(across)])
+    ray = np.broadcast_to(np.asarray(direction, float)[:, None, None], point.shape).copy()
+    worst = np.zeros_like(across)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for surface, reflects, front in _steps(count, pair.first, pair.second):
+            point[2] -= vertex[surface]
+            bend = curvature[surface]
+            point, normal = _meet(point, ray, bend)
+            if surface < count:
+                ratio = np.hypot(point[0], point[1]) / surfaces.radius[surface]
+                worst = np.fmax(worst, ratio)
+            if reflects:
+                ray = ray - 2 * (ray * normal).sum(axis=0) * normal
+            else:
+                here, there = before[surface], after[surface]
+                ray = _refracted(ray, normal, here / there if front else there / here)
+            point[2] += vertex[surface]
+        point[2] -= vertex[-1]
+        point, _ = _meet(point, ray, 0.0)
+    lost = ~np.isfinite(point).all(axis=0)
+    cell = float(axis[1] - axis[0]) ** 2 * float(direction[2])
+    return Beam(point[0], point[1], np.where(lost, 9.0, worst), cell)
+
+
+def _meet(point: Floats, ray: Floats, curvature: float) -> tuple[Floats, Floats]:
+    """Where rays meet a sphere whose vertex is the origin, and its unit normal."""
+    along = curvature * (point * ray).sum(axis=0) - ray[2]
+    off = curvature * (point * point).sum(axis=0) - 2 * point[2]
+    root = np.sqrt(along * along - curvature * off)
+    distance = off / (-along + np.copysign(root, -along))
+    met = point + distance * ray
+    normal = curvature * met
+    normal[2] -= 1
+    return met, normal
+
+
+def _refracted(ray: Floats, normal: Floats, ratio: float) -> Floats:
+    """Directions after a surface, by Snell's law; NaN where light is reflected totally."""
+    cosine = (ray * normal).sum(axis=0)
+    root = np.sqrt(1 - ratio**2 * (1 - cosine**2))
+    return ratio * ray + (np.copysign(root, cosine) - ratio * cosine) * normal
+
+
+def add_ghosts(
+    light: Light, ghosts: Ghosts, optics: Optics, icrs_to_camera: Rotation, camera: Camera,
+    pitch: float,
+) -> Light:  # fmt: skip
+    """The light with ghosts, as diffuse light of the same irradiance on the detector.
+
+        radiance = irradiance of the source R1 R2 (beam / image) focal_length^2 / area
+
+    of each small part of the beam and its image on the detector, as in `stray_light`.
+
+    pitch     metre, side of a pixel
+    Raises    ValueError where the surfaces of the lens are not known, or one is a mirror.
+    Accuracy  model: two reflections; one wavelength; the coating's reflectance at all angles;
+              pairs whose paraxial irradiance is below 1e-3 of a source's brightest, and sources
+              beyond 60 deg, are left out; the absorption is that of the direct light. numerical:
+              rays between those traced are interpolated linearly, 1/32 of the beam apart.
+    """
+    surfaces = lens_surfaces(optics)
+    found = pairs(surfaces, ghosts)
+    kept = [pair for pair in found if pair.irradiance >= FAINTEST * found[0].irradiance]
+    made = []
+    for direction, spectrum in _sources(light, ghosts.sources):
+        ahead = icrs_to_camera.apply(direction)
+        if not ahead[2] > math.cos(WIDEST):
+            continue
+        maps = [
+            one
+            for one in (ghost_map(surfaces, pair, ahead, camera, pitch, optics) for pair in kept)
+            if one is not None
+        ]
+        made += [DiffuseLight(spectrum, one) for one in _summed(maps)]
+    return replace(light, diffuse=light.diffuse + tuple(made))
+
+
+def _sources(light: Light, count: int) -> list[tuple[Floats, Floats]]:
+    """Directions and irradiances of the brightest point sources, and of all bodies."""
+    brightness = light.photon_irradiance.sum(axis=1)
+    order = np.argsort(-brightness, kind="stable")[:count]
+    found = [(light.direction[at], light.photon_irradiance[at]) for at in order]
+    for body in light.stray_sources:
+        found += [
+            (direction, fraction * body.photon_irradiance)
+            for direction, fraction in zip(body.direction, body.fraction, strict=True)
+            if fraction > 0
+        ]
+    return found
+
+
+def ghost_map(
+    surfaces: Surfaces, pair: Pair, direction: Floats, camera: Camera, pitch: float, optics: Optics
+) -> Floats | None:
+    """Fraction at nodes over the frame, as `DiffuseLight` has it; None where nothing falls there.
+
+    Arguments as `add_ghosts`; direction as `trace_ghost`.
+    """
+    beam = trace_ghost(surfaces, pair, direction)
+    across = beam.x / pitch + camera.centre[0]
+    down = beam.y / pitch + camera.centre[1]
+    passes = beam.open <= 1.2
+    inside = passes & (np.abs(beam.x) < 1e3) & (np.abs(beam.y) < 1e3)
+    if not inside.any():
+        return None
+    width = float(max(np.ptp(across[inside]), np.ptp(down[inside]))) / 2
+    low = across[inside].min(), down[inside].min()
+    high = across[inside].max(), down[inside].max()
+    if low[0] > camera.columns or low[1] > camera.rows or high[0] < 0 or high[1] < 0:
+        return None
+    step = 2.0 ** math.floor(math.log2(min(max(width / NODES, 1.0), COARSEST)))
+    columns, rows = (max(math.ceil((n - 1) / step) + 1, 2) for n in (camera.columns, camera.rows))
+    counted = _counted(beam, across, down, (columns, rows), camera)
+    node = ((camera.columns - 1) / (columns - 1)) * ((camera.rows - 1) / (rows - 1))  # pixel^2
+    scale = pair.reflectance * beam.cell / PARTS**2 / node * camera.focal_length_px**2 / optics.area
+    return counted * scale
+
+
+def _counted(
+    beam: Beam, across: Floats, down: Floats, shape: tuple[int, int], camera: Camera
+) -> Floats:
+    """Rays (rows, columns) near each node, from a grid PARTS times as fine as the traced."""
+    columns, rows = shape
+    along = (np.arange(PARTS) + 0.5) / PARTS
+    weight = np.stack([1 - along, along])
+
+    def finer(values: Floats) -> Floats:
+        """(cells, PARTS, cells, PARTS) between the corners of each cell."""
+        corner = np.stack([
+            np.stack([values[:-1, :-1], values[:-1, 1:]]),
+            np.stack([values[1:, :-1], values[1:, 1:]]),
+        ])  # fmt: skip
+        return np.einsum("abij,ap,bq->ipjq", corner, weight, weight)
+
+    with np.errstate(invalid="ignore"):
+        u, v, ratio = finer(across), finer(down), finer(beam.open)
+        column = np.rint(u * ((columns - 1) / (camera.columns - 1)))
+        row = np.rint(v * ((rows - 1) / (camera.rows - 1)))
+        good = (ratio <= 1) & (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    at = row[good].astype(np.int64) * columns + column[good].astype(np.int64)
+    counted = np.bincount(at, minlength=rows * columns).reshape(rows, columns).astype(float)
+    # Nodes on the border are in the middle of cells of which half lies outside of the frame.
+    counted[[0, -1]] *= 2
+    counted[:, [0, -1]] *= 2
+    return counted
+
+
+def _summed(maps: list[Floats]) -> list[Floats]:
+    """The maps of each shape added."""
+    shapes = dict.fromkeys(one.shape for one in maps)
+    return [sum((one for one in maps if one.shape == shape), np.zeros(shape)) for shape in shapes]
+
+
+def save_ghosts(path: Path, surfaces: Surfaces) -> None:
+    """Add the image GHOSTS to the FITS file of a lens table, or replace it.
+
+    (g, 4): first and second surface, width and place of `Pair`; every pair of surfaces that differ
+    in index, and the detector as the surface after the last.
+    """
+    from astropy.io import fits
+
+    rows = [pair[:4] for pair in pairs(surfaces, Ghosts(1.0, 1.0))]
+    with open_checked(path, "LENS", FORMAT, "a lens table") as parts:
+        kept = [part.copy() for part in parts if part.name != PART]
+    part = fits.ImageHDU(np.array(sorted(rows), float), name=PART)
+    part.header["BUNIT"] = "1, 1, 1, m"
+    with whole_file(Path(path)) as draft:
+        fits.HDUList([*kept, part]).writeto(draft, checksum=True)
