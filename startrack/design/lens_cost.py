@@ -53,9 +53,9 @@ def lens_cost(optics: Optics) -> LensCost | None:
     """
     if optics.lens_family:
         surfaces = family_surfaces(
-            optics.lens_family, optics.focal_length, optics.f_number, optics.lens_field
+            optics.lens_family, optics.focal_length, optics.f_number, optics.family_field
         )
-        elements = element_count(optics.lens_family, optics.f_number, optics.lens_field)
+        elements = element_count(optics.lens_family, optics.f_number, optics.family_field)
         return cost_of(surfaces, elements)
     found = open_surfaces(lens_path(optics.lens_file)) if optics.lens_file else None
     if found is None:

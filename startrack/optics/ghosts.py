@@ -74,7 +74,7 @@ def lens_surfaces(optics: Optics) -> Surfaces:
     """
     if optics.lens_family:
         made = family_surfaces(
-            optics.lens_family, optics.focal_length, optics.f_number, optics.lens_field
+            optics.lens_family, optics.focal_length, optics.f_number, optics.family_field
         )
     else:
         found = open_surfaces(lens_path(optics.lens_file)) if optics.lens_file else None

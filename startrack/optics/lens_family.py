@@ -173,7 +173,7 @@ def _wider(name: str, table: LensTable, field: float | None) -> float:
     if not NARROWER * (1 - 1e-9) <= wider <= WIDER * (1 + 1e-9):
         low, high = (np.degrees(np.arctan(np.tan(edge) * each)) for each in (NARROWER, WIDER))
         raise ValueError(
-            f"lens_field must lie in [{low:.3g}, {high:.3g}] deg in the lens_family {name}, got "
+            f"family_field must lie in [{low:.3g}, {high:.3g}] deg in the lens_family {name}, got "
             f"{np.degrees(field):.3g} deg"
         )
     return wider

@@ -89,7 +89,7 @@ def open_optics(optics: Optics, temperature: float = ROOM) -> Lens:
     Raises  ValueError where there is no such table, or the design opens it farther than traced.
     """
     if optics.lens_family:
-        table = family_table(optics.lens_family, optics.f_number, optics.lens_field)
+        table = family_table(optics.lens_family, optics.f_number, optics.family_field)
     else:
         table = open_lens(optics.lens_file)
     if optics.f_number < table.f_number * (1 - 1e-6):

@@ -54,7 +54,7 @@ class Optics:
                      the distortion, and `aberrations` and `blur` add to it
     lens_family      "double-gauss", "petzval", "cooke-triplet" or "catadioptric": the lens table of
                      that family's lens of `focal_length` and `f_number`; "": none
-    lens_field       radian, half field that a lens of a family is made for; None: that of the
+    family_field       radian, half field that a lens of a family is made for; None: that of the
                      published lens
     as_built         metre, rms wavefront error of manufacture and alignment, which blurs by its
                      mean slope: see `total_blur`
@@ -77,7 +77,7 @@ class Optics:
     transmission: Curve = ALL
     lens_file: str = ""
     lens_family: str = ""
-    lens_field: Annotated[float | None, Unit("rad", "deg")] = None
+    family_field: Annotated[float | None, Unit("rad", "deg")] = None
     as_built: Annotated[float, Unit("m", "nm")] = 0.0
     principal_x: float = 0.0
     principal_y: float = 0.0
@@ -97,8 +97,8 @@ class Optics:
         finite(defocus=self.defocus)
         self._refuse_places()
         self._refuse_models()
-        if self.lens_field is not None:
-            within(0.001, WIDEST, lens_field=self.lens_field)
+        if self.family_field is not None:
+            within(0.001, WIDEST, family_field=self.family_field)
         if self.tabulated:
             self._refuse_beside_table()
 

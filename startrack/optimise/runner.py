@@ -103,7 +103,7 @@ class TrialRunner:
             ", dark_map=None",
             ", lens_file=''",
             ", lens_family=''",
-            ", lens_field=None",
+            ", family_field=None",
             ", as_built=0.0",
             ", ghosts=None",
             ", calibrated_at=None",

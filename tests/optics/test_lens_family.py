@@ -157,7 +157,7 @@ def test_what_a_family_does_not_hold_is_refused():
         family_table("fisheye", 2.0)
     with pytest.raises(ValueError, match=r"f_number must be at least 1\.2 in the lens_family"):
         family_table("double-gauss", 1.1)
-    with pytest.raises(ValueError, match="lens_field must lie in"):
+    with pytest.raises(ValueError, match="family_field must lie in"):
         family_table("double-gauss", 2.0, np.radians(30))
     with pytest.raises(ValueError, match="lens_family must be left out beside lens_file"):
         Optics(0.05, 2.0, lens_file="petzval", lens_family="petzval")
