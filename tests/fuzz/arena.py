@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import select
 import shutil
 import subprocess
@@ -21,6 +22,10 @@ STEP = 0.5  # second between two looks at the worker
 IDLE = 0.01  # second of CPU in a second, below which it waits for something
 EXCESS = 1.1  # of that, at which the limit is broken: libraries take some, too
 STATUSES = {0, 1, 2, 3}
+# What no sentence of a refusal holds; trials that fail by anything but a refusal are a fault, too.
+UNEXPECTED = re.compile(
+    r"Traceback \(most recent|: unexpected |On entry to D|failed.*?: .*?\b(?!ValueError)\w+Error: "
+)
 # Keys of JSON that may be null, each with the reason; `docs/json.md` documents them.
 NULLS = ROOT / "docs" / "json.md"
 
@@ -164,9 +169,8 @@ def _cpu(pid: int) -> float:
 
 
 def _fault(case: Case, status: int, out: str, err: str, escaped: str) -> tuple[str, str]:
-    for words in ("Traceback (most recent", ": unexpected ", "On entry to D"):
-        if words in out or words in err:
-            return "traceback", (out + err)[-600:]
+    if UNEXPECTED.search(out + err):
+        return "traceback", (out + err)[-600:]
     if escaped or status not in STATUSES:
         return "traceback", f"status {status} {escaped} {err[-300:]}"
     if status in (1, 2) and not err.strip():
@@ -179,9 +183,9 @@ def _fault(case: Case, status: int, out: str, err: str, escaped: str) -> tuple[s
         return "silent_nan", f"no JSON: {error}: {out[-200:]}"
     known = NULLS.read_text(encoding="utf-8") if NULLS.is_file() else ""
     for row in rows:
-        for name in _nulls(row):
-            if f"`{name}`" not in known:
-                return "silent_nan", f"{name} is null with status {status}"
+        for names in _nulls(row):
+            if not any(f"`{name}`" in known for name in names):
+                return "silent_nan", f"{'.'.join(names)} is null with status {status}"
     return "", ""
 
 
@@ -189,10 +193,10 @@ def _refuse(text: str) -> float:
     raise ValueError(f"{text} is no JSON")
 
 
-def _nulls(value: object, name: str = "") -> list[str]:
-    """The keys that are null; those of lists by the key of the list."""
+def _nulls(value: object, names: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """The keys of what is null, from the outermost on; items of a list have the key of the list."""
     if isinstance(value, dict):
-        return [found for key, one in value.items() for found in _nulls(one, key)]
+        return [found for key, one in value.items() for found in _nulls(one, (*names, key))]
     if isinstance(value, list):
-        return [found for one in value for found in _nulls(one, name)]
-    return [name] if value is None else []
+        return [found for one in value for found in _nulls(one, names)]
+    return [names] if value is None else []

@@ -103,7 +103,10 @@ FAULTS: dict[str, dict[str, object]] = {
     "long keys are read": {"startrack.io.tables._long_key": _nothing},
     "images of any kind are read": {"startrack.io.images.read_bytes": _waits},
     "damage of a store escapes": {"startrack.montecarlo.store:Store._damage": _unguarded},
-    "a trial divides by zero": {"startrack.trial.chain.drawn_outcomes": _raises},
+    "a trial divides by zero": {
+        "startrack.trial.chain.drawn_outcomes": _raises,
+        "startrack.trial.chain.run_trial": _raises,
+    },
     "JSON with NaN": {"startrack.cli.requirements.print_result": _writes_nan},
     "memory beyond the limit": {"startrack.cli.detect.detect": _takes_memory},
     "a command that hangs": {
