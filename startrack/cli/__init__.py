@@ -10,7 +10,7 @@ imports             Imports of a command's file -> done when the command runs, s
                     needs none of them.
 campaign            What the commands on campaigns share: the design, the runner of its trials, and
                     the folder.
-beside              At the first run, another process compiles the identification.
+beside              At the first run, another process compiles while this one works.
 bench               `startrack bench`: the CPU time and the error of every stage, on this machine.
 budget              `startrack budget`: the error of a design cause by cause.
 calibrate           `startrack calibrate`: the camera model of images of stars.

@@ -1,38 +1,114 @@
-"""At the first run, another process compiles the identification while this one does the rest."""
+"""At the first run, another process compiles while this one works."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
 
-from startrack.core import COMPILED_BESIDE, UNKEPT
+from startrack.core import COMPILED_BESIDE, FOLDERS, UNKEPT, interpreted
 from startrack.identification import is_ready
 
-PART = "identification"  # of `startrack warm`
+fcntl: Any
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+TRIAL, IDENTIFICATION = "fidelity frame", "identification"  # parts of `startrack warm`
 ROOMS = ("startrack.identification", "startrack.attitude")  # about half of what a trial compiles
+# Commands of one trial, and what is compiled for the next command. The index of the patterns comes
+# first, which is the one thing that takes Python longer than compiling and running.
+ONE_TRIAL = {
+    "simulate": (IDENTIFICATION, TRIAL),
+    "solve": (IDENTIFICATION, TRIAL),
+    "detect": (TRIAL,),
+}
+LOCK = "compiling.lock"  # held by the process that compiles, as long as it runs
 
 
 @contextmanager
-def compiled_beside() -> Iterator[None]:
-    """Compile on a second core what this process needs last; it waits when it needs it.
+def compiled_beside(command: str) -> Iterator[None]:
+    """Compile on a second core what this process needs.
 
-    Nothing is done where it has been compiled before, cannot be kept, or there is one core.
+    A command of one trial runs kernels as Python code meanwhile, and the other process goes on
+    after its end, so that the next command finds all compiled. Other commands need compiled code,
+    and wait for that of the identification, which they need last. Nothing is started where all has
+    been compiled before, cannot be kept, or there is one core, or another command has started it.
     """
-    if (os.cpu_count() or 1) < 2 or UNKEPT or is_ready():
+    useful = (os.cpu_count() or 1) > 1 and not UNKEPT and not is_ready()
+    if command in ONE_TRIAL:
+        process = _start(ONE_TRIAL[command]) if useful else None
+        with interpreted(_working(process) if useful else lambda: False):
+            yield
+        return
+    if not useful:
         yield
         return
-    process = subprocess.Popen(
-        [sys.executable, "-m", "startrack.cli", "warm", "--part", PART],
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    COMPILED_BESIDE.update(dict.fromkeys(ROOMS, process.wait))
+    process = _start((IDENTIFICATION,))
+    working = _working(process)
+
+    def wait() -> None:
+        while working() and (process or not is_ready()):
+            time.sleep(0.05)
+
+    COMPILED_BESIDE.update(dict.fromkeys(ROOMS, wait))
     try:
         yield
     finally:
         for room in ROOMS:
             COMPILED_BESIDE.pop(room, None)
-        process.terminate()
-        process.wait()
+        if process:
+            process.terminate()
+            process.wait()
+
+
+def _start(parts: Sequence[str]) -> subprocess.Popen[bytes] | None:
+    """A process that compiles, in a session of its own; None where another one does already."""
+    command = [sys.executable, "-m", "startrack.cli", "warm"]
+    command += [word for part in parts for word in ("--part", part)]
+    held = _held()
+    if held is None:
+        return None
+    try:  # the lock is inherited, and ends with the process
+        return subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL, start_new_session=True, pass_fds=held,
+        )  # fmt: skip
+    finally:
+        for one in held:
+            os.close(one)
+
+
+def _working(process: subprocess.Popen[bytes] | None) -> Callable[[], bool]:
+    """Whether a process still compiles: this one, or that of another command."""
+    if process is not None:
+        return lambda: process.poll() is None
+
+    def elsewhere() -> bool:
+        held = _held()
+        for one in held or ():
+            os.close(one)
+        return held is None
+
+    return elsewhere
+
+
+def _held() -> tuple[int, ...] | None:
+    """The open file of the lock, none without locks; None where another process holds it."""
+    if fcntl is None:
+        return ()
+    with suppress(OSError):
+        file = os.open(Path(min(FOLDERS)) / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(file)
+            return None
+        return (file,)
+    return ()

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
-from typing import TextIO
+from typing import TextIO, cast
 
 from startrack import __version__
 from startrack.cli.imports import load, postpone
@@ -45,10 +45,10 @@ COMMANDS = {
     "warm": "compile all kernels before they are needed",
     "bench": "measure CPU time and error of every stage on this machine",
 }
-# Commands that identify stars; at the first run a second core compiles what that takes.
+# Commands that find or identify stars; at the first run a second core compiles what that takes.
 IDENTIFY = (
-    "simulate", "solve", "budget", "montecarlo", "compare", "sequence", "verify", "optimize",
-    "sample", "pareto", "sensitivity", "warm", "bench",
+    "simulate", "detect", "solve", "budget", "montecarlo", "compare", "sequence", "verify",
+    "optimize", "sample", "pareto", "sensitivity", "warm", "bench",
 )  # fmt: skip
 EPILOG = """\
 exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved; 130, 143 stopped
@@ -119,8 +119,8 @@ def _run(options: argparse.Namespace) -> int:
 def _compiled_beside(options: argparse.Namespace) -> AbstractContextManager[None]:
     if options.name not in IDENTIFY or getattr(options, "part", None):
         return nullcontext()
-    beside: AbstractContextManager[None] = import_module("startrack.cli.beside").compiled_beside()
-    return beside
+    beside = import_module("startrack.cli.beside")
+    return cast("AbstractContextManager[None]", beside.compiled_beside(options.name))
 
 
 def _print_warning(

@@ -46,8 +46,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "as line scanners, are compiled when they are first used.",
     )
     parser.add_argument(
-        "--part", metavar="NAME", help="one part alone, such as `identification` (default: all)"
-    )
+        "--part", metavar="NAME", action="append",
+        help="one part alone, such as `identification`; more than once for more (default: all)",
+    )  # fmt: skip
     parser.add_argument(
         "--earth", action="store_true", help="also the kernels of Earth cameras (extra `earth`)"
     )
@@ -58,9 +59,10 @@ def command(options: argparse.Namespace) -> int:
     began, jobs = time.perf_counter(), parts(read_design(example()).case)
     if options.earth:
         jobs["Earth geometry"] = earth_geometry
-    if options.part is not None:
-        one_of(jobs, part=options.part)
-        jobs = {options.part: jobs[options.part]}
+    for part in options.part or ():
+        one_of(jobs, part=part)
+    if options.part:
+        jobs = {part: jobs[part] for part in options.part}
     for name, job in jobs.items():
         print_message(f"{name} ...")
         job()

@@ -12,6 +12,7 @@ scratch    Large arrays that a plan keeps between calls: a new one costs more th
            in it.
 curve      A dimensionless curve over wavelength, such as a transmission or a quantum efficiency.
 dispatcher Kernels -> machine code, once for each kernel that Python calls.
+interpret  Kernels that are not compiled yet -> their results by Python, for as long as it pays.
 order      Order, median and place of values, within kernels.
 rotations  Rotation matrices -> quaternions and scipy's Rotations, in compiled code.
 camera     Direction to pixel and pixel to direction, both ways together, with OpenCV's
@@ -38,6 +39,7 @@ from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
 from startrack.core.dispatcher import COMPILED_BESIDE
 from startrack.core.field_psf import FieldPsf
+from startrack.core.interpret import interpreted
 from startrack.core.kernel import FOLDERS, UNKEPT, is_compiled, kernel
 from startrack.core.memory import (
     GIB,

@@ -20,6 +20,8 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import lookup_environment
 from numba.core.registry import CPUDispatcher
 
+from startrack.core.interpret import interpreter
+
 # Module -> waits until another process has compiled its kernels, which are then read from disk.
 COMPILED_BESIDE = dict[str, Callable[[], object]]()
 _REPLACED = list[Any]()  # kernels that include this code point to its constants
@@ -71,6 +73,8 @@ class _Place:
 class KernelDispatcher(CPUDispatcher):
     """A function that is compiled for the types that it is called with, as `numba.njit` does."""
 
+    abandoned = False  # by Python: it is to be compiled
+    interpreted = 0.0  # second that Python has spent in it
     calls_within = 0  # of `get_call_template`: a kernel is being compiled, and calls this one
     _compiler: Any  # numba's, of this function
     _cache: Any  # its compiled code on disk
@@ -92,6 +96,10 @@ class KernelDispatcher(CPUDispatcher):
                 self._compiler.pipeline_class = _Inner
                 return super().compile(sig)
             if known is None:
+                holds = getattr(self._cache, "holds", lambda _: False)
+                found = interpreter(self, lambda: bool(holds(sig)))
+                if found is not None:
+                    return found
                 self._wait()
             self._compiler.pipeline_class = _Outer
             with _without_collection():

@@ -201,10 +201,13 @@ class _Cache(FunctionCache):
         versions = f"{numba.__version__} {np.__version__}".encode()
         return versions + digest(self._py_func, self.options)
 
-    def holds(self) -> bool:
-        """Whether anything is kept under this key for this processor."""
-        magic = cpu_target.target_context.codegen().magic_tuple()
-        return any(key[1] == magic for key in self._fresh()._load_index())
+    def holds(self, sig: Any = None) -> bool:
+        """Whether code is kept under this key for this processor, and these types if given."""
+        codegen = cpu_target.target_context.codegen()
+        kept = self._fresh()._load_index()
+        if sig is not None:
+            return self._index_key(sig, codegen) in kept
+        return any(key[1] == codegen.magic_tuple() for key in kept)
 
     def _fresh(self) -> _File:
         self._cache_file = _File(self._cache_path, self._impl.filename_base, self.stamp)

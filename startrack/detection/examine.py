@@ -77,7 +77,6 @@ def _stands_out(
     return bool(highest_between(image, x, y, level, filters) > height)
 
 
-@kernel
 def is_hot(image: Image, x: Ints, y: Ints, reach: int, fraction: float) -> NDArray[np.bool_]:
     """Whether a peak is sharper than the sharpest star: a hot pixel, row or column.
 
@@ -87,26 +86,34 @@ def is_hot(image: Image, x: Ints, y: Ints, reach: int, fraction: float) -> NDArr
 
     fraction  1, of the sharpest star's light that falls on one row of pixels at most
     """
-    verdict = np.empty(len(x), np.bool_)
+    level, noise = _rings(image, x, y, reach)
+    return _is_sharp(_cores(image, x, y) - level, noise, fraction)
+
+
+@kernel
+def _rings(image: Image, x: Ints, y: Ints, reach: int) -> tuple[Floats, Floats]:
+    """Level and noise about peaks, (n,) digital number."""
+    level, noise = np.empty(len(x)), np.empty(len(x))
     for i in range(len(x)):
-        background, _, _, noise, _ = around(image, x[i], y[i], reach, 0.0)
-        verdict[i] = _is_sharp(_core(image, x[i], y[i], background), noise, fraction)
-    return verdict
+        level[i], _, _, noise[i], _ = around(image, x[i], y[i], reach, 0.0)
+    return level, noise
 
 
-@kernel
-def _core(image, x, y, background):  # type: ignore[no-untyped-def]
-    return image[y - 1 : y + 2, x - 1 : x + 2].astype(np.float64) - background
+def _cores(image: Image, x: Ints, y: Ints) -> Floats:
+    """The pixels of peaks and those next to them, (3, 3, n), rows first."""
+    step = np.arange(-1, 2)
+    return np.asarray(image[y + step[:, None, None], x + step[:, None]], np.float64)
 
 
-@kernel
-def _is_sharp(core, noise, fraction):  # type: ignore[no-untyped-def]
+def _is_sharp(core: Floats, noise: Floats | float, fraction: float) -> NDArray[np.bool_]:
+    """Whether peaks, (3, 3, ...) above the level, are too sharp for stars, (...)."""
     # Sigma of `most - fraction * sum`: three pixels count 1 - fraction, six -fraction.
     chance = math.sqrt(3 * (1 - fraction) ** 2 + 6 * fraction**2)
     sides = core[0, 1] + core[1, 0] + core[1, 2] + core[2, 1]
-    most = max(core.sum(axis=0).max(), core.sum(axis=1).max())
+    most = np.maximum(core.sum(axis=0).max(axis=0), core.sum(axis=1).max(axis=0))
     alone = sides < 2 * (1 - fraction) / fraction * core[1, 1]
-    return alone or most - fraction * core.sum() > SURE * chance * noise
+    light = sum(core.reshape(9, *core.shape[2:]))
+    return np.asarray(alone | (most - fraction * light > SURE * chance * noise))
 
 
 def chance_to_pass(
@@ -123,18 +130,10 @@ def chance_to_pass(
               patterns of noise, the same for all peaks: 0.015 at 0.9.
     """
     patterns = Streams(0, 0)("noise of a core").standard_normal((PATTERNS, 3, 3))
-    return np.asarray(_passing(image, x, y, level, noise, shot, fraction, patterns))
-
-
-@kernel
-def _passing(image, x, y, level, noise, shot, fraction, patterns):  # type: ignore[no-untyped-def]
-    passing = np.zeros(len(x))
-    for n in range(len(x)):
-        core = _core(image, x[n], y[n], level)
-        spread = np.sqrt(noise * noise + shot * np.maximum(core, 0.0))
-        for pattern in patterns:
-            passing[n] += not _is_sharp(core + spread * pattern, noise, fraction)
-    return passing / len(patterns)
+    core = (_cores(image, x, y) - level)[..., None]
+    spread = np.sqrt(noise * noise + shot * np.maximum(core, 0.0))
+    sharp = _is_sharp(core + spread * np.moveaxis(patterns, 0, -1)[:, :, None], noise, fraction)
+    return np.asarray(np.count_nonzero(~sharp, axis=-1) / len(patterns))
 
 
 @kernel

@@ -375,7 +375,7 @@ def test_what_a_command_imports_late_is_there_when_it_runs(tmp_path):
     """As a process that the shell starts, which postpones the imports."""
     code = "import sys\nfrom startrack.cli.main import main\nsys.exit(main())"
     done = subprocess.run(
-        [sys.executable, "-c", code, "bench", "psff"], capture_output=True, text=True, cwd=tmp_path
+        [sys.executable, "-c", code, "combine", "one"], capture_output=True, text=True, cwd=tmp_path
     )
     assert done.returncode == 2
-    assert "stage must be one of psf, stamping" in done.stderr
+    assert "campaigns must be two or more" in done.stderr

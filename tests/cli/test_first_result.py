@@ -1,8 +1,15 @@
 """A fresh process loads what a first trial needs, and nothing that it can do without."""
 
+import hashlib
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
+
+from startrack import load_design, shipped
+from startrack.core import Streams
+from startrack.trial import observe, random_attitude
 
 HEAVY = ["scipy.stats", "scipy.optimize", "scipy.signal", "astropy", "matplotlib", "nlopt", "rich"]
 
@@ -45,3 +52,41 @@ def test_processes_of_the_tests_import_these_sources(tmp_path):
     code = "import startrack; print(startrack.__path__[0])"
     found = subprocess.check_output([sys.executable, "-c", code], text=True, cwd=tmp_path)
     assert Path(found.strip()) == Path(__file__).parents[2] / "startrack"
+
+
+def first_trial():
+    """The example in a quarter of its pixels: hash of the frame, spots, matches, attitude."""
+    text = shipped("designs/nanosatellite.toml").read_text(encoding="utf-8")
+    for side in ("columns", "rows"):
+        assert f"{side} = 512" in text
+        text = text.replace(f"{side} = 512", f"{side} = 256")
+    path = Path("first.toml")
+    path.write_text(text)
+    case = load_design(path).case
+    streams = Streams(1, 3)
+    record = observe(case, random_attitude(streams), streams)
+    image = hashlib.sha256(record.frame.image.tobytes()).hexdigest()
+    attitude = record.estimate.icrs_to_camera.as_quat(canonical=True)
+    return image, record.outcome.spots, record.outcome.stars, attitude.tolist()
+
+
+def test_a_first_trial_compiles_nothing_and_finds_the_same(tmp_path, monkeypatch):
+    """Python runs the kernels; sums that the compiler orders anew differ in their last digits."""
+    code = (
+        "import json\nfrom startrack.core import interpreted\n"
+        "from tests.cli.test_first_result import first_trial\n"
+        "with interpreted(lambda: True):\n    print(json.dumps(first_trial()))"
+    )
+    places = {"NUMBA_CACHE_DIR": str(tmp_path / "code")}
+    root = str(Path(__file__).parents[2])
+    done = subprocess.check_output(
+        [sys.executable, "-c", code], text=True, cwd=tmp_path,
+        env={**os.environ, **places, "PYTHONPATH": root},
+    )  # fmt: skip
+    assert not list(tmp_path.rglob("*.nbc"))
+    monkeypatch.chdir(tmp_path)
+    *found, attitude = json.loads(done)
+    *compiled, same = first_trial()
+    assert found == compiled
+    assert found[2] > 5
+    assert max(abs(a - b) for a, b in zip(attitude, same, strict=True)) < 1e-11

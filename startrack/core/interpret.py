@@ -1,0 +1,161 @@
+"""Kernels that are not compiled yet -> their results by Python, for as long as it pays.
+
+A command that runs one trial calls most kernels once, on a few stars: Python takes milliseconds for
+what takes a second to compile. So within `interpreted` a kernel that is not on disk is run as the
+Python code that it is written in, until another process has compiled it.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from types import CellType, CodeType, FunctionType
+from typing import Any
+
+import numpy as np
+
+PATIENCE = 1.0  # second that a kernel may take where no other process compiles; chosen by hand
+LOOK = 0.2  # second between two looks whether the other process has compiled it
+
+_COMPILING: Callable[[], bool] | None = None  # whether another process compiles; None: compile here
+_TWINS = dict[FunctionType, FunctionType]()
+_DEPTH = 0  # of kernels that Python runs
+
+
+class _Abandoned(BaseException):
+    """Python has taken too long; nothing in a kernel catches it."""
+
+
+@contextmanager
+def interpreted(compiling: Callable[[], bool]) -> Iterator[None]:
+    """Run kernels that are not on disk as Python code, while that takes less time than compiling.
+
+    compiling  whether another process is compiling them now; without one, a kernel is compiled here
+               after PATIENCE seconds in Python
+    Accuracy   the same operations in the same precision, but for sums that `fastmath` lets the
+               compiler order anew and for literals of whole numbers beside float32: relative
+               differences of 1e-7 in single precision, of 1e-16 elsewhere.
+    """
+    global _COMPILING
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGALRM"):
+        yield  # no alarm could end it
+        return
+    _COMPILING = compiling
+    try:
+        yield
+    finally:
+        _COMPILING = None
+
+
+def interpreter(kernel: Any, is_kept: Callable[[], bool]) -> Callable[..., Any] | None:
+    """What Python runs for a kernel; None where it is to be loaded or compiled.
+
+    is_kept  whether it is on disk for these types
+    """
+    if _COMPILING is None or kernel.abandoned or is_kept():
+        return None
+    return partial(_run, kernel, is_kept)
+
+
+def twin(function: FunctionType, is_kernel: Callable[[Any], bool]) -> FunctionType:
+    """The Python code of a kernel and of those that it calls, on numbers of numba's types."""
+    if function in _TWINS:
+        return _TWINS[function]
+    names = dict[str, Any]()
+    cells = tuple(CellType() for _ in function.__closure__ or ())
+    found = FunctionType(_strong(function.__code__), names, function.__name__, None, cells)
+    found.__defaults__ = function.__defaults__ and tuple(map(_as_argument, function.__defaults__))
+    _TWINS[function] = found
+
+    def inner(value: Any) -> Any:
+        return twin(value.py_func, is_kernel) if is_kernel(value) else _as_argument(value)
+
+    names |= {name: inner(value) for name, value in function.__globals__.items()}
+    for cell, known in zip(cells, function.__closure__ or (), strict=True):
+        cell.cell_contents = inner(known.cell_contents)
+    return found
+
+
+def _strong(code: CodeType) -> CodeType:
+    """Code whose literals are of double precision beside single precision, too, as numba has it."""
+    constants = tuple(
+        _strong(one) if isinstance(one, CodeType) else _as_argument(one) for one in code.co_consts
+    )
+    return code.replace(co_consts=constants)
+
+
+def _as_argument(value: Any) -> Any:
+    """A number as numba takes it: of a type that does not give way to an array's."""
+    if type(value) is float:
+        return np.float64(value)
+    if type(value) is tuple:
+        return tuple(map(_as_argument, value))
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return type(value)(*map(_as_argument, value))
+    return value
+
+
+def _as_result(value: Any) -> Any:
+    """A result as numba returns it."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, tuple):
+        items = map(_as_result, value)
+        return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+    return value
+
+
+def _arrays(value: Any) -> Iterator[Any]:
+    if isinstance(value, np.ndarray) and value.flags.writeable:
+        yield value
+    elif isinstance(value, tuple):
+        for one in value:
+            yield from _arrays(one)
+
+
+def _run(kernel: Any, is_kept: Callable[[], bool], *args: Any, **named: Any) -> Any:
+    """The result of Python, or of the compiled kernel where that is there first."""
+    global _DEPTH
+    before = [(one, one.copy()) for one in _arrays((*args, *named.values()))]
+    python = twin(kernel.py_func, lambda value: isinstance(value, type(kernel)))
+    _DEPTH += 1
+    try:
+        with _abandoned_when(kernel, is_kept), np.errstate(all="ignore"):
+            given = {name: _as_argument(value) for name, value in named.items()}
+            return _as_result(python(*map(_as_argument, args), **given))
+    except (_Abandoned, ArithmeticError, ValueError, TypeError, LookupError):
+        # Compiled code does not fail where Python divides by zero or takes the root of -1.
+        kernel.abandoned = True
+        for one, known in before:
+            one[...] = known
+    finally:
+        _DEPTH -= 1
+    return kernel(*args, **named)
+
+
+@contextmanager
+def _abandoned_when(kernel: Any, is_kept: Callable[[], bool]) -> Iterator[None]:
+    """End what runs within where compiled code is there, or nobody makes it and it takes long."""
+    if _DEPTH > 1:
+        yield
+        return
+    began = time.perf_counter()
+
+    def look(*_: object) -> None:
+        spent = kernel.interpreted + time.perf_counter() - began
+        working = _COMPILING is not None and _COMPILING()
+        if is_kept() or (not working and spent > PATIENCE):
+            raise _Abandoned
+
+    held = signal.signal(signal.SIGALRM, look)
+    signal.setitimer(signal.ITIMER_REAL, LOOK, LOOK)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, held)
+        kernel.interpreted += time.perf_counter() - began

@@ -1,0 +1,115 @@
+"""What Python makes of a kernel is what the compiled kernel makes of it."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from startrack.core import interpret, interpreted, kernel
+from startrack.core.kernel import KernelDispatcher
+
+
+class Pair(NamedTuple):
+    values: np.ndarray
+    factor: float
+
+
+@pytest.fixture(autouse=True)
+def nothing_kept(monkeypatch, tmp_path):
+    monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path))
+
+
+def in_both_ways(found, *arguments):
+    """The result of Python, which compiles nothing, then that of the compiled kernel."""
+    with interpreted(lambda: True):
+        first = found(*arguments)
+    assert not found.overloads
+    return first, found(*arguments)
+
+
+def test_single_precision_is_summed_in_double():
+    """NumPy would sum in single precision, where numba takes the literal for a double."""
+
+    @kernel
+    def mean(pair):
+        total = 0.0
+        for value in pair.values:
+            total += 0.1 * value
+        return pair.factor * total / len(pair.values), len(pair.values), total > 1.0
+
+    values = np.random.default_rng(1).random(1000).astype(np.float32)
+    first, second = in_both_ways(mean, Pair(values, 3.0))
+    assert first == second
+    assert [type(one) for one in first] == [type(one) for one in second]
+
+
+def test_integers_wrap():
+    @kernel
+    def mixed(seed, n):
+        word = seed
+        for _ in range(n):
+            word = (word ^ (word >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
+        return word
+
+    first, second = in_both_ways(mixed, np.uint64(12345), 7)
+    assert first == second
+
+
+def test_what_python_cannot_do_is_compiled():
+    """Python has no root of -1; what it had written before is put back."""
+
+    @kernel
+    def root(values, out):
+        for i in range(len(values)):
+            out[i] += 1
+            values[i] = math.sqrt(values[i])
+
+    values, out = np.array([4.0, -1.0]), np.zeros(2)
+    with interpreted(lambda: True):
+        root(values, out)
+    assert root.abandoned
+    np.testing.assert_array_equal(values, [2.0, np.nan])
+    np.testing.assert_array_equal(out, [1.0, 1.0])
+
+
+def test_what_takes_python_long_is_compiled(monkeypatch):
+    """At once where no other process does it; arguments that were written to are put back."""
+    monkeypatch.setattr(interpret, "PATIENCE", 0.01)
+    monkeypatch.setattr(interpret, "LOOK", 0.01)
+
+    @kernel
+    def count(times, out):
+        for _ in range(times):
+            out[0] += 1
+
+    out = np.zeros(1, np.int64)
+    with interpreted(lambda: False):
+        count(10**7, out)
+    assert (out[0], count.abandoned, len(count.overloads)) == (10**7, True, 1)
+
+
+def test_compiled_code_is_taken_as_soon_as_it_is_there(monkeypatch):
+    monkeypatch.setattr(interpret, "LOOK", 0.01)
+
+    @kernel
+    def count(times, out):
+        for _ in range(times):
+            out[0] += 1
+
+    out = np.zeros(1, np.int64)
+    looks = iter([False, False])
+    monkeypatch.setattr(type(count._cache), "holds", lambda *_: next(looks, True))
+    with interpreted(lambda: True):
+        count(10**7, out)
+    assert (out[0], count.abandoned) == (10**7, True)
+
+
+def test_elsewhere_kernels_are_compiled():
+    @kernel
+    def twice(x):
+        return 2 * x
+
+    assert twice(2.0) == 4.0
+    assert isinstance(twice, KernelDispatcher)
+    assert len(twice.overloads) == 1
