@@ -91,7 +91,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def command(options: argparse.Namespace) -> int:
     """Print the budget; with --out, write budget.json and pictures."""
     path = options.design or example()
-    case = read_design(path, options.set).case
+    design = read_design(path, options.set)
+    case, campaign = design.case, design.campaign
     sequence = read_sequence(options.profile) if options.profile else None
     expected = analytic(case)
     found = _measured(case, options) if options.montecarlo else None
@@ -118,7 +119,8 @@ def command(options: argparse.Namespace) -> int:
         text.append(_index_table(result["indices"], options))
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
-        draw_budget(options.out / "budget.png", expected, found, Path(path).stem)
+        required = campaign.requirements.accuracy if campaign else ()
+        draw_budget(options.out / "budget.png", expected, found, Path(path).stem, required)
         draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
         draw_curves(options.out / "curves.png", case, options.seed, Path(path).stem)
         save_json(options.out / "budget.json", finite(result))

@@ -77,7 +77,12 @@ def command(options: argparse.Namespace) -> int:
         "out": str(out),
         "goals": [goals.first, goals.second],
         "points": [
-            {"values_si": one.values, "expected": one.expected, "tried": one.measured}
+            {
+                "values_si": one.values,
+                "expected": one.expected,
+                "tried": one.measured,
+                "tried_95": [[each.low, each.high] for each in one.intervals],
+            }
             for one in points
         ],
     }

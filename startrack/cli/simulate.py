@@ -75,7 +75,8 @@ def command(options: argparse.Namespace) -> int:
         f"{pointing_text(attitude, 3, 1)}; field {math.degrees(camera.fov_x):.2f} "
         f"deg; exposure {1e3 * record.frame.exposure:g} ms"
     )
-    draw_frame(png, record.frame, title)
+    saturation = case.tracker.detection.saturation
+    draw_frame(png, record.frame, title, matrix, attitude, record.stars, saturation)
     result = {
         "fits": str(fits),
         "png": str(png),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
-from textwrap import fill
 from typing import Any
 
 from startrack.cli.imports import deferred
@@ -185,6 +184,6 @@ def _overlay(
     stars: Stars,
 ) -> Path:
     path = folder / f"{image.stem}.solved.png"
-    title = f"{image.name}\n{fill(_text(spots, matches, estimate), 105)}"
+    title = f"{image.name}\n{_text(spots, matches, estimate)}"
     draw_solution(path, frame, spots, matches, estimate.icrs_to_camera, stars, title)
     return path

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from startrack.core import Floats, arcsec, one_of, whole
-from startrack.design import Campaign, DesignSpace, Objective
+from startrack.design import Campaign, DesignSpace, Judged, Objective
+from startrack.metrics import Interval
 from startrack.optimise.evaluate import PENALTY, combined, expect, expected_objective, missed
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import least_of_all
@@ -46,12 +48,14 @@ class Point:
     values       of the variables, SI
     expected     of both goals, by the analytic budget where they are errors
     measured     of both goals, by trials
+    intervals    of both goals, with the intervals of the trials
     """
 
     coordinates: tuple[float, ...]
     values: dict[str, float]
     expected: tuple[float, float]
     measured: tuple[float, float]
+    intervals: tuple[Interval, Interval]
 
 
 def front(
@@ -203,11 +207,27 @@ def _measured(
         for one in judged
         if one.weight
     }
-    measured = []
+    found = []
     for goal, known in zip((goals.first, goals.second), np.exp(expected), strict=True):
         if cost_of(campaign, goal):
-            measured.append(float(known))
+            found.append(Interval(*[float(known)] * 3))
         else:
-            measured.append(combined(judged, tried, Objective.read(goal)) / arcsec)
+            found.append(_interval(judged, tried, Objective.read(goal), runner.seed))
     both = (float(np.exp(expected[0])), float(np.exp(expected[1])))
-    return Point(tuple(coordinates), space.values(coordinates), both, (measured[0], measured[1]))
+    measured = found[0].value, found[1].value
+    point = tuple(coordinates), space.values(coordinates), both, measured
+    return Point(*point, (found[0], found[1]))
+
+
+def _interval(
+    judged: Sequence[Judged], tried: Mapping[str, NDArray[np.void]], objective: Objective, seed: int
+) -> Interval:
+    """Arcsec, the objective over the trials of all conditions that have a weight."""
+    counted = [one for one in judged if one.name in tried]
+    squares = [objective.squares(tried[one.name]) for one in counted]
+    # Over errors of one arcsec, of which every sample has the same statistic.
+    unit = [np.full_like(one, arcsec**2) for one in squares]
+    ratio = objective.ratio_of_means(squares, unit, [one.weight for one in counted], seed)
+    scale = float(objective.of(unit[0])) / arcsec
+    value = combined(judged, tried, objective) / arcsec
+    return Interval(value, ratio.low * scale, ratio.high * scale)

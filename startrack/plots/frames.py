@@ -1,45 +1,85 @@
-"""Pictures of frames, solutions and errors."""
+"""Pictures of frames and solutions."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Frame, Matches, Spots, Stars, arcsec
-from startrack.io import celestial, save_figure
-from startrack.metrics import Interval, summarise
+from startrack.core import Camera, Floats, Frame, Matches, Spots, Stars, arcsec, deg
+from startrack.plots.names import PROPER_NAMES
+from startrack.plots.stretch import Stretch, stretch
+from startrack.plots.style import (
+    ORANGE,
+    RED,
+    SKY,
+    SMALL,
+    WIDE,
+    YELLOW,
+    colour_bar,
+    legend_below,
+    lines_of,
+    number,
+    outline,
+    picture,
+    save_picture,
+    say,
+    styled,
+)
 
-FOUND, LOST, KNOWN = "#4cc38a", "#f2a65a", "#7ab8ff"
-LABELS = 12  # brightest stars that get their magnitude written beside them
+IMAGE = 5.75  # inch, width of the image beside its axis
+LABELS = 10  # brightest stars that are named, or have their magnitude written beside them
+NAMES_APART = (0.14, 0.035)  # of the columns and rows, of two labels
+SCALES = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 2 * 3600, 5 * 3600, 36000)
+RINGS: dict[str, Any] = {"s": 70, "facecolors": "none", "linewidths": 1.2}
 
 
-def draw_frame(path: Path, frame: Frame, title: str = "") -> None:
-    """The image with a non-linear scale that shows faint stars."""
-    figure, axes = _image(frame)
-    axes.set_title(title, fontsize=9, loc="left")
-    save_figure(path, figure)
+@styled
+def draw_frame(
+    path: Path,
+    frame: Frame,
+    title: str = "",
+    camera: Camera | None = None,
+    icrs_to_camera: Rotation | None = None,
+    stars: Stars | None = None,
+    saturation: float | None = None,
+) -> None:
+    """The image with a non-linear scale that shows faint stars.
+
+    camera, icrs_to_camera, stars  for north, scale and names of bright stars, where known
+    saturation                     digital number from which on pixels are saturated
+    """
+    figure, axes = _image(frame, title, saturation)
+    if camera is not None and icrs_to_camera is not None:
+        if stars is not None:
+            _name(axes, camera, *_predicted(camera, icrs_to_camera, stars, LABELS))
+        _compass(axes, camera, icrs_to_camera)
+    save_picture(path, figure)
 
 
+@styled
 def draw_spots(path: Path, frame: Frame, spots: Spots, title: str) -> None:
     """The image with a ring about each spot, the brightest numbered as in the table."""
-    figure, axes = _image(frame)
-    axes.scatter(spots.x, spots.y, s=90, facecolors="none", edgecolors=FOUND, linewidths=1.0)
-    for number in range(min(len(spots), LABELS)):
-        place = float(spots.x[number]), float(spots.y[number])
-        axes.annotate(
-            str(number + 1), place, (7, 5), textcoords="offset points", color=KNOWN, fontsize=7
-        )
-    axes.set_title(title, fontsize=9, loc="left")
-    save_figure(path, figure)
+    figure, axes = _image(frame, title)
+    axes.scatter(spots.x, spots.y, edgecolors=SKY, label="spot, numbered by brightness", **RINGS)
+    places = np.column_stack([spots.x, spots.y])[:LABELS]
+    _label(axes, frame.image.shape, places, [str(n + 1) for n in range(len(places))])
+    if len(spots):
+        legend_below(axes)
+    else:
+        say(axes, "no spot", y=0.96)
+    save_picture(path, figure)
 
 
+@styled
 def draw_solution(
     path: Path,
     frame: Frame,
@@ -50,112 +90,161 @@ def draw_solution(
     title: str,
 ) -> None:
     """The image with its spots, matched and not, and stars of the catalogue."""
-    figure, axes = _image(frame)
+    figure, axes = _image(frame, title)
     matched = np.zeros(len(spots), bool)
     matched[matches.spot] = True
-    rings: dict[str, Any] = {"s": 90, "facecolors": "none", "linewidths": 1.0}
-    axes.scatter(
-        spots.x[matched], spots.y[matched], edgecolors=FOUND, label="spot, matched", **rings
-    )
-    axes.scatter(
-        spots.x[~matched], spots.y[~matched], edgecolors=LOST, label="spot, not matched", **rings
-    )
-    if icrs_to_camera is not None:
-        pixel, magnitude = _predicted(matches.camera, icrs_to_camera, stars, 2 * len(spots) + 10)
+    for chosen, colour, marker, label in (
+        (matched, SKY, "o", "spot, matched"),
+        (~matched, ORANGE, "s", "spot, not matched"),
+    ):
         axes.scatter(
-            pixel[:, 0],
-            pixel[:, 1],
-            marker="+",
-            s=25,
-            c=KNOWN,
-            linewidths=0.8,
-            label="catalogue star",
-        )
-        for (x, y), g in list(zip(pixel, magnitude, strict=True))[:LABELS]:
-            label = f"G {g:.1f}"
-            beside: dict[str, Any] = {
-                "xytext": (7, 5),
-                "textcoords": "offset points",
-                "clip_on": True,
-            }
-            axes.annotate(label, (x, y), color=KNOWN, fontsize=7, **beside)
-        _north(axes, matches.camera, icrs_to_camera)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=3, frameon=False, fontsize=8)
-    axes.set_title(title, fontsize=9, loc="left")
-    save_figure(path, figure)
+            spots.x[chosen], spots.y[chosen], edgecolors=colour, marker=marker,
+            label=f"{label} ({chosen.sum()})", **RINGS,
+        )  # fmt: skip
+    if icrs_to_camera is not None:
+        most = 2 * len(spots) + 10
+        pixel, bright = _predicted(matches.camera, icrs_to_camera, stars, most)
+        axes.scatter(
+            pixel[:, 0], pixel[:, 1], marker="+", s=30, c=YELLOW, linewidths=1.0,
+            label=f"catalogue star (brightest {len(pixel)})",
+        )  # fmt: skip
+        _name(axes, matches.camera, pixel, bright)
+        _compass(axes, matches.camera, icrs_to_camera)
+    legend_below(axes)
+    save_picture(path, figure)
 
 
-def draw_errors(path: Path, outcomes: NDArray[np.void], title: str) -> None:
-    """The errors of many trials: across the boresight as points, about it as a histogram."""
-    correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
-    summary = summarise(outcomes)
-    figure = Figure(figsize=(9, 4.2), layout="constrained")
-    across, about = figure.subplots(1, 2)
-    x, y, z = (correct[f"error_{axis}"] / arcsec for axis in "xyz")
-    across.plot(x, y, ".", ms=3, alpha=0.5, color="#3567a8")
-    if len(correct):
-        turn = np.linspace(0, 2 * np.pi, 200)
-        radius = summary.across.value / arcsec
-        across.plot(radius * np.cos(turn), radius * np.sin(turn), color="#c0392b", lw=1,
-                    label=f"rms per axis {_interval_text(summary.across)}")  # fmt: skip
-        across.legend(fontsize=8)
-        about.hist(z, 40, color="#3567a8", label=f"rms {_interval_text(summary.about)}")
-        about.legend(fontsize=8)
-    across.set_aspect("equal", "datalim")
-    across.set(xlabel="error about the x axis (arcsec)", ylabel="error about the y axis (arcsec)")
-    across.set_title("across the boresight", fontsize=9)
-    about.set(xlabel="error about the boresight (arcsec)", ylabel="trials")
-    about.set_title("about the boresight", fontsize=9)
-    fraction = summary.availability
-    figure.suptitle(
-        f"{title}: {summary.trials} trials, availability {100 * fraction.value:.1f} % "
-        f"[{100 * fraction.low:.1f}, {100 * fraction.high:.1f}]",
-        fontsize=10,
-    )
-    save_figure(path, figure)
-
-
-def _image(frame: Frame) -> tuple[Figure, Axes]:
+def _image(frame: Frame, title: str, saturation: float | None = None) -> tuple[Figure, Axes]:
+    """The frame with its scale of digital numbers below it."""
     rows, columns = frame.image.shape
-    width = 8.0
-    figure = Figure(figsize=(width, width * rows / columns + 1), layout="constrained", dpi=130)
+    shown = stretch(frame.image, saturation)
+    high = min(max(IMAGE * rows / columns, 1.0), 4 * WIDE)
+    figure = picture(high + 1.35 + 0.17 * lines_of(title), title)
     axes = figure.subplots()
-    image = frame.image.astype(float)
-    finite = image[np.isfinite(image)]
-    low, high = np.percentile(finite, [25, 99.9])
-    scale = max(float(np.percentile(finite, 84) - np.median(finite)), 1e-3 * (high - low), 1e-9)
-    lifted = np.arcsinh((image - low) / (3 * scale))
-    top = max(float(np.arcsinh((high - low) / (3 * scale))), 1.0)
-    axes.imshow(lifted, cmap="gray", vmin=-0.5, vmax=1.3 * top, interpolation="nearest")
+    side = shown.block
+    drawn = axes.imshow(
+        shown.image,
+        norm=shown.norm,
+        cmap=colormaps["gray"].with_extremes(under="black", over="white"),
+        # Whole blocks; the last ones may reach beyond the frame.
+        extent=(-0.5, side * shown.image.shape[1] - 0.5, side * shown.image.shape[0] - 0.5, -0.5),
+        interpolation="nearest",
+    )
+    if shown.saturated:
+        axes.imshow(
+            np.where(shown.image >= shown.saturation, 1.0, np.nan), cmap=ListedColormap([RED]),
+            extent=drawn.get_extent(), interpolation="nearest",
+        )  # fmt: skip
+    axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5))
     axes.set(xlabel="x, column (pixel)", ylabel="y, row (pixel)")
-    axes.tick_params(labelsize=8)
+    axes.grid(visible=False)
+    bar = colour_bar(
+        drawn, axes, shown.image[np.isfinite(shown.image)], _scale_label(shown, rows * columns),
+        orientation="horizontal", fraction=0.03, aspect=40, pad=0.02,
+    )  # fmt: skip
+    ticks = [float(f"{value:.2g}") for value in shown.number(np.array([0.35, 0.6, 0.8]))]
+    inside = [value for value in ticks if shown.black < value < shown.white]
+    bar.set_ticks([shown.black, *inside, shown.white])
+    bar.set_ticklabels([number(value) for value in (shown.black, *inside, shown.white)])
+    low, high = np.nanmin(frame.image), np.nanmax(frame.image)
+    if low == high:
+        say(axes, f"all pixels have the digital number {low:g}")
     return figure, axes
+
+
+def _scale_label(shown: Stretch, pixels: int) -> str:
+    text = "digital number"
+    if shown.block > 1:
+        text += f", largest of each {shown.block} x {shown.block} pixels"
+    if shown.wider:
+        text += ", bright ones drawn 3 times as wide"
+    if shown.saturated:
+        text += "\n" if shown.wider else "; "
+        share = 100 * shown.saturated / pixels
+        text += f"red: saturated, {shown.saturated} pixels ({number(share)} %)"
+    return text
 
 
 def _predicted(
     camera: Camera, icrs_to_camera: Rotation, stars: Stars, most: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pixels and magnitudes of the brightest catalogue stars in the frame."""
+) -> tuple[Floats, Stars]:
+    """Pixels (n, 2) of the brightest stars in the frame, and these."""
     direction = icrs_to_camera.apply(stars.direction)
-    near = direction[:, 2] > math.cos(camera.half_diagonal)
+    near = np.flatnonzero(direction[:, 2] > math.cos(camera.half_diagonal))
     pixel = camera.project(direction[near])
     inside = camera.holds(pixel)
-    magnitude = stars.magnitude_g[near][inside]
-    order = np.argsort(magnitude)[:most]
-    return pixel[inside][order], magnitude[order]
+    order = np.argsort(stars.magnitude_g[near][inside])[:most]
+    return pixel[inside][order], stars[near[inside][order]]
 
 
-def _north(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
-    """An arrow to celestial north in the corner of the picture."""
-    roll = math.radians(celestial(icrs_to_camera)[2])
-    length = 0.06 * min(camera.rows, camera.columns)
-    x, y = 2 * length, camera.rows - 2 * length
-    tip = (x - length * math.sin(roll), y - length * math.cos(roll))
-    axes.annotate("", tip, (x, y), arrowprops={"arrowstyle": "->", "color": KNOWN})
-    beyond = (x - 1.4 * length * math.sin(roll), y - 1.4 * length * math.cos(roll))
-    axes.text(*beyond, "N", color=KNOWN, fontsize=8, ha="center", va="center")
+def _name(axes: Axes, camera: Camera, pixel: Floats, stars: Stars) -> None:
+    """Proper names or magnitudes beside the brightest stars."""
+    texts = []
+    for identifier, magnitude in zip(stars.identifier, stars.magnitude_g, strict=True):
+        own = PROPER_NAMES.get(-int(identifier))
+        texts.append(f"{own}, G {magnitude:.1f}" if own else f"G {magnitude:.1f}")
+    _label(axes, (camera.rows, camera.columns), pixel[:LABELS], texts[:LABELS])
 
 
-def _interval_text(interval: Interval) -> str:
-    value, low, high = (x / arcsec for x in (interval.value, interval.low, interval.high))
-    return f"{value:.2f} [{low:.2f}, {high:.2f}] arcsec"
+def _label(axes: Axes, shape: tuple[int, ...], places: Floats, texts: Sequence[str]) -> None:
+    """Texts beside their places, on the side that is inside of the frame; none over another."""
+    rows, columns = shape[:2]
+    used: list[tuple[float, float]] = []
+    for (x, y), text in zip(places, texts, strict=True):
+        left, under = x > 0.8 * columns, y < 0.06 * rows
+        here = x / columns - 0.07 * left, y / rows + 0.03 * under
+        apart = NAMES_APART[0] * (0.3 if len(text) < 3 else 1.0)
+        if any(abs(here[0] - u) < apart and abs(here[1] - v) < NAMES_APART[1] for u, v in used):
+            continue
+        used.append(here)
+        axes.annotate(
+            text, (x, y), (-7 if left else 7, -6 if under else 5), textcoords="offset points",
+            color=SKY, fontsize=SMALL, ha="right" if left else "left",
+            va="top" if under else "bottom", path_effects=[outline("black")], annotation_clip=True,
+        )  # fmt: skip
+
+
+def _compass(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
+    """Arrows to celestial north and east from a corner, and a bar of a round angle."""
+    z = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
+    east = np.cross([0.0, 0.0, 1.0], z)
+    east = east / np.linalg.norm(east) if np.linalg.norm(east) > 1e-12 else np.array([0.0, 1.0, 0])
+    length = 0.07 * min(camera.rows, camera.columns)
+    origin = np.array([1.8 * length, camera.rows - 2.6 * length])
+    small = 1 / camera.focal_length_px
+    middle = camera.project(icrs_to_camera.apply(z[None]))[0]
+    for tangent, letter in ((np.cross(z, east), "N"), (east, "E")):
+        moved = camera.project(icrs_to_camera.apply((z + small * tangent)[None]))[0] - middle
+        step = length * moved / np.hypot(*moved)
+        for width, colour in ((3.0, "black"), (1.4, YELLOW)):
+            axes.annotate(
+                "", tuple(origin + step), tuple(origin),
+                arrowprops={"arrowstyle": "->", "color": colour, "lw": width, "shrinkA": 0},
+            )  # fmt: skip
+        x, y = (origin + 1.4 * step).tolist()
+        axes.text(
+            x, y, letter, color=YELLOW, fontsize=9, ha="center", va="center",
+            path_effects=[outline("black")],
+        )  # fmt: skip
+    _scale_bar(axes, camera)
+
+
+def _scale_bar(axes: Axes, camera: Camera) -> None:
+    """The largest round angle that takes a fifth of the columns or less."""
+    pixel = 1 / camera.focal_length_px / arcsec
+    fits = [size for size in SCALES if size / pixel < 0.2 * camera.columns]
+    if not fits:
+        return
+    size = fits[-1]
+    end = 0.97 * camera.columns
+    x, y = (end - size / pixel, end), 0.965 * camera.rows
+    for width, colour in ((4.5, "black"), (2.0, YELLOW)):
+        axes.plot(x, (y, y), color=colour, lw=width, solid_capstyle="butt", scalex=False,
+                  scaley=False)  # fmt: skip
+    text = f"{size * arcsec / deg:g}°" if size >= 3600 else (
+        f"{size / 60:g}'" if size >= 60 else f"{size:g}''"
+    )  # fmt: skip
+    axes.annotate(
+        text, (sum(x) / 2, y), (0, 4), textcoords="offset points", color=YELLOW, fontsize=SMALL,
+        ha="center", va="bottom", path_effects=[outline("black")],
+    )  # fmt: skip

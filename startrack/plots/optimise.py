@@ -2,63 +2,132 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
+from matplotlib.ticker import MaxNLocator
 
 from startrack.core import Floats, arcsec
 from startrack.design import Objective
-from startrack.io import save_figure
-from startrack.optimise import Goals, Optimum, Point, Sensitivity, Tolerance, thinned
+from startrack.metrics import Interval
+from startrack.optimise import UNITS, Goals, Optimum, Point, Sensitivity, Tolerance, thinned
+from startrack.plots.style import (
+    BLACK,
+    BLUE,
+    CYCLE,
+    GREEN,
+    GREY,
+    LINES,
+    ORANGE,
+    RED,
+    SMALL,
+    WIDE,
+    legend_below,
+    number,
+    outline,
+    panel_title,
+    picture,
+    save_picture,
+    say,
+    styled,
+)
+
+SAME = 0.02  # relative change of an error that is not drawn as a bar
+LARGEST = 1.6  # inch, of a panel of a corner picture whose letters are legible in 400 pixels
 
 
+@styled
 def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
     """The error of each evaluated design, and its variables."""
+    fresh, _ = optimum.fresh
+    figure = picture(
+        8.4,
+        f"{len(optimum.evaluations)} designs on the same skies and noise; on {fresh.trials} fresh "
+        f"frames the best is better by {optimum.factor.value:.2f} "
+        f"[{optimum.factor.low:.2f}, {optimum.factor.high:.2f}]",
+    )
+    error, variables = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1))
+    _tried(error, optimum, str(Objective.read(objective)))
+    draw_variables(variables, optimum)
+    save_picture(path, figure)
+
+
+def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
     tried = optimum.evaluations
-    figure = Figure(figsize=(9, 7), layout="constrained")
-    error, variables = figure.subplots(2, 1, sharex=True)
-    number = np.arange(1, len(tried) + 1)
+    number_of = np.arange(1, len(tried) + 1)
     found = np.array([one.error / arcsec for one in tried])
     feasible = np.array([one.feasible for one in tried])
-    error.semilogy(number[feasible], found[feasible], "o", ms=4, color="#2e7d5b",
-                   label="meets the requirements")  # fmt: skip
-    error.semilogy(number[~feasible], found[~feasible], "x", ms=4, color="#c0392b",
-                   label="misses a requirement")  # fmt: skip
+    known = np.isfinite(found)
+    for chosen, marker, colour, label in (
+        (feasible & known, "o", GREEN, "meets the requirements"),
+        (~feasible & known, "X", RED, "misses a requirement"),
+    ):
+        axes.plot(number_of[chosen], found[chosen], marker, ms=4.5, color=colour,
+                  label=f"{label} ({chosen.sum()})")  # fmt: skip
     # The line of the best leaves out designs that miss a requirement.
-    so_far = np.fmin.accumulate(np.where(feasible, found, np.inf))
-    error.step(number, np.where(np.isfinite(so_far), so_far, np.nan), where="post", color="#2e7d5b",
-               lw=1)  # fmt: skip
-    trials = np.array([one.trials for one in tried])
-    for at in np.flatnonzero(np.diff(trials)):
-        error.axvline(at + 1.5, color="0.6", lw=0.8, ls=":")
-    error.set_ylabel(f"{Objective.read(objective)} (arcsec)")
-    few = min((count for count in trials.tolist() if count), default=0)
-    error.set_title(
-        f"{len(tried)} designs, {few} to {trials.max()} trials "
-        f"each, same skies and noise; on {optimum.fresh[0].trials} fresh frames better by "
-        f"{optimum.factor.value:.2f} [{optimum.factor.low:.2f}, {optimum.factor.high:.2f}]",
-        fontsize=9,
-        loc="left",
-    )
-    error.legend(fontsize=8)
-    draw_variables(variables, optimum)
-    save_figure(path, figure)
+    so_far = np.fmin.accumulate(np.where(feasible & known, found, np.inf))
+    axes.step(number_of, np.where(np.isfinite(so_far), so_far, np.nan), where="post", color=GREEN,
+              lw=1.2, label="best so far")  # fmt: skip
+    if not known.all():
+        at = number_of[~known]
+        axes.plot(at, np.full(len(at), 0.02), "|", ms=8, color=GREY, clip_on=False,
+                  transform=axes.get_xaxis_transform(),
+                  label=f"no error: no trial was run, or none solved ({len(at)})")  # fmt: skip
+    _numbers_of_trials(axes, np.array([one.trials for one in tried]))
+    axes.set(yscale="log", ylabel=f"{objective} (arcsec)")
+    axes.tick_params(labelbottom=True)
+    axes.set_xlabel("evaluation (number)")
+    if not known.any():
+        say(axes, "no design has an attitude")
+    legend_below(axes, 2)
+
+
+def _numbers_of_trials(axes: Axes, trials: Floats) -> None:
+    """Dotted lines where designs begin to have more trials, or fewer, than those before them."""
+    run = np.flatnonzero(trials > 0)
+    steps = [k for k, before in zip(run[1:], run[:-1], strict=True) if trials[k] != trials[before]]
+    for n, k in enumerate(steps):
+        axes.axvline(
+            k + 0.5,
+            color=GREY,
+            lw=1.0,
+            ls=":",
+            label=None if n else "dotted: another number of trials per design",
+        )
+    shown = -math.inf
+    for k in [*run[:1], *steps]:
+        # Numbers that would lie over each other are left out.
+        if k - shown < 0.06 * len(trials):
+            continue
+        shown = k
+        axes.annotate(
+            f"{trials[k]:.0f}", (k + 0.6, 1.0), (1, -2), xycoords=("data", "axes fraction"),
+            textcoords="offset points", fontsize=SMALL, va="top", color="0.3",
+            path_effects=[outline("white")],
+        )  # fmt: skip
+    if len(run):
+        panel_title(axes, f"numbers at the top: trials per design, {trials[run].min():.0f} to "
+                          f"{trials[run].max():.0f}")  # fmt: skip
 
 
 def draw_variables(axes: Axes, optimum: Optimum) -> None:
     """Each variable of each evaluated design, scaled to its bounds."""
     cube = np.array([one.coordinates for one in optimum.evaluations])
-    for variable, line in zip(optimum.space.variables, cube.T, strict=True):
-        axes.plot(np.arange(1, len(line) + 1), line, lw=1.2, label=variable.name.rpartition(".")[2])
-    axes.set(xlabel="evaluation", ylabel="variable, scaled to its bounds", ylim=(-0.03, 1.25))
+    for n, (variable, line) in enumerate(zip(optimum.space.variables, cube.T, strict=True)):
+        axes.plot(
+            np.arange(1, len(line) + 1), line, lw=1.2, color=CYCLE[n % len(CYCLE)],
+            ls=LINES[n % len(LINES)], label=variable.name.rpartition(".")[2],
+        )  # fmt: skip
+    axes.set(xlabel="evaluation (number)", ylabel="variable, scaled (fraction of its range)")
+    axes.set_ylim(-0.03, 1.03)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.legend(fontsize=8, ncols=3, loc="upper right")
+    legend_below(axes, 3)
 
 
+@styled
 def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
     """Distribution of each pair of variables, and of each, over designs within the error limit."""
     space = tolerance.space
@@ -67,7 +136,7 @@ def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
     ]
     units = [text.partition(" ")[2] for text in texts[0]]
     names = [variable.name.rpartition(".")[2] for variable in space.variables]
-    labels = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
+    labels = [f"{name} ({unit or 1})" for name, unit in zip(names, units, strict=True)]
     draw_corner(
         path,
         np.array([[float(text.split()[0]) for text in row] for row in texts]),
@@ -78,83 +147,151 @@ def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
     )
 
 
+@styled
 def draw_tornado(path: Path, found: Sequence[Sensitivity], objective: str) -> None:
     """Range of the error over each variable alone, and Sobol indices of each."""
     order = sorted(found, key=_swing)
-    names = [one.name.rpartition(".")[2] for one in order]
-    figure = Figure(figsize=(9, 1.5 + 0.5 * len(order)), layout="constrained")
-    swing, indices = figure.subplots(1, 2, sharey=True)
-    at = np.arange(len(order))
-    for y, one in zip(at, order, strict=True):
-        ends = min(one.low, one.high, one.error), max(one.low, one.high, one.error)
-        swing.plot(ends, [y, y], lw=9, color="#3567a8", solid_capstyle="butt")
-        for error_at_bound, bound in ((one.low, "low"), (one.high, "high")):
-            if abs(error_at_bound / one.error - 1) > 0.02:  # else the text would be on the line
-                swing.annotate(
-                    bound, (error_at_bound, y + 0.28), fontsize=7, ha="center", va="center"
-                )
-    swing.axvline(order[0].error, color="0.3", lw=0.8, label="design")
-    swing.legend(fontsize=8, loc="lower right")
-    swing.set_xscale("log")
-    swing.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    swing.xaxis.set_major_formatter(ScalarFormatter())
-    swing.xaxis.set_minor_formatter(NullFormatter())
-    swing.set_yticks(at, names)
-    swing.set(xlabel=f"{objective} (arcsec)", ylim=(-0.6, len(at) - 0.4))
-    for shift, kind, colour in ((0.17, "total", "#d08a2e"), (-0.17, "first", "#2e7d5b")):
-        value = np.array([getattr(one, kind).value for one in order])
-        low = np.array([getattr(one, kind).low for one in order])
-        high = np.array([getattr(one, kind).high for one in order])
-        indices.barh(at + shift, value, 0.3, color=colour, label=kind)
-        middle = [np.maximum(value - low, 0), np.maximum(high - value, 0)]
-        indices.errorbar(value, at + shift, xerr=middle, fmt="none", ecolor="0.2", lw=0.8)
-    indices.set(xlabel="Sobol index of ln(error) over the design space (95 % bars)")
-    indices.legend(fontsize=8, loc="lower right")
-    save_figure(path, figure)
+    figure = picture(2.6 + 0.85 * len(order))
+    swing, indices = figure.subplots(2, 1)
+    _swings(swing, order, objective)
+    _indices(indices, order)
+    save_picture(path, figure)
+
+
+def _swings(axes: Axes, order: Sequence[Sensitivity], objective: str) -> None:
+    design = order[0].error
+    for y, one in enumerate(order):
+        ends = {"low": one.low, "high": one.high}
+        known = [value for value in (*ends.values(), one.error) if math.isfinite(value)]
+        axes.plot((min(known), max(known)), (y, y), lw=10, color=BLUE, solid_capstyle="butt")
+        lost = [name for name, value in ends.items() if not math.isfinite(value)]
+        for name, value in ends.items():
+            if math.isfinite(value) and abs(value / one.error - 1) > SAME:
+                left = value < one.error
+                axes.annotate(
+                    f"{name}: {number(value)}", (value, y), (-4 if left else 4, 0),
+                    textcoords="offset points", fontsize=SMALL, va="center",
+                    ha="right" if left else "left", path_effects=[outline("white")],
+                )  # fmt: skip
+        if lost:
+            axes.annotate(
+                f"no attitude at its {' and '.join(lost)} bound", (max(known), y), (4, -9),
+                textcoords="offset points", fontsize=SMALL, va="center", color=RED,
+            )  # fmt: skip
+    axes.axvline(design, color=BLACK, lw=1.2, label=f"the design: {number(design)} arcsec")
+    axes.set_xscale("log")
+    axes.set_yticks(range(len(order)), [one.name.rpartition(".")[2] for one in order])
+    axes.margins(x=0.25)
+    axes.set(xlabel=f"{objective} (arcsec)", ylim=(-0.7, len(order) - 0.3))
+    axes.grid(axis="y", visible=False)
+    panel_title(axes, "each variable alone from its low to its high bound, analytic")
+    legend_below(axes, 1)
+
+
+def _indices(axes: Axes, order: Sequence[Sensitivity]) -> None:
+    for shift, kind, colour, hatch in ((0.2, "total", ORANGE, ""), (-0.2, "first", GREEN, "///")):
+        label = {"total": "total, with all others", "first": "first order, alone"}[kind]
+        for y, one in enumerate(order):
+            index: Interval = getattr(one, kind)
+            axes.barh(y + shift, index.value, 0.36, color=colour, hatch=hatch, ec="white",
+                      label=None if y else label)  # fmt: skip
+            middle = [[max(index.value - index.low, 0)], [max(index.high - index.value, 0)]]
+            axes.errorbar(index.value, y + shift, xerr=middle, fmt="none", ecolor=BLACK, lw=1.2)
+            axes.annotate(
+                f"{index.value:.2f}", (max(index.high, index.value), y + shift), (4, 0),
+                textcoords="offset points", fontsize=SMALL, va="center",
+                path_effects=[outline("white")],
+            )  # fmt: skip
+    axes.set_yticks(range(len(order)), [one.name.rpartition(".")[2] for one in order])
+    axes.margins(x=0.12)
+    axes.set(xlabel="Sobol index of ln(error) (fraction of its variance)")
+    axes.grid(axis="y", visible=False)
+    panel_title(axes, "over the design space; lines: 95 % intervals")
+    legend_below(axes, 2)
 
 
 def _swing(one: Sensitivity) -> float:
-    values = (one.low, one.high, one.error)
-    return max(values) / min(values)
+    values = [value for value in (one.low, one.high, one.error) if math.isfinite(value)]
+    lost = not all(map(math.isfinite, (one.low, one.high)))
+    return max(values) / min(values) + 1e9 * lost
 
 
+@styled
 def draw_front(
     path: Path, points: Sequence[Point], goals: Goals, units: Sequence[str], trials: int
 ) -> None:
     """The Pareto front of the analytic budget, and the same designs in trials."""
-    figure = Figure(figsize=(6.5, 4.5), layout="constrained")
+    figure = picture(5.0, f"{len(points)} Pareto-optimal designs by the analytic budget")
     axes = figure.subplots()
     expected = np.array([one.expected for one in points])
-    measured = np.array([one.measured for one in points])
-    axes.plot(*expected.T, "o-", ms=4, color="#3567a8", label="analytic budget")
-    axes.plot(*measured.T, "s", ms=5, mfc="none", color="#c0392b", label=f"{trials} trials each")
+    axes.plot(*expected.T, "o-", ms=5, color=BLUE, label="analytic budget")
+    for n, one in enumerate(points):
+        value = np.array(one.measured)
+        bars = [
+            [[max(known - each.low, 0)], [max(each.high - known, 0)]]
+            for known, each in zip(value, one.intervals, strict=True)
+        ]
+        axes.errorbar(
+            value[0], value[1], xerr=np.nan_to_num(bars[0]), yerr=np.nan_to_num(bars[1]),
+            fmt="s", ms=6, mfc="white", color=RED, label=None if n else f"{trials} trials each, 95 % intervals",
+        )  # fmt: skip
+        # A thin line joins the two of one design.
+        axes.plot(*np.stack([one.expected, value]).T, ":", color=GREY, lw=1,
+                  label=None if n else "the same design")  # fmt: skip
+        axes.annotate(str(n + 1), one.expected, (-5, -10), textcoords="offset points",
+                      fontsize=SMALL, ha="right", path_effects=[outline("white")])  # fmt: skip
     axes.set(xscale="log", yscale="log")
-    axes.set(xlabel=f"{goals.first} ({units[0]})", ylabel=f"{goals.second} ({units[1]})")
-    axes.set_title(f"{len(points)} Pareto-optimal designs", fontsize=9, loc="left")
-    axes.legend(fontsize=8)
-    save_figure(path, figure)
+    axes.margins(0.12)
+    axes.set(xlabel=f"{_goal(goals.first)} ({units[0]})")
+    axes.set(ylabel=f"{_goal(goals.second)} ({units[1]})")
+    panel_title(axes, "numbers: rows of front.md")
+    legend_below(axes, 3)
+    save_picture(path, figure)
 
 
+def _goal(name: str) -> str:
+    """A goal in words; that of a cost is a word."""
+    return name if name in UNITS else str(Objective.read(name))
+
+
+@styled
 def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) -> None:
     """Distribution of each pair of columns of samples (n, d), and of each."""
     n = len(labels)
-    figure = Figure(figsize=(2 * n + 1, 2 * n + 1), layout="constrained")
-    grid = figure.subplots(n, n, squeeze=False)
+    figure = picture(WIDE + 0.5, title)
+    # More than four columns need a larger picture for the same letters.
+    side = max(WIDE, LARGEST * n)
+    figure.set_size_inches(side, side + 0.5)
+    grid = figure.subplots(n, n, squeeze=False, sharex="col")
     for i in range(n):
         for j in range(n):
             axes: Axes = grid[i, j]
             if j > i:
                 axes.set_axis_off()
                 continue
+            axes.grid(visible=False)
             if i == j:
-                axes.hist(samples[:, i], 30, color="#3567a8")
-                axes.set_yticks([])
+                _one(axes, samples[:, i], labels[i])
             else:
-                axes.plot(samples[:, j], samples[:, i], ".", ms=1.5, alpha=0.4, color="#3567a8")
-            axes.tick_params(labelsize=7)
+                axes.plot(samples[:, j], samples[:, i], ".", ms=1.5, alpha=0.4, color=BLUE)
+                axes.yaxis.set_major_locator(MaxNLocator(4, prune="both"))
+            axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
+            axes.tick_params(axis="x", rotation=45)
             if i == n - 1:
-                axes.set_xlabel(labels[j], fontsize=8)
+                axes.set_xlabel(labels[j])
             if j == 0 and i > 0:
-                axes.set_ylabel(labels[i], fontsize=8)
-    figure.suptitle(title, fontsize=9)
-    save_figure(path, figure)
+                axes.set_ylabel(labels[i])
+            elif i != j:
+                axes.tick_params(labelleft=False)
+    save_picture(path, figure)
+
+
+def _one(axes: Axes, values: Floats, label: str) -> None:
+    """Histogram with its median and 95 % of the samples."""
+    low, middle, high = np.quantile(values, (0.025, 0.5, 0.975))
+    axes.hist(values, 30, color=BLUE)
+    for at, line in ((low, ":"), (middle, "-"), (high, ":")):
+        axes.axvline(at, color=BLACK, ls=line, lw=1)
+    axes.set_yticks([])
+    axes.set_ylabel("samples (number)" if label else "")
+    axes.set_title(f"{number(middle)}\n[{number(low)}, {number(high)}]", fontsize=SMALL)

@@ -7,25 +7,40 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from startrack.core import Psf
-from startrack.io import save_figure
+from startrack.plots.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    RED,
+    colour_bar,
+    legend_below,
+    panel_title,
+    picture,
+    plain,
+    save_picture,
+    styled,
+)
 
 Curves = dict[str, NDArray[np.float64]]
 
 FAINTEST = -5.0  # decades below the peak
-COLOURS = {
-    "optics": "#3567a8",
-    "blur in optics": "#8a6fb0",
-    "pixel": "#2e7d5b",
-    "diffusion": "#c0392b",
-    "motion": "#d08a2e",
-    "total": "#222222",
+ALIKE = 1e-3  # of the modulation, by which curves along x and y may differ and be drawn as one
+LOOKS = {
+    "optics": (BLUE, "o"),
+    "blur in optics": (PURPLE, "D"),
+    "pixel": (GREEN, "s"),
+    "diffusion": (RED, "v"),
+    "motion": (ORANGE, "^"),
+    "total": (BLACK, ""),
 }
 
 
+@styled
 def draw_psf(
     path: Path, image: Psf, frequency: NDArray[np.float64], curves: Sequence[Curves], title: str
 ) -> None:
@@ -35,17 +50,16 @@ def draw_psf(
     frequency  (n,) cycle / pixel
     curves     of the modulation over it, along x and along y
     """
-    figure = Figure(figsize=(10, 4.8), layout="constrained", dpi=130)
-    left, right = figure.subplots(1, 2, width_ratios=(1.1, 1))
-    _spot(left, image, figure)
-    _modulation(right, frequency, curves)
-    figure.suptitle(title, fontsize=10)
-    save_figure(path, figure)
+    figure = picture(9.4, title)
+    above, below = figure.subplots(2, 1, height_ratios=(1.5, 1))
+    _spot(above, image)
+    _modulation(below, frequency, curves)
+    save_picture(path, figure)
 
 
-def _spot(axes: Axes, image: Psf, figure: Figure) -> None:
+def _spot(axes: Axes, image: Psf) -> None:
     table = image.table / image.table.max()
-    decades = np.log10(np.maximum(table, 10**FAINTEST))
+    decades = np.log10(np.maximum(table, 10.0 ** (FAINTEST - 1)))
     edge = (table.shape[0] / 2) / image.oversampling
     shown = axes.imshow(
         decades, extent=(-edge, edge, edge, -edge), cmap="magma", vmin=FAINTEST, vmax=0
@@ -53,22 +67,35 @@ def _spot(axes: Axes, image: Psf, figure: Figure) -> None:
     lines = np.arange(np.ceil(-edge - 0.5) + 0.5, edge, 1.0)
     axes.set_xticks(lines, minor=True)
     axes.set_yticks(lines, minor=True)
+    axes.grid(visible=False)
     axes.grid(which="minor", color="white", alpha=0.35, lw=0.6)
     axes.tick_params(which="minor", length=0)
     axes.set(xlabel="x (pixel)", ylabel="y (pixel)", xlim=(-edge, edge), ylim=(edge, -edge))
-    axes.set_title("image of a star, and pixels", fontsize=9)
-    figure.colorbar(shown, ax=axes, label="log10(irradiance / peak)", shrink=0.85)
+    panel_title(axes, "image of a star before the pixels; lines: borders of pixels", 52)
+    bar = colour_bar(shown, axes, decades, "irradiance over its peak (ratio)")
+    ticks = np.arange(FAINTEST, 1)
+    bar.set_ticks(ticks.tolist(), labels=[plain(10.0**tick) for tick in ticks])
 
 
 def _modulation(axes: Axes, frequency: NDArray[np.float64], curves: Sequence[Curves]) -> None:
-    for curve, style, direction in zip(curves, ("-", "--"), ("x", "y"), strict=True):
+    along_x, along_y = curves
+    alike = all(np.abs(along_x[name] - along_y[name]).max() < ALIKE for name in along_x)
+    every = max(1, len(frequency) // 8)
+    for curve, style, direction in ((along_x, "-", "x"), (along_y, "--", "y")):
+        if alike and direction == "y":
+            continue
         for name, values in curve.items():
-            width = 2.0 if name == "total" else 1.2
-            label = name if direction == "x" else None
-            axes.plot(frequency[1:], values[1:], style, color=COLOURS[name], lw=width, label=label)
-    axes.plot([], [], "--", color="gray", label="along y")
+            colour, marker = LOOKS[name]
+            axes.plot(
+                frequency[1:], values[1:], style, color=colour, marker=marker, markevery=every,
+                ms=4, lw=2.0 if name == "total" else 1.2,
+                label=name if direction == "x" else None,
+            )  # fmt: skip
+    text = "the same along x and y"
+    if not alike:
+        axes.plot([], [], "--", color="gray", label="dashed: along y")
+        text = "along x and along y"
     axes.set(xlim=(0, frequency[-1]), ylim=(0, 1.02))
-    axes.set(xlabel="frequency (cycle / pixel, to Nyquist)", ylabel="modulation")
-    axes.set_title("modulation transfer, along x and along y", fontsize=9)
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    axes.set(xlabel="frequency (cycle / pixel), to Nyquist's", ylabel="modulation (ratio)")
+    panel_title(axes, f"modulation transfer, {text}")
+    legend_below(axes, 4)

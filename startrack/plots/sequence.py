@@ -6,52 +6,82 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from startrack.core import arcsec, deg
-from startrack.io import save_figure
+from startrack.plots.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    RED,
+    legend_below,
+    number,
+    panel_title,
+    picture,
+    save_picture,
+    styled,
+)
 from startrack.sequence import Mode
 
-BLUE, RED, GREY = "#3567a8", "#c0392b", "#888888"
-COLOURS = {
-    Mode.SEARCHING: "#c0392b",
-    Mode.ACQUIRED: "#8e44ad",
-    Mode.TRACKED: "#2e7d5b",
-    Mode.COASTED: "#e08e29",
+MODES = {
+    Mode.SEARCHING: (RED, "X"),
+    Mode.ACQUIRED: (PURPLE, "D"),
+    Mode.TRACKED: (GREEN, "o"),
+    Mode.COASTED: (ORANGE, "s"),
 }
+AXES = {"x": "about x", "y": "about y", "z": "about the boresight"}
+TYPICAL = 8.0  # median errors up to which the axis is linear
 
 
+@styled
 def draw_sequence(path: Path, table: NDArray[np.void], title: str) -> None:
-    """Rate and mode, and the error about two axes: of each frame alone and of the filter."""
-    figure = Figure(figsize=(9, 7), layout="constrained", dpi=130)
-    rate, across, about = figure.subplots(3, 1, sharex=True, height_ratios=(1, 2, 2))
+    """Rate and mode, and the error about each axis: of each frame alone and of the filter."""
+    figure = picture(10.5, title)
+    rate, *panels = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1.6, 1.6, 1.6))
     time = table["time"]
     rate.step(time, table["rate"] / deg, where="mid", color=GREY, lw=1)
-    for mode, colour in COLOURS.items():
+    for mode, (colour, marker) in MODES.items():
         here = table["mode"] == mode
-        rate.plot(time[here], table["rate"][here] / deg, "o", ms=4, color=colour,
-                  label=mode.name.lower())  # fmt: skip
-    rate.set(ylabel="rate (deg / s)", ylim=(0, None))
-    rate.legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
-    _errors(across, table, "x", "error about x (arcsec)")
-    _errors(about, table, "z", "error about the boresight (arcsec)")
-    about.set_xlabel("time (s)")
-    across.legend(fontsize=8, ncols=3)
-    figure.suptitle(title, fontsize=10)
-    save_figure(path, figure)
+        if here.any():
+            rate.plot(time[here], table["rate"][here] / deg, marker, ms=4, color=colour,
+                      label=f"{mode.name.lower()} ({here.sum()} frames)")  # fmt: skip
+    rate.set(ylabel="rate (deg/s)")
+    rate.set_ylim(0, 1.15 * max(float(table["rate"].max() / deg), 1e-6))
+    legend_below(rate, 4, labels=False)
+    for axes, (axis, label) in zip(panels, AXES.items(), strict=True):
+        _errors(axes, table, axis, f"error {label} (arcsec)")
+    panels[-1].set_xlabel("time (s)")
+    legend_below(panels[-1], 2)
+    save_picture(path, figure)
 
 
 def _errors(axes: Axes, table: NDArray[np.void], axis: str, label: str) -> None:
     time = table["time"]
     filtered, sigma = (table[name + axis] / arcsec for name in ("filtered_", "filtered_sigma_"))
+    alone, wrong = table[f"error_{axis}"] / arcsec, table["false"]
     axes.fill_between(time, -3 * sigma, 3 * sigma, color=BLUE, alpha=0.15, lw=0,
                       label="3 sigma that the filter states")  # fmt: skip
-    axes.plot(time, table[f"error_{axis}"] / arcsec, ".", ms=4, color=RED, label="frame alone")
-    axes.plot(time, filtered, "-", lw=1.2, color=BLUE, label="filter")
-    known = np.abs(table[f"error_{axis}"][~table["false"]] / arcsec)
-    scale = float(np.nanmax([np.nanmedian(known) * 8, 1e-3])) if np.isfinite(known).any() else 1.0
+    axes.plot(time, filtered, "-", lw=1.3, color=BLUE, label="filter")
+    axes.plot(time[~wrong], alone[~wrong], ".", ms=5, color=RED, label="frame alone")
+    if wrong.any():
+        axes.plot(time[wrong], alone[wrong], "kX", ms=6, label="frame alone, false attitude")
+    known = np.abs(alone[~wrong])
+    scale = max(float(np.nanmedian(known)) * TYPICAL, 1e-3) if np.isfinite(known).any() else 1.0
+    scale = float(f"{scale:.1g}")
     # A coasting filter drifts by degrees; linear near zero, logarithmic beyond.
-    axes.set_yscale("symlog", linthresh=scale, linscale=2)
+    shown = np.concatenate([alone, filtered, 3 * sigma])
+    largest = float(np.nanmax(np.abs(shown))) if np.isfinite(shown).any() else scale
+    if largest > 2 * scale:
+        axes.set_yscale("symlog", linthresh=scale, linscale=1.5)
+        ends = [scale * 10.0**n for n in range(1 + int(np.log10(largest / scale)))]
+        axes.set_yticks(
+            [*(-end for end in reversed(ends)), 0.0, *ends],
+            [*(f"-{end:g}" for end in reversed(ends)), "0", *(f"{end:g}" for end in ends)],
+        )
+        panel_title(axes, f"axis linear to ±{scale:g} arcsec, logarithmic beyond; largest drawn "
+                          f"{number(largest)} arcsec")  # fmt: skip
+    axes.set_ylim(-1.3 * largest, 1.3 * largest)
     axes.set_ylabel(label)
     axes.axhline(0, color=GREY, lw=0.5)

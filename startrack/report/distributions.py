@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from textwrap import fill
+from typing import Any
 
 import numpy as np
 import scipy
@@ -11,16 +13,17 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from startrack.core import Floats, arcsec
 from startrack.metrics import Interval
 from startrack.montecarlo import Regions, quantile_interval
-from startrack.report.page import BLUE, GREY, HIGH, RED, WIDE, Picture
+from startrack.plots import BLACK, BLUE, RED, colour_bar, legend_below, outline, say, styled
+from startrack.report.page import HIGH, WIDE, Picture
 
 FRACTIONS = (0.5, 0.68, 0.9545, 0.9973)
 POINTS = 300  # of a curve
+FAR = 20.0  # median errors, from which on the axis is logarithmic
 
 
 def sizes(outcomes: NDArray[np.void]) -> tuple[Floats, Floats]:
@@ -45,13 +48,14 @@ def exceedance(outcomes: NDArray[np.void]) -> list[Picture]:
     ]  # fmt: skip
 
 
-def _exceedance(size: Floats, law, label: str) -> Picture:  # type: ignore[no-untyped-def]
+@styled
+def _exceedance(size: Floats, law: Any, label: str) -> Picture:
     figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
     axes, n = figure.subplots(), len(size)
     picture = Picture(figure, f"Fraction of trials beyond each {label}")
     axes.set(xlabel=label, ylabel="fraction of trials beyond")
     if n == 0:
-        axes.text(0.5, 0.5, "no attitude", ha="center", transform=axes.transAxes)
+        say(axes, "no attitude")
         return picture
     ordered = np.sort(size)
     rank = np.unique(np.round(np.geomspace(1, n, POINTS)).astype(int))  # from the largest down
@@ -61,15 +65,27 @@ def _exceedance(size: Floats, law, label: str) -> Picture:  # type: ignore[no-un
     axes.fill_between(at, low, high, step="mid", color=BLUE, alpha=0.2, lw=0,
                       label="95 % interval")  # fmt: skip
     axes.plot(at, beyond, color=BLUE, lw=1.3, label=f"{n} trials")
-    grid = np.linspace(0, ordered[-1], POINTS)
+    grid = np.concatenate(
+        [np.linspace(0, ordered[-1], POINTS), np.geomspace(ordered[0] / 10, ordered[-1], POINTS)]
+    )
+    grid.sort()
     axes.plot(
-        grid / arcsec, law.sf(grid), "--", color=GREY, lw=1, label="normal distribution of this rms"
+        grid / arcsec,
+        law.sf(grid),
+        "--",
+        color=RED,
+        lw=1.2,
+        label="normal distribution of this rms",
     )
     axes.set_yscale("log")
     axes.set_ylim(0.3 / n, 1.2)
-    axes.set_xlim(0, None)
-    axes.grid(lw=0.3)
-    axes.legend(fontsize=8)
+    # An outlier does not squash the curve: far errors need a logarithmic axis.
+    if ordered[-1] > FAR * np.median(ordered):
+        axes.set_xscale("log")
+        axes.set_xlim(left=float(np.median(ordered)) / arcsec / FAR)
+    else:
+        axes.set_xlim(0, None)
+    legend_below(axes, 1)
     return picture
 
 
@@ -81,9 +97,11 @@ def _rms(size: Floats) -> float:
 # region stays blank. Chosen by hand: the rms of 12 trials is known to 15 %.
 IN_A_REGION, FEWEST = 12, 5
 CUTS = ((6, 12), (4, 8), (3, 6), (2, 4))  # bands and sectors
+LETTERS = 50  # of a title's line
 FINE = 12  # pieces along each border of a region
 
 
+@styled
 def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> list[Picture]:
     """The error of each trial at its boresight, and its rms over regions of equal area.
 
@@ -99,11 +117,12 @@ def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> list[Picture]:
     x, y = _plane(boresight)
     points = axes.scatter(x[solved], y[solved], c=error[solved], s=9, norm=scale, cmap="viridis",
                           rasterized=len(outcomes) > 3000)  # fmt: skip
-    axes.scatter(x[~solved], y[~solved], marker="x", s=30, color=RED, label="none, or false")
+    text = f"each of {len(outcomes)} trials"
     if not solved.all():
-        axes.legend(loc="lower right", fontsize=8)
-    axes.set_title(f"each of {len(outcomes)} trials", fontsize=9)
-    _bar(figure, points)
+        axes.scatter(x[~solved], y[~solved], marker="X", s=36, color=RED, ec=BLACK, lw=0.5)
+        text += f"; red crosses: {(~solved).sum()} with no or a false attitude"
+    axes.set_title(fill(text, LETTERS))
+    _bar(points, axes, error[solved])
     pictures = [Picture(figure, "Map of the sky with the error of each trial")]
     cut = next((one for one in CUTS if solved.sum() >= IN_A_REGION * math.prod(one)), None)
     if cut:
@@ -111,8 +130,8 @@ def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> list[Picture]:
         figure, axes = _sky()
         rms = _cell_rms(regions, regions.of(boresight[solved]), square[solved])
         drawn = _regions(axes, regions, rms / arcsec, scale)
-        axes.set_title(f"rms per axis in {len(regions)} regions of equal area", fontsize=9)
-        _bar(figure, drawn)
+        axes.set_title(f"rms per axis in {len(regions)} regions of equal area")
+        _bar(drawn, axes, rms / arcsec)
         pictures.append(Picture(figure, "Map of the sky with the rms error of its regions"))
     return pictures
 
@@ -124,13 +143,10 @@ def _sky() -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _bar(figure: Figure, drawn: ScalarMappable) -> None:
-    """The scale of colours, with numbers that a reader reads as they are."""
-    bar = figure.colorbar(drawn, orientation="horizontal", shrink=0.8, extend="both")
-    bar.ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    bar.ax.xaxis.set_minor_formatter(NullFormatter())
-    bar.set_label("error across the boresight (arcsec)")
+def _bar(drawn: ScalarMappable, axes: Axes, values: Floats) -> None:
+    """The scale of colours; arrows where values lie beyond."""
+    label = "error across the boresight (arcsec)"
+    colour_bar(drawn, axes, values, label, orientation="horizontal", shrink=0.8, pad=0.04)
 
 
 def _scale(error: Floats) -> LogNorm:
@@ -163,5 +179,6 @@ def _graticule(axes: Axes) -> None:
     hours = np.arange(-150, 151, 60)
     axes.set_xticks(np.radians(hours), [f"{int(-h % 360) // 15} h" for h in hours])
     axes.set_yticks(np.radians([-60, -30, 0, 30, 60]))
-    axes.grid(lw=0.3)
-    axes.tick_params(labelsize=7)
+    axes.set_axisbelow(False)  # numbers and lines over the map
+    for text in axes.get_xticklabels():
+        text.set(color="white", path_effects=[outline("black")])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import matplotlib
 from matplotlib.figure import Figure
 
-BLUE, RED, GREEN, GREY = "#3567a8", "#c0392b", "#2e7d5b", "#777777"
+from startrack.plots import SETTINGS, plain_numbers
 
 
 def inline(figure: Figure, name: str, alternative: str) -> str:
@@ -21,8 +21,11 @@ def inline(figure: Figure, name: str, alternative: str) -> str:
     alternative  text for readers who cannot see the figure
     """
     text = io.StringIO()
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            plain_numbers(axis)
     # Letters stay text, which a reader can search and a screen reader can read.
-    with matplotlib.rc_context({"svg.fonttype": "none", "font.size": 9, "svg.hashsalt": name}):
+    with matplotlib.rc_context({**SETTINGS, "svg.fonttype": "none", "svg.hashsalt": name}):
         figure.savefig(text, format="svg", metadata={"Date": None})
     svg = text.getvalue()
     svg = svg[svg.index("<svg") :]
@@ -80,7 +83,7 @@ class Picture(NamedTuple):
     alternative: str
 
 
-WIDE, HIGH = 4.6, 3.3  # inch, of a figure in `panels`: letters of 9 points are legible at 400 pixel
+WIDE, HIGH = 4.6, 3.7  # inch, of a figure in `panels`: letters of 9 points are legible at 400 pixel
 
 
 class Section(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from itertools import chain, repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +17,24 @@ from startrack.design import Case
 from startrack.metrics import Interval, rms_interval, summarise
 from startrack.montecarlo import Serial, run
 from startrack.motion import stability
-from startrack.report.page import BLUE, HIGH, RED, WIDE, Picture
+from startrack.plots import (
+    BLACK,
+    BLUE,
+    RED,
+    SMEARS,
+    Curve,
+    analytic_curve,
+    between,
+    legend_below,
+    slew_rates,
+    slewing,
+    styled,
+)
+from startrack.report.page import HIGH, WIDE, Picture
 from startrack.trial import Record, observe
 
 BINS = 8
 FEWEST = 8  # stars in a bin, at least; chosen by hand
-SMEARS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # pixel in an exposure
 
 
 class StarErrors(NamedTuple):
@@ -93,17 +105,23 @@ def _stars(case: Case, record: Record) -> Floats:
 
 def slews(case: Case, seed: int, trials: int, progress: Callable[[int], None]) -> list[Slew]:
     """The same trials at other slew rates, about x, all else as in the design."""
-    instrument, result = case.instrument, []
-    pixel = 1 / instrument.camera.focal_length_px
-    for smear in SMEARS:
-        rate = smear * pixel / instrument.detector.exposure
-        motion = replace(instrument.motion, rate_x=rate, rate_y=0.0, rate_z=0.0)
-        turned = replace(case, instrument=replace(instrument, motion=motion))
+    result = []
+    for smear, rate in zip(SMEARS, slew_rates(case).tolist(), strict=True):
+        turned = slewing(case, rate)
         summary = summarise(run(turned, trials, seed, Serial(), progress=progress))
         result.append(Slew(rate, smear, summary.across, summary.availability))
     return result
 
 
+def formula(case: Case) -> Curve | None:
+    """The analytic budget at rates up to the largest; None for a design that has none."""
+    try:
+        return analytic_curve(case, between(slew_rates(case)))
+    except ValueError:
+        return None
+
+
+@styled
 def draw_stars(seen: StarErrors, half_diagonal: float) -> list[Picture]:
     """Rms centroid error per axis against magnitude and against field position."""
     pictures = []
@@ -115,6 +133,7 @@ def draw_stars(seen: StarErrors, half_diagonal: float) -> list[Picture]:
         axes = figure.subplots()
         _binned(axes, at, seen.error)
         axes.set(xlabel=label, ylabel="centroid error, rms per axis (pixel)", yscale="log")
+        legend_below(axes, 1)
         pictures.append(Picture(figure, f"Centroid error of the stars over the {label}"))
     axes.set_xlim(0, 1)
     return pictures
@@ -124,23 +143,29 @@ def _binned(axes: Axes, at: Floats, error: Floats) -> None:
     """Rms in bins of equal numbers of stars, bars of 95 %."""
     order = np.argsort(at)
     count = min(BINS, len(order) // FEWEST)
+    named = chain(["rms in bins of equal numbers, 95 %"], repeat(None))
     for part in np.array_split(order, count) if count else []:
         rms = rms_interval((error[part] ** 2).mean(axis=1))
         bars = [[max(rms.value - rms.low, 0)], [rms.high - rms.value]]
-        axes.errorbar(float(at[part].mean()), rms.value, yerr=bars, fmt="o", ms=4, color=BLUE)
+        axes.errorbar(
+            float(at[part].mean()), rms.value, yerr=bars, fmt="o", ms=5, color=BLACK, mfc="white",
+            zorder=3, label=next(named),
+        )  # fmt: skip
     # Rasterised, because thousands of points would make a large file.
-    axes.plot(at, np.sqrt((error**2).mean(axis=1)), ".", ms=2, alpha=0.25, color=BLUE, zorder=0,
-              rasterized=True)  # fmt: skip
-    axes.grid(lw=0.3)
+    axes.plot(at, np.sqrt((error**2).mean(axis=1)), ".", ms=3, alpha=0.3, color=BLUE, zorder=0,
+              rasterized=True, label=f"each of {len(at)} stars")  # fmt: skip
 
 
-def draw_slews(slewed: Sequence[Slew], design_rate: float) -> list[Picture]:
+@styled
+def draw_slews(
+    slewed: Sequence[Slew], design_rate: float, expected: Curve | None = None
+) -> list[Picture]:
     """Error and availability against the rate; `design_rate` in radian / second."""
     rate, pictures = np.array([one.rate for one in slewed]) / deg, []
     solved = any(one.across.value > 0 for one in slewed)
-    for name, unit, label in (
-        ("across", arcsec, "error across, rms per axis (arcsec)"),
-        ("fraction", 0.01, "trials with a correct attitude (%)"),
+    for name, other, unit, label in (
+        ("across", "across", arcsec, "error across, rms per axis (arcsec)"),
+        ("fraction", "available", 0.01, "trials with a correct attitude (%)"),
     ):
         figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
         axes = figure.subplots()
@@ -148,21 +173,32 @@ def draw_slews(slewed: Sequence[Slew], design_rate: float) -> list[Picture]:
             np.array([getattr(getattr(one, name), part) for one in slewed]) / unit
             for part in ("value", "low", "high")
         )
+        if expected:
+            _shade(axes, expected)
+            axes.plot(expected.rate / deg, getattr(expected, other) / unit, "--", color=RED,
+                      label="analytic budget")  # fmt: skip
         # One trial, or none, gives no interval.
         bars = [np.where(np.isfinite(end), end, 0) for end in (value - low, high - value)]
-        axes.errorbar(rate, value, yerr=bars, fmt="o-", ms=4, color=BLUE)
-        axes.axvline(design_rate / deg, color=RED, lw=0.8, label="of the design")
+        axes.errorbar(rate, value, yerr=bars, fmt="o-", ms=4, color=BLUE, label="trials, 95 %")
+        axes.axvline(design_rate / deg, color=BLACK, lw=1, ls=":", label="rate of the design")
         axes.set(xlabel="slew rate (deg / s)", ylabel=label)
         axes.set_xscale("symlog", linthresh=max(rate[1], 1e-9))
-        axes.set_xlim(-0.2 * rate[1], 1.3 * rate[-1])
-        axes.grid(lw=0.3)
-        axes.legend(fontsize=8)
+        axes.set_xlim(-0.2 * rate[1], 1.3 * max(rate[-1], design_rate / deg))
         if name == "fraction":
             axes.set_ylim(-3, 103)
         elif solved:
             axes.set_yscale("log")
+        legend_below(axes, 1)
         pictures.append(Picture(figure, f"{label} over the slew rate"))
     return pictures
+
+
+def _shade(axes: Axes, expected: Curve) -> None:
+    """Rates at which the formula leaves out more than at rest."""
+    first = expected.first_left_out
+    if first is not None:
+        axes.axvspan(expected.rate[first] / deg, 1.3 * expected.rate[-1] / deg, color="0.9",
+                     zorder=0, label="rates with effects that the budget leaves out")  # fmt: skip
 
 
 def half_diagonal(case: Case) -> float:

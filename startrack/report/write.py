@@ -15,15 +15,16 @@ from startrack.design import Case, Fidelity
 from startrack.io import to_table
 from startrack.metrics import STATED_ALONE, Interval, Summary, summarise
 from startrack.montecarlo import Sampling, Store, origin
+from startrack.plots import SMEARS
 from startrack.report.causes import budget
 from startrack.report.distributions import FRACTIONS, exceedance, quantiles, sizes, sky_map
 from startrack.report.fidelities import fidelity_comparison
 from startrack.report.opening import design, lost, other_conditions, verdict
 from startrack.report.page import Section, code, page, panels, paragraph, table
 from startrack.report.stars import (
-    SMEARS,
     draw_slews,
     draw_stars,
+    formula,
     half_diagonal,
     repeat_trials,
     slews,
@@ -203,7 +204,7 @@ def _closer(
     stars = draw_stars(seen, half_diagonal(case))
     slewed = slews(case, seed, depth.slews, advance)
     rate = case.instrument.motion.rate
-    turned = draw_slews(slewed, rate)
+    turned = draw_slews(slewed, rate, formula(case))
     rows = [
         [f"{one.rate / deg:.3f}", f"{one.smear:g}", *_cells(one.across, arcsec),
          *_cells(one.fraction, 0.01)]

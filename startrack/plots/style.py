@@ -1,0 +1,230 @@
+"""One look for all pictures: their size, letters, colours and numbers, and how they are saved.
+
+A picture is 1280 pixels wide. Its letters stay legible on a phone, which shows it in 400.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from textwrap import fill
+from typing import Any, Literal, ParamSpec, TypeVar
+
+import matplotlib
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.cm import ScalarMappable
+from matplotlib.colorbar import Colorbar
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import (
+    FixedLocator,
+    FuncFormatter,
+    LogLocator,
+    MaxNLocator,
+    NullFormatter,
+    NullLocator,
+)
+from matplotlib.transforms import ScaledTranslation
+from numpy.typing import ArrayLike
+
+from startrack.core import Floats
+from startrack.io import save_figure
+
+# Colours that readers who confuse red and green tell apart, too. Source: Okabe and Ito (2008),
+# Color Universal Design.
+BLACK, GREY = "#000000", "#777777"
+BLUE, SKY, GREEN = "#0072b2", "#56b4e9", "#009e73"
+RED, ORANGE, YELLOW, PURPLE = "#d55e00", "#e69f00", "#f0e442", "#cc79a7"
+CYCLE = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK)
+LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+WIDE, DPI = 6.4, 200  # inch, pixel / inch
+SMALL = 8.5  # point; the smallest letters, which have 7 pixels where the picture is 400 wide
+LETTERS = 82  # of a title's line
+SETTINGS: Any = {
+    "font.size": 9.5,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.5,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-99, 99),  # no power of ten beside the axis
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.prop_cycle": cycler(color=CYCLE),
+    "grid.alpha": 0.3,
+    "grid.linewidth": 0.5,
+    "legend.fontsize": SMALL,
+    "legend.frameon": False,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "image.cmap": "viridis",
+}
+NARROWEST = 0.01  # relative range of colours; less would show rounding
+NO_VALUE = "0.75"  # grey of a map where there is none
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Draw in this look; what the caller has set for its own pictures stays as it was."""
+
+    @wraps(draw)
+    def drawn(*given: P.args, **named: P.kwargs) -> R:
+        with matplotlib.rc_context(SETTINGS):
+            return draw(*given, **named)
+
+    return drawn
+
+
+def picture(high: float, title: str = "") -> Figure:
+    """An empty picture.
+
+    high   inch
+    title  plain text, folded at the picture's width
+    """
+    figure = Figure(figsize=(WIDE, high), dpi=DPI, layout="constrained")
+    if title:
+        figure.suptitle(_folded(title), fontsize=10, x=0.01, ha="left")
+    return figure
+
+
+def lines_of(title: str) -> int:
+    """Number of lines of a title as `picture` folds it."""
+    return len(_folded(title).splitlines())
+
+
+def _folded(title: str) -> str:
+    return "\n".join(fill(line, LETTERS) for line in title.splitlines())
+
+
+def panel_title(axes: Axes, text: str, letters: int = LETTERS) -> None:
+    """A title above a panel, folded at so many letters."""
+    axes.set_title(fill(text, letters))
+
+
+def legend_below(axes: Axes, columns: int = 3, labels: bool = True) -> None:
+    """The legend below a panel, where it hides nothing.
+
+    labels  whether numbers and label of the x axis are between
+    """
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    down = ScaledTranslation(0, -(36 if labels else 5) / 72, figure.dpi_scale_trans)
+    axes.legend(
+        loc="upper left", bbox_to_anchor=(-0.02, 0.0), bbox_transform=axes.transAxes + down,
+        ncols=columns, borderaxespad=0, columnspacing=1.2, handlelength=2.2,
+    )  # fmt: skip
+
+
+def colour_limits(values: ArrayLike, part: float = 1.0, low: float | None = None) -> tuple[
+    float, float
+]:  # fmt: skip
+    """Limits of colours that hold a part of the values, and are never so close as rounding errors.
+
+    part  of the values that does not exceed the upper limit
+    low   the lower limit; None: the least value
+    """
+    known = np.asarray(values, float)
+    known = known[np.isfinite(known)]
+    if not len(known):
+        return 0.0, 1.0
+    first = float(known.min()) if low is None else low
+    last = float(np.quantile(known, part))
+    least = NARROWEST * max(abs(first), abs(last))
+    if last - first > least:
+        return first, last
+    return (first - least, last + least) if least else (0.0, 1.0)
+
+
+def colour_bar(
+    drawn: ScalarMappable, axes: Axes, values: ArrayLike, label: str, **place: Any
+) -> Colorbar:
+    """The scale of colours, with an arrow on each side beyond which there are values."""
+    known = np.asarray(values, float)
+    known = known[np.isfinite(known)]
+    low, high = drawn.get_clim()
+    assert low is not None
+    assert high is not None
+    beyond = 1e-9 * max(abs(low), abs(high))
+    under = bool((known < low - beyond).any())
+    over = bool((known > high + beyond).any())
+    arrows: Literal["both", "min", "max", "neither"] = (
+        "both" if under and over else "min" if under else "max" if over else "neither"
+    )
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    bar = figure.colorbar(drawn, ax=axes, extend=arrows, extendfrac=0.06, **place)
+    bar.set_label(label)
+    return bar
+
+
+def say(axes: Axes, text: str, x: float = 0.5, y: float = 0.5) -> None:
+    """A sentence in a panel, legible on any ground; x, y as fractions of the panel."""
+    axes.text(
+        x, y, text, transform=axes.transAxes, ha="center", va="center", fontsize=SMALL,
+        path_effects=[outline("white")], zorder=10,
+    )  # fmt: skip
+
+
+def outline(colour: str) -> withStroke:
+    """Letters and lines with an edge of this colour stand out from any ground."""
+    return withStroke(linewidth=2.0, foreground=colour)
+
+
+def robust_limit(values: Floats, times: float = 8.0) -> float:
+    """Size that most values keep: the largest, or so many typical ones where it is far beyond."""
+    size = np.abs(values[np.isfinite(values)])
+    if not len(size):
+        return 1.0
+    largest, typical = float(size.max()), float(np.median(size)) / 0.6745
+    return 1.08 * (largest if largest < times * typical or not typical else times * typical) or 1.0
+
+
+def number(value: float) -> str:
+    """Three digits, without a power of ten up to a million."""
+    if not math.isfinite(value):
+        return "none"
+    if value == 0:
+        return "0"
+    digits = max(0, 2 - math.floor(math.log10(abs(value))))
+    return f"{value:.{digits}f}" if abs(value) >= 1e-4 else f"{value:.2g}"
+
+
+def plain(value: float) -> str:
+    """A round number as a reader reads it, such as 0.00001."""
+    return f"{value:g}" if not 1e-6 <= abs(value) < 1e7 else np.format_float_positional(
+        float(f"{value:.6g}"), trim="-"
+    )  # fmt: skip
+
+
+def save_picture(path: Path, figure: Figure) -> None:
+    """Write a picture whole, with plain numbers at all axes: no offsets, no powers of ten."""
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            plain_numbers(axis)
+    save_figure(path, figure)
+
+
+def plain_numbers(axis: Axis) -> None:
+    """Ticks of a logarithmic axis at numbers that a reader reads as they are."""
+    if isinstance(axis.get_major_locator(), (FixedLocator, NullLocator)):
+        return
+    if axis.get_scale() == "log":
+        low, high = sorted(axis.get_view_interval())
+        decades = math.log10(high / low) if low > 0 else 9.0
+        if decades < 0.7:
+            axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+        elif decades < 2.3:
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        else:
+            axis.set_major_locator(LogLocator(numticks=8))
+    if axis.get_scale() in ("log", "symlog"):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: plain(value)))
+        axis.set_minor_formatter(NullFormatter())
