@@ -7,14 +7,23 @@ import platform
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 
 from startrack.benchmark.stage import Row, Stage
-from startrack.io import save_figure
+from startrack.plots import (
+    BLACK,
+    GREEN,
+    PURPLE,
+    SMALL,
+    outline,
+    panel_title,
+    picture,
+    save_picture,
+    styled,
+)
 
 PACKAGES = ("startrack", "numpy", "scipy", "numba", "opencv-contrib-python-headless")
 UNITS = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
@@ -76,74 +85,65 @@ def spent(seconds: float) -> str:
     return f"{seconds / size:.3g} {unit}"
 
 
-OURS, PEER, LIMIT = "#1f6f43", "#8a5a9e", "#b4442f"
-ACROSS = 3
+LINE, HEAD = 0.24, 1.0  # inch, of a way and of the rest of a stage
+ROOM = 0.8  # decades, and a third of the range, to the right of the points, for their numbers
 
 
+@styled
 def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> None:
-    """One panel a stage; lower left is better, the line is the lower bound of the error."""
-    down = math.ceil(len(stages) / ACROSS)
-    figure = Figure(figsize=(4.3 * ACROSS, 3.1 * down), layout="constrained", dpi=110)
-    for n, stage in enumerate(stages):
-        axes = figure.add_subplot(down, ACROSS, n + 1)
-        _panel(axes, stage, [row for row in rows if row.stage == stage.name])
-    figure.suptitle("CPU time of one thread against error: startrack green, others violet")
-    save_figure(path, figure)
-
-
-def _panel(axes: Axes, stage: Stage, rows: Sequence[Row]) -> None:
-    rows = [row for row in rows if math.isfinite(row.error)]
-    limit = stage.limit if math.isfinite(stage.limit) and stage.limit > 0 else math.nan
-    known = [row.error for row in rows if row.error > 0]
-    known += [limit] * math.isfinite(limit)
-    # An error of zero is drawn at the lower edge of the panel.
-    points = [(1e3 * row.seconds, row.error or min(known, default=1.0) / 3) for row in rows]
-    axes.set(xscale="log", yscale="log", title=stage.name)
-    first, last = _span([x for x, _ in points])
-    axes.set_xlim(first, last * 10 ** (0.3 * math.log10(last / first)))  # room for names
-    axes.set_ylim(*_span([y for _, y in points] + known))
-    for row, point in zip(rows, points, strict=True):
-        axes.plot(*point, "s" if row.peer else "o", color=PEER if row.peer else OURS, ms=5)
-    _name(axes, rows, points)
-    if math.isfinite(limit):
-        axes.axhline(limit, color=LIMIT, lw=1, ls="--")
-        axes.annotate(
-            stage.limit_of, (0.02, limit), xycoords=("axes fraction", "data"), fontsize=6.5,
-            xytext=(0, -8), textcoords="offset points", color=LIMIT,
-        )  # fmt: skip
-    axes.set_xlabel("CPU time of a piece (ms)", fontsize=8)
-    axes.set_ylabel(_folded(stage.error), fontsize=7)
-    axes.tick_params(labelsize=7)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_minor_formatter(NullFormatter())
-    axes.grid(lw=0.3, which="major")
-
-
-def _span(values: Sequence[float]) -> tuple[float, float]:
-    """Whole decades around some values, with half a decade to spare."""
-    return (
-        10 ** math.floor(math.log10(min(values, default=1.0)) - 0.5),
-        10 ** math.ceil(math.log10(max(values, default=1.0)) + 0.5),
+    """A row for each way of each stage: its CPU time and its error, with their numbers."""
+    counts = [max(1, sum(row.stage == stage.name for row in rows)) for stage in stages]
+    heights = [HEAD + LINE * count for count in counts]
+    drawn = picture(
+        0.5 + sum(heights),
+        "CPU time of one thread, and error; circles: startrack, squares: other programs; dashed: "
+        "lower bound of the error",
     )
+    panels = drawn.subplots(len(stages), 2, squeeze=False, height_ratios=heights)
+    for (times, errors), stage in zip(panels, stages, strict=True):
+        mine = [row for row in rows if row.stage == stage.name]
+        _points(times, mine, [1e3 * row.seconds for row in mine], [spent(r.seconds) for r in mine])
+        times.set_yticks(range(len(mine)), [row.way for row in mine])
+        times.set_xlabel("CPU time of a piece (ms)")
+        panel_title(times, stage.name)
+        _points(
+            errors,
+            mine,
+            [row.error for row in mine],
+            [figure(row.error) for row in mine],
+            stage.limit,
+        )
+        errors.set_yticks(range(len(mine)), [""] * len(mine))
+        errors.set_xlabel(fill(stage.error, 38))
+        if math.isfinite(stage.limit) and stage.limit > 0:
+            errors.axvline(stage.limit, color=BLACK, lw=1, ls="--")
+            panel_title(errors, f"bound: {stage.limit_of}", 40)
+    save_picture(path, drawn)
 
 
-def _name(axes: Axes, rows: Sequence[Row], points: Sequence[tuple[float, float]]) -> None:
-    """Names to the right of the points, stacked where points are close."""
-    named: list[tuple[float, float]] = []
-    for row, point in zip(rows, points, strict=True):
-        x, y = axes.transAxes.inverted().transform(axes.transData.transform(point))
-        above = sum(abs(x - u) < 0.25 and abs(y - v) < 0.05 for u, v in named)
-        named.append((x, y))
+def _points(
+    axes: Axes,
+    rows: Sequence[Row],
+    values: Sequence[float],
+    texts: Sequence[str],
+    limit: float = math.nan,
+) -> None:
+    """Points from top to bottom, with their numbers; a value of zero stands at the left edge."""
+    known = [value for value in values if math.isfinite(value) and value > 0]
+    known += [limit] if math.isfinite(limit) and limit > 0 else []
+    low, high = min(known, default=1.0), max(known, default=1.0)
+    for k, (row, value, text) in enumerate(zip(rows, values, texts, strict=True)):
+        at = value if math.isfinite(value) and value > 0 else low / 3
+        if math.isfinite(value):
+            axes.plot(
+                at, k, "s" if row.peer else "o", ms=5.5, color=PURPLE if row.peer else GREEN,
+            )  # fmt: skip
         axes.annotate(
-            row.way, point, (4, 3 + 8 * above), textcoords="offset points", fontsize=7,
-            color=PEER if row.peer else OURS,
+            text if math.isfinite(value) else "not known", (at, k), (6, 0),
+            textcoords="offset points", va="center", fontsize=SMALL,
+            path_effects=[outline("white")],
         )  # fmt: skip
-
-
-def _folded(text: str, width: int = 38) -> str:
-    lines = [""]
-    for word in text.split():
-        lines = [*lines[:-1], f"{lines[-1]} {word}".strip()] if len(lines[-1]) < width else [
-            *lines, word
-        ]  # fmt: skip
-    return "\n".join(lines)
+    room = 10**ROOM * (high / low) ** 0.35
+    axes.set(xscale="log", xlim=(low / 5, high * room))
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.grid(axis="y", visible=False)

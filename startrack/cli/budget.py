@@ -41,7 +41,7 @@ with deferred():
     from startrack.io import save_json
     from startrack.metrics import LEVELS, Interpretation
     from startrack.montecarlo import pool
-    from startrack.plots import draw_budget, draw_curves, draw_sky
+    from startrack.plots import draw_budget, draw_curves, draw_sky, rates_drawn
     from startrack.sequence import Sequence
     from startrack.trial import TYPICAL, errors, lasting
 
@@ -122,7 +122,9 @@ def command(options: argparse.Namespace) -> int:
         required = campaign.requirements.accuracy if campaign else ()
         draw_budget(options.out / "budget.png", expected, found, Path(path).stem, required)
         draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
-        draw_curves(options.out / "curves.png", case, options.seed, Path(path).stem)
+        with progress("slew rates", rates_drawn(case)) as advance:
+            draw_curves(options.out / "curves.png", case, options.seed, Path(path).stem,
+                        advance=advance)  # fmt: skip
         save_json(options.out / "budget.json", finite(result))
         result["out"] = str(options.out)
     print_result(options, result, "\n\n".join(text))

@@ -15,11 +15,12 @@ optimise  Pictures of studies: convergence, samples, Pareto fronts and sensitivi
 
 from startrack.plots.budget import draw_budget, draw_sky
 from startrack.plots.curves import (
+    LONGEST,
     SMEARS,
     Curve,
     analytic_curve,
-    between,
     draw_curves,
+    rates_drawn,
     slew_rates,
     slewing,
 )

@@ -46,6 +46,7 @@ COLOURS = {
     Term.ABERRATION: PURPLE,
     Term.MEASUREMENT_DATE: SKY,
 }
+WHOLE = "0.8"  # grey of the bar end to end
 TOP = 0.98  # of the directions whose error has a colour of its own
 
 
@@ -96,12 +97,11 @@ def _bars(
         line, other, texts, end = names.get(name), beside.get(name), [], 0.0
         if line:
             end = getattr(line, kind) / arcsec
-            colour = COLOURS[line.term] if line.term else BLACK
+            colour = COLOURS[line.term] if line.term else WHOLE
             axes.barh(k, end, 0.7, color=colour)
             texts.append(number(end))
         if other:
             value, low, high = _measured(other, kind)
-            colour = COLOURS[other.term] if other.term else BLACK
             axes.errorbar(
                 value, k, xerr=[[value - low], [high - value]], fmt="D", ms=4.5, color=BLACK,
                 mfc="white", ecolor="0.35", elinewidth=1.5, zorder=4,

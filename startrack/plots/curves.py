@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
@@ -36,7 +38,8 @@ from startrack.plots.style import (
 from startrack.trial import Errors, errors
 
 SMEARS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # pixel in an exposure
-BETWEEN = 2  # rates of the formula between two of the trials
+LONGEST = 8.0  # of those of the formula, which takes ten seconds for a longer one
+BETWEEN = 1  # rates of the formula between two of the trials
 MEDIAN = 0.6745  # of the absolute value of a normal error, over its sigma
 TRIALS = 60  # whose stars are evaluated
 AVAILABLE = 0.99  # of the sky
@@ -49,17 +52,32 @@ PARTS = (8, 6, 4, 3, 2)  # along a side of the field
 class Curve(NamedTuple):
     """Analytic error over the slew rate.
 
-    rate           (n,) radian / second
-    across, about  (n,) radian, rms per axis; NaN where no field is solved
-    available      (n,) fraction of the sky
-    left_out       effects that the formula does not count at each rate
+    rate     (n,) radian / second
+    budgets  of each; None where no field is solved
     """
 
     rate: Floats
-    across: Floats
-    about: Floats
-    available: Floats
-    left_out: tuple[tuple[str, ...], ...]
+    budgets: tuple[Budget[Any] | None, ...]
+
+    @property
+    def across(self) -> Floats:
+        """Radian, rms per axis; NaN where no field is solved."""
+        return np.array([one.across if one else math.nan for one in self.budgets])
+
+    @property
+    def about(self) -> Floats:
+        """Radian, rms; NaN where no field is solved."""
+        return np.array([one.about if one else math.nan for one in self.budgets])
+
+    @property
+    def available(self) -> Floats:
+        """Fraction of the sky."""
+        return np.array([one.availability if one else 0.0 for one in self.budgets])
+
+    @property
+    def left_out(self) -> tuple[tuple[str, ...], ...]:
+        """Effects that the formula does not count at each rate."""
+        return tuple(one.left_out if one else () for one in self.budgets)
 
     @property
     def first_left_out(self) -> int | None:
@@ -88,24 +106,24 @@ def slewing(case: Case, rate: float) -> Case:
     return replace(case, instrument=replace(case.instrument, motion=motion))
 
 
-def slew_rates(case: Case) -> Floats:
-    """Radian / second, of the smears `SMEARS`."""
+def slew_rates(case: Case, longest: float = math.inf) -> Floats:
+    """Radian / second, of the smears `SMEARS` up to the longest (pixel)."""
     instrument = case.instrument
     pixel = 1 / instrument.camera.focal_length_px
-    return np.array(SMEARS) * pixel / instrument.detector.exposure
+    smears = np.array([smear for smear in SMEARS if smear <= longest])
+    return smears * pixel / instrument.detector.exposure
 
 
-def analytic_curve(case: Case, rates: Floats) -> Curve:
-    """The analytic budget at some slew rates. Raises as `analytic`."""
-    found = [_budget(case, float(rate)) for rate in rates]
-    nan = float("nan")
-    return Curve(
-        rates,
-        np.array([one.across if one else nan for one in found]),
-        np.array([one.about if one else nan for one in found]),
-        np.array([one.availability if one else 0.0 for one in found]),
-        tuple(one.left_out if one else () for one in found),
-    )
+def analytic_curve(
+    case: Case, rates: Floats, advance: Callable[[int], None] | None = None
+) -> Curve:
+    """The analytic budget at some slew rates, of which `advance` is called after each."""
+    found = []
+    for rate in rates:
+        found.append(_budget(case, float(rate)))
+        if advance:
+            advance(1)
+    return Curve(rates, tuple(found))
 
 
 def _budget(case: Case, rate: float) -> Budget[Any] | None:
@@ -123,17 +141,25 @@ def between(rates: Floats) -> Floats:
 
 
 @styled
-def draw_curves(path: Path, case: Case, seed: int, title: str, trials: int = TRIALS) -> None:
+def draw_curves(
+    path: Path,
+    case: Case,
+    seed: int,
+    title: str,
+    trials: int = TRIALS,
+    advance: Callable[[int], None] | None = None,
+) -> None:
     """The error over slew rate, and that of single stars over magnitude and field position.
 
     seed, trials  of the frames whose stars are evaluated
+    advance       called after each of `rates_drawn`
     """
     figure = picture(12.0, title)
     panels = figure.subplot_mosaic(
         [["rates"] * 2, ["stars"] * 2, ["place", "count"]], height_ratios=(1.05, 1, 1)
     )
     rates, stars, place, count = (panels[one] for one in ("rates", "stars", "place", "count"))
-    _over_rate(rates, case, seed)
+    _over_rate(rates, case, seed, advance)
     seen = residuals(case, seed, trials)
     good = np.hypot(*seen.error.T) < 1.0
     _over_magnitude(stars, case, seen.magnitude[good], seen.error[good])
@@ -145,17 +171,22 @@ def draw_curves(path: Path, case: Case, seed: int, title: str, trials: int = TRI
     save_picture(path, figure)
 
 
-def _over_rate(axes: Axes, case: Case, seed: int) -> None:
-    rates = slew_rates(case)
-    curve = analytic_curve(case, between(rates))
+def rates_drawn(case: Case) -> int:
+    """Number of slew rates of the curve."""
+    return len(between(slew_rates(case, LONGEST)))
+
+
+def _over_rate(axes: Axes, case: Case, seed: int, advance: Callable[[int], None] | None) -> None:
+    rates = slew_rates(case, LONGEST)
+    curve = analytic_curve(case, between(rates), advance)
     shown = curve.rate / deg
     for style, name, colour in (("-", "across", BLUE), ("--", "about", RED)):
         axes.plot(shown, getattr(curve, name) / arcsec, style, color=colour,
                   label=f"{name}, analytic")  # fmt: skip
     tried = [
         (float(rate), check(slewing(case, float(rate)), budget, seed))
-        for rate in rates
-        if (budget := _budget(case, float(rate)))
+        for rate, budget in zip(rates, curve.budgets[:: BETWEEN + 1], strict=True)
+        if budget
     ]
     for marker, name, colour in (("o", "across", BLUE), ("s", "about", RED)):
         found = [getattr(one.summary, name) for _, one in tried]

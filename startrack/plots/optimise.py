@@ -67,10 +67,9 @@ def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
     ):
         axes.plot(number_of[chosen], found[chosen], marker, ms=4.5, color=colour,
                   label=f"{label} ({chosen.sum()})")  # fmt: skip
-    # The line of the best leaves out designs that miss a requirement.
-    so_far = np.fmin.accumulate(np.where(feasible & known, found, np.inf))
+    so_far = _best_so_far(np.where(feasible & known, found, np.inf), optimum)
     axes.step(number_of, np.where(np.isfinite(so_far), so_far, np.nan), where="post", color=GREEN,
-              lw=1.2, label="best so far")  # fmt: skip
+              lw=1.2, label="best so far with as many trials")  # fmt: skip
     if not known.all():
         at = number_of[~known]
         axes.plot(at, np.full(len(at), 0.02), "|", ms=8, color=GREY, clip_on=False,
@@ -83,6 +82,20 @@ def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
     if not known.any():
         say(axes, "no design has an attitude")
     legend_below(axes, 2)
+
+
+def _best_so_far(found: Floats, optimum: Optimum) -> Floats:
+    """Least error up to each design, of those with as many trials: fewer are more by chance.
+
+    found  (n,) arcsec; infinite for designs that do not count
+    """
+    least, result, trials = math.inf, [], 0
+    for error, one in zip(found, optimum.evaluations, strict=True):
+        if one.trials not in (0, trials):
+            least, trials = math.inf, one.trials
+        least = min(least, error)
+        result.append(least)
+    return np.array(result)
 
 
 def _numbers_of_trials(axes: Axes, trials: Floats) -> None:
@@ -225,6 +238,7 @@ def draw_front(
     axes = figure.subplots()
     expected = np.array([one.expected for one in points])
     axes.plot(*expected.T, "o-", ms=5, color=BLUE, label="analytic budget")
+    label = f"{trials} trials each, 95 % intervals"
     for n, one in enumerate(points):
         value = np.array(one.measured)
         bars = [
@@ -233,7 +247,7 @@ def draw_front(
         ]
         axes.errorbar(
             value[0], value[1], xerr=np.nan_to_num(bars[0]), yerr=np.nan_to_num(bars[1]),
-            fmt="s", ms=6, mfc="white", color=RED, label=None if n else f"{trials} trials each, 95 % intervals",
+            fmt="s", ms=6, mfc="white", color=RED, label=None if n else label,
         )  # fmt: skip
         # A thin line joins the two of one design.
         axes.plot(*np.stack([one.expected, value]).T, ":", color=GREY, lw=1,
@@ -271,7 +285,7 @@ def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) 
                 continue
             axes.grid(visible=False)
             if i == j:
-                _one(axes, samples[:, i], labels[i])
+                _one(axes, samples[:, i])
             else:
                 axes.plot(samples[:, j], samples[:, i], ".", ms=1.5, alpha=0.4, color=BLUE)
                 axes.yaxis.set_major_locator(MaxNLocator(4, prune="both"))
@@ -286,12 +300,14 @@ def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) 
     save_picture(path, figure)
 
 
-def _one(axes: Axes, values: Floats, label: str) -> None:
+def _one(axes: Axes, values: Floats) -> None:
     """Histogram with its median and 95 % of the samples."""
     low, middle, high = np.quantile(values, (0.025, 0.5, 0.975))
     axes.hist(values, 30, color=BLUE)
     for at, line in ((low, ":"), (middle, "-"), (high, ":")):
         axes.axvline(at, color=BLACK, ls=line, lw=1)
     axes.set_yticks([])
-    axes.set_ylabel("samples (number)" if label else "")
-    axes.set_title(f"{number(middle)}\n[{number(low)}, {number(high)}]", fontsize=SMALL)
+    # Digits by the width, so that a narrow distribution is not rounded away.
+    digits = max(0, 2 - math.floor(math.log10(high - low))) if high > low else 3
+    texts = [f"{value:.{digits}f}" for value in (middle, low, high)]
+    axes.set_title(f"{texts[0]}\n[{texts[1]}, {texts[2]}]", fontsize=SMALL)

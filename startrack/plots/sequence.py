@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from startrack.core import arcsec, deg
@@ -49,11 +50,13 @@ def draw_sequence(path: Path, table: NDArray[np.void], title: str) -> None:
                       label=f"{mode.name.lower()} ({here.sum()} frames)")  # fmt: skip
     rate.set(ylabel="rate (deg/s)")
     rate.set_ylim(0, 1.15 * max(float(table["rate"].max() / deg), 1e-6))
-    legend_below(rate, 4, labels=False)
+    legend_below(rate, 2, labels=False)
     for axes, (axis, label) in zip(panels, AXES.items(), strict=True):
         _errors(axes, table, axis, f"error {label} (arcsec)")
     panels[-1].set_xlabel("time (s)")
     legend_below(panels[-1], 2)
+    for axes in panels:
+        axes.yaxis.set_minor_locator(NullLocator())
     save_picture(path, figure)
 
 
@@ -73,7 +76,7 @@ def _errors(axes: Axes, table: NDArray[np.void], axis: str, label: str) -> None:
     # A coasting filter drifts by degrees; linear near zero, logarithmic beyond.
     shown = np.concatenate([alone, filtered, 3 * sigma])
     largest = float(np.nanmax(np.abs(shown))) if np.isfinite(shown).any() else scale
-    if largest > 2 * scale:
+    if largest > 3 * scale:
         axes.set_yscale("symlog", linthresh=scale, linscale=1.5)
         ends = [scale * 10.0**n for n in range(1 + int(np.log10(largest / scale)))]
         axes.set_yticks(

@@ -224,7 +224,12 @@ def plain_numbers(axis: Axis) -> None:
         elif decades < 2.3:
             axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         else:
-            axis.set_major_locator(LogLocator(numticks=8))
+            axis.set_major_locator(LogLocator(numticks=5))
     if axis.get_scale() in ("log", "symlog"):
-        axis.set_major_formatter(FuncFormatter(lambda value, _: plain(value)))
+        # Over many decades, zeros would be hard to count.
+        low, high = np.abs(axis.get_view_interval())
+        wide = axis.get_scale() == "log" and max(low, high) > 1e6 * min(low, high) > 0
+        axis.set_major_formatter(
+            FuncFormatter(lambda value, _: f"{value:g}" if wide else plain(value))
+        )
         axis.set_minor_formatter(NullFormatter())

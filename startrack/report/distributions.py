@@ -137,7 +137,7 @@ def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> list[Picture]:
 
 
 def _sky() -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
+    figure = Figure(figsize=(WIDE, 0.8 * HIGH), layout="constrained")
     axes = figure.subplots(subplot_kw={"projection": "mollweide"})
     _graticule(axes)
     return figure, axes
@@ -181,4 +181,4 @@ def _graticule(axes: Axes) -> None:
     axes.set_yticks(np.radians([-60, -30, 0, 30, 60]))
     axes.set_axisbelow(False)  # numbers and lines over the map
     for text in axes.get_xticklabels():
-        text.set(color="white", path_effects=[outline("black")])
+        text.set(path_effects=[outline("white")])

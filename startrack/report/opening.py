@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,6 +18,7 @@ from startrack.report.page import Section, paragraph, table
 from startrack.verification import (
     VERDICT_HEAD,
     Looks,
+    Verdict,
     cases,
     verdict_notes,
     verdict_rows,
@@ -81,6 +83,9 @@ def verdict(
     if looks is None:
         return Section("Verdict", paragraph("A verdict needs two trials or more."))
     found = verify(store.case, campaign, of, store.seed, looks)
+    own = found.verdicts[0].condition
+    counts = [one.number if one.condition == own else trials for one in found.verdicts]
+    found = replace(found, verdicts=tuple(map(_counted, found.verdicts, counts)))
     lines = verdict_notes(found)
     lines[-1] = (
         f"Tested once: the design's own condition on the {len(outcomes)} trials of the campaign, "
@@ -92,6 +97,11 @@ def verdict(
         + table("Requirements", VERDICT_HEAD, verdict_rows(found))
         + "".join(paragraph(line) for line in lines),
     )
+
+
+def _counted(one: Verdict, number: int) -> Verdict:
+    """With the number of trials that were run; those by formula have none."""
+    return replace(one, number=number) if one.trials else one
 
 
 def other_conditions(store: Store) -> int:

@@ -65,12 +65,16 @@ td.number, th.number { text-align: right }
 pre { background: var(--soft); padding: .8rem; overflow-x: auto; font-size: .85rem }
 summary { cursor: pointer; padding: .3rem 0 }
 @media (max-width: 40rem) {
-  table, caption, tbody, tr, td { display: block; width: 100% }
-  thead { display: none }
-  tr { border-bottom: 2px solid var(--line); padding: .3rem 0 }
-  td, td.number { text-align: right; border: 0; padding: .05rem 0; overflow-wrap: anywhere }
-  td::before { content: attr(data-of); float: left; margin-right: 1rem; opacity: .75 }
-  td:empty { display: none } }
+  .wide, .wide caption, .wide tbody, .wide td { display: block; width: 100% }
+  .wide thead { display: none }
+  .wide tr { display: grid; grid-template-columns: 1fr 1fr; column-gap: 1.2rem; padding: .3rem 0;
+    border-bottom: 2px solid var(--line) }
+  .wide td, .wide td.number { text-align: right; border: 0; padding: .05rem 0;
+    overflow-wrap: anywhere }
+  .wide td::before { content: attr(data-of); float: left; margin-right: .6rem; opacity: .75 }
+  .wide td:first-child, .wide td.long { grid-column: 1 / -1 }
+  .wide td:first-child { text-align: left; font-weight: 600 }
+  .wide td:empty { display: none } }
 @media print { nav, .skip { display: none } }
 """
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
@@ -83,6 +87,8 @@ class Picture(NamedTuple):
     alternative: str
 
 
+NARROW = 3  # columns of a table that a narrow screen shows as it is
+LONG = 18  # letters of a cell that takes the width of a narrow screen
 WIDE, HIGH = 4.6, 3.7  # inch, of a figure in `panels`: letters of 9 points are legible at 400 pixel
 
 
@@ -128,12 +134,17 @@ def paragraph(text: str) -> str:
 
 
 def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Plain text in cells; numbers are right-aligned. Wide tables scroll, also by keys."""
+    """Plain text in cells; numbers are right-aligned. Wide tables scroll, also by keys.
+
+    On a narrow screen a table of more columns than `NARROW` shows each row as a block: its first
+    cell as the title, then names and values in two columns.
+    """
     cells = [list(row) for row in rows]
     right = {i for row in cells[:1] for i, text in enumerate(row) if _numeric(text)}
     body = "".join(f"<tr>{_row('td', row, right, head)}</tr>" for row in cells)
     return (
-        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(caption)}"><table>'
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(caption)}">'
+        f"<table{_WIDE if len(head) > NARROW else ''}>"
         f"<caption>{escape(caption)}</caption><thead><tr>{_row('th', head, right)}</tr></thead>"
         f"<tbody>{body}</tbody></table></div>\n"
     )
@@ -177,12 +188,19 @@ def _row(kind: str, texts: Sequence[str], right: set[int], head: Sequence[str] =
     scope = ' scope="col"' if kind == "th" else ""
     named = [f' data-of="{escape(head[i])}"' if i < len(head) else "" for i in range(len(texts))]
     return "".join(
-        f"<{kind}{scope}{_NUMBER if i in right else ''}{named[i]}>{escape(text)}</{kind}>"
+        f"<{kind}{scope}{_kind(text, i in right)}{named[i]}>{escape(text)}</{kind}>"
         for i, text in enumerate(texts)
     )
 
 
-_NUMBER = ' class="number"'
+_WIDE = ' class="wide"'
+
+
+def _kind(text: str, right: bool) -> str:
+    """Class of a cell."""
+    if right:
+        return ' class="number"'
+    return ' class="long"' if len(text) > LONG else ""
 
 
 def _numeric(text: str) -> bool:

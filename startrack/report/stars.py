@@ -20,11 +20,11 @@ from startrack.motion import stability
 from startrack.plots import (
     BLACK,
     BLUE,
+    LONGEST,
     RED,
     SMEARS,
     Curve,
     analytic_curve,
-    between,
     legend_below,
     slew_rates,
     slewing,
@@ -113,12 +113,9 @@ def slews(case: Case, seed: int, trials: int, progress: Callable[[int], None]) -
     return result
 
 
-def formula(case: Case) -> Curve | None:
-    """The analytic budget at rates up to the largest; None for a design that has none."""
-    try:
-        return analytic_curve(case, between(slew_rates(case)))
-    except ValueError:
-        return None
+def formula(case: Case) -> Curve:
+    """The analytic budget at the rates of a smear that it takes seconds for."""
+    return analytic_curve(case, slew_rates(case, LONGEST))
 
 
 @styled
@@ -173,7 +170,7 @@ def draw_slews(
             np.array([getattr(getattr(one, name), part) for one in slewed]) / unit
             for part in ("value", "low", "high")
         )
-        if expected:
+        if expected and any(expected.budgets):
             _shade(axes, expected)
             axes.plot(expected.rate / deg, getattr(expected, other) / unit, "--", color=RED,
                       label="analytic budget")  # fmt: skip

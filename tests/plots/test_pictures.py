@@ -257,14 +257,18 @@ def test_a_budget_shows_values_from_zero_and_its_requirement(drawn, small):
 
 def test_effects_that_a_formula_leaves_out_are_named(drawn, small, monkeypatch):
     """The shading of rates; trials of few stars stand beside the lines."""
-    monkeypatch.setattr(curves, "SMEARS", (0.0, 4.0, 30.0))
+    monkeypatch.setattr(curves, "SMEARS", (0.0, 1.0))
     monkeypatch.setattr(curves, "BETWEEN", 0)
-    figure, _ = drawn(curves.draw_curves, small.case, 1, "small", trials=4)
+    lagging = dataclasses.replace(small.case.instrument.detector, lag=0.01)
+    instrument = dataclasses.replace(small.case.instrument, detector=lagging)
+    case = dataclasses.replace(small.case, instrument=instrument)
+    figure, _ = drawn(curves.draw_curves, case, 1, "small", trials=4)
     rates = figure.axes[0]
     labels = rates.get_legend_handles_labels()[1]
     assert any("across, analytic" in one for one in labels)
     assert any("trials each" in one for one in labels)
-    assert any(one.startswith("shaded: analytic without") for one in labels)
+    shaded = next(one for one in labels if one.startswith("shaded: analytic without"))
+    assert "residual charge" in shaded
 
 
 def optimum(count):

@@ -107,6 +107,9 @@ def test_the_page_opens_with_the_design_and_its_verdicts(campaign):
     for word in (">nominal<", ">rest<", ">across<", ">availability<", ">mass<"):
         assert word in opening[1].body, word
     assert f">{TRIALS}<" in opening[2].body  # all are correct
+    # The design's own condition has the campaign's trials, the others have their own.
+    cells = re.findall(r'data-of="n">([0-9]+)<', opening[1].body)
+    assert set(cells) == {str(TRIALS), "20"}
 
 
 def test_few_trials_make_no_empty_map(campaign):
@@ -198,7 +201,7 @@ def test_a_real_browser_shows_it(written, tmp_path, width, height):
         widths = session.run("[...document.querySelectorAll('svg')].map(s => s.clientWidth)")
         assert len(widths) == 7
         assert min(widths) >= 300
-        shown = session.run("getComputedStyle(document.querySelector('thead')).display")
+        shown = session.run("getComputedStyle(document.querySelector('.wide thead')).display")
         assert (shown == "none") == (width < 640)  # a narrow screen shows a table row by row
         assert session.post("se/log", type="browser") == []
         asked = [
