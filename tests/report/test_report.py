@@ -19,7 +19,7 @@ from startrack.montecarlo.run import run
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store
 from startrack.montecarlo.workers import Serial
-from startrack.report import write_report
+from startrack.report import stars, write_report
 from startrack.report.causes import budget
 from startrack.report.distributions import sky_map
 from startrack.report.opening import design, lost, verdict
@@ -31,6 +31,14 @@ from tests.report.browser import browser
 
 TITLE = "<script>alert('x')</script> & \"quotes\""
 TRIALS, SEED = 80, 11
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _few_rates():
+    """The analytic budget at a smear of eight pixels takes seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stars, "LONGEST", 1.0)
+        yield
 
 
 @pytest.fixture(scope="module")
