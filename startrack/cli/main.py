@@ -41,6 +41,7 @@ COMMANDS = {
     "sample": "compute the tolerance of each parameter of a design",
     "pareto": "find designs that no other beats in both of two goals",
     "sensitivity": "compute which parameters the error of a design depends on",
+    "keys": "print what a design file may hold: keys, units, defaults",
     "earth": "simulate Earth cameras over terrain: geometry, images",
     "warm": "compile all kernels before they are needed",
     "bench": "measure CPU time and error of every stage on this machine",

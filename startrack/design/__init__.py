@@ -14,6 +14,7 @@ lens_cost     Optics with a lens table -> mass, volume and price of the lens, fr
 requirements  Requirements: what a design must meet before its accuracy counts.
 conditions    Condition: a rate, a background or an age at which a design is judged, too.
 campaign      Campaign: what a study of a design is asked.
+keys          The keys of a design file: type, unit, default and meaning of each.
 files         Design files: a case, and optionally a campaign on it, as TOML with units in
               strings.
 """
@@ -32,6 +33,7 @@ from startrack.design.conditions import (
     turning,
 )
 from startrack.design.files import Design, load_design, save_design
+from startrack.design.keys import Key, design_keys
 from startrack.design.lens_cost import LensCost, cost_of, lens_cost
 from startrack.design.objective import AXES, KINDS, Objective
 from startrack.design.parameter import replaced, replaced_all

@@ -104,7 +104,19 @@ class Requirements:
     and is 20 million dollars for one metre on the ground (NTRS 20205010427); a star tracker's lens
     is far below the telescopes that it rests on, so that only ratios mean something.
 
+    max_mass, max_power  of lens, baffle and electronics, by these models
     max_volume, max_data_rate, max_cost  None where there is no such limit
+    mass_fixed        mass of what does not grow with the aperture
+    mass_per_volume   mass of lens and baffle over the cube of the aperture
+    power_fixed       power of what does not grow with the data rate
+    energy_per_bit    of reading out and processing
+    volume_fixed      volume of all but the lens
+    length_ratio      1, length of the tube over the focal length
+    cost_fixed        cost of all but the lens, in any currency
+    cost_of_metre     cost of a lens with an aperture of one metre
+    cost_power        1, with which the cost grows with the aperture
+    min_update_rate   attitudes in a second
+    sky_fraction      1, fraction of the sky that must show `min_stars`
     min_stars         stars above the detection threshold that `sky_fraction` of the sky must show
     min_availability  fraction of trials with a correct attitude, see `limits`
     max_across, max_about  error across and about the boresight; None where there is no such limit

@@ -40,8 +40,9 @@ class Link:
 
         value = value_0 (to / to_0)^power
 
-    name  path of the parameter that follows
-    to    path of the one that it follows, which may be no variable itself but follow one
+    name   path of the parameter that follows
+    to     path of the one that it follows, which may be no variable itself but follow one
+    power  1, see above; 0 keeps the value
     """
 
     name: str

@@ -30,8 +30,8 @@ class Thermal:
 
     temperature  kelvin
     reference    kelvin, of the dark_current of the detector
-    doubling     kelvin
-    activation   joule
+    doubling     kelvin, in which the dark current doubles
+    activation   joule, activation energy of the dark current; 0: it doubles in steps
     capacitance  farad, of the sense node; 0 with correlated double sampling
     """
 

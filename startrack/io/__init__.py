@@ -25,7 +25,16 @@ from startrack.io.reading import read_bytes, regular_file, unpacked
 from startrack.io.saving import save_csv, save_figure, save_json, save_netcdf, save_text, whole
 from startrack.io.shipped import shipped
 from startrack.io.sqlite import Database, Execute, FileKind
-from startrack.io.tables import current_key, from_table, read_table, to_table, unit_of
+from startrack.io.tables import (
+    Field,
+    current_key,
+    fields_of,
+    from_table,
+    read_table,
+    to_table,
+    unit_of,
+    written,
+)
 from startrack.io.wcs import camera_to_wcs, celestial, celestials, pointing
 
 # Public; the other imports serve other rooms.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
 import re
 import tomllib
@@ -20,6 +21,7 @@ from startrack.io.reading import read_bytes
 T = TypeVar("T")
 NUMBER_OR_TEXT = float | str
 LARGEST = 2**20  # byte; the largest design of the catalogue has 5 kB
+LONGEST_NAME = 64  # letters of a key that similar ones are looked for; chosen by hand
 LONGEST_KEY = 32  # parts between dots; keys of some 10000 parts take tomllib minutes
 QUOTED = re.compile(r"\"(?:[^\"\\\n]|\\.)*+\"|'[^'\n]*+'")
 BREAKS = str.maketrans("=,[]{}", "      ")
@@ -42,13 +44,15 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
     """
     if not isinstance(table, Mapping):
         raise ValueError(f"{place or 'the file'} must be a table, got {shown(table)}")
-    fields = _fields(kind)
+    fields = fields_of(kind)
     table = _with_new_keys(kind, table, place)
     for key in table:
         if key not in fields:
+            near = difflib.get_close_matches(str(key)[:LONGEST_NAME], fields, 1)
             raise ValueError(
-                f"{_join(place, shown(key)[1:-1])} is unknown; known here are "
-                f"{', '.join(fields) or 'no keys'}"
+                f"{_join(place, shown(key)[1:-1])} is unknown; "
+                + (f"did you mean {near[0]}? " if near else "")
+                + f"known here are {', '.join(fields) or 'no keys'}"
             )
     values = {key: _read(fields[key], value, _join(place, key)) for key, value in table.items()}
     missing = [name for name, each in fields.items() if name not in values and each.required]
@@ -126,10 +130,10 @@ def _long_key(text: str) -> str:
 def to_table(value: Any) -> dict[str, Any]:
     """Turn a parameter object into a table that `from_table` reads back to an equal object."""
     table = {}
-    for name, each in _fields(type(value)).items():
+    for name, each in fields_of(type(value)).items():
         item = getattr(value, name)
         if item is not None:
-            table[name] = _write(each.kind, each.unit, item)
+            table[name] = written(each, item)
     return table
 
 
@@ -139,32 +143,41 @@ class Field(NamedTuple):
     kind      its type without None and without a unit
     unit      None where it has none
     required  whether it must be given
+    default   its value where it is not; None where it must be
     open      whether it may be infinite or NaN in a file, as its default is
     """
 
     kind: Any
     unit: Unit | None
     required: bool
+    default: Any = None
     open: bool = False
+
+
+def written(field: Field, value: Any) -> Any:
+    """A value as a file has it: tables, lists, texts with units."""
+    return _write(field.kind, field.unit, value)
 
 
 def unit_of(kind: type, name: str) -> Unit | None:
     """The unit of a field, None where it has none."""
-    return _fields(kind)[name].unit
+    return fields_of(kind)[name].unit
 
 
-def _fields(kind: type) -> dict[str, Field]:
+def fields_of(kind: type) -> dict[str, Field]:
+    """The fields of a parameter object that a file may give, by name."""
     hints = typing.get_type_hints(kind, include_extras=True)
     fields = {}
     for entry in dataclasses.fields(kind):
         if not entry.init:
             continue
         kind, unit = _bare(hints[entry.name])
-        required = entry.default is entry.default_factory is dataclasses.MISSING
-        default = entry.default
-        fields[entry.name] = Field(
-            kind, unit, required, isinstance(default, float) and not math.isfinite(default)
-        )
+        default, made = entry.default, entry.default_factory
+        required = default is made is dataclasses.MISSING
+        if default is dataclasses.MISSING:
+            default = None if made is dataclasses.MISSING else made()
+        beyond = isinstance(default, float) and not math.isfinite(default)
+        fields[entry.name] = Field(kind, unit, required, default, beyond)
     return fields
 
 

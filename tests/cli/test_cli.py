@@ -228,6 +228,16 @@ def test_a_value_changes_the_design_and_stands_in_the_result(call):
     assert "set" not in plain
 
 
+def test_keys_of_a_table(call):
+    status, found, err = call("keys", "scene.orbit", "--json")
+    assert (status, err) == (0, "")
+    assert [one["name"] for one in found][:2] == ["scene.orbit", "scene.orbit.altitude"]
+    assert found[1]["unit"] == "km"
+    status, found, err = call("keys", "instrument.optic")
+    assert (status, found) == (2, [])
+    assert "similar are instrument.optics" in err
+
+
 def test_an_old_key_is_one_line_on_standard_error(capsys, tmp_path):
     path = tmp_path / "old.toml"
     path.write_text(EXAMPLE.read_text().replace("sky_fraction", "sky_share"))

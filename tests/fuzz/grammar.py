@@ -27,7 +27,7 @@ from startrack.design import Campaign, Fidelity, load_design
 from startrack.design import Case as Design
 from startrack.earth.geometry import EarthScene
 from startrack.io import shipped
-from startrack.io.tables import _fields
+from startrack.io.tables import fields_of
 from startrack.montecarlo import Sampling, Serial, Store, resume
 from startrack.motion import Motion
 from startrack.optimise import Ledger
@@ -136,7 +136,7 @@ def value_of(draw: Draw, kind: Any, unit: Any, depth: int = 0) -> Any:
 
 def table_of(draw: Draw, kind: type, depth: int = 0) -> dict[str, Any]:
     """A table of a class: its required keys, and some of the others."""
-    fields = _fields(kind)
+    fields = fields_of(kind)
     return {
         name: value_of(draw, each.kind, each.unit, depth)
         for name, each in fields.items()
@@ -199,7 +199,7 @@ def added(draw: Draw, table: dict[str, Any], kind: type | None) -> None:
         return
     holder: Any = table
     while True:
-        fields = _fields(kind)
+        fields = fields_of(kind)
         name = draw.one_of(fields)
         each = fields[name]
         inner = holder.get(name) if isinstance(holder, dict) else None

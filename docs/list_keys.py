@@ -1,0 +1,62 @@
+"""Write docs/reference.md: each key that a design file may hold.
+
+    python docs/list_keys.py
+
+Keys, units and defaults are those of the classes, meanings those of their docstrings.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from startrack.design import Key, design_keys
+
+PAGE = Path(__file__).with_name("reference.md")
+HEAD = """\
+# Keys of a design file
+Every key that a design file may hold, table by table; `startrack keys instrument.optics` prints \
+those of one table. A value with a unit is a text, such as `focal_length = "35 mm"`: in the unit \
+given here or in any that converts to it. Tables in double brackets may stand several times. The \
+[conventions](conventions.md) say which way axes and angles go, the [models](models.md) what is \
+computed. `python docs/list_keys.py` writes this page.
+"""
+TABLES = ("table", "tables")
+
+
+def page() -> str:
+    """The text of docs/reference.md."""
+    about = {key.name: key for key in design_keys()}
+    tables = dict[str, list[Key]]()
+    for key in about.values():
+        if key.kind not in TABLES:
+            tables.setdefault(key.name.rpartition(".")[0], []).append(key)
+    return "\n".join([HEAD, *(_section(name, about, keys) for name, keys in tables.items())])
+
+
+def _section(table: str, about: dict[str, Key], keys: list[Key]) -> str:
+    heading = "Top of the file"
+    meaning = ""
+    if table:
+        one = about[table]
+        heading = f"`[[{table}]]`" if one.kind == "tables" else f"`[{table}]`"
+        meaning = f"{_cell(one.meaning[:1].upper() + one.meaning[1:]).rstrip('.')}.\n"
+    rows = [
+        f"| `{key.name.rpartition('.')[2]}` | {key.kind} | {key.unit} | {_default(key)} | "
+        f"{_cell(key.meaning)} |\n"
+        for key in keys
+    ]
+    head = "| key | type | unit | default | meaning |\n|---|---|---|---|---|\n"
+    return f"## {heading}\n{meaning}\n{head}{''.join(rows)}"
+
+
+def _default(key: Key) -> str:
+    return key.default if key.default in ("required", "none", "") else f"`{key.default}`"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("*", "\\*")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    print(f"wrote {PAGE}")

@@ -1,0 +1,56 @@
+"""`startrack keys`: what a design file may hold."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from textwrap import fill
+
+from startrack.cli.imports import deferred
+from startrack.cli.options import Exit, WrongUse, describe
+
+with deferred():
+    import difflib
+
+    from startrack.cli.terminal import print_result
+    from startrack.design import Key, design_keys
+
+WIDEST = 100  # letters of a line
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack keys`."""
+    describe(
+        parser,
+        "Prints each key of a design file with its type, the unit that its value is written with, "
+        "its default, and what it means: all, or those of one table. For example\n\n"
+        "  startrack keys instrument.detector",
+    )
+    parser.add_argument(
+        "table", nargs="?", default="", metavar="TABLE",
+        help="table or key, such as instrument.optics (default: all)",
+    )  # fmt: skip
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the keys, one after the other."""
+    table = options.table
+    keys = design_keys()
+    found = [one for one in keys if f"{one.name}.".startswith(f"{table}." if table else "")]
+    if not found:
+        near = difflib.get_close_matches(table, [one.name for one in keys], 3)
+        raise WrongUse(
+            f"TABLE must be a table or a key of a design file, got {table!r}"
+            + (f"; similar are {', '.join(near)}" if near else "")
+        )
+    width = min(shutil.get_terminal_size().columns, WIDEST)
+    for one in found:
+        print_result(options, one._asdict(), _text(one, width))
+    return Exit.DONE
+
+
+def _text(key: Key, width: int) -> str:
+    kind = f"{key.kind} in {key.unit}" if key.unit else key.kind
+    default = {"required": ", required", "": ""}.get(key.default, f", default {key.default}")
+    meaning = fill(key.meaning, width, initial_indent="    ", subsequent_indent="    ")
+    return f"{key.name}  ({kind}{default})\n{meaning}"

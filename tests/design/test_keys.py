@@ -1,0 +1,95 @@
+"""The reference of the keys against the files that use them."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import list_keys
+import pytest
+
+from startrack.design.files import load_design
+from startrack.design.keys import design_keys, meanings_of
+from startrack.io import shipped
+from startrack.motion.parameters import Tone
+
+KEYS = {key.name: key for key in design_keys()}
+DESIGNS = sorted(
+    [path for folder in ("designs", "trackers") for path in shipped(folder).glob("*.toml")]
+)
+
+
+def keys_of(table: object, place: str = "") -> set[str]:
+    """The names of all keys in a file; those of a list of tables once."""
+    if isinstance(table, list):
+        return set().union(*(keys_of(one, place) for one in table))
+    if not isinstance(table, dict):
+        return set()
+    found = set()
+    for key, value in table.items():
+        name = f"{place}.{key}" if place else key
+        found |= {name} | keys_of(value, name)
+    return found
+
+
+def test_the_shipped_designs_use_no_other_keys():
+    used = set().union(*(keys_of(tomllib.loads(path.read_text())) for path in DESIGNS))
+    assert len(used) > 60
+    assert used <= set(KEYS)
+
+
+def test_every_key_has_a_meaning():
+    assert len(KEYS) > 300
+    assert [name for name, key in KEYS.items() if len(key.meaning) < 4] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "unit", "default"),
+    [
+        ("instrument.optics.focal_length", "number", "mm", "required"),
+        ("instrument.optics.blur", "number", "um", '"0 um"'),
+        ("instrument.detector.thermal", "table", "", "none"),
+        ("instrument.detector.bits", "whole number", "", "12"),
+        ("instrument.motion.tones", "tables", "", "[]"),
+        ("instrument.motion.tones.frequency", "number", "Hz", "required"),
+        ("scene.lights", "list of texts", "", "[]"),
+        ("catalog.proper_motion", "true or false", "", "true"),
+        ("campaign.fidelity", "one of frame, window, spots, covariance", "", '"window"'),
+        ("campaign.requirements.volume_fixed", "number", "cm3", '"100 cm3"'),
+    ],
+)
+def test_type_unit_and_default(name, kind, unit, default):
+    assert KEYS[name][1:4] == (kind, unit, default)
+
+
+def test_a_default_may_be_written_into_a_file():
+    """Each default that is no list or table, written out, changes nothing."""
+    plain = load_design(shipped("designs/nanosatellite.toml"))
+    held = keys_of(tomllib.loads(shipped("designs/nanosatellite.toml").read_text()))
+    tables = {"instrument.optics", "instrument.detector", "scene", "catalog", "campaign"}
+    changes = [
+        f"{name}={key.default}"
+        for name, key in KEYS.items()
+        if name.rpartition(".")[0] in tables
+        and name not in held
+        and key.default not in ("required", "none", "")
+        and not key.default.startswith("[")
+    ]
+    assert len(changes) > 30
+    assert load_design(shipped("designs/nanosatellite.toml"), changes) == plain
+
+
+def test_entries_of_a_docstring():
+    found = meanings_of(Tone)
+    assert found["rms_z"] == found["rms_x"]
+    assert found["rms_x"].startswith("radian, root mean square")
+    assert found["lead_z"].endswith("makes a circle")
+
+
+def test_the_page_is_that_of_the_code():
+    assert list_keys.PAGE.read_text(encoding="utf-8") == list_keys.page(), (
+        "python docs/list_keys.py writes it anew"
+    )
+    assert len(re.findall(r"^\| `", list_keys.page(), re.MULTILINE)) == sum(
+        key.kind not in list_keys.TABLES for key in KEYS.values()
+    )
+    assert Path(list_keys.PAGE).name == "reference.md"
