@@ -20,11 +20,19 @@ from startrack.budget.fields import (
     fields,
     propagate,
 )
-from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, visible
+from startrack.budget.fixed import (
+    OF_STARS,
+    displaced,
+    moved,
+    of_the_camera,
+    through_lens,
+    visible,
+)
 from startrack.budget.left_out import of_the_case, of_the_sky
 from startrack.core import Floats
 from startrack.design import Case
 from startrack.trial import (
+    LENS_FIELD,
     METHOD,
     READ,
     SHOT,
@@ -33,21 +41,38 @@ from startrack.trial import (
     detection_probability,
     errors,
     systematic_variance_of,
+    zone_detection,
+    zone_errors,
 )
 
 FINE = 0.05  # magnitude between two entries
 
 
-def response(case: Case, star: Errors) -> Response:
-    """Detection and errors of single stars, as a table of small steps of magnitude."""
+def response(case: Case, star: Errors) -> tuple[Response, list[str]]:
+    """Detection and errors of single stars, as a table of small steps of magnitude.
+
+    Returns  it, and the names of its random causes
+    """
     grid = np.arange(star.magnitude[0], star.magnitude[-1] + FINE / 2, FINE)
-    return Response(
+    if case.instrument.optics.tabulated:
+        zone = zone_errors(case)
+        kept, stated, random = zone.kept, zone.stated, zone.random
+        fraction = zone_detection(case, grid)
+    else:
+        kept, stated = star.kept[None], star.stated[None]
+        random = {name: one[None] for name, one in star.random.items()}
+        fraction = detection_probability(case, grid)[None]
+    many = range(len(kept))
+    found = Response(
         float(grid[0]),
         FINE,
-        detection_probability(case, grid) * np.interp(grid, star.magnitude, star.kept),
-        _fine(star.magnitude, star.stated, grid),
-        np.stack([_fine(star.magnitude, one, grid) for one in star.random.values()]),
-    )
+        fraction * np.stack([np.interp(grid, star.magnitude, kept[z]) for z in many]),
+        np.stack([_fine(star.magnitude, stated[z], grid) for z in many]),
+        np.stack([
+            [_fine(star.magnitude, one[z], grid) for one in random.values()] for z in many
+        ]),
+    )  # fmt: skip
+    return found, list(random)
 
 
 def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
@@ -72,14 +97,17 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
     is their offset, the noise's what the tracker states of them, PRNU's and DSNU's what a fixed
     pattern moves them by. Fixed errors (camera, catalogue) move each star of each field.
 
+    Behind a lens table, noise and detection are those of the star's zone of the frame and of colour
+    (`zone_errors`), and the star is displaced by what its image's place and shape differ from those
+    that the tracker assumes: of sunlike stars (PSF over the field), and by colour (lateral colour).
+
     count   fields over the sky, a power of two
-    Raises    ValueError where the case contradicts itself, has a lens table, or no field can be
-              solved.
+    Raises    ValueError where the case contradicts itself, or no field can be solved.
     Accuracy  model: to first order; cosmic rays, the smear of a roll, lag and
-              what the PSF does over the field are left out; so is light that varies over the sky
-              (`scene.lights`); a star near the threshold, or so sharp that the tracker may take it
-              for a hot pixel, counts by its chance. numerical: 1 % across and 3 % about for 512
-              fields.
+              aberrations that grow over the field without a lens table are left out; so is light
+              that varies over the sky (`scene.lights`); a star near the threshold, or so sharp
+              that the tracker may take it for a hot pixel, counts by its chance. numerical: 1 %
+              across and 3 % about for 512 fields.
     """
     budget = budget_if_solved(case, count)
     if budget is None:
@@ -96,28 +124,34 @@ def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[Law] | None:
 def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes] | None:
     """The budget over some fields, and the errors in each of them; None where none is solved."""
     refuse_scans(case)
-    if case.instrument.optics.tabulated:
-        raise ValueError(
-            "optics.lens_file must be left out for an analytic budget, which has one PSF for the "
-            "whole field; measure the budget by trials"
-        )
     star, gate = errors(case), case.tracker.attitude.gate
-    table = response(case, star)
+    table, random = response(case, star)
     if not table.fraction.any():
         return None
     faint = colour_correction(case, view.sky.stars.colour)
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), faint)
     systematic = systematic_variance_of(case, view.sky.stars)[view.star[inside]]
-    near = displaced(case, view, inside)
-    # A star that neighbours move by more than the gate is left out, with the probability of that.
+    near, lens = displaced(case, view, inside), through_lens(case, view, inside)
+    magnitude = magnitude + lens.fainter
+    # A star that its neighbours or the lens move by more than the gate is left out, with the
+    # probability of that.
     spread = np.sqrt(np.interp(magnitude, star.magnitude, _variance(star.stated)) + systematic)
-    chance = ndtr(gate - np.hypot(*near.T) / spread)
+    chance = ndtr(gate - np.hypot(*(near + sum(lens.shift.values())).T) / spread)
     kept = chance > LEAST
     inside, magnitude, near = inside[kept], magnitude[kept], near[kept]
     systematic = systematic[kept]
     fixed = [cause for cause in causes(case) if cause.name in OF_STARS]
     mean = np.stack([np.interp(magnitude, star.magnitude, one) for one in star.mean.T], axis=-1)
-    displacement = [mean, near, *(moved(case, cause, view, inside) for cause in fixed)]
+    displacement = [
+        mean,
+        near,
+        *(
+            lens.shift[cause.name][kept]
+            if cause.name in lens.shift
+            else moved(case, cause, view, inside)
+            for cause in fixed
+        ),
+    ]
     identification = case.tracker.identification
     solver = Solver(
         case.believed_camera.focal_length_px,
@@ -130,6 +164,7 @@ def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes] | None:
         view.x[inside],
         view.y[inside],
         magnitude,
+        lens.zone[kept],
         chance[kept],
         systematic,
         np.stack(displacement),
@@ -139,7 +174,7 @@ def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes] | None:
     if not total > 0:
         return None
     weight = found.solved / total
-    lines = tuple(_lines(case, found, weight, list(star.random), fixed))
+    lines = tuple(_lines(case, found, weight, random, fixed))
     sigma = np.sqrt(np.sum([line.spread.sigma**2 for line in lines], axis=0))
     whole = Law(np.sum([line.spread.mean for line in lines], axis=0), sigma, weight)
     whole_line = Line("end to end", None, whole)
@@ -166,12 +201,17 @@ def _lines(
     """A line a cause: those of single stars, those that move all stars, those of the camera."""
     none = np.zeros_like(found.shift[:, 0])
     for k, name in enumerate(random):
+        if name == LENS_FIELD:
+            continue
         term = Term.NOISE if name in (SHOT, READ) else Term.PIXEL
         mean = found.shift[:, 0] if name == METHOD else none
         yield Line(name, term, Law(mean, np.sqrt(found.variance[:, k]), weight))
     yield Line(NEIGHBOURS, Term.FIELD, Law(found.shift[:, 1], none, weight))
     for k, cause in enumerate(fixed):
-        yield Line(cause.name, cause.term, Law(found.shift[:, k + 2], none, weight))
+        sigma = none
+        if cause.name == LENS_FIELD:
+            sigma = np.sqrt(found.variance[:, random.index(LENS_FIELD)])
+        yield Line(cause.name, cause.term, Law(found.shift[:, k + 2], sigma, weight))
     for cause in causes(case):
         mean_sigma = of_the_camera(case, cause)
         if mean_sigma is not None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from startrack.design import Case
-from startrack.trial import METHOD, READ, SHOT, dark_currents
+from startrack.trial import LENS_FIELD, METHOD, READ, SHOT, dark_currents
 
 
 class Term(StrEnum):
@@ -46,6 +46,7 @@ ALWAYS = (
 )
 HITS = "hits"
 SHUTTER = "rolling shutter"
+LENS_COLOUR = "lateral colour"
 
 
 def causes(case: Case) -> tuple[Cause, ...]:
@@ -65,6 +66,10 @@ def _present(case: Case) -> Iterator[Cause]:
         yield Cause("DSNU", Term.PIXEL, _flawless)
     if detector.settling or detector.lag or detector.nonlinearity or detector.adc_inl:
         yield Cause("read-out", Term.PIXEL, _linear)
+    if case.instrument.optics.tabulated and case.instrument.optics.lens_field:
+        yield Cause(LENS_FIELD, Term.FIELD, lambda one: _through(one, lens_field=False))
+    if case.instrument.optics.tabulated and case.instrument.optics.lens_colour:
+        yield Cause(LENS_COLOUR, Term.FIELD, lambda one: _through(one, lens_colour=False))
     if case.believed_camera != case.instrument.camera:
         yield Cause("camera model", Term.FIELD, _calibrated)
     true, believed = case.catalog, case.believed_catalog
@@ -101,6 +106,11 @@ def bare(case: Case) -> Case:
 def _with(case: Case, **changes: object) -> Case:
     detector = replace(case.instrument.detector, **changes)  # type: ignore[arg-type]
     return replace(case, instrument=replace(case.instrument, detector=detector))
+
+
+def _through(case: Case, **changes: object) -> Case:
+    optics = replace(case.instrument.optics, **changes)  # type: ignore[arg-type]
+    return replace(case, instrument=replace(case.instrument, optics=optics))
 
 
 def _believing(case: Case, **changes: object) -> Case:

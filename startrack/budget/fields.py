@@ -99,9 +99,9 @@ class Response(NamedTuple):
     """How the tracker detects and measures stars, over their magnitude.
 
     start, step  magnitude of the first entry, and between two
-    fraction     (k,) 1, detected
-    stated       (k, 2, 2) pixel^2, of the noise, as the tracker states it
-    causes       (c, k, 2, 2) pixel^2, true covariance of each random cause
+    fraction     (z, k) 1, detected, in each zone of the frame and of colour
+    stated       (z, k, 2, 2) pixel^2, of the noise, as the tracker states it
+    causes       (z, c, k, 2, 2) pixel^2, true covariance of each random cause
     """
 
     start: float
@@ -134,6 +134,7 @@ class FieldStars(NamedTuple):
     first         (m + 1,) index of the first star of each field, and n
     x, y          (n,) 1, x / z and y / z in camera axes
     magnitude     (n,) G of the sunlike star that is as bright
+    zone          (n,) of the response
     kept          (n,) 1, probability that a detected star is kept
     systematic    (n,) pixel^2 per axis, systematic variance that the tracker assumes
     displacement  (d, n, 2) pixel, fixed errors of the positions
@@ -143,6 +144,7 @@ class FieldStars(NamedTuple):
     x: Floats
     y: Floats
     magnitude: Floats
+    zone: Ints
     kept: Floats
     systematic: Floats
     displacement: Floats
@@ -174,7 +176,7 @@ def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes
     Accuracy  model: to first order in the errors; a star that is not always detected counts as a
               fraction of one, which gives too small an error where few stars are detected.
     """
-    count, causes, shifts = len(seen.first) - 1, len(response.causes), len(seen.displacement)
+    count, causes, shifts = len(seen.first) - 1, response.causes.shape[1], len(seen.displacement)
     found = Attitudes(
         np.zeros(count),
         np.zeros(count),
@@ -188,11 +190,11 @@ def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes
 
 @kernel
 def _propagate(seen, response, solver, found):  # type: ignore[no-untyped-def]
-    first, x, y, magnitude, keep, systematic, displacement = seen
+    first, x, y, magnitude, zone, keep, systematic, displacement = seen
     start, step, fraction, stated, causes = response
     focal, tolerance, fewest, most = solver
     stars, solved, variance, shift, information = found
-    last = len(fraction) - 2
+    last = fraction.shape[1] - 2
     design, weight, gain = np.empty((2, 4)), np.empty((2, 2)), np.empty((3, 2))
     for f in range(len(first) - 1):
         full = np.zeros((4, 4))  # of the turn and of the scale
@@ -201,12 +203,12 @@ def _propagate(seen, response, solver, found):  # type: ignore[no-untyped-def]
         end, total = first[f], 0.0
         while end < first[f + 1] and total < most:
             place = min(max((magnitude[end] - start) / step, 0.0), last + 0.999)
-            k = int(place)
-            p = keep[end] * (fraction[k] + (place - k) * (fraction[k + 1] - fraction[k]))
+            k, z = int(place), zone[end]
+            p = keep[end] * (fraction[z, k] + (place - k) * (fraction[z, k + 1] - fraction[z, k]))
             p = min(p, most - total)  # of the last, the rest of the room
             if p > 1e-4:
                 _design(x[end], y[end], focal, design)
-                _inverse(stated, k, place - k, systematic[end], weight)
+                _inverse(stated[z], k, place - k, systematic[end], weight)
                 for a in range(4):
                     left0 = design[0, a] * weight[0, 0] + design[1, a] * weight[1, 0]
                     left1 = design[0, a] * weight[0, 1] + design[1, a] * weight[1, 1]
@@ -232,14 +234,14 @@ def _propagate(seen, response, solver, found):  # type: ignore[no-untyped-def]
         room = float(most)
         for i in range(first[f], end):
             place = min(max((magnitude[i] - start) / step, 0.0), last + 0.999)
-            k = int(place)
+            k, z = int(place), zone[i]
             t = place - k
-            p = min(keep[i] * (fraction[k] + t * (fraction[k + 1] - fraction[k])), room)
+            p = min(keep[i] * (fraction[z, k] + t * (fraction[z, k + 1] - fraction[z, k])), room)
             if not p > 1e-4:
                 continue
             room -= p
             _design(x[i], y[i], focal, design)
-            _inverse(stated, k, t, systematic[i], weight)
+            _inverse(stated[z], k, t, systematic[i], weight)
             for b in range(2):
                 fitted = 0.0
                 for a in range(4):
@@ -250,10 +252,11 @@ def _propagate(seen, response, solver, found):  # type: ignore[no-untyped-def]
                         gain[a, b] += inverse[a, c] * (
                             design[0, c] * weight[0, b] + design[1, c] * weight[1, b]
                         )
-            for c in range(len(causes)):
-                xx = causes[c, k, 0, 0] + t * (causes[c, k + 1, 0, 0] - causes[c, k, 0, 0])
-                xy = causes[c, k, 0, 1] + t * (causes[c, k + 1, 0, 1] - causes[c, k, 0, 1])
-                yy = causes[c, k, 1, 1] + t * (causes[c, k + 1, 1, 1] - causes[c, k, 1, 1])
+            for c in range(causes.shape[1]):
+                one = causes[z, c]
+                xx = one[k, 0, 0] + t * (one[k + 1, 0, 0] - one[k, 0, 0])
+                xy = one[k, 0, 1] + t * (one[k + 1, 0, 1] - one[k, 0, 1])
+                yy = one[k, 1, 1] + t * (one[k + 1, 1, 1] - one[k, 1, 1])
                 for a in range(3):
                     u, v = gain[a, 0], gain[a, 1]
                     variance[f, c, a] += p * max(u * u * xx + 2 * u * v * xy + v * v * yy, 0.0)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.budget.causes import SHUTTER, Cause, Term
+from startrack.budget.causes import LENS_COLOUR, SHUTTER, Cause, Term
 from startrack.budget.fields import Fields
 from startrack.catalog import Selection, open_sky
 from startrack.core import Floats, Ints
 from startrack.design import Case
 from startrack.motion import jitter_rms
-from startrack.trial import blending_shift
+from startrack.trial import LENS_FIELD, blending_shift, mean_colour, residual_shift, zones_of
 
 
 def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple[Ints, Floats]:
@@ -41,7 +42,38 @@ def believed_index(true: Selection, believed: Selection) -> Ints:
 
 
 # Causes that move single stars.
-OF_STARS = ("camera model", "proper motion", "parallax", "aberration", SHUTTER)
+OF_STARS = (
+    LENS_FIELD, LENS_COLOUR, "camera model", "proper motion", "parallax", "aberration", SHUTTER,
+)  # fmt: skip
+
+
+class ThroughLens(NamedTuple):
+    """What a lens table does to n stars.
+
+    zone     (n,) of the frame and of colour
+    fainter  (n,) magnitude, by vignetting
+    shift    (n, 2) pixel, of the centroid, by cause
+    """
+
+    zone: Ints
+    fainter: Floats
+    shift: dict[str, Floats]
+
+
+def through_lens(case: Case, view: Fields, inside: Ints) -> ThroughLens:
+    """What the lens table of a case does to stars of the fields; nothing where there is none."""
+    many, camera = len(inside), case.instrument.camera
+    if not case.instrument.optics.tabulated:
+        return ThroughLens(np.zeros(many, np.int64), np.zeros(many), {})
+    colour = mean_colour(case, view.sky.stars.colour)[view.star[inside]]
+    x, y = camera.project(np.column_stack([view.x[inside], view.y[inside], np.ones(many)])).T
+    sunlike, rest = residual_shift(case)
+    field, other = sunlike.at(x, y, colour), rest.at(x, y, colour)
+    return ThroughLens(
+        zones_of(case).of(x, y, colour),
+        -2.5 * np.log10(np.maximum(other[:, 2], 1e-6)),
+        {LENS_FIELD: field[:, :2], LENS_COLOUR: other[:, :2]},
+    )
 
 
 def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:

@@ -41,10 +41,13 @@ def of_the_case(case: Case) -> Iterator[str]:
     pattern = detector.pattern
     if pattern and math.hypot(pattern.row, pattern.column) > SHARED * detector.noise:
         yield "noise that pixels of a row or column share (detector.pattern)"
+    if case.instrument.ghosts:
+        yield "ghosts of bright sources (instrument.ghosts)"
     if case.scene.lights:
         names = ", ".join(case.scene.lights)
         yield f"brighter and blinded sky by {names} (scene.lights)"
-    if any(one.growth for one in case.instrument.optics.aberrations):
+    optics = case.instrument.optics
+    if any(one.growth for one in optics.aberrations) and not optics.tabulated:
         yield "aberrations that grow over the field (optics.aberrations)"
     yield from _of_the_motion(case)
 

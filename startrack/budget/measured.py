@@ -30,6 +30,7 @@ from startrack.trial import (
     cell_side,
     detection_plan,
     expected_electrons,
+    focal_stretches,
     line_of_sight,
     measure,
     noise_free_frame,
@@ -38,6 +39,7 @@ from startrack.trial import (
     random_attitude,
     reference_attitude,
     scale,
+    shrunk,
     star_images,
     systematic_variance,
     throughput,
@@ -162,7 +164,12 @@ class _Trial:
         matches, (star, direction) = self._record.matches, self._believed(case)
         chosen = replace(matches, direction=direction)
         believes = case.tracker.identification
-        chosen = replace(chosen, camera=refit(spots, chosen, case.believed_camera, believes))
+        stretch = focal_stretches(case)
+        if stretch is None:
+            chosen = replace(chosen, camera=refit(spots, chosen, case.believed_camera, believes))
+        else:
+            chosen = replace(chosen, camera=case.believed_camera)
+            spots, chosen = shrunk(spots, chosen, case.tracker, stretch)
         kept = replace(
             chosen,
             spot=matches.spot[self._used],

@@ -53,11 +53,6 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
         for branch in branches(design.case, campaign.choices):
             DesignSpace(branch.case, campaign.variables, campaign.links)
             require_campaign_fidelity(campaign, branch.case)
-            if branch.case.instrument.optics.tabulated:
-                raise ValueError(
-                    "instrument.optics.lens_file must be left out where designs are compared by an "
-                    "analytic budget, which has one PSF for the whole field"
-                )
     print_message(
         f"{doing} {path.stem} with {options.workers} workers; results go to {options.out}"
     )

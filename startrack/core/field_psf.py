@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -67,12 +67,49 @@ class FieldPsf:
 
     def mean(self, colour: float) -> Psf:
         """The mean image over the frame at a colour, its flux relative to the mean flux."""
+        found = self._over_frame(colour)
+        weight = found[:, SHIFT] / found[:, SHIFT].sum()
+        return self._sum(weight @ found[:, SHIFT + 1 :])
+
+    def image(self, x: float, y: float, colour: float) -> tuple[Psf, float]:
+        """The image at a place (pixel) and a colour (metre), and its relative flux."""
+        found = self.at(np.array([x]), np.array([y]), np.array([colour]))[0]
+        return self._sum(found[SHIFT + 1 :]), float(found[SHIFT])
+
+    def over_colour(self, values: Floats, colour: Floats) -> Floats:
+        """Values (c, ...) at the nodes of the colour, between them (n, ...)."""
+        inside = np.clip(colour, self.colour[0], self.colour[-1])
+        return np.tensordot(_lagrange(self.colour, inside), values, 1)
+
+    def of_one_colour(self, colour: float) -> FieldPsf:
+        """The images of light of any colour as those of one."""
+        weight = _lagrange(self.colour, np.array([colour]))[0]
+        value = np.tensordot(weight, self.value, 1)[None]
+        return replace(self, colour=np.array([colour]), value=value)
+
+    def of_one_place(self, colour: float) -> FieldPsf:
+        """The mean image over the frame everywhere, at shifts relative to those of a colour."""
+        weight = _lagrange(self.colour, np.array([colour]))[0]
+        value = np.empty_like(self.value)
+        value[..., :SHIFT] = self.value[..., :SHIFT] - np.tensordot(
+            weight, self.value[..., :SHIFT], 1
+        )
+        for c, one in enumerate(self.colour):
+            found = self._over_frame(float(one))
+            flux = found[:, SHIFT]
+            value[c, ..., SHIFT] = flux.mean()
+            value[c, ..., SHIFT + 1 :] = flux @ found[:, SHIFT + 1 :] / flux.sum()
+        return replace(self, value=value)
+
+    def _over_frame(self, colour: float) -> Floats:
+        """`at` places evenly over the frame."""
         x, y = np.meshgrid(
             np.linspace(self.x[0], self.x[-1], 33), np.linspace(self.y[0], self.y[-1], 33)
         )
-        found = self.at(x.ravel(), y.ravel(), np.full(x.size, colour))
-        weight = found[:, SHIFT] / found[:, SHIFT].sum()
-        table = np.tensordot(weight @ found[:, SHIFT + 1 :], self.table, 1)
+        return self.at(x.ravel(), y.ravel(), np.full(x.size, colour))
+
+    def _sum(self, coefficient: Floats) -> Psf:
+        table = np.tensordot(coefficient, self.table, 1)
         return Psf(table, self.oversampling, min(float(table.sum()) / self.oversampling**2, 1.0))
 
     def split(

@@ -147,6 +147,9 @@ class Tracker:
     delay     second that it takes off its time stamps, None for all of the delay there is
     motion    how it believes the camera to turn, None for as it does, jitter apart; where lines
               scan, each spot has its own time
+    focal_length_by_colour  whether it scales the place of each star by a focal length of the star's
+              colour in its catalogue, as calibrated: it takes off most of the lateral colour of a
+              lens table
     calibrated_at  kelvin, temperature of the lens when the camera was calibrated, None for that
               which it has; a lens table says what differs
     """
@@ -160,6 +163,7 @@ class Tracker:
     delay: Annotated[float | None, Unit("s", "ms")] = None
     motion: Motion | None = None
     calibrated_at: Annotated[float | None, Unit("K", "degC", absolute=True)] = None
+    focal_length_by_colour: bool = False
 
     def __post_init__(self) -> None:
         if self.calibrated_at is not None:
@@ -186,6 +190,11 @@ class Case:
     catalog: Selection = field(default_factory=Selection)
 
     def __post_init__(self) -> None:
+        if self.tracker.focal_length_by_colour and not self.instrument.optics.tabulated:
+            raise ValueError(
+                "tracker.focal_length_by_colour must be left out where no lens_file says how the "
+                "focal length changes with colour"
+            )
         catalog = seen_from(self.scene, self.catalog)
         object.__setattr__(self, "catalog", catalog)
         if self.tracker.catalog:

@@ -58,6 +58,9 @@ class Optics:
                      published lens
     as_built         metre, rms wavefront error of manufacture and alignment, which blurs by its
                      mean slope: see `total_blur`
+    lens_field       whether the image changes over the field; false: all stars have the mean image
+                     of the lens table, at the places of its distortion for sunlike stars
+    lens_colour      whether the image changes with the star's colour; false: all are as sunlike
     principal_x, principal_y  pixel from the centre of the detector to the principal point
     k1, k2, p1, p2, k3        OpenCV's distortion coefficients
     """
@@ -79,6 +82,8 @@ class Optics:
     lens_family: str = ""
     family_field: Annotated[float | None, Unit("rad", "deg")] = None
     as_built: Annotated[float, Unit("m", "nm")] = 0.0
+    lens_field: bool = True
+    lens_colour: bool = True
     principal_x: float = 0.0
     principal_y: float = 0.0
     k1: float = 0.0
@@ -101,6 +106,8 @@ class Optics:
             within(0.001, WIDEST, family_field=self.family_field)
         if self.tabulated:
             self._refuse_beside_table()
+        elif not (self.lens_field and self.lens_colour):
+            raise ValueError("lens_field and lens_colour must be left out without a lens table")
 
     def _refuse_beside_table(self) -> None:
         beside = {

@@ -106,7 +106,9 @@ class TrialRunner:
             ", family_field=None",
             ", as_built=0.0",
             ", ghosts=None",
+            ", lens_field=True, lens_colour=True",
             ", calibrated_at=None",
+            ", focal_length_by_colour=False",
         ):
             written = written.replace(newer, "")
         written = written.replace(

@@ -27,6 +27,7 @@ from startrack.sequence.follow import TrackerState, known_rate, predict_state, u
 from startrack.sequence.parameters import Sequence
 from startrack.trial import (
     detection_plan,
+    focal_stretches,
     images_of,
     light_of,
     pattern_indexes,
@@ -164,7 +165,11 @@ def _see(
     else:
         spread = predicted.covariance[:3, :3]
         matches = track(*rooms, predicted.icrs_to_camera, spread, tracker.identification)
-    return spots, matches, solve_matches(spots, matches, tracker, systematic_variance(case))
+    return (
+        spots,
+        matches,
+        solve_matches(spots, matches, tracker, systematic_variance(case), focal_stretches(case)),
+    )
 
 
 def _mode(known: TrackerState, estimate: Estimate) -> Mode:

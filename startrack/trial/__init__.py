@@ -9,6 +9,8 @@ conditions     Dark current of pixels, colours of stars, and stars too close tog
                separated.
 star_response  Case -> response of the tracker's centroid to single stars of any flux.
 star_errors    Case -> errors of single stars over their magnitude, cause by cause.
+zones          Case with a lens table -> how single stars are measured over the frame and over
+               their colour.
 neighbours     Case -> shift of the centroid of each star by the light of its neighbours.
 systematic     Case -> systematic variance of each star, which the tracker adds to that of the
                noise.
@@ -33,6 +35,7 @@ from startrack.trial.chain import (
     run_random_trial,
     run_trial,
     run_trials,
+    shrunk,
     solve_matches,
 )
 from startrack.trial.conditions import (
@@ -40,6 +43,7 @@ from startrack.trial.conditions import (
     colour_correction,
     dark_currents,
     index_resolution,
+    mean_colour,
     separable_stars,
     separated,
 )
@@ -58,7 +62,7 @@ from startrack.trial.star_response import (
     scale,
     star_images,
 )
-from startrack.trial.systematic import systematic_variance, systematic_variance_of
+from startrack.trial.systematic import focal_stretches, systematic_variance, systematic_variance_of
 from startrack.trial.view import (
     detected_spectrum,
     detection_plan,
@@ -75,6 +79,13 @@ from startrack.trial.view import (
     smear_of,
     stars_in_field,
     throughput,
+)
+from startrack.trial.zones import (
+    LENS_FIELD,
+    residual_shift,
+    zone_detection,
+    zone_errors,
+    zones_of,
 )
 
 # Public; the other imports serve other rooms.

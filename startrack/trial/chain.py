@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -32,12 +32,13 @@ from startrack.detector import expose
 from startrack.identification import (
     PatternIndexes,
     identify,
+    refit,
 )
 from startrack.metrics import JUDGED, Outcome, judge
 from startrack.trial.covariance import outcomes as drawn_outcomes
 from startrack.trial.spots import spots_of
 from startrack.trial.sweep import straighten, sweep
-from startrack.trial.systematic import systematic_variance
+from startrack.trial.systematic import focal_stretches, systematic_variance
 from startrack.trial.view import (
     detection_plan,
     exposure_of,
@@ -127,7 +128,9 @@ def run_trial(
     make = spots_in_windows if fidelity is Fidelity.WINDOW else spots_of
     spots = make(case, icrs_to_camera, streams)
     indexes, systematic = pattern_indexes(case.believed_catalog), systematic_variance(case)
-    _, estimate = identify_and_solve(spots, case.believed_camera, indexes, case.tracker, systematic)
+    _, estimate = identify_and_solve(
+        spots, case.believed_camera, indexes, case.tracker, systematic, focal_stretches(case)
+    )
     return judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
 
 
@@ -145,7 +148,9 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     spots = _detected(case, frame)
     index = pattern_indexes(case.believed_catalog)(believed)
     matches = identify(spots, believed, catalog, index, case.tracker.identification)
-    estimate = solve_matches(spots, matches, case.tracker, systematic_variance(case))
+    estimate = solve_matches(
+        spots, matches, case.tracker, systematic_variance(case), focal_stretches(case)
+    )
     outcome = judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
     return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
 
@@ -202,20 +207,48 @@ def identify_and_solve(
     indexes: PatternIndexes,
     tracker: Tracker,
     systematic: Floats | None = None,
+    stretch: Floats | None = None,
 ) -> tuple[Matches, Estimate]:
-    """What the flight software does with its spots; arguments as of `lost_in_space`."""
+    """What the flight software does with its spots; arguments as of `lost_in_space`.
+
+    stretch  (n,) 1, by which its focal length is longer for the colour of each star of the
+             catalogue; None: the same for all
+    """
     settings = tracker.identification
     matches = identify(spots, camera, indexes.stars, indexes(camera), settings)
-    return matches, solve_matches(spots, matches, tracker, systematic)
+    return matches, solve_matches(spots, matches, tracker, systematic, stretch)
 
 
 def solve_matches(
-    spots: Spots, matches: Matches, tracker: Tracker, systematic: Floats | None = None
+    spots: Spots,
+    matches: Matches,
+    tracker: Tracker,
+    systematic: Floats | None = None,
+    stretch: Floats | None = None,
 ) -> Estimate:
     """The attitude from matched stars; arguments as of `identify_and_solve`."""
     tolerance = tracker.identification.focal_tolerance
+    if stretch is not None and len(matches):
+        spots, matches = shrunk(spots, matches, tracker, stretch)
     known = None if systematic is None else systematic[matches.star]
     return solve(spots, matches, tracker.attitude, tolerance, known)
+
+
+def shrunk(
+    spots: Spots, matches: Matches, tracker: Tracker, stretch: Floats
+) -> tuple[Spots, Matches]:
+    """The spots where stars of the Sun's colour would be, and the focal length that fits them.
+
+    stretch  as of `identify_and_solve`
+    """
+    x, y = spots.x.copy(), spots.y.copy()
+    longer = 1 + stretch[matches.star]
+    for place, centre in zip((x, y), matches.camera.centre, strict=True):
+        place[matches.spot] = centre + (place[matches.spot] - centre) / longer
+    spots, camera = replace(spots, x=x, y=y), matches.camera
+    if matches.icrs_to_camera is not None:
+        camera = refit(spots, matches, camera, tracker.identification)
+    return spots, replace(matches, camera=camera)
 
 
 @lru_cache(maxsize=16)

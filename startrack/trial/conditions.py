@@ -13,7 +13,7 @@ from startrack.catalog import Selection, Sky, open_sky
 from startrack.core import Camera, Floats, Ints, Stars
 from startrack.design import Case
 from startrack.detection import DarkMap
-from startrack.detector import Defects, Detector, electron_rate
+from startrack.detector import Defects, Detector, electron_rate, mean_wavelength
 from startrack.identification import POINTS, indexed_field, merged
 from startrack.scene import illuminate
 from startrack.trial.view import throughput
@@ -94,6 +94,19 @@ def colour_correction(case: Case, known: Floats) -> Floats:
     rate, _ = electron_rate(light, case.instrument.detector, throughput(case.instrument))
     fainter = -2.5 * np.log10(rate[:-1] / rate[-1])
     return np.where(np.isnan(known), 0.0, np.interp(known, COLOURS, fainter))
+
+
+def mean_colour(case: Case, known: Floats) -> Floats:
+    """Mean detected wavelength (n,) of stars, metre.
+
+    known  BP - RP; where it is not known (NaN), that of a sunlike star
+    """
+    count = len(COLOURS) + 1
+    colour = np.append(COLOURS, np.nan)
+    stars = Stars(np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count), colour)
+    light, instrument = illuminate(case.scene, stars), case.instrument
+    mean = mean_wavelength(light, instrument.detector, throughput(instrument))
+    return np.where(np.isnan(known), mean[-1], np.interp(known, COLOURS, mean[:-1]))
 
 
 @dataclass(frozen=True, eq=False)

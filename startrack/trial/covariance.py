@@ -192,16 +192,20 @@ def _tried(
 @kernel
 def _draw(attitude, keys, plan, drawn):  # type: ignore[no-untyped-def]
     """Write the detected stars of each trial, and how many matches and spots it has."""
-    response, pull, field, companions, view, gate, false = plan
+    response, pull, field, companions, view, gate, false, through = plan
     most = drawn.star.shape[1]
     flux = np.empty(most)
     for n in range(len(attitude)):
         count = others = 0
-        for seen in sights(attitude[n], keys[n], response, pull, field, companions, view):
+        for seen in sights(attitude[n], keys[n], response, pull, field, companions, view, through):
             i = seen.star
+            # The tracker's focal length for the star's colour.
+            stretch = field.stretch[i] / (1 + field.stretch[i])
+            dx = seen.dx - stretch * (seen.x + seen.dx - view.centre_x)
+            dy = seen.dy - stretch * (seen.y + seen.dy - view.centre_y)
             spread = (seen.xx * seen.xx + seen.yx * seen.yx + seen.yy * seen.yy) / 2
             reach = gate * gate * 2 * (spread + field.systematic[i])
-            if not field.known[i] or seen.dx * seen.dx + seen.dy * seen.dy > reach:
+            if not field.known[i] or dx * dx + dy * dy > reach:
                 others += 1
                 continue
             at = count
@@ -211,7 +215,7 @@ def _draw(attitude, keys, plan, drawn):  # type: ignore[no-untyped-def]
                     continue
             else:
                 count += 1
-            drawn.pixel[n, at, 0], drawn.pixel[n, at, 1] = seen.x + seen.dx, seen.y + seen.dy
+            drawn.pixel[n, at, 0], drawn.pixel[n, at, 1] = seen.x + dx, seen.y + dy
             drawn.star[n, at], drawn.variance[n, at], flux[at] = i, spread, field.flux[i]
         drawn.matched[n] = count
         drawn.spots[n] = min(count + others + false_spots(keys[n], false), most)

@@ -16,6 +16,7 @@ from startrack.design import Case
 from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
 from startrack.scene import Scene, illuminate
+from startrack.trial.conditions import mean_colour
 from startrack.trial.spot_response import (
     RATIOS,
     REACH,
@@ -23,13 +24,16 @@ from startrack.trial.spot_response import (
     Response,
     companion_shift,
     response_of,
+    response_of_zones,
 )
 from startrack.trial.systematic import systematic_variance
-from startrack.trial.view import detection_plan, psf_of, throughput
+from startrack.trial.view import colour_range, detection_plan, field_psf_of, psf_of, throughput
+from startrack.trial.zones import centroid_shift, focal_stretch, zones_of
 
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
 LEAST = 0.5  # sigma, for thresholds so low that all stars would count; chosen by hand
 MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
+STEPS, COLOURS = 16, 32  # of the shifts by a lens table: along a side, and over colour
 TYPICAL = 5.0  # times the faintest flux: star for which shifts by companions are measured
 
 
@@ -41,6 +45,8 @@ class Field(NamedTuple):
     flux                 (n,) logarithm of electrons
     number               (n,) index into the sky, which names a star in the draws
     systematic           (n,) pixel^2 per axis, systematic variance that the tracker assumes
+    colour               (n,) class of `Through`;  zone  (n,) first zone of the class of the zones
+    stretch              (n,) 1, by which the tracker's focal length is longer for the star's colour
     """
 
     direction: Floats
@@ -49,6 +55,26 @@ class Field(NamedTuple):
     flux: Floats
     number: NDArray[np.uint64]
     systematic: Floats
+    colour: Ints
+    zone: Ints
+    stretch: Floats
+
+
+class Through(NamedTuple):
+    """What a lens table does to stars of k colours over the frame; empty without one.
+
+    table        (k, q, p, 3) pixel shift x and y; logarithm of the relative flux
+    step_x, _y   pixel, between two places
+    wide, high   pixel, of a zone;  across, down  zones in a row and in a column
+    """
+
+    table: Floats
+    step_x: float
+    step_y: float
+    wide: float
+    high: float
+    across: int
+    down: int
 
 
 class Companions(NamedTuple):
@@ -85,6 +111,9 @@ class View(NamedTuple):
     cosine: float
 
 
+NO_LENS = Through(np.zeros((0, 1, 1, 3)), 1.0, 1.0, 1.0, 1.0, 1, 1)
+
+
 class Plan(NamedTuple):
     """What the trials of a case have in common; gate as in the solver, false spots per frame."""
 
@@ -95,6 +124,7 @@ class Plan(NamedTuple):
     view: View
     gate: float
     false: float
+    through: Through
 
 
 def refuse(case: Case) -> None:
@@ -107,7 +137,6 @@ def refuse(case: Case) -> None:
     require_independent_pixels(detector)
     corner = math.tan(instrument.camera.half_diagonal) * instrument.camera.focal_length_px
     there = {
-        "lens_file": instrument.optics.tabulated,
         "ghosts": instrument.ghosts,
         "hits": detector.hits,
         "defects": detector.defects,
@@ -140,9 +169,13 @@ def plan_of(case: Case) -> Plan:
     detection = detection_plan(case)
     noise *= float(np.linalg.norm(detection.kernel.whole.astype(float)))
     threshold = detection.threshold(detector.columns * detector.rows)
-    faintest = (
-        max(threshold - FAINTEST, LEAST) * noise / float(star_profile(psf, detection.kernel)[0])
-    )
+    lens = instrument.optics.tabulated
+    shapes = [psf]
+    if lens:
+        images = field_psf_of(instrument)
+        shapes += [images.image(*one)[0] for one in zones_of(case).middles]
+    peak = max(float(star_profile(one, detection.kernel)[0]) for one in shapes)
+    faintest = max(threshold - FAINTEST, LEAST) * noise / peak
     found = np.flatnonzero(
         flux >= min(faintest, flux.max())
     )  # at least one, so that arrays are not empty
@@ -159,18 +192,59 @@ def plan_of(case: Case) -> Plan:
     grid = Grid(case, sky)
     radius = (REACH + 1) / camera.focal_length_px
     return Plan(
-        response_of(grid, faintest, brightest),
+        response_of_zones(case, sky, faintest, brightest)
+        if lens
+        else response_of(grid, faintest, brightest),
         companion_shift(grid, TYPICAL * faintest),
         Field(
             np.ascontiguousarray(stars.direction[found]),
             np.ascontiguousarray(believed.direction[there]), known,
             np.log(flux[found]), found.astype(np.uint64), systematic_variance(case)[there],
+            *_colours(case, stars.colour[found], believed.colour[there]),
         ),
         _companions(stars.direction, flux, found, radius),
         view,
         case.tracker.attitude.gate,
         false_alarms(detection, detector.columns, detector.rows),
+        _through(case) if lens else NO_LENS,
     )  # fmt: skip
+
+
+def _colours(case: Case, true: Floats, believed: Floats) -> tuple[Ints, Ints, Floats]:
+    """The last three arrays of a Field, for stars of colours BP - RP."""
+    none = np.zeros(len(true), np.int64)
+    if not case.instrument.optics.tabulated:
+        return none, none, np.zeros(len(true))
+    zones, colour = zones_of(case), mean_colour(case, true)
+    nodes = _colour_nodes(case)
+    nearest = np.rint((colour - nodes[0]) / (nodes[1] - nodes[0]))
+    return (
+        np.clip(nearest, 0, COLOURS - 1).astype(np.int64),
+        zones.colour_class(colour) * len(zones.x) * len(zones.y),
+        focal_stretch(case, mean_colour(case, believed)),
+    )
+
+
+def _colour_nodes(case: Case) -> Floats:
+    """Of `Through`: from the bluest to the reddest light that images are computed for."""
+    return np.linspace(*colour_range(case.instrument), COLOURS)
+
+
+def _through(case: Case) -> Through:
+    """The shifts of `centroid_shift` in small steps; straight lines between them err by 0.001
+    pixel where the shift is a tenth of a pixel."""
+    camera, zones, shift = case.instrument.camera, zones_of(case), centroid_shift(case)
+    x = np.linspace(-0.5, camera.columns - 0.5, STEPS + 1)
+    y = np.linspace(-0.5, camera.rows - 0.5, STEPS + 1)
+    colour, down, across = np.meshgrid(_colour_nodes(case), y, x, indexing="ij")
+    table = shift.at(across.ravel(), down.ravel(), colour.ravel())
+    table[:, 2] = np.log(np.maximum(table[:, 2], 1e-6))
+    return Through(
+        table.reshape(*colour.shape, 3),
+        *(camera.columns / STEPS, camera.rows / STEPS),
+        *(camera.columns / len(zones.x), camera.rows / len(zones.y)),
+        *(len(zones.x), len(zones.y)),
+    )
 
 
 @lru_cache(maxsize=2)

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Streams
+from startrack.core import Floats, Psf, Streams
 from startrack.design import Case
 from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
 from startrack.trial.star_response import PHASES, phases
-from startrack.trial.view import detection_plan, line_of_sight, psf_of
+from startrack.trial.view import detection_plan, field_psf_of, line_of_sight, psf_of
+from startrack.trial.zones import centroid_shift, zones_of
 
 STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
 REACH = 7  # pixel, within which a companion shifts a star; chosen by hand, a window and its ring
@@ -25,12 +26,14 @@ RATIOS = np.arange(-4, 4) * 0.8  # logarithm of a companion's flux over the star
 class Response(NamedTuple):
     """Detection and centroid of a star, over its flux and position in the pixel.
 
+    In each of z zones of the frame and of colour; without a lens table there is one.
+
     first  logarithm of the least flux in electron; the others follow in equal steps
-    bias   (l, p, p, 2) pixel x and y, by row and column of the position
-    root   (l, p, p, 3) pixel electron, triangular root xx, yx, yy of the covariance, times flux
-    light  (l, p, p, 2) measured flux (digital number) over electron; its relative noise
-    above  (l, p, p) sigma, by which a star passes the threshold
-    kept   (l, p, p) 1, probability that it is not rejected as a hot pixel then
+    bias   (z, l, p, p, 2) pixel x and y, by row and column of the position
+    root   (z, l, p, p, 3) pixel electron, triangular root xx, yx, yy of the covariance, times flux
+    light  (z, l, p, p, 2) measured flux (digital number) over electron; its relative noise
+    above  (z, l, p, p) sigma, by which a star passes the threshold
+    kept   (z, l, p, p) 1, probability that it is not rejected as a hot pixel then
     least  (5,) flux in digital number, its sigma, covariance xx, xy, yy of a star at the threshold
     """
 
@@ -45,16 +48,21 @@ class Response(NamedTuple):
 
 @dataclass(frozen=True)
 class Grid:
-    """Stars of a case on a grid of cells, which the detection measures."""
+    """Stars of a case on a grid of cells, which the detection measures.
+
+    sky  electron in a pixel
+    psf  of the stars; None for that of the instrument
+    """
 
     case: Case
     sky: float
+    psf: Psf | None = None
 
     def expect(self, stars: Floats, companions: Floats, across: int) -> tuple[Expectation, Floats]:
         """What is to be expected of stars (n, 3), and their places; arguments as `star_grid`."""
         detector = self.case.instrument.detector
         plan = detection_plan(self.case)
-        psf, smear = psf_of(self.case.instrument), _smear(self.case)
+        psf, smear = self.psf or psf_of(self.case.instrument), _smear(self.case)
         longest = math.ceil(np.abs(smear[:, 1:]).max())
         side = 2 * (margin(plan) + longest + 2) + 1
         frame, place = star_grid(stars, companions, across, side, smear, psf, detector, self.sky)
@@ -82,13 +90,35 @@ def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
     root *= stars[:, 2:]
     return Response(
         math.log(faintest),
-        np.where(good[:, None], bias, 0.0).reshape(*shape, 2),
-        np.where(good[:, None], root, 0.0).reshape(*shape, 3),
-        np.where(good[:, None], light, 0.0).reshape(*shape, 2),
-        np.where(good, seen.above / seen.spread, -np.inf).reshape(shape),
-        np.where(good, seen.kept, 0.0).reshape(shape),
+        np.where(good[:, None], bias, 0.0).reshape(1, *shape, 2),
+        np.where(good[:, None], root, 0.0).reshape(1, *shape, 3),
+        np.where(good[:, None], light, 0.0).reshape(1, *shape, 2),
+        np.where(good, seen.above / seen.spread, -np.inf).reshape(1, *shape),
+        np.where(good, seen.kept, 0.0).reshape(1, *shape),
         _at_threshold(seen, good.reshape(count, -1)),
     )
+
+
+def response_of_zones(case: Case, sky: float, faintest: float, brightest: float) -> Response:
+    """`response_of` in each zone of a lens table.
+
+    The bias is without the part that `centroid_shift` has beside the shift of the image, which
+    changes from star to star. False spots have the flux of those of the mean image.
+    """
+    images, shift = field_psf_of(case.instrument), centroid_shift(case)
+    mean = response_of(Grid(case, sky), faintest, brightest)
+    zones = []
+    for x, y, colour in zones_of(case).middles:
+        psf, _ = images.image(x, y, colour)
+        one = response_of(Grid(case, sky, psf), faintest, brightest)
+        at = np.array([x]), np.array([y]), np.array([colour])
+        apart = shift.at(*at)[0, :2] - images.at(*at)[0, :2]
+        zones.append(one._replace(bias=one.bias - apart))
+    joined = (
+        np.concatenate([getattr(one, name) for one in zones])
+        for name in ("bias", "root", "light", "above", "kept")
+    )
+    return Response(mean.first, *joined, mean.least)
 
 
 def _at_threshold(seen: Expectation, good: NDArray[np.bool_]) -> Floats:

@@ -25,6 +25,7 @@ from startrack.trial.spot_plan import plan_of, refuse
 from startrack.trial.spot_response import RATIOS, REACH, STEP
 from startrack.trial.star_response import PHASES
 
+MARGIN = 8.0  # pixel beyond the frame, from which a lens table moves no star into it
 FALSE = np.uint64(2**63)  # number of the draws of false spots; those of stars are less
 
 
@@ -42,13 +43,18 @@ SIGHT = np.dtype([
 
 
 @kernel
-def sights(a, key, response, pull, field, companions, view):  # type: ignore[no-untyped-def]
+def sights(a, key, response, pull, field, companions, view, through):  # type: ignore[no-untyped-def]
     """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
     near = in_view(a, field.direction, view)
     found = np.empty(len(near), SIGHT)
-    count = 0
+    count, lens = 0, len(through.table) > 0
     for i in near:
         x, y = _project(a, field.direction[i], view)
+        zone, flux, shift_x, shift_y = 0, field.flux[i], 0.0, 0.0
+        if lens and -MARGIN < x < view.columns + MARGIN and -MARGIN < y < view.rows + MARGIN:
+            zone, more, shift_x, shift_y = _shifted(x, y, field.colour[i], through)
+            zone, flux = zone + field.zone[i], flux + more
+            x, y = x + shift_x, y + shift_y
         column, row = round(x), round(y)
         if not (
             view.border <= column < view.columns - view.border
@@ -56,8 +62,11 @@ def sights(a, key, response, pull, field, companions, view):  # type: ignore[no-
         ):
             continue
         start, seen = bits(key, field.number[i]), found[count]
-        if not _measure(x, y, column, row, field.flux[i], start, response, seen):
+        if not _measure(x, y, column, row, flux, zone, start, response, seen):
             continue
+        if lens:
+            x, y = x - shift_x, y - shift_y
+            seen.dx, seen.dy = seen.dx + shift_x, seen.dy + shift_y
         for k in range(companions.start[i], companions.start[i + 1]):
             u, v = _project(a, companions.direction[k], view)
             dx, dy = _pulled(u - x, v - y, companions.flux[k] - field.flux[i], pull)
@@ -112,35 +121,64 @@ def _project(a, d, view):  # type: ignore[no-untyped-def]
     return view.centre_x + view.focal * x, view.centre_y + view.focal * y
 
 
+@kernel(inline="always")
+def _shifted(x, y, colour, through):  # type: ignore[no-untyped-def]
+    """Zone of a place among those of a colour, logarithm of its flux, and its shift in pixel."""
+    p, q = through.table.shape[2], through.table.shape[1]
+    u = min(max((x + 0.5) / through.step_x, 0.0), p - 1.0)
+    v = min(max((y + 0.5) / through.step_y, 0.0), q - 1.0)
+    i, j = min(int(u), p - 2), min(int(v), q - 2)
+    u, v = u - i, v - j
+    table = through.table
+    a, b, c, d = (1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v
+    column = min(max(int((x + 0.5) / through.wide), 0), through.across - 1)
+    row = min(max(int((y + 0.5) / through.high), 0), through.down - 1)
+    return (
+        row * through.across + column,
+        a * table[colour, j, i, 2]
+        + b * table[colour, j, i + 1, 2]
+        + c * table[colour, j + 1, i, 2]
+        + d * table[colour, j + 1, i + 1, 2],
+        a * table[colour, j, i, 0]
+        + b * table[colour, j, i + 1, 0]
+        + c * table[colour, j + 1, i, 0]
+        + d * table[colour, j + 1, i + 1, 0],
+        a * table[colour, j, i, 1]
+        + b * table[colour, j, i + 1, 1]
+        + c * table[colour, j + 1, i, 1]
+        + d * table[colour, j + 1, i + 1, 1],
+    )
+
+
 @kernel
-def _measure(x, y, column, row, flux, start, response, seen):  # type: ignore[no-untyped-def]
+def _measure(x, y, column, row, flux, zone, start, response, seen):  # type: ignore[no-untyped-def]
     """Whether a single star is detected at a position in a pixel; writes its measurement."""
     i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
     j = min(int((y - row + 0.5) * PHASES), PHASES - 1)
     at = (flux - response.first) / STEP
-    k = min(max(int(at), 0), len(response.above) - 2)
+    k = min(max(int(at), 0), response.above.shape[1] - 2)
     t = min(max(at - k, 0.0), 1.0)
-    above = (1 - t) * response.above[k, j, i] + t * response.above[k + 1, j, i]
+    above = (1 - t) * response.above[zone, k, j, i] + t * response.above[zone, k + 1, j, i]
     seen.surplus = inverse_normal(uniform(bits(start, np.uint64(0))))
-    kept = (1 - t) * response.kept[k, j, i] + t * response.kept[k + 1, j, i]
+    kept = (1 - t) * response.kept[zone, k, j, i] + t * response.kept[zone, k + 1, j, i]
     if not above + seen.surplus > 0 or uniform(bits(start, np.uint64(3))) > kept:
         return False
     normal_x = inverse_normal(uniform(bits(start, np.uint64(1))))
     normal_y = inverse_normal(uniform(bits(start, np.uint64(2))))
     electrons = math.exp(flux)
-    seen.xx = _between(response.root, k, t, j, i, 0) / electrons
-    seen.yx = _between(response.root, k, t, j, i, 1) / electrons
-    seen.yy = _between(response.root, k, t, j, i, 2) / electrons
-    seen.dx = _between(response.bias, k, t, j, i, 0) + seen.xx * normal_x
-    seen.dy = _between(response.bias, k, t, j, i, 1) + seen.yx * normal_x + seen.yy * normal_y
-    seen.flux = _between(response.light, k, t, j, i, 0) * electrons
-    seen.blur = _between(response.light, k, t, j, i, 1)
+    seen.xx = _between(response.root, zone, k, t, j, i, 0) / electrons
+    seen.yx = _between(response.root, zone, k, t, j, i, 1) / electrons
+    seen.yy = _between(response.root, zone, k, t, j, i, 2) / electrons
+    seen.dx = _between(response.bias, zone, k, t, j, i, 0) + seen.xx * normal_x
+    seen.dy = _between(response.bias, zone, k, t, j, i, 1) + seen.yx * normal_x + seen.yy * normal_y
+    seen.flux = _between(response.light, zone, k, t, j, i, 0) * electrons
+    seen.blur = _between(response.light, zone, k, t, j, i, 1)
     return True
 
 
 @kernel(inline="always")
-def _between(table, k, t, j, i, c):  # type: ignore[no-untyped-def]
-    return (1 - t) * table[k, j, i, c] + t * table[k + 1, j, i, c]
+def _between(table, zone, k, t, j, i, c):  # type: ignore[no-untyped-def]
+    return (1 - t) * table[zone, k, j, i, c] + t * table[zone, k + 1, j, i, c]
 
 
 @kernel
@@ -192,9 +230,9 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 
 
 @kernel
-def _draw(a, key, response, pull, field, companions, view, gate, false):  # type: ignore[no-untyped-def]
+def _draw(a, key, response, pull, field, companions, view, gate, false, through):  # type: ignore[no-untyped-def]
     """The table of all spots, stars first; the gate is applied by the solver."""
-    stars = sights(a, key, response, pull, field, companions, view)
+    stars = sights(a, key, response, pull, field, companions, view, through)
     noise = false_spots(key, false)
     table = np.empty((len(stars) + noise, ROW))
     for n in range(len(stars)):

@@ -42,33 +42,33 @@ def errors(case: Case) -> Errors:
     magnitude = magnitudes(case, case.believed_catalog.limit_g)
     plain = chart(case, magnitude)
     kept = np.where(np.isfinite(plain.offset[..., 0]), plain.kept, 0.0)
-    method = _mean(plain.offset, kept)
+    method = mean_of(plain.offset, kept)
     # The tracker overstates the covariance of a saturated star on purpose.
     bold = replace(case.tracker, detection=replace(case.tracker.detection, saturation=None))
     noise, shot = (
-        _mean(chart(replace(case, tracker=bold), magnitude, noisy=noisy).covariance, kept)
+        mean_of(chart(replace(case, tracker=bold), magnitude, noisy=noisy).covariance, kept)
         for noisy in (True, False)
     )
     random = {
         SHOT: shot,
         READ: noise - shot,
-        METHOD: _moment(plain.offset - method[:, None], kept),
+        METHOD: moment_of(plain.offset - method[:, None], kept),
     }
     shape = (len(magnitude), *point_images(case).shape)
     if detector.prnu:
         gain = 1 + detector.prnu / detector.binning * pattern("photo response", shape)
         moved = chart(case, magnitude, gain=gain).offset - plain.offset
-        random["PRNU"] = _moment(moved, kept)
+        random["PRNU"] = moment_of(moved, kept)
     spread = dark_residual(detector, case.tracker.detection.dark_map)
     if spread:
         extra = spread * pattern("dark current", shape)
         moved = chart(case, magnitude, extra=extra).offset - plain.offset
-        random["DSNU"] = _moment(moved, kept)
-    stated = _mean(plain.covariance, kept)
+        random["DSNU"] = moment_of(moved, kept)
+    stated = mean_of(plain.covariance, kept)
     return Errors(magnitude, kept.mean(axis=1), stated, random, method)
 
 
-def _mean(values: Floats, kept: Floats) -> Floats:
+def mean_of(values: Floats, kept: Floats) -> Floats:
     """Mean over the positions (second axis), weighted by the chance (m, p) that a star is kept.
 
     Where none is, that of the nearest magnitude with some, because values between two magnitudes
@@ -85,9 +85,9 @@ def _mean(values: Floats, kept: Floats) -> Floats:
     return np.asarray(mean)
 
 
-def _moment(offset: Floats, kept: Floats) -> Floats:
+def moment_of(offset: Floats, kept: Floats) -> Floats:
     """Second moments (m, 2, 2) of offsets (m, p, 2)."""
-    return _mean(offset[..., :, None] * offset[..., None, :], kept)
+    return mean_of(offset[..., :, None] * offset[..., None, :], kept)
 
 
 def lasting(star: Errors, magnitude: Floats | float = TYPICAL) -> Floats:

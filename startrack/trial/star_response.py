@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy import ndimage
 from scipy.special import ndtr
 
 from startrack.core import Floats, Frame, Psf, Stars, Streams
@@ -153,6 +154,8 @@ def chart(
     gain: Floats | None = None,
     extra: Floats | None = None,
     noisy: bool = True,
+    point: Floats | None = None,
+    place: Floats | None = None,
 ) -> Chart:
     """Measure stars without noise, as the tracker would.
 
@@ -163,17 +166,19 @@ def chart(
     gain       (m, p, side, side) 1, response of the pixels around each star; None: uniform
     extra      (m, p, side, side) electron to add to them; None: none
     noisy      whether the tracker believes that pixels without light have noise
+    point      (p, side, side) fraction of a star's light in each pixel; None: `point_images`
+    place      (p, 2) pixel, their sub-pixel positions; None: `phases`
     """
     light = scale(case).star * 10 ** (-0.4 * magnitude[:, None, None, None])
-    electrons = light * point_images(case)
+    electrons = light * (point_images(case) if point is None else point)
     if gain is not None:
         electrons = electrons * gain
     if extra is not None:
         electrons = electrons + extra
     side, shape = electrons.shape[-1], electrons.shape[:2]
     every = electrons.reshape(-1, side, side)
-    place, covariance = measure(case, every, noisy)
-    offset = place.reshape(*shape, 2) - phases()
+    found, covariance = measure(case, every, noisy)
+    offset = found.reshape(*shape, 2) - (phases() if place is None else place)
     kept = _chance_kept(case, every).reshape(shape)
     return Chart(magnitude, offset, covariance.reshape(*shape, 2, 2), kept)
 
@@ -234,20 +239,21 @@ def _chance_kept(case: Case, electrons: Floats) -> Floats:
     return chance_kept(frame, place, float(empty.image[0, 0]), detection_plan(case))
 
 
-def detection_probability(case: Case, magnitude: Floats) -> Floats:
+def detection_probability(case: Case, magnitude: Floats, point: Floats | None = None) -> Floats:
     """Fraction of the stars (m,) of a magnitude whose filtered peak passes the threshold.
 
         fraction = mean over positions of Phi(peak / noise - threshold)
 
     Zero where the background alone saturates the pixels.
 
+    point     (p, side, side) fraction of a star's light in each pixel; None: `point_images`
     Accuracy  model: the noise of the peak is that of the background; neighbours, and the tests
               against hot pixels, are left out.
     """
     size = scale(case)
     if size.background >= size.largest:
         return np.zeros(len(magnitude))
-    point = point_images(case)
+    point = point_images(case) if point is None else point
     plan = detection_plan(case)
     kernel = plan.kernel
     middle = point.shape[-1] // 2
@@ -293,13 +299,18 @@ def cell_side(instrument: Instrument, detection: Detection) -> int:
     return 2 * (max(ring, math.ceil(psf_of(instrument).half_width)) + RING) + 1
 
 
-def star_images(instrument: Instrument, place: Floats, side: int) -> Floats:
+def star_images(instrument: Instrument, place: Floats, side: int, psf: Psf | None = None) -> Floats:
     """Fraction of the light of stars in each pixel, with the smear of the boresight.
 
     place    (n, 2) pixel from the middle of a cell
+    psf      None for that of the instrument
     Returns  (n, side, side) 1
     """
-    psf, weight, offset, _ = _smeared(instrument)
+    mean, weight, offset, _ = _smeared(instrument)
+    if psf is None:
+        psf = mean
+    else:
+        psf = _blurred(psf, _jitter_blur(instrument) / instrument.detector.pitch)
     strip = np.zeros((side, len(place) * side))
     middle = np.arange(len(place)) * side + side // 2
     for fraction, (x, y) in zip(weight, offset, strict=True):
@@ -319,17 +330,34 @@ def _smeared(instrument: Instrument) -> tuple[Psf, Floats, Floats, float]:
     """
     camera, detector, motion = instrument.camera, instrument.detector, instrument.motion
     pixel = 1 / camera.focal_length_px
-    still = replace(motion, rate_x=0.0, rate_y=0.0, rate_z=0.0)
-    x, y, _ = blur(still, detector.exposure)
-    if x or y:
-        wide = math.hypot(x, y) / math.sqrt(2) * instrument.optics.image_distance
-        lens = replace(instrument.optics, blur=math.hypot(instrument.optics.blur, wide))
-        instrument = replace(instrument, optics=lens)
     steady = replace(motion, tones=(), broadband=())
     path = slew(steady, detector.exposure, pixel, camera.half_diagonal)
     # The sky turns by r: a star on the boresight moves by (r_y, -r_x).
     offset = path.rotation[:, [1, 0]] * [1, -1] / pixel
-    return psf_of(instrument), path.weight, offset, float(np.abs(offset).max())
+    wide = _jitter_blur(instrument)
+    if wide and instrument.optics.tabulated:
+        psf = _blurred(psf_of(instrument), wide / detector.pitch)
+    else:
+        if wide:
+            lens = replace(instrument.optics, blur=math.hypot(instrument.optics.blur, wide))
+            instrument = replace(instrument, optics=lens)
+        psf = psf_of(instrument)
+    return psf, path.weight, offset, float(np.abs(offset).max())
+
+
+def _jitter_blur(instrument: Instrument) -> float:
+    """Metre on the detector, sigma of the blur by expected jitter."""
+    still = replace(instrument.motion, rate_x=0.0, rate_y=0.0, rate_z=0.0)
+    x, y, _ = blur(still, instrument.detector.exposure)
+    return math.hypot(x, y) / math.sqrt(2) * instrument.optics.image_distance
+
+
+def _blurred(psf: Psf, sigma: float) -> Psf:
+    """A PSF with one more Gaussian blur, pixel; light beyond the table is lost."""
+    if not sigma:
+        return psf
+    table = ndimage.gaussian_filter(psf.table, sigma * psf.oversampling, mode="constant")
+    return replace(psf, table=table)
 
 
 @lru_cache(maxsize=1)

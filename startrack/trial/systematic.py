@@ -10,20 +10,23 @@ from startrack.attitude import UNKNOWN_FLOOR
 from startrack.catalog import open_sky
 from startrack.core import Floats, Stars
 from startrack.design import Case
-from startrack.trial.conditions import colour_correction, separable_stars
+from startrack.trial.conditions import colour_correction, mean_colour, separable_stars
 from startrack.trial.neighbours import blending_shift
 from startrack.trial.star_errors import errors, lasting
+from startrack.trial.zones import focal_stretch, lens_variance
 
 
 @lru_cache(maxsize=8)
 def systematic_variance(case: Case) -> Floats:
     """Variance per axis of a centroid that no noise explains, as a calibrated tracker knows it.
 
-        variance = S-curve^2 + PRNU^2 + DSNU^2 + shift^2 / 2
+        variance = S-curve^2 + PRNU^2 + DSNU^2 + shift^2 / 2 + lens^2
 
     the first three from the tracker's centroids of noise-free stars of that magnitude (`errors`);
     the shift is that by the neighbours in its catalogue (`blending_shift`), along one line and so
-    half of its square on either axis. `centroid_floor` replaces all of it where it is given.
+    half of its square on either axis; the last is what a lens table leaves to the tracker, over the
+    frame, for a star of that colour (`lens_variance`). `centroid_floor` replaces all of it where it
+    is given.
 
     Returns  (n,) pixel^2, for the stars of the believed catalogue
     Accuracy  those of `errors` and `blending_shift`. model: for a detector that scans, the tracker
@@ -38,7 +41,17 @@ def systematic_variance(case: Case) -> Floats:
     catalog = case.believed_catalog
     name = separable_stars(catalog, case.instrument.camera).name
     variance[name] += (blending_shift(case, catalog) ** 2).sum(axis=1) / 2
+    if case.instrument.optics.tabulated:
+        variance += lens_variance(case, mean_colour(case, stars.colour))
     return variance
+
+
+@lru_cache(maxsize=8)
+def focal_stretches(case: Case) -> Floats | None:
+    """`focal_stretch` (n,) of the stars of the believed catalogue; None where all are zero."""
+    if not case.tracker.focal_length_by_colour:
+        return None
+    return focal_stretch(case, mean_colour(case, open_sky(case.believed_catalog).stars.colour))
 
 
 def systematic_variance_of(case: Case, stars: Stars) -> Floats:

@@ -31,7 +31,14 @@ from startrack.detector import (
     mean_wavelength,
 )
 from startrack.motion import realise_motion, sample_jitter
-from startrack.optics import add_ghosts, field_psf, open_optics, pixel_psf, stray_light
+from startrack.optics import (
+    Optics,
+    add_ghosts,
+    field_psf,
+    open_optics,
+    pixel_psf,
+    stray_light,
+)
 from startrack.scene import SUN, WAVELENGTH, Sight, illuminate
 
 PART = 2**14  # stars
@@ -122,8 +129,7 @@ def psf_of(instrument: Instrument) -> Psf:
     """
     detector, spectrum = instrument.detector, detected_spectrum(instrument)
     if instrument.optics.tabulated:
-        images = field_psf_of(instrument)
-        return images.mean(float(spectrum @ WAVELENGTH / spectrum.sum()))
+        return _whole_images(instrument).mean(sunlike_colour(instrument))
     return pixel_psf(
         instrument.optics,
         detector.pitch,
@@ -139,23 +145,61 @@ def images_of(instrument: Instrument) -> Psf | FieldPsf:
     return field_psf_of(instrument) if instrument.optics.tabulated else psf_of(instrument)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def field_psf_of(instrument: Instrument) -> FieldPsf:
-    """The images of stars over the frame and their colour; kept for the 4 last instruments."""
+    """The images of stars over the frame and their colour; kept for the 8 last instruments."""
+    images, optics = _whole_images(instrument), instrument.optics
+    if not optics.lens_colour:
+        images = images.of_one_colour(sunlike_colour(instrument))
+    if not optics.lens_field:
+        images = images.of_one_place(sunlike_colour(instrument))
+    return images
+
+
+def _whole_images(instrument: Instrument) -> FieldPsf:
+    """The images with all effects of the lens; instruments of one lens and detector share them."""
     detector = instrument.detector
     spectra = instrument.detected_spectra(TEMPERATURES)
-    colour = spectra @ WAVELENGTH / spectra.sum(axis=1)
-    order = np.argsort(colour)
-    return field_psf(
-        open_optics(instrument.optics, instrument.lens_temperature),
+    return _computed(
+        replace(instrument.optics, lens_field=True, lens_colour=True),
+        instrument.lens_temperature,
         instrument.camera,
         detector.pitch,
-        WAVELENGTH,
-        spectra[order],
-        colour[order],
+        (spectra / spectra.max()).tobytes(),
         detector.fill_factor,
         detector.diffusion,
     )
+
+
+@lru_cache(maxsize=4)
+def _computed(
+    optics: Optics, kelvin: float, camera: Camera, pitch: float, photons: bytes,
+    fill_factor: float, diffusion: float,
+) -> FieldPsf:  # fmt: skip
+    """`field_psf` for blackbodies of all TEMPERATURES; kept for the 4 last lenses.
+
+    photons  of `Instrument.detected_spectra`
+    """
+    spectra = np.frombuffer(photons).reshape(len(TEMPERATURES), -1)
+    colour = spectra @ WAVELENGTH / spectra.sum(axis=1)
+    order = np.argsort(colour)
+    return field_psf(
+        open_optics(optics, kelvin), camera, pitch, WAVELENGTH, spectra[order], colour[order],
+        fill_factor, diffusion,
+    )  # fmt: skip
+
+
+def colour_range(instrument: Instrument) -> tuple[float, float]:
+    """Mean detected wavelengths of the hottest and the coolest of TEMPERATURES, metre."""
+    spectra = instrument.detected_spectra(TEMPERATURES[[0, -1]])
+    blue, red = spectra @ WAVELENGTH / spectra.sum(axis=1)
+    return float(blue), float(red)
+
+
+def sunlike_colour(instrument: Instrument) -> float:
+    """Mean detected wavelength of a sunlike star, metre."""
+    spectrum = detected_spectrum(instrument)
+    return float(spectrum @ WAVELENGTH / spectrum.sum())
 
 
 def detection_plan(

@@ -1,0 +1,297 @@
+"""Case with a lens table -> how single stars are measured over the frame and over their colour."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.catalog import open_sky
+from startrack.core import FieldPsf, Floats, Ints, Psf
+from startrack.design import Case, Instrument
+from startrack.trial.conditions import mean_colour
+from startrack.trial.star_errors import READ, SHOT, TYPICAL, Errors, errors, mean_of, moment_of
+from startrack.trial.star_response import (
+    cell_side,
+    chart,
+    detection_probability,
+    point_images,
+    scale,
+    star_images,
+)
+from startrack.trial.view import field_psf_of, psf_of, sunlike_colour
+
+PLACES = 5  # zones along each side of the frame
+COLOURS = 3  # classes of stars, each a third of them
+POSITIONS = 3  # sub-pixel positions per axis
+EVERY = 3  # magnitudes of `errors` between two of a zone
+HALF = 0.5  # of the largest signal of a pixel, for the star whose shifts are measured
+LENS_FIELD = "PSF over the field"
+
+
+class Zones(NamedTuple):
+    """Cells of the frame, and classes of colour; the middle of a zone stands for all of it.
+
+    x, y    (p,), (q,) pixel, middles of the columns and of the rows of cells
+    colour  (c,) metre, mean wavelength of the stars of each class
+    edge    (c - 1,) metre, between two classes
+    """
+
+    x: Floats
+    y: Floats
+    colour: Floats
+    edge: Floats
+
+    @property
+    def middles(self) -> list[tuple[float, float, float]]:
+        """x, y and colour of each zone, in the order of their numbers."""
+        return [
+            (float(x), float(y), float(colour))
+            for colour in self.colour for y in self.y for x in self.x
+        ]  # fmt: skip
+
+    def colour_class(self, colour: Floats) -> Ints:
+        """The class (n,) of each colour."""
+        return np.searchsorted(self.edge, colour)
+
+    def of(self, x: Floats, y: Floats, colour: Floats) -> Ints:
+        """The number (n,) of the zone of each star; beyond the frame, the nearest."""
+        i, j = (
+            np.clip(np.floor((at + 0.5) / (2 * (nodes[0] + 0.5))), 0, len(nodes) - 1)
+            for at, nodes in ((x, self.x), (y, self.y))
+        )
+        number = (self.colour_class(colour) * len(self.y) + j) * len(self.x) + i
+        return np.asarray(number, np.int64)
+
+
+@lru_cache(maxsize=8)
+def zones_of(case: Case) -> Zones:
+    """The zones of a case; kept for the 8 last cases."""
+    camera = case.instrument.camera
+    colour = np.sort(mean_colour(case, open_sky(case.catalog).stars.colour))
+    part = [one for one in np.array_split(colour, COLOURS) if len(one)]
+    if not part:
+        part = [np.array([sunlike_colour(case.instrument)])]
+    middle = (np.arange(PLACES) + 0.5) / PLACES
+    return Zones(
+        middle * camera.columns - 0.5,
+        middle * camera.rows - 0.5,
+        np.array([one.mean() for one in part]),
+        np.array([one[0] for one in part[1:]]),
+    )
+
+
+@lru_cache(maxsize=8)
+def centroid_shift(case: Case) -> FieldPsf:
+    """Where the tracker's centroid lies beside the place that the camera projects to.
+
+    The shift of the image, and by how much more the tracker's centroid of it is displaced than that
+    of the mean image, in the mean over sub-pixel positions; measured at the nodes of the images for
+    a star whose brightest pixel is half full, or fainter.
+
+    Returns  a FieldPsf without tables: shifts and relative flux. Kept for the 8 last cases
+    """
+    images = field_psf_of(case.instrument)
+    place = _positions()
+    nodes = [(x, y, c) for c in images.colour for y in images.y for x in images.x]
+    point = np.concatenate([_mean_points(case), *(_points(case, *node) for node in nodes)])
+    places = np.tile(place, (len(nodes) + 1, 1))
+    offset = chart(case, _typical(case, point), point=point, place=places).offset[0]
+    offset = np.nan_to_num(offset.reshape(len(nodes) + 1, len(place), 2)).mean(axis=1)
+    value = images.value[..., :3].copy()
+    value[..., :2] += (offset[1:] - offset[0]).reshape(*value.shape[:3], 2)
+    return replace(images, table=np.empty((0, 1, 1)), value=value)
+
+
+def focal_stretch(case: Case, colour: Floats) -> Floats:
+    """Relative excess (n,) of the tracker's focal length for stars of a colour over that for
+    sunlike ones.
+
+    A least-squares fit to `centroid_shift` over the frame, as the lens was when the camera was
+    calibrated. Zero where the tracker does not correct the colour.
+
+    colour  (n,) metre
+    """
+    if not case.tracker.focal_length_by_colour:
+        return np.zeros(len(colour))
+    known = replace(case, instrument=case.calibrated)
+    shift, place = centroid_shift(known), _from_centre(known)
+    sunlike = shift.of_one_colour(sunlike_colour(known.instrument))
+    apart = shift.value[..., :2] - sunlike.value[..., :2]
+    return shift.over_colour((apart * place).sum(axis=(1, 2, 3)) / (place**2).sum(), colour)
+
+
+def _from_centre(case: Case) -> Floats:
+    """The nodes (q, p, 2) of the images over the frame, pixel from the principal point."""
+    images = field_psf_of(case.instrument)
+    x, y = case.instrument.camera.centre
+    return np.stack(np.meshgrid(images.x - x, images.y - y), axis=-1)
+
+
+@lru_cache(maxsize=8)
+def residual_shift(case: Case) -> tuple[FieldPsf, FieldPsf]:
+    """`centroid_shift` of a sunlike star, and what that of others differs by.
+
+    The tracker's own correction of the star's colour is taken off. Kept for the 8 last cases.
+    """
+    whole = centroid_shift(case)
+    sunlike = whole.of_one_colour(sunlike_colour(case.instrument))
+    rest = whole.value.copy()
+    rest[..., :2] -= sunlike.value[..., :2]
+    rest[..., :2] -= focal_stretch(case, whole.colour)[:, None, None, None] * _from_centre(case)
+    return sunlike, replace(whole, value=rest)
+
+
+def lens_variance(case: Case, colour: Floats) -> Floats:
+    """Variance per axis (n,) over the frame of `residual_shift` for stars of a colour, pixel^2.
+
+    colour  (n,) metre
+    """
+    sunlike, rest = residual_shift(case)
+    nodes = np.linspace(rest.colour[0], rest.colour[-1], 4 * len(rest.colour))
+    x, y = (np.linspace(each[0], each[-1], 17) for each in (rest.x, rest.y))
+    light, down, across = (each.ravel() for each in np.meshgrid(nodes, y, x, indexing="ij"))
+    shift = sunlike.at(across, down, light)[:, :2] + rest.at(across, down, light)[:, :2]
+    variance = (shift**2).mean(axis=1).reshape(len(nodes), -1).mean(axis=1)
+    return np.interp(colour, nodes, variance)
+
+
+class ZoneErrors(NamedTuple):
+    """Of single stars in z zones, at m magnitudes of sunlike stars on the axis.
+
+    magnitude  (m,) G
+    point      (z, p, side, side) 1, images of a star at p sub-pixel positions
+    kept       (z, m) chance that the tracker measures a detected star and takes it for no hot pixel
+    stated     (z, m, 2, 2) pixel^2, by the tracker
+    random     (z, m, 2, 2) pixel^2 by cause, covariance over positions and times
+    """
+
+    magnitude: Floats
+    point: Floats
+    kept: Floats
+    stated: Floats
+    random: dict[str, Floats]
+
+
+@lru_cache(maxsize=8)
+def zone_errors(case: Case) -> ZoneErrors:
+    """Errors of single stars in each zone; kept for the 8 last cases.
+
+    Measured at nine sub-pixel positions and at every third magnitude of `errors`, as ratios to
+    those of the mean image, which are interpolated. What the tracker's centroids of a zone's image
+    and of the mean image differ by, beside the mean over all positions, is the random error
+    LENS_FIELD.
+
+    Accuracy  model: noise and detection are those of the middle of the zone.
+    """
+    star = errors(case)
+    coarse = np.unique(np.append(np.arange(0, len(star.magnitude), EVERY), len(star.magnitude) - 1))
+    magnitude = star.magnitude[coarse]
+    mean, *parts = (
+        _charted(case, magnitude, point)
+        for point in (_mean_points(case), *(_points(case, *one) for one in zones_of(case).middles))
+    )
+    stated, shot, read, field, kept = [], [], [], [], []
+    for one in parts:
+        stated.append(_as(star, star.stated, magnitude, one.stated, mean.stated))
+        shot.append(_as(star, star.random[SHOT], magnitude, one.shot, mean.shot))
+        read.append(_as(star, star.random[READ], magnitude, one.read, mean.read))
+        apart = one.offset - mean.offset
+        both = np.minimum(one.kept, mean.kept)
+        moved = moment_of(apart - mean_of(apart, both)[:, None], both)
+        field.append(_between(star.magnitude, magnitude, moved))
+        ratio = one.kept.mean(axis=1) / np.maximum(mean.kept.mean(axis=1), 1e-9)
+        kept.append(np.minimum(star.kept * np.interp(star.magnitude, magnitude, ratio), 1.0))
+    many = len(parts)
+    random = {
+        name: np.broadcast_to(one, (many, *one.shape)) for name, one in star.random.items()
+    } | {SHOT: np.stack(shot), READ: np.stack(read), LENS_FIELD: np.stack(field)}
+    point = np.stack([one.point for one in parts])
+    return ZoneErrors(star.magnitude, point, np.stack(kept), np.stack(stated), random)
+
+
+class _Charted(NamedTuple):
+    """A zone's images, and what the tracker makes of them; arrays as in Chart and Errors."""
+
+    point: Floats
+    offset: Floats
+    kept: Floats
+    stated: Floats
+    shot: Floats
+    read: Floats
+
+
+def _charted(case: Case, magnitude: Floats, point: Floats) -> _Charted:
+    place = _positions()
+    plain = chart(case, magnitude, point=point, place=place)
+    kept = np.where(np.isfinite(plain.offset[..., 0]), plain.kept, 0.0)
+    # The tracker overstates the covariance of a saturated star on purpose.
+    bold = replace(case.tracker, detection=replace(case.tracker.detection, saturation=None))
+    tracker = replace(case, tracker=bold)
+    noise, shot = (
+        mean_of(chart(tracker, magnitude, None, None, noisy, point, place).covariance, kept)
+        for noisy in (True, False)
+    )
+    return _Charted(point, plain.offset, kept, mean_of(plain.covariance, kept), shot, noise - shot)
+
+
+def _as(star: Errors, whole: Floats, magnitude: Floats, zone: Floats, mean: Floats) -> Floats:
+    """Covariances (m, 2, 2) of the mean image, changed as those of a zone are at few magnitudes."""
+    size = []
+    for a in (0, 1):
+        ratio = np.maximum(zone[:, a, a], 1e-16) / np.maximum(mean[:, a, a], 1e-16)
+        size.append(np.exp(np.interp(star.magnitude, magnitude, np.log(ratio)) / 2))
+    apart = np.interp(star.magnitude, magnitude, _correlation(zone) - _correlation(mean))
+    x, y = (np.sqrt(np.maximum(whole[:, a, a], 0)) * size[a] for a in (0, 1))
+    cross = np.clip(_correlation(whole) + apart, -1, 1) * x * y
+    return np.stack([x * x, cross, cross, y * y], axis=-1).reshape(-1, 2, 2)
+
+
+def _correlation(covariance: Floats) -> Floats:
+    size = np.maximum(covariance[:, 0, 0], 1e-16) * np.maximum(covariance[:, 1, 1], 1e-16)
+    return np.asarray(np.clip(covariance[:, 0, 1] / np.sqrt(size), -1, 1))
+
+
+def _between(at: Floats, magnitude: Floats, covariance: Floats) -> Floats:
+    """Covariances (m, 2, 2) at other magnitudes."""
+    each = [np.interp(at, magnitude, one) for one in covariance.reshape(len(magnitude), 4).T]
+    return np.stack(each, axis=-1).reshape(-1, 2, 2)
+
+
+def zone_detection(case: Case, magnitude: Floats) -> Floats:
+    """Fraction (z, m) of the stars of a magnitude that pass the threshold in each zone."""
+    found = zone_errors(case)
+    return np.stack([detection_probability(case, magnitude, point) for point in found.point])
+
+
+@lru_cache(maxsize=1)
+def _positions() -> Floats:
+    line = (np.arange(POSITIONS) + 0.5) / POSITIONS - 0.5
+    return np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+
+
+def _points(case: Case, x: float, y: float, colour: float) -> Floats:
+    """Images (p, side, side) of a star of a place and colour, at a few sub-pixel positions."""
+    psf, _ = field_psf_of(case.instrument).image(x, y, colour)
+    return _images(case, psf)
+
+
+def _mean_points(case: Case) -> Floats:
+    return _images(case, psf_of(case.instrument))
+
+
+def _images(case: Case, psf: Psf) -> Floats:
+    instrument: Instrument = case.instrument
+    side = cell_side(instrument, case.tracker.detection)
+    return star_images(instrument, _positions(), side, psf)
+
+
+def _typical(case: Case, point: Floats) -> Floats:
+    """Magnitude (1,) of the star whose shifts are measured."""
+    size = scale(case)
+    room = max(HALF * size.largest - size.background, 1.0)
+    full = -2.5 * math.log10(room / (size.star * float(point_images(case).max())))
+    return np.array([max(TYPICAL, full)])
