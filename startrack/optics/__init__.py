@@ -40,7 +40,15 @@ from startrack.optics.lens_family import (
     family_table,
     scaled_table,
 )
-from startrack.optics.lens_psf import ROOM, Lens, field_psf, fit_camera, open_optics
+from startrack.optics.lens_psf import (
+    COARSE,
+    ROOM,
+    Lens,
+    field_psf,
+    fit_camera,
+    mirrored,
+    open_optics,
+)
 from startrack.optics.lens_table import (
     LensPoints,
     LensTable,

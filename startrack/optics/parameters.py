@@ -37,7 +37,8 @@ class Optics:
                      aberrations; "fresnel": with the scale of a plane out of focus; "kirchhoff":
                      with inclined rays and the phase of the lens; "auto": the cheapest of these
                      within psf_tolerance
-    psf_tolerance    1, largest error of the chosen model, as a fraction of the PSF's peak
+    psf_tolerance    1, largest error of the chosen model, as a fraction of the PSF's peak; from
+                     0.05 on images of a lens table have fewer wavelengths, in half of the time
     lens             "aplanatic": corrected for spherical aberration and coma, as real lenses are;
                      "perfect": one thin plane that makes a spherical wave; "parabolic": one thin
                      plane with the phase of a parabola, as in Krutz et al. The last two differ

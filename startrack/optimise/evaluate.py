@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -22,6 +22,7 @@ from startrack.design import (
     Requirements,
 )
 from startrack.metrics import Summary, summarise
+from startrack.optics import COARSE
 from startrack.optimise.runner import TrialRunner
 from startrack.verification import (
     boresights,
@@ -167,7 +168,14 @@ def combined(
 
 @lru_cache(maxsize=16)
 def _budget(case: Case) -> Budget[Law] | None:
-    """The analytic budget, None where it expects no attitude anywhere; of the 16 last cases."""
+    """The analytic budget, None where it expects no attitude anywhere; of the 16 last cases.
+
+    Behind a lens table from images of few wavelengths, because each design needs its own.
+    """
+    optics = case.instrument.optics
+    if optics.lens_file and optics.psf_tolerance < COARSE:
+        instrument = replace(case.instrument, optics=replace(optics, psf_tolerance=COARSE))
+        case = replace(case, instrument=instrument)
     try:
         return analytic(case)
     except ValueError:

@@ -16,7 +16,7 @@ from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
 from startrack.trial.star_response import PHASES, phases
 from startrack.trial.view import detection_plan, field_psf_of, line_of_sight, psf_of
-from startrack.trial.zones import centroid_shift, zones_of
+from startrack.trial.zones import centroid_shift, unique_places, zones_of
 
 STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
 REACH = 7  # pixel, within which a companion shifts a star; chosen by hand, a window and its ring
@@ -107,18 +107,45 @@ def response_of_zones(case: Case, sky: float, faintest: float, brightest: float)
     """
     images, shift = field_psf_of(case.instrument), centroid_shift(case)
     mean = response_of(Grid(case, sky), faintest, brightest)
+    middles = zones_of(case).middles
+    unique, which, mirror = unique_places(case, middles)
+    measured = []
+    for place in unique:
+        psf, _ = images.image(*place)
+        measured.append(response_of(Grid(case, sky, psf), faintest, brightest))
     zones = []
-    for x, y, colour in zones_of(case).middles:
-        psf, _ = images.image(x, y, colour)
-        one = response_of(Grid(case, sky, psf), faintest, brightest)
+    for (x, y, colour), u, turn in zip(middles, which, mirror, strict=True):
+        one = _mirrored(measured[u], turn)
         at = np.array([x]), np.array([y]), np.array([colour])
         apart = shift.at(*at)[0, :2] - images.at(*at)[0, :2]
         zones.append(one._replace(bias=one.bias - apart))
-    joined = (
-        np.concatenate([getattr(one, name) for one in zones])
-        for name in ("bias", "root", "light", "above", "kept")
+    bias, root, light, above, kept = (
+        np.concatenate(each) for each in zip(*(one[1:6] for one in zones), strict=True)
     )
-    return Response(mean.first, *joined, mean.least)
+    return Response(mean.first, bias, root, light, above, kept, mean.least)
+
+
+def _mirrored(response: Response, mirror: Floats) -> Response:
+    """The response where displacements are those of a place times a mirror (2, 2)."""
+    swapped, signs = mirror[0, 0] == 0, mirror.sum(axis=1)
+
+    def turned(table: Floats) -> Floats:
+        table = table.swapaxes(2, 3) if swapped else table
+        for axis, sign in ((3, signs[0]), (2, signs[1])):
+            table = np.flip(table, axis) if sign < 0 else table
+        return table
+
+    bias, root, light, above, kept = (turned(one) for one in response[1:6])
+    xx, yx, yy = np.moveaxis(root, -1, 0)
+    covariance = np.stack(
+        [np.stack([xx**2, xx * yx], -1), np.stack([xx * yx, yx**2 + yy**2], -1)], -1
+    )
+    covariance = mirror @ covariance @ mirror.T
+    xx = np.sqrt(covariance[..., 0, 0])
+    yx = covariance[..., 0, 1] / np.where(xx > 0, xx, 1.0)
+    yy = np.sqrt(np.maximum(covariance[..., 1, 1] - yx**2, 0))
+    bias, root = bias @ mirror.T, np.stack([xx, yx, yy], axis=-1)
+    return Response(response.first, bias, root, light, above, kept, response.least)
 
 
 def _at_threshold(seen: Expectation, good: NDArray[np.bool_]) -> Floats:

@@ -299,6 +299,11 @@ def cell_side(instrument: Instrument, detection: Detection) -> int:
     return 2 * (max(ring, math.ceil(psf_of(instrument).half_width)) + RING) + 1
 
 
+def smear_extent(instrument: Instrument) -> float:
+    """Pixel, from the middle of the smear of the boresight to its end."""
+    return _smeared(instrument)[3]
+
+
 def star_images(instrument: Instrument, place: Floats, side: int, psf: Psf | None = None) -> Floats:
     """Fraction of the light of stars in each pixel, with the smear of the boresight.
 

@@ -12,6 +12,7 @@ import numpy as np
 from startrack.catalog import open_sky
 from startrack.core import FieldPsf, Floats, Ints, Psf
 from startrack.design import Case, Instrument
+from startrack.optics import mirrored
 from startrack.trial.conditions import mean_colour
 from startrack.trial.star_errors import READ, SHOT, TYPICAL, Errors, errors, mean_of, moment_of
 from startrack.trial.star_response import (
@@ -20,6 +21,7 @@ from startrack.trial.star_response import (
     detection_probability,
     point_images,
     scale,
+    smear_extent,
     star_images,
 )
 from startrack.trial.view import field_psf_of, psf_of, sunlike_colour
@@ -28,6 +30,7 @@ PLACES = 5  # zones along each side of the frame
 COLOURS = 3  # classes of stars, each a third of them
 POSITIONS = 3  # sub-pixel positions per axis
 EVERY = 3  # magnitudes of `errors` between two of a zone
+STILL = 1.0  # pixel of smear; chosen by hand
 HALF = 0.5  # of the largest signal of a pixel, for the star whose shifts are measured
 LENS_FIELD = "PSF over the field"
 
@@ -96,13 +99,17 @@ def centroid_shift(case: Case) -> FieldPsf:
     """
     images = field_psf_of(case.instrument)
     place = _positions()
-    nodes = [(x, y, c) for c in images.colour for y in images.y for x in images.x]
-    point = np.concatenate([_mean_points(case), *(_points(case, *node) for node in nodes)])
-    places = np.tile(place, (len(nodes) + 1, 1))
-    offset = chart(case, _typical(case, point), point=point, place=places).offset[0]
-    offset = np.nan_to_num(offset.reshape(len(nodes) + 1, len(place), 2)).mean(axis=1)
+    nodes = [
+        (float(x), float(y), float(c)) for c in images.colour for y in images.y for x in images.x
+    ]
+    unique, which, mirror = unique_places(case, nodes)
+    point = np.concatenate([_mean_points(case), *(_points(case, *node) for node in unique)])
+    places = np.tile(place, (len(unique) + 1, 1))
+    offset = chart(case, _typical(case), point=point, place=places).offset[0]
+    offset = np.nan_to_num(offset.reshape(len(unique) + 1, len(place), 2)).mean(axis=1)
+    apart = (mirror @ (offset[1:] - offset[0])[which][..., None])[..., 0]
     value = images.value[..., :3].copy()
-    value[..., :2] += (offset[1:] - offset[0]).reshape(*value.shape[:3], 2)
+    value[..., :2] += apart.reshape(*value.shape[:3], 2)
     return replace(images, table=np.empty((0, 1, 1)), value=value)
 
 
@@ -163,7 +170,8 @@ class ZoneErrors(NamedTuple):
     """Of single stars in z zones, at m magnitudes of sunlike stars on the axis.
 
     magnitude  (m,) G
-    point      (z, p, side, side) 1, images of a star at p sub-pixel positions
+    point      (u, p, side, side) 1, different images of a star at p sub-pixel positions
+    which      (z,) of these images
     kept       (z, m) chance that the tracker measures a detected star and takes it for no hot pixel
     stated     (z, m, 2, 2) pixel^2, by the tracker
     random     (z, m, 2, 2) pixel^2 by cause, covariance over positions and times
@@ -171,6 +179,7 @@ class ZoneErrors(NamedTuple):
 
     magnitude: Floats
     point: Floats
+    which: Ints
     kept: Floats
     stated: Floats
     random: dict[str, Floats]
@@ -190,9 +199,10 @@ def zone_errors(case: Case) -> ZoneErrors:
     star = errors(case)
     coarse = np.unique(np.append(np.arange(0, len(star.magnitude), EVERY), len(star.magnitude) - 1))
     magnitude = star.magnitude[coarse]
+    unique, which, mirror = unique_places(case, zones_of(case).middles)
     mean, *parts = (
         _charted(case, magnitude, point)
-        for point in (_mean_points(case), *(_points(case, *one) for one in zones_of(case).middles))
+        for point in (_mean_points(case), *(_points(case, *one) for one in unique))
     )
     stated, shot, read, field, kept = [], [], [], [], []
     for one in parts:
@@ -205,12 +215,15 @@ def zone_errors(case: Case) -> ZoneErrors:
         field.append(_between(star.magnitude, magnitude, moved))
         ratio = one.kept.mean(axis=1) / np.maximum(mean.kept.mean(axis=1), 1e-9)
         kept.append(np.minimum(star.kept * np.interp(star.magnitude, magnitude, ratio), 1.0))
-    many = len(parts)
+    by_tracker, by_shot, by_read, by_field = (
+        mirror[:, None] @ np.stack(each)[which] @ mirror[:, None].transpose(0, 1, 3, 2)
+        for each in (stated, shot, read, field)
+    )
     random = {
-        name: np.broadcast_to(one, (many, *one.shape)) for name, one in star.random.items()
-    } | {SHOT: np.stack(shot), READ: np.stack(read), LENS_FIELD: np.stack(field)}
+        name: np.broadcast_to(one, (len(which), *one.shape)) for name, one in star.random.items()
+    } | {SHOT: by_shot, READ: by_read, LENS_FIELD: by_field}
     point = np.stack([one.point for one in parts])
-    return ZoneErrors(star.magnitude, point, np.stack(kept), np.stack(stated), random)
+    return ZoneErrors(star.magnitude, point, which, np.stack(kept)[which], by_tracker, random)
 
 
 class _Charted(NamedTuple):
@@ -264,7 +277,42 @@ def _between(at: Floats, magnitude: Floats, covariance: Floats) -> Floats:
 def zone_detection(case: Case, magnitude: Floats) -> Floats:
     """Fraction (z, m) of the stars of a magnitude that pass the threshold in each zone."""
     found = zone_errors(case)
-    return np.stack([detection_probability(case, magnitude, point) for point in found.point])
+    each = [detection_probability(case, magnitude, point) for point in found.point]
+    return np.stack(each)[found.which]
+
+
+def unique_places(
+    case: Case, places: list[tuple[float, float, float]]
+) -> tuple[list[tuple[float, float, float]], Ints, Floats]:
+    """The places (x, y, colour) of which those of a frame are mirror images.
+
+    Where the lens is centred, stars are measured alike in eight places of a frame, but for a smear
+    below a pixel, whose direction is the same in all.
+
+    Returns  them; which of them each place (n,) is; the mirror (n, 2, 2) of its displacements
+    """
+    instrument = case.instrument
+    alike = mirrored(instrument.optics, instrument.camera) and not instrument.detector.settling
+    alike = alike and smear_extent(instrument) < STILL
+    centre_x, centre_y = instrument.camera.centre
+    known: dict[tuple[float, float, float], int] = {}
+    unique, which, mirror = list[tuple[float, float, float]](), [], []
+    for x, y, colour in places:
+        across, down = x - centre_x, y - centre_y
+        matrix = np.eye(2)
+        if alike:
+            matrix = np.diag([-1.0 if across < 0 else 1.0, -1.0 if down < 0 else 1.0])
+            across, down = abs(across), abs(down)
+            if down > across:
+                across, down = down, across
+                matrix = matrix[:, ::-1]
+        key = round(across, 6), round(down, 6), colour
+        if key not in known:
+            known[key] = len(unique)
+            unique.append((centre_x + across, centre_y + down, colour))
+        which.append(known[key])
+        mirror.append(matrix)
+    return unique, np.array(which), np.array(mirror)
 
 
 @lru_cache(maxsize=1)
@@ -289,7 +337,7 @@ def _images(case: Case, psf: Psf) -> Floats:
     return star_images(instrument, _positions(), side, psf)
 
 
-def _typical(case: Case, point: Floats) -> Floats:
+def _typical(case: Case) -> Floats:
     """Magnitude (1,) of the star whose shifts are measured."""
     size = scale(case)
     room = max(HALF * size.largest - size.background, 1.0)

@@ -31,11 +31,3 @@ def test_import_without_the_ray_tracer_says_how_to_install_it(tmp_path, capsys):
     assert main(["lens", "import", lens, "--field", "3", "--out", str(tmp_path / "x.fits")]) == 1
     assert "pip install 'startrack[lens]'" in capsys.readouterr().err
     assert not (tmp_path / "x.fits").exists()
-
-
-def test_a_search_of_designs_behind_a_lens_table_is_refused(tmp_path, capsys):
-    text = shipped("designs/nanosatellite.toml").read_text()
-    design = tmp_path / "design.toml"
-    design.write_text(text.replace('psf = "airy"', 'lens_file = "double_gauss"'))
-    assert main(["optimize", str(design), "--out", str(tmp_path / "out")]) == 2
-    assert "lens_file must be left out" in capsys.readouterr().err

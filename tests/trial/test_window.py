@@ -244,5 +244,3 @@ def test_stars_through_a_lens_table_are_those_of_the_frame(tmp_path):
         whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, number))
         assert len(whole) == len(parts) > 0
         np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=2e-4)
-    with pytest.raises(ValueError, match="lens_file"):
-        run_trials(case, 1, [0], Fidelity.COVARIANCE)
