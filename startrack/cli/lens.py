@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import warnings
 from contextlib import suppress
 from dataclasses import replace
@@ -14,22 +15,30 @@ from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe, whole
 
 with deferred():
     import numpy as np
+    from numpy.typing import NDArray
 
     from startrack.cli.terminal import print_result, progress
-    from startrack.core import ZERO_CELSIUS, deg, nm, um
+    from startrack.core import ZERO_CELSIUS, Spots, deg, nm, um
+    from startrack.detection import Detection, detect, plan_detection
+    from startrack.io import read_image
     from startrack.optics import (
         LensTable,
+        Stars,
         Tracing,
         lens_path,
         load_lens,
         read_prescription,
+        reconstruct,
         save_ghosts,
         save_lens,
+        save_psf,
         save_surfaces,
         surfaces_of,
         trace_lens,
         zernike,
     )
+
+LEAST_SNR = 12.0  # of a star that a PSF is measured with
 
 LENS = """\
 A lens table holds the wavefront, the place of the chief ray, the pupil and the vignetting of a lens
@@ -37,6 +46,7 @@ over field, wavelength and temperature. A design names it: lens_file = "my-lens.
 [instrument.optics].
 
   startrack lens import my-lens.zmx --field 12   trace a prescription (extra `lens`)
+  startrack lens measure night-*.fits            PSF of your own stars
   startrack lens show my-lens.fits               what a table holds
   startrack lens show double_gauss               a shipped one
 """
@@ -88,6 +98,33 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, metavar="FILE",
         help="lens table to write (default: name of the prescription with .fits)",
     )  # fmt: skip
+    measure = _part(
+        parts, "measure", "reconstruct an oversampled PSF from images of stars",
+        "Takes the brightest stars that stand alone and are not saturated, of all images together, "
+        "and writes the PSF that they share as FITS: fractions of a star's light in pixels, with "
+        "OVERSAMP samples per pixel.",
+    )  # fmt: skip
+    measure.add_argument("images", type=Path, nargs="+", metavar="IMAGE")
+    measure.add_argument(
+        "--half", type=whole(3, 50), default=7, metavar="PIXEL",
+        help="half side of the box around a star, pixel (default: 7)",
+    )  # fmt: skip
+    measure.add_argument(
+        "--oversampling", type=whole(2, 8), default=4, metavar="N",
+        help="samples per pixel (default: 4)",
+    )  # fmt: skip
+    measure.add_argument(
+        "--stars", type=whole(8, 5000), default=300, metavar="N",
+        help="how many stars at most (default: 300)",
+    )  # fmt: skip
+    measure.add_argument(
+        "--saturation", type=float, default=0.9, metavar="FRACTION",
+        help="of an image's largest number, at and above which a star is left out (default: 0.9)",
+    )  # fmt: skip
+    measure.add_argument(
+        "--out", type=Path, default=Path("psf.fits"), metavar="FILE",
+        help="file to write (default: psf.fits)",
+    )  # fmt: skip
     show = _part(parts, "show", "print what a lens table holds")
     show.add_argument("table", metavar="TABLE", help="lens table, or name of a shipped one")
 
@@ -108,7 +145,67 @@ def command(options: argparse.Namespace) -> int:
         result = summary(table)
         print_result(options, result, _text(result))
         return Exit.DONE
-    return _import(options)
+    return _measure(options) if options.part == "measure" else _import(options)
+
+
+def _measure(options: argparse.Namespace) -> int:
+    if not 0 < options.saturation <= 1:
+        raise WrongUse(f"--saturation must lie in (0, 1], got {options.saturation:g}")
+    found = []
+    with progress("reading", len(options.images)) as advance, as_wrong_use(ValueError, OSError):
+        for path in options.images:
+            frame = read_image(path)
+            spots = detect(frame, plan_detection(Detection()))
+            found.append(lone_stars(frame.image, spots, options.half, options.saturation))
+            advance(1)
+    image, x, y, flux = (np.concatenate(each) for each in zip(*found, strict=True))
+    brightest = np.argsort(-flux, kind="stable")[: options.stars]
+    with as_wrong_use(ValueError):
+        measured = reconstruct(
+            Stars(image[brightest], x[brightest], y[brightest]), options.oversampling
+        )
+    save_psf(options.out, measured, ", ".join(path.name for path in options.images))
+    table, step = measured.psf.table, measured.psf.oversampling
+    result = {
+        "stars": len(measured.x),
+        "oversampling": step,
+        "peak": float(table.max()),
+        "width_px": math.sqrt(float((table > table.max() / 2).sum()) * 4 / math.pi) / step,
+        "residual": measured.residual,
+        "psf": str(options.out),
+    }
+    text = (
+        f"{result['stars']} stars: half of the peak over {result['width_px']:.2f} pixel, "
+        f"{result['peak']:.3f} of the light in the brightest pixel, residual "
+        f"{100 * measured.residual:.2g} % of the peak rms\nwrote {options.out}"
+    )
+    print_result(options, result, text)
+    return Exit.DONE
+
+
+def lone_stars(
+    image: NDArray[np.number], spots: Spots, half: int, saturation: float
+) -> tuple[NDArray[np.float64], ...]:
+    """Cut-outs (n, s, s) of stars without neighbours, their x and y in them, and their fluxes."""
+    rows, columns = image.shape
+    limit = saturation * float(image.max())
+    x, y = spots.x, spots.y
+    column, row = np.rint(x).astype(int), np.rint(y).astype(int)
+    away = np.hypot(x[:, None] - x, y[:, None] - y) + np.diag(np.full(len(x), np.inf))
+    # A neighbour that is far fainter moves nothing.
+    matters = spots.flux > 0.02 * spots.flux[:, None]
+    alone = np.where(matters, away, np.inf).min(axis=1, initial=np.inf) > 2 * half
+    inside = (np.minimum(column, columns - 1 - column) > half) & (
+        np.minimum(row, rows - 1 - row) > half
+    )
+    cuts, chosen = [], []
+    for n in np.flatnonzero(alone & inside & (spots.snr > LEAST_SNR)):
+        cut = image[row[n] - half : row[n] + half + 1, column[n] - half : column[n] + half + 1]
+        if cut.max() < limit:
+            cuts.append(np.asarray(cut, float))
+            chosen.append(n)
+    made = np.array(cuts).reshape(-1, 2 * half + 1, 2 * half + 1)
+    return made, (x - column)[chosen], (y - row)[chosen], spots.flux[chosen]
 
 
 def _import(options: argparse.Namespace) -> int:

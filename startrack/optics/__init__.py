@@ -14,6 +14,7 @@ kirchhoff     Kirchhoff integral over a thin lens without paraxial approximation
 choose        The cheapest model of the PSF within a tolerance, and the reason.
 pixel_psf     Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.
 lens_family   Family, focal length, f-number -> the LensTable of a lens of that family.
+measured_psf  Images of stars, or of points -> an oversampled Psf, or the LensTable that makes them.
 over_field    Optics -> Psf at points of the field, where aberrations grow with the distance to the
               axis.
 quality       Psf -> figures of merit: transfer at Nyquist, energies, widths.
@@ -57,6 +58,7 @@ from startrack.optics.lens_table import (
     open_lens,
     save_lens,
 )
+from startrack.optics.measured_psf import Stars, reconstruct, save_psf
 from startrack.optics.over_field import at_field, over_field
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import pixel_psf, pixel_response

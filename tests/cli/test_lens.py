@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
+from pathlib import Path
 
+import numpy as np
 import pytest
+from astropy.io import fits
 
 from startrack.cli.main import main
 from startrack.io import shipped
@@ -31,3 +35,29 @@ def test_import_without_the_ray_tracer_says_how_to_install_it(tmp_path, capsys):
     assert main(["lens", "import", lens, "--field", "3", "--out", str(tmp_path / "x.fits")]) == 1
     assert "pip install 'startrack[lens]'" in capsys.readouterr().err
     assert not (tmp_path / "x.fits").exists()
+
+
+@pytest.mark.skipif(not os.environ.get("STARTRACK_DATA"), reason="needs real images")
+def test_measure_makes_a_psf_of_real_stars(tmp_path, capsys):
+    """99 stars of four images of the sky, and the same from two of them."""
+    folder = Path(os.environ["STARTRACK_DATA"]) / "images"
+    images = sorted(str(path) for path in folder.glob("esa_*.tiff"))
+    found = []
+    for chosen in (images, [one for one in images if "Azi135" in one or "Azi45" in one]):
+        out = tmp_path / f"{len(chosen)}.fits"
+        options = ["--half", "5", "--oversampling", "3", "--out", str(out), "--json"]
+        assert main(["lens", "measure", *chosen, *options]) == 0
+        result = json.loads(capsys.readouterr().out)
+        assert result["stars"] > 70
+        assert result["residual"] < 0.04
+        found.append(fits.getdata(out))
+    assert found[0].sum() / 9 == pytest.approx(1, rel=1e-3)
+    assert np.abs(found[0] - found[1]).max() < 0.15 * found[0].max()
+
+
+def test_measure_needs_stars(tmp_path, capsys):
+    save = tmp_path / "dark.fits"
+    fits.PrimaryHDU(np.random.default_rng(1).normal(100, 5, (64, 64)).astype("f4")).writeto(save)
+    assert main(["lens", "measure", str(save), "--out", str(tmp_path / "psf.fits")]) == 2
+    assert "stars must be 8 at least" in capsys.readouterr().err
+    assert not (tmp_path / "psf.fits").exists()

@@ -1,0 +1,231 @@
+"""Images of stars, or of points -> an oversampled Psf, or the LensTable that makes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from scipy import sparse
+
+from startrack.core import Floats, Psf, whole
+from startrack.io import whole as whole_file
+
+ROUNDS = 8  # of PSF, places and fluxes in turn
+STILL = 1e-4  # pixel, by which places change in the last round
+OUTLIER = 5.0  # sigma, of pixels that are left out
+SMOOTH = 1e-2  # weight of the curvature of the table against the pixels
+FLOOR = 0.01  # of a pixel's light, that the model may err by
+REJECT = 0.05  # the same where pixels are left out
+TERMS = 22  # largest Noll index of a retrieved wavefront
+SAMPLES = 48  # across a pupil
+STARTS = (0.0, 0.15, -0.15, 0.4, -0.4)  # wave, defocus from which a wavefront is sought
+ENOUGH = 0.01  # of the peak, at which no further start is tried
+FORM = 1
+
+
+@dataclass(frozen=True)
+class Stars:
+    """Cut-outs of stars that stand alone.
+
+    image  (n, s, s) digital number, s odd
+    x, y   (n,) pixel, of the star from the middle of the cut-out
+    """
+
+    image: Floats
+    x: Floats
+    y: Floats
+
+
+class Measured(NamedTuple):
+    """A reconstructed PSF.
+
+    psf       pixels of a point, whose energy inside the box counts as one
+    residual  1, rms over the pixels of the stars of image minus model, over the peak
+    x, y      (n,) pixel, places of the stars in their cut-outs
+    flux      (n,) digital number
+    """
+
+    psf: Psf
+    residual: float
+    x: Floats
+    y: Floats
+    flux: Floats
+
+
+def reconstruct(stars: Stars, oversampling: int = 4) -> Measured:
+    """The PSF of pixels that the images of many stars share.
+
+    The table is a cubic spline. It is fitted to all pixels by least squares, then places, fluxes
+    and backgrounds to it, in turns; the centroid of the table stays at its centre. Source: the
+    effective PSF of Anderson & King (2000), PASP 112, 1360, with a spline for their smoothing.
+
+    oversampling  samples per pixel
+    Raises        ValueError where fewer than two stars per sample of a pixel are given.
+    Accuracy      model: one PSF for all stars; pixels of one response. numerical: the stars' noise,
+                  and a curvature that is smoothed by a hundredth of its weight.
+    """
+    whole(2, 16, oversampling=oversampling)
+    count = len(stars.image)
+    if count < 2 * oversampling:
+        raise ValueError(
+            f"stars must be {2 * oversampling} at least for an oversampling of {oversampling}, got "
+            f"{count}"
+        )
+    fit = _Fit(stars, oversampling)
+    for number in range(ROUNDS):
+        fit.shape()
+        if number > 1:
+            fit.reject()
+        if fit.move() < STILL and number > 1:
+            break
+    fit.shape()
+    for _ in range(2):
+        fit.centre()
+        fit.shape()
+    return fit.result()
+
+
+class _Fit:
+    def __init__(self, stars: Stars, oversampling: int) -> None:
+        count, side, _ = stars.image.shape
+        self.image, self.step = stars.image.reshape(count, -1), oversampling
+        self.x, self.y = stars.x.astype(float), stars.y.astype(float)
+        half = side // 2
+        down, across = np.indices((side, side)) - half
+        self.across, self.down = across.ravel().astype(float), down.ravel().astype(float)
+        rim = np.hypot(across, down).ravel() > half - 0.5
+        self.ground = np.median(self.image[:, rim], axis=1)
+        self.noise = 1.4826 * float(
+            np.median(np.abs(self.image[:, rim] - self.ground[:, None]))
+        ) + 1e-9 * float(np.abs(self.image).max())
+        self.flux = (self.image - self.ground[:, None]).sum(axis=1)
+        self.half = (half - 1) * oversampling  # samples from the centre to the edge
+        self.knots = 2 * self.half + 1 + 4
+        self.spline = np.zeros(self.knots**2)
+        self.good = np.ones_like(self.image, bool)
+        line = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(self.knots - 2, self.knots))
+        whole_line = sparse.identity(self.knots)
+        self.smooth = sparse.vstack([sparse.kron(line, whole_line), sparse.kron(whole_line, line)])
+
+    def basis(self, slope: int = 0) -> sparse.csr_matrix:
+        """(pixels of all stars, knots): the table at each pixel, or its slope along x or y."""
+        u = (self.across - self.x[:, None]).ravel() * self.step + self.half + 2
+        v = (self.down - self.y[:, None]).ravel() * self.step + self.half + 2
+        inside = (u >= 1) & (u < self.knots - 2) & (v >= 1) & (v < self.knots - 2)
+        u, v = np.where(inside, u, 1.0), np.where(inside, v, 1.0)
+        first, second = np.floor(u).astype(int), np.floor(v).astype(int)
+        along = _cubic(u - first, slope == 1) * (self.step if slope == 1 else 1)
+        down = _cubic(v - second, slope == 2) * (self.step if slope == 2 else 1)
+        value = (down[:, None] * along[None]) * inside
+        offset = np.arange(-1, 3)
+        column = (second + offset[:, None])[:, None] * self.knots + (first + offset[:, None])[None]
+        row = np.broadcast_to(np.arange(len(u)), value.shape)
+        return sparse.csr_matrix(
+            (value.ravel(), (row.ravel(), column.ravel())), shape=(len(u), self.knots**2)
+        )
+
+    def shape(self) -> None:
+        """The table from all pixels, then its centroid and its sum."""
+        basis = self.basis()
+        model = self.model(basis)
+        flux = np.repeat(self.flux, self.image.shape[1])
+        error = np.sqrt(self.noise**2 + (FLOOR * (model - self.ground[:, None])) ** 2).ravel()
+        weight = self.good.ravel() / error
+        left = sparse.diags(flux * weight) @ basis
+        right = (self.image - self.ground[:, None]).ravel() * weight
+        normal = (left.T @ left).tocsr()
+        strength = SMOOTH * float(normal.diagonal().mean())
+        normal = normal + strength * (self.smooth.T @ self.smooth)
+        normal = normal + 1e-9 * normal.diagonal().max() * sparse.identity(self.knots**2)
+        scale = sparse.diags(1 / normal.diagonal())
+        self.spline, _ = sparse.linalg.cg(
+            normal, left.T @ right, x0=self.spline, rtol=1e-6, maxiter=400, M=scale
+        )
+        table = self.table()
+        total = float(table.sum()) / self.step**2
+        self.spline /= total
+        self.flux *= total
+
+    def centre(self) -> None:
+        """The stars moved against the table, whose centroid the next fit has at its centre."""
+        table = self.table()
+        axis = (np.arange(len(table)) - self.half) / self.step
+        self.x = self.x + float(table.sum(axis=0) @ axis / table.sum())
+        self.y = self.y + float(table.sum(axis=1) @ axis / table.sum())
+
+    def reject(self) -> None:
+        """Leave out pixels that neighbours, defects and hits changed."""
+        model = self.model(self.basis())
+        light = np.maximum(model - self.ground[:, None], 0)
+        error = np.sqrt(self.noise**2 * (1 + light / self.noise) + (REJECT * light) ** 2)
+        self.good = np.abs(self.image - model) < OUTLIER * error
+
+    def move(self) -> float:
+        """Places, fluxes and backgrounds of the stars; returns the largest step, pixel."""
+        shape = self.image.shape
+        table, across, down = ((self.basis(k) @ self.spline).reshape(shape) for k in (0, 1, 2))
+        largest = 0.0
+        for n in range(shape[0]):
+            good = self.good[n]
+            columns = np.column_stack([
+                table[n], -self.flux[n] * across[n], -self.flux[n] * down[n], np.ones(shape[1]),
+            ])[good]  # fmt: skip
+            if len(columns) < 8:
+                continue
+            rest = self.image[n][good]
+            rest = rest - self.ground[n] - self.flux[n] * table[n][good]
+            step = np.linalg.lstsq(columns, rest, rcond=None)[0]
+            move = np.clip(step[1:3], -0.3, 0.3)
+            self.flux[n] += step[0]
+            self.x[n], self.y[n] = self.x[n] + move[0], self.y[n] + move[1]
+            self.ground[n] += step[3]
+            largest = max(largest, float(np.abs(move).max()))
+        return largest
+
+    def model(self, basis: sparse.csr_matrix) -> Floats:
+        """(n, pixels) digital number."""
+        table = (basis @ self.spline).reshape(self.image.shape)
+        return self.ground[:, None] + self.flux[:, None] * table
+
+    def table(self) -> Floats:
+        """The spline at its own knots, without the rim."""
+        square = self.spline.reshape(self.knots, self.knots)
+        third = np.array([1.0, 4.0, 1.0]) / 6
+        smooth = scipy.ndimage.convolve1d(square, third, axis=0)
+        return scipy.ndimage.convolve1d(smooth, third, axis=1)[2:-2, 2:-2]
+
+    def result(self) -> Measured:
+        table = self.table()
+        residual = (self.image - self.model(self.basis()))[self.good]
+        peak = float(np.median(self.flux)) * float(table.max())
+        rms = float(np.sqrt(np.mean(residual**2))) / peak
+        return Measured(Psf(table, self.step, 1.0), rms, self.x, self.y, self.flux)
+
+
+def _cubic(at: Floats, slope: bool) -> Floats:
+    """(4, n) cubic B-spline of four knots at a place between the middle two, or its slope."""
+    t = at
+    if slope:
+        return np.stack([
+            -((1 - t) ** 2) / 2, (3 * t * t - 4 * t) / 2, (-3 * t * t + 2 * t + 1) / 2, t * t / 2,
+        ])  # fmt: skip
+    return np.stack([
+        (1 - t) ** 3, 3 * t**3 - 6 * t * t + 4, -3 * t**3 + 3 * t * t + 3 * t + 1, t**3,
+    ]) / 6  # fmt: skip
+
+
+def save_psf(path: Path, measured: Measured, source: str) -> None:
+    """Write a PSF as FITS: its table, samples per pixel (OVERSAMP), stars and residual."""
+    from astropy.io import fits
+
+    part = fits.PrimaryHDU(measured.psf.table)
+    part.header["MEASPSF"] = (FORM, "format of this measured PSF")
+    part.header["OVERSAMP"] = (measured.psf.oversampling, "samples per pixel")
+    part.header["STARS"] = (len(measured.x), "stars that it is made of")
+    part.header["RESIDUAL"] = (measured.residual, "rms of the stars' pixels over the peak")
+    part.header["SOURCE"] = source[:60]
+    with whole_file(Path(path)) as draft:
+        part.writeto(draft, checksum=True)
