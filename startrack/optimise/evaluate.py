@@ -173,7 +173,7 @@ def _budget(case: Case) -> Budget[Law] | None:
     Behind a lens table from images of few wavelengths, because each design needs its own.
     """
     optics = case.instrument.optics
-    if optics.lens_file and optics.psf_tolerance < COARSE:
+    if optics.tabulated and optics.psf_tolerance < COARSE:
         instrument = replace(case.instrument, optics=replace(optics, psf_tolerance=COARSE))
         case = replace(case, instrument=instrument)
     try:
