@@ -33,14 +33,15 @@ def scattered(count: int, stars: int, fov: float, seed: int = 1) -> Fields:
 def response(sigma: float, fraction: float = 1.0) -> Response:
     """The same for all magnitudes."""
     covariance = np.broadcast_to(np.eye(2) * sigma**2, (3, 2, 2))
-    return Response(0.0, 1.0, np.full(3, fraction), covariance, covariance[None])
+    return Response(0.0, 1.0, np.full((1, 3), fraction), covariance[None], covariance[None, None])
 
 
 def spread(view: Fields, displacement: np.ndarray, table: Response, **changes: object):  # type: ignore[no-untyped-def]
     options = {"tolerance": 0.0, "fewest": 4, "most": 100} | changes
     first = np.searchsorted(view.field, np.arange(len(view.attitude) + 1))
     ones = np.ones(len(view.x))
-    stars = FieldStars(first, view.x, view.y, ones, ones, 0 * ones, displacement)
+    zone = np.zeros(len(ones), np.int64)
+    stars = FieldStars(first, view.x, view.y, ones, zone, ones, 0 * ones, displacement)
     return propagate(stars, table, Solver(FOCAL, **options))
 
 

@@ -128,9 +128,11 @@ def test_what_a_table_cannot_say_is_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "row", "error"),
-    # Of the peak. The pupil of a vignetted lens is no ellipse; at 8.3 deg a quarter is cut off.
+    # Of the peak. The pupil of a vignetted lens is no ellipse; at 8.3 deg a quarter is cut off. The
+    # terms of the table leave 0.003 waves rms of the Petzval, whose image is far from the limit of
+    # diffraction.
     [("double_gauss", 0, 0.005), ("double_gauss", 1, 0.02), ("double_gauss", 2, 0.04),
-     ("petzval", 0, 0.03)],
+     ("petzval", 0, 0.03), ("petzval", 1, 0.03), ("petzval", 2, 0.03)],
 )  # fmt: skip
 def test_shipped_lenses_have_the_images_of_their_ray_tracer(name, row, error):
     """Huygens-Fresnel integrals by optiland, on 48 x 48 points of about one micrometre."""
@@ -166,7 +168,8 @@ def compared(plan, lens, wavelength, angle, wanted):
     def error(shift):
         return float(((image_at(shift) - wanted) ** 2).sum())
 
-    starts = [(u, v) for u in (-0.5, 0.0, 0.5) for v in (-0.8, -0.4, 0.0, 0.4, 0.8)]
-    start = min(starts, key=error)
+    # The tracer centres its image on the chief ray, which lies some pixels from the centroid.
+    across = [(u, 0.51) for u in np.arange(-5.0, 5.0, 0.5)]
+    start = min([*across, *((u, -v) for u, v in across)], key=error)
     best = minimize(error, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7})
     return float(np.abs(image_at(best.x) - wanted).max() / wanted.max())
