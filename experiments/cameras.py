@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 
 from startrack import Streams, load_design, observe, pointing, shipped
 from startrack.earth.imager import Picture, load_survey, render
+from startrack.plots import colour_bar, save_picture, styled
+from startrack.plots import picture as blank
 
 SCENES = ("waoss", "hsrs", "mertis", "ads40")
 PRAESEPE = (130.1, 19.67)  # right ascension and declination, degree: an open cluster
@@ -62,31 +64,25 @@ def told(bits: int, picture: Picture, start: float) -> dict[str, float]:
     }
 
 
+@styled
 def show(folder: Path | None, name: str, images: dict[str, NDArray[Any]]) -> None:
     """All channels side by side, each stretched over 1 to 99.5 %."""
     if folder is None:
         return
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    folder.mkdir(parents=True, exist_ok=True)
-    across = min(len(images), 4)
+    across = min(len(images), 2)
     down = -(-len(images) // across)
-    figure, axes = plt.subplots(
-        down, across, figsize=(4.2 * across, 4 * down), layout="constrained", squeeze=False
-    )
+    figure = blank(0.4 + 8.0 / across * down, name)
+    axes = figure.subplots(down, across, squeeze=False)
     for each in axes.ravel()[len(images) :]:
         each.axis("off")
     for each, (title, numbers) in zip(axes.ravel(), images.items(), strict=False):
         low, high = np.percentile(numbers, (1, 99.5))
         shown = each.imshow(numbers, cmap="gray", vmin=low, vmax=max(high, low + 1))
-        each.set(title=title, xlabel="column (pixel)", ylabel="line")
-        figure.colorbar(shown, ax=each, shrink=0.8, label="digital number")
-    figure.suptitle(name)
-    figure.savefig(folder / f"{name}.png", dpi=110)
-    plt.close(figure)
+        each.set(title=title, xlabel="column (pixel)", ylabel="line (pixel)")
+        each.grid(visible=False)
+        colour_bar(shown, each, numbers, "image (digital number)", orientation="horizontal",
+                   aspect=22)  # fmt: skip
+    save_picture(folder / f"{name}.png", figure)
 
 
 if __name__ == "__main__":

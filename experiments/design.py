@@ -18,8 +18,6 @@ from typing import Any
 import command
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
 from startrack import Fidelity, arcsec, shipped
@@ -31,12 +29,23 @@ from startrack.metrics import Interval
 from startrack.montecarlo import Sampling, pool, warm
 from startrack.optimise import Evaluation, Ledger, Optimum, TrialRunner, comparison, optimize
 from startrack.optimise.runner import FRESH
-from startrack.plots.optimise import draw_variables
+from startrack.plots import (
+    BLUE,
+    GREEN,
+    GREY,
+    RED,
+    draw_variables,
+    legend_below,
+    panel_title,
+    picture,
+    save_picture,
+    styled,
+)
 
 SMALLEST: dict[str, Any] = {  # of a campaign, under --quick
     "trials": 4, "most_trials": 8, "evaluations": 4, "analytic_evaluations": 4, "fresh_trials": 4,
 }  # fmt: skip
-BEFORE, AFTER, MISSED = "#3567a8", "#2e7d5b", "#c0392b"
+BEFORE, AFTER, MISSED = BLUE, GREEN, RED
 
 
 def main() -> None:
@@ -77,19 +86,18 @@ def told(one: Evaluation, began: float) -> None:
           f"arcsec  {'' if one.feasible else 'misses a requirement'}", flush=True)  # fmt: skip
 
 
+@styled
 def draw(
     optimum: Optimum, campaign: Campaign, fresh: list[NDArray[np.void]], name: str, path: Path
 ) -> None:
     """The error before and after, and how the search came there."""
-    figure = Figure(figsize=(10, 7.5), layout="constrained")
-    grid = figure.add_gridspec(2, 2)
-    draw_shares(figure.add_subplot(grid[:, 0]), optimum, campaign, fresh)
-    upper = figure.add_subplot(grid[0, 1])
-    draw_path(upper, optimum)
-    draw_variables(figure.add_subplot(grid[1, 1], sharex=upper), optimum)
     branch = f", {optimum.branch}" if optimum.branch else ""
-    figure.suptitle(f"{name}{branch}: better by {told_interval(optimum.factor, 2)}", fontsize=10)
-    figure.savefig(path, dpi=120)
+    figure = picture(11.5, f"{name}{branch}: better by {told_interval(optimum.factor, 2)}")
+    shares, upper, lower = figure.subplots(3, 1)
+    draw_shares(shares, optimum, campaign, fresh)
+    draw_path(upper, optimum)
+    draw_variables(lower, optimum)
+    save_picture(path, figure)
 
 
 def draw_shares(
@@ -108,14 +116,14 @@ def draw_shares(
         fraction = np.arange(1, len(length) + 1) / len(outcomes)
         axes.step(length / arcsec, fraction, where="post", color=colour, lw=1.4, label=label)
         axes.axvspan(error.low, error.high, color=colour, alpha=0.2, lw=0)
-    axes.set(xscale="log", ylim=(0, 1.02), ylabel="fraction of frames whose error is not longer",
+    axes.set(xscale="log", ylim=(0, 1.02), ylabel="frames with no longer error (fraction)",
              xlabel=f"length of the error, {objective.axes} (arcsec)")  # fmt: skip
     axes.set_xlim(
         left=min(np.quantile(np.asarray(line.get_xdata(), float), 0.005) for line in axes.lines)
     )
     title = f"{len(fresh[0])} fresh frames; bands: {objective} per axis, 95 %"
-    axes.set_title(title, fontsize=9, loc="left")
-    axes.legend(fontsize=8, loc="lower right")
+    panel_title(axes, title)
+    legend_below(axes, 1)
 
 
 def draw_path(axes: Axes, optimum: Optimum) -> None:
@@ -132,15 +140,13 @@ def draw_path(axes: Axes, optimum: Optimum) -> None:
               label="misses one on its trials")  # fmt: skip
     axes.plot(number[spared], expected[spared], ".", ms=4, color="0.6",
               label="cannot lead: no trials, as the budget expects")  # fmt: skip
-    axes.axhline(optimum.tuning_error / arcsec, color="0.4", lw=0.8, ls=":")
-    axes.set(ylabel="rms error (arcsec)", yscale="log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.yaxis.set_major_formatter(ScalarFormatter())
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.axhline(optimum.tuning_error / arcsec, color=GREY, lw=1, ls=":",
+                 label="the best, on its tuning trials")  # fmt: skip
+    axes.set(ylabel="rms error (arcsec)", yscale="log", xlabel="evaluation (number)")
     counts = [one.trials for one in tried if one.trials]
     title = f"{len(tried)} designs, {min(counts)} to {max(counts)} tuning trials each"
-    axes.set_title(title, fontsize=9, loc="left")
-    axes.legend(fontsize=8)
+    panel_title(axes, title)
+    legend_below(axes, 2)
 
 
 def told_interval(one: Interval, digits: int) -> str:

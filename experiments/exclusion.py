@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from startrack import arcsec, deg, load_design, shipped
 from startrack.budget import Exclusion, exclusions
 from startrack.optics import Baffle
+from startrack.plots import CYCLE, LINES, picture, save_picture, styled
 
 # Of the usual shape for a two-stage baffle; an assumption, not a product's.
 BAFFLE = Baffle(
@@ -52,31 +53,26 @@ def main() -> None:
         draw(chosen.figure, found)
 
 
+@styled
 def draw(path: Path, found: dict[str, Exclusion]) -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(3, 1, figsize=(7.5, 9), sharex=True, layout="constrained")
+    title = "The nanosatellite's tracker behind an assumed baffle, analytic budget; dotted: "
+    figure = picture(8.5, f"{title}exclusion angle, error +10 %")
+    axes = figure.subplots(3, 1, sharex=True)
     names = {"sun": "Sun", "moon": "full Moon", "earth": "noon Earth, 600 km (to its limb)"}
-    for (name, one), colour in zip(found.items(), ("#d98b19", "#777777", "#2a6fb0"), strict=True):
+    for (name, one), colour, line in zip(found.items(), CYCLE, LINES, strict=False):
         place = one.angle / deg
-        axes[0].plot(place, one.stray_light_g, color=colour, label=names[name])
-        axes[1].semilogy(place, one.across / arcsec, color=colour)
-        axes[2].plot(place, one.availability, color=colour)
+        axes[0].plot(place, one.stray_light_g, line, color=colour, label=names[name])
+        axes[1].semilogy(place, one.across / arcsec, line, color=colour)
+        axes[2].plot(place, one.availability, line, color=colour)
         for each in axes[1:]:
             each.axvline(one.least() / deg, color=colour, ls=":", lw=1)
     axes[0].invert_yaxis()
-    axes[0].set_ylabel("veil (G per square arcsec)")
-    axes[0].legend()
+    axes[0].set_ylabel("stray light (G per square arcsec)")
     axes[1].set_ylabel("error across (arcsec rms)")
-    axes[2].set_ylabel("availability")
-    axes[2].set_xlabel("angle from the boresight (deg); dotted: exclusion angle, error +10 %")
-    figure.suptitle("The nanosatellite's tracker behind an assumed baffle, analytic budget")
-    for each in axes:
-        each.grid(alpha=0.3)
-    figure.savefig(path, dpi=120)
+    axes[2].set_ylabel("availability (fraction)")
+    axes[2].set_xlabel("angle from the boresight (deg)")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
+    save_picture(path, figure)
 
 
 if __name__ == "__main__":

@@ -45,6 +45,8 @@ from startrack.core import Floats
 from startrack.detection import DarkMap
 from startrack.detector import Defects
 from startrack.metrics import judge
+from startrack.plots import LINES, legend_below, save_picture, styled
+from startrack.plots import picture as blank
 from startrack.trial import plan_of, window
 from startrack.trial.window import spots_in_windows
 
@@ -253,27 +255,27 @@ def hot_pixels(rounds: int) -> dict[str, float]:
     return figures
 
 
+@styled
 def picture(path: Path, drawn: Drawn, figures: dict[str, float]) -> None:
     """Distributions of the attitude's error, and time against error."""
-    import matplotlib.pyplot as plt
-
-    plot, axes = plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained")
+    plot = blank(10.5, "Errors of the fidelities on the same designs, and their cost")
+    axes = plot.subplots(3, 1)
     for axis, (name, errors) in zip(axes, drawn.items(), strict=False):
-        for fidelity, each in zip(Fidelity, errors, strict=True):
+        for fidelity, each, line in zip(Fidelity, errors, LINES, strict=False):
             size = np.sort(np.abs(known(each))) / ARCSEC
             beyond = 1 - np.arange(len(size)) / len(size)
-            axis.plot(size, beyond, label=f"{fidelity}, {len(size)} trials")
-        axis.set(yscale="log", ylim=(1e-3, 1.2), ylabel="fraction of trials beyond",
-                 xlabel="error across the boresight, one axis / arcsec",
+            axis.plot(size, beyond, ls=line, label=f"{fidelity}, {len(size)} trials")
+        axis.set(yscale="log", ylim=(1e-3, 1.2), ylabel="trials beyond (fraction)",
+                 xlabel="error across the boresight, one axis (arcsec)",
                  title=f"{name} design")  # fmt: skip
-        axis.legend(frameon=False, fontsize=8)
+        legend_below(axis, 2)
     for marker, name in (("o", "example"), ("s", "megapixel")):
         rates = np.array([figures[f"{name}_{each}_trials_per_s"] for each in Fidelity])
         axes[2].semilogx(1e3 / rates, range(len(rates)), marker + "-", label=name)
     axes[2].set(yticks=range(len(Fidelity)), yticklabels=list(Fidelity),
-                xlabel="processor time of a trial / ms", title="cost")  # fmt: skip
-    axes[2].legend(frameon=False, fontsize=8)
-    plot.savefig(path, dpi=110)
+                xlabel="CPU time of a trial (ms)", title="cost")  # fmt: skip
+    legend_below(axes[2], 2)
+    save_picture(path, plot)
 
 
 def main() -> None:

@@ -51,6 +51,7 @@ from startrack.core import Floats
 from startrack.identification import build_index, cached_index, identify, track
 from startrack.identification.seen import keep_brightest, see, usable
 from startrack.identification.verify import weigh
+from startrack.plots import CYCLE, MARKERS, picture, save_picture, styled
 
 CEDAR_SKIES = 20  # a regime: it takes up to a second for one
 SOLVERS = ("startrack", "tetra3rs", "tetra3rs tuned", "cedar-solve")
@@ -331,38 +332,37 @@ def show(row: dict[str, Any]) -> None:
     print(f"{regime}  reach {100 * row['within_reach']:5.1f} %  " + "   ".join(cells), flush=True)
 
 
+@styled
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
     """Success and time over the regimes, for each solver."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     place = np.arange(len(rows))
-    figure, (above, below) = plt.subplots(2, 1, figsize=(11, 7), sharex=True, layout="constrained")
-    for name, colour in zip(SOLVERS, ("C0", "C1", "C2", "C3"), strict=True):
+    figure = picture(
+        8.5, f"Identification from centroids, {rows[0]['skies']} random skies a regime"
+    )
+    above, below = figure.subplots(2, 1, sharex=True)
+    for name, colour, mark in zip(SOLVERS, CYCLE, MARKERS, strict=False):
         at = np.array([i for i in place if name in rows[i]])
         if not len(at):
             continue
         answers = [rows[i][name] for i in at]
-        above.plot(at, [100 * a["success"] for a in answers], "o-", ms=3, color=colour, label=name)
-        below.plot(at, [a["median_ms"] for a in answers], "o-", ms=3, color=colour, label=name)
+        above.plot(at, [100 * a["success"] for a in answers], f"{mark}-", ms=4, color=colour,
+                   label=name)  # fmt: skip
+        below.plot(at, [a["median_ms"] for a in answers], f"{mark}-", ms=4, color=colour)
         below.plot(at, [a["p99_ms"] for a in answers], ":", color=colour)
     reach = [100 * row["within_reach"] for row in rows]
     above.plot(place, reach, "k_", label="the sky holds the information")
     above.set(ylabel="solved (%)", ylim=(0, 109))
-    above.legend(loc="lower left", fontsize=8)
     below.set(yscale="log", ylabel="processor time (ms)\nline: median, dots: 99 %")
     labels = [f"{r['noise']:g} px, {r['false']} false, {100 * r['missing']:g} %" for r in rows]
-    below.set_xticks(place, labels, rotation=90, fontsize=6)
+    below.set_xticks(place, labels, rotation=90, fontsize=7)
     below.set_xlabel("noise of the centroids, false spots, fraction of true ones missing")
     for field in {row["field"] for row in rows}:
         first = min(i for i in place if rows[i]["field"] == field)
         above.axvline(first - 0.5, color="0.7", lw=0.5)
         below.axvline(first - 0.5, color="0.7", lw=0.5)
         above.text(first - 0.3, 103, f"{field} deg", fontsize=9)
-    above.set_title(f"Identification from centroids, {rows[0]['skies']} random skies a regime")
-    figure.savefig(path, dpi=130)
+    figure.legend(*above.get_legend_handles_labels(), loc="outside lower left", ncols=3)
+    save_picture(path, figure)
 
 
 def real_solved(images: int | None) -> int | None:

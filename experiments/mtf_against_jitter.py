@@ -21,14 +21,13 @@ from typing import Any
 
 import command
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, ScalarFormatter
 
 from startrack import Case, Fidelity, arcsec, deg, load_design, psf_of, shipped, um
 from startrack.core import Floats
 from startrack.design import Objective, replaced
 from startrack.motion import Tone, jitter_rms
 from startrack.optimise import TrialRunner
+from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 
 JITTER = (0.0, 10.0, 20.0, 40.0)  # arcsec rms about x and y; a pixel spans 65
 FREQUENCIES = (40.0, 60.0)  # Hz, about x and y
@@ -104,32 +103,31 @@ def lowest(error: Floats) -> float:
     return float(np.exp(np.clip(least, np.log(BLURS[0]), np.log(BLURS[-1]))))
 
 
+@styled
 def draw(rows: list[dict[str, Any]], path: Path, trials: int) -> None:
     """The error over the blur, the optical MTF above, and the best blur of each jitter."""
-    figure = Figure(figsize=(7, 4.8), layout="constrained")
+    figure = picture(5.6, f"{trials} window trials a point, 95 % intervals; bands: the best blur")
     axes = figure.subplots()
-    for row, colour in zip(rows, COLOURS, strict=False):
+    for row, colour, mark in zip(rows, CYCLE, MARKERS, strict=False):
         blur, error = np.array(row["blur_um"]), np.array(row["error_arcsec"])
         low, high = row["error_95"]
         low_blur, high_blur = row["best_blur_95"]
         label = (f"{row['jitter_arcsec']:g} arcsec: best {row['best_blur_um']:.1f} um "
                  f"[{low_blur:.1f}, {high_blur:.1f}]")  # fmt: skip
-        axes.errorbar(blur, error, [error - low, high - error], fmt="o-", ms=4, capsize=3,
+        axes.errorbar(blur, error, [error - low, high - error], fmt=f"{mark}-", ms=4, capsize=3,
                       color=colour, label=label)  # fmt: skip
         axes.axvspan(low_blur, high_blur, color=colour, alpha=0.15, lw=0)
     axes.set(xscale="log", yscale="log", xlabel="rms blur of the optics (um)",
              ylabel="rms error across (arcsec)")  # fmt: skip
     axes.set_xticks(blur, [f"{one:g}" for one in blur])
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 4, 5, 6, 7, 8)))
-    axes.yaxis.set_major_formatter(ScalarFormatter())
     axes.minorticks_off()
     above = axes.secondary_xaxis("top")
     above.set_xticks(blur, [f"{one:.2g}" for one in rows[0]["mtf"]])
     above.minorticks_off()
-    above.set_xlabel(f"MTF of optics and pixel at Nyquist ({trials} window trials a point, 95 %)",
-                     fontsize=9)  # fmt: skip
-    axes.legend(fontsize=8, title="jitter, rms about x and y", title_fontsize=8)
-    figure.savefig(path, dpi=120)
+    above.set_xlabel("MTF of optics and pixel at Nyquist's frequency (1)")
+    axes.plot([], [], " ", label="jitter, rms about x and y:")
+    legend_below(axes, 2)
+    save_picture(path, figure)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 import command
 import numpy as np
-from matplotlib.figure import Figure
 
 from startrack import Case, arcsec, load_design, shipped
 from startrack.core import Floats
@@ -30,6 +29,7 @@ from startrack.optimise import Evaluation, Ledger, Search, TrialRunner, evaluate
 from startrack.optimise.evaluate import LOST, PENALTY, expected_objective, measured, missed
 from startrack.optimise.runner import FRESH
 from startrack.optimise.steps import assure, correct, prospect, refine
+from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 from startrack.verification.margins import margins as margins_of
 
 JUDGE = 1000  # seed of the trials that all designs are judged on; no search has it
@@ -364,34 +364,30 @@ def judge(
     return figures
 
 
+@styled
 def draw(figures: dict[str, Any], path: Path) -> None:
     """Regret against trials, one line a method."""
-    figure = Figure(figsize=(6.5, 4), layout="constrained")
+    figure = picture(
+        4.8, f"Five variables, judged on {Judging().choosing} trials that no search has"
+    )
     axes = figure.subplots()
-    for prefix, label, colour in (
-        ("", "startrack", "#2e7d5b"),
-        ("nlopt_plain_", "Sbplx, fixed trials", "#3567a8"),
-        ("tpe_", "TPE (Optuna)", "#c0392b"),
-        ("cmaes_", "CMA-ES", "#8e6bbf"),
-    ):
+    for (prefix, label), colour, mark in zip(
+        {"": "startrack", "nlopt_plain_": "Sbplx, fixed trials", "tpe_": "TPE (Optuna)",
+         "cmaes_": "CMA-ES"}.items(), CYCLE, MARKERS, strict=False,
+    ):  # fmt: skip
         if f"{prefix}path" not in figures:
             continue
         regret = 100 * np.expm1(figures[f"{prefix}path"])
         seeds = figures[f"{prefix}seeds"]
-        axes.plot(BUDGETS[-len(regret) :], regret, "o-", ms=4, color=colour,
+        axes.plot(BUDGETS[-len(regret) :], regret, f"{mark}-", ms=4, color=colour,
                   label=f"{label}, {seeds} seeds")  # fmt: skip
-    axes.set(xscale="log", xlabel="window trials used", ylabel="median regret (%)")
+    axes.set(xscale="log", xlabel="window trials used (number)", ylabel="median regret (%)")
     axes.set_yscale("symlog", linthresh=2)
     axes.set_xticks(BUDGETS, [str(one) for one in BUDGETS])
     axes.minorticks_off()
     axes.axhline(0, color="0.6", lw=0.8)
-    axes.set_title(
-        f"five variables, judged on {Judging().choosing} trials that no search has",
-        fontsize=9,
-        loc="left",
-    )
-    axes.legend(fontsize=8)
-    figure.savefig(path)
+    legend_below(axes, 2)
+    save_picture(path, figure)
 
 
 if __name__ == "__main__":

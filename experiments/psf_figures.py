@@ -11,13 +11,13 @@ import math
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from startrack.core import Floats
 from startrack.optics import pupil_transfer
 from startrack.optics.fresnel import fresnel_error, fresnel_radius, paper_radius
 from startrack.optics.kirchhoff import ThinLens, on_axis, path_defect
+from startrack.plots import BLUE, GREY, RED, legend_below, picture, save_picture, styled
 
 FOCAL, DISTANCE, WAVELENGTH, PITCH = 0.02, 1.0, 500e-9, 5e-6
 F_NUMBERS = np.linspace(2.0, 14.0, 49)
@@ -117,9 +117,10 @@ def report(folder: Path | None, f_numbers: Floats = F_NUMBERS) -> None:
         print(f"  drawn: {folder / 'figures_6_to_9.png'}")
 
 
+@styled
 def _draw(path: Path, r1: float, r2: float, f_numbers: Floats) -> None:
-    figure = Figure(figsize=(10, 7.5), layout="constrained", dpi=120)
-    axes = figure.subplots(2, 2)
+    figure = picture(13.5, "Figures 6 to 9; r1, r2: the two radii of eq. (11)")
+    axes = figure.subplots(4, 1).reshape(2, 2)
     curves = (
         ("Figure 6: error of the maximum", [maximum_error(n) for n in f_numbers]),
         ("Figure 7: error at the Nyquist frequency (5 um pixels)",
@@ -127,29 +128,25 @@ def _draw(path: Path, r1: float, r2: float, f_numbers: Floats) -> None:
     )  # fmt: skip
     bound = [fresnel_error(FOCAL, DISTANCE, WAVELENGTH, FOCAL / n / 2) for n in f_numbers]
     for place, (title, error) in zip(axes[0], curves, strict=True):
-        place.plot(f_numbers, 100 * np.array(error), color="#3567a8", label="Fresnel - Kirchhoff")
-        for r, name in ((r1, "r1"), (r2, "r2")):
-            place.axvline(FOCAL / 2 / r, color="gray", ls=":", label=f"{name} of eq. (11)")
-        place.set(xlabel="f-number", ylabel="error (%)", title=title, ylim=(0, 105))
-    axes[0, 0].plot(
-        f_numbers, 100 * np.minimum(bound, 1.05), "--", color="#c0392b", label="stable bound"
-    )
+        place.plot(f_numbers, 100 * np.array(error), color=BLUE, label="Fresnel - Kirchhoff")
+        for r, name, line in ((r1, "r1", ":"), (r2, "r2", "-.")):
+            place.axvline(FOCAL / 2 / r, color=GREY, ls=line, label=name)
+        place.set(xlabel="f-number (1)", ylabel="error (%)", title=title, ylim=(0, 105))
+    axes[0, 0].plot(f_numbers, 100 * np.minimum(bound, 1.05), "--", color=RED, label="stable bound")
     radius = np.linspace(0, 2.5e-3, 1000)
     both = integrands(radius)
     for place, part, title in (
         (axes[1, 0], "real", "Figure 8: real part of the integrands"),
         (axes[1, 1], "imag", "Figure 9: imaginary part of the integrands"),
     ):
-        for values, name, colour in zip(
-            both, ("Kirchhoff", "Fresnel"), ("#3567a8", "#d08a2e"), strict=True
+        for values, name, colour, line in zip(
+            both, ("Kirchhoff", "Fresnel"), (BLUE, RED), ("-", "--"), strict=True
         ):
-            place.plot(radius * 1e3, getattr(values, part) * 1e3, color=colour, label=name)
-        for r in (r1, r2):
-            place.axvline(r * 1e3, color="gray", ls=":")
+            place.plot(radius * 1e3, getattr(values, part) * 1e3, line, color=colour, label=name)
+        for r, name, line in ((r1, "r1", ":"), (r2, "r2", "-.")):
+            place.axvline(r * 1e3, color=GREY, ls=line, label=name)
         place.axhline(0, color="gray", lw=0.5)
         place.set(xlabel="radius (mm)", ylabel="integrand (relative)", title=title)
     for place in axes.flat:
-        place.legend(fontsize=8)
-        place.title.set_fontsize(10)
-        place.grid(alpha=0.3)
-    figure.savefig(path)
+        legend_below(place, 4)
+    save_picture(path, figure)

@@ -48,6 +48,7 @@ from startrack.earth.atmosphere.solver import TOP
 from startrack.earth.atmosphere.solver import solve_radiance as solve
 from startrack.earth.geometry import EarthScene, observe_earth
 from startrack.io.tables import from_table
+from startrack.plots import LINES, legend_below, picture, save_picture, styled
 from startrack.scene import Orbit, Scene, load_limb
 from startrack.scene.ephemeris import EARTH_RADIUS, observer_of
 
@@ -384,13 +385,9 @@ def tracker_at_the_limb(trials: int) -> dict[str, Any]:
     }
 
 
+@styled
 def draw(table: AirTable, path: Path, every: int) -> None:
     """The spectrum of figure 3: Sun in the zenith, sensor at 100 km, albedo 0.5, 1 nm."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
     within = (table.spectrum >= 400 * nm) & (table.spectrum <= 2400 * nm)
     shown = np.flatnonzero(within)[::every]
     wavelength = table.spectrum[shown]
@@ -404,15 +401,14 @@ def draw(table: AirTable, path: Path, every: int) -> None:
     parts = radiance(
         fine, Sight(0 * flat, 0 * flat, 0 * flat, 0 * flat, flat, flat, flat), half, half
     )
-    figure, axes = plt.subplots(figsize=(9, 5), layout="constrained")
-    for name in ("direct", "indirect", "scattered", "total"):
-        axes.plot(wavelength / um, getattr(parts, name)[0] * 1e-6, label=name, lw=1)
-    axes.set_xlabel("wavelength / um")
-    axes.set_ylabel("spectral radiance / (W / m$^2$ / sr / um)")
-    axes.set_title("Sun in the zenith, sensor at 100 km, albedo 0.5, rural aerosol 23 km")
-    axes.legend()
-    axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=120)
+    figure = picture(4.6, "Sun in the zenith, sensor at 100 km, albedo 0.5, rural aerosol 23 km")
+    axes = figure.subplots()
+    for name, line in zip(("direct", "indirect", "scattered", "total"), LINES, strict=False):
+        axes.plot(wavelength / um, getattr(parts, name)[0] * 1e-6, ls=line, label=name, lw=1)
+    axes.set_xlabel("wavelength (um)")
+    axes.set_ylabel("spectral radiance (W / m$^2$ / sr / um)")
+    legend_below(axes, 4)
+    save_picture(path, figure)
 
 
 if __name__ == "__main__":

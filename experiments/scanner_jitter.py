@@ -25,7 +25,6 @@ from typing import Any
 
 import command
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
 from startrack import Case, LineOfSight, arcsec, deg, load_design, shipped
@@ -35,6 +34,7 @@ from startrack.montecarlo import pool
 from startrack.motion import Motion, Tone, image_path, nyquist_mtf, slew, stability
 from startrack.motion.transfer import NYQUIST
 from startrack.optimise import TrialRunner
+from startrack.plots import BLUE, GREEN, legend_below, picture, save_picture, styled
 from startrack.trial.sweep import duration
 
 FREQUENCIES = (0.05, 0.15, 0.5, 1.5, 5.0, 15.0, 50.0, 150.0)  # Hz; two cycles a line at most
@@ -153,18 +153,22 @@ def transit(case: Case) -> float:
     return detector.exposure * detector.scan.stages
 
 
+@styled
 def draw(case: Case, rows: list[dict[str, Any]], path: File, skies: int) -> None:
     """Both limits over frequency; below a line, the jitter is borne."""
-    figure = Figure(figsize=(7, 4.6), layout="constrained")
+    figure = picture(
+        5.2, f"Scanner with time delay and integration, {skies} skies in {len(PHASES)} phases a "
+        "point; below a line, the jitter is tolerated"
+    )  # fmt: skip
     axes = figure.subplots()
     frequency = [row["frequency_hz"] for row in rows]
     rms, low, high = np.transpose([row["rms_arcsec"] for row in rows])
     axes.errorbar(frequency, rms, [rms - low, high - rms], fmt="o-", ms=4, capsize=3,
-                  color="#2e7d5b", label="error across +10 %, by trials, 95 %")  # fmt: skip
+                  color=GREEN, label="error across +10 %, by trials, 95 %")  # fmt: skip
     least, greatest = np.transpose([row["mtf_rms_arcsec"] for row in rows])
     middle = (least + greatest) / 2
     axes.errorbar(frequency, middle, [middle - least, greatest - middle], fmt="s-", ms=4, capsize=3,
-                  color="#3567a8", label="MTF at Nyquist -10 %, range of phases")  # fmt: skip
+                  color=BLUE, label="MTF at Nyquist -10 %, range of phases")  # fmt: skip
     detector = case.instrument.detector
     for name, time in (("image", duration(detector)), ("stages", transit(case)),
                        ("line", detector.exposure)):  # fmt: skip
@@ -172,11 +176,9 @@ def draw(case: Case, rows: list[dict[str, Any]], path: File, skies: int) -> None
         axes.text(1 / time, 1.0, f" 1 / {name}", transform=axes.get_xaxis_transform(), fontsize=8,
                   rotation=90, va="top", ha="right")  # fmt: skip
     axes.set(xscale="log", yscale="log", xlabel="frequency of the jitter (Hz)",
-             ylabel="rms about x and y that is borne (arcsec)")  # fmt: skip
-    axes.set_title(f"scanner with time delay and integration, {skies} skies in "
-                   f"{len(PHASES)} phases a point", fontsize=9, loc="left")  # fmt: skip
-    axes.legend(fontsize=8)
-    figure.savefig(path, dpi=120)
+             ylabel="tolerated rms about x and y (arcsec)")  # fmt: skip
+    legend_below(axes, 1)
+    save_picture(path, figure)
 
 
 if __name__ == "__main__":

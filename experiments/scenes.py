@@ -16,7 +16,6 @@ from __future__ import annotations
 import one_thread  # noqa: F401  # isort: skip
 
 import argparse
-import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,12 +28,11 @@ import scenes_imager
 import scenes_tracker
 from leaving_out import Effect, Found, Gap, View, Way, leave_out
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
 from startrack.benchmark import versions
 from startrack.benchmark.table import figure, spent
-from startrack.io.saving import save_figure, save_json, save_text
+from startrack.io.saving import save_json, save_text
+from startrack.plots import CYCLE, LINES, RED, SMALL, legend_below, picture, save_picture, styled
 
 FRACTION = 1 / 3
 TIMED = 4  # trials that are repeated in turns with everything, for the time
@@ -171,18 +169,20 @@ def plain(row: Effect | Way) -> dict[str, Any]:
     return {name: list(each) if name == "error" else each for name, each in known.items()}
 
 
+@styled
 def draw(path: Path, found: Sequence[Found]) -> None:
     """A panel a scene: effects by their share; one of the chains' time and error."""
-    down = math.ceil((len(found) + 1) / 2)
-    picture = Figure(figsize=(14, 5.4 * down), layout="constrained", dpi=90)
-    for n, one in enumerate(found):
-        draw_effects(picture.add_subplot(down, 2, n + 1), one)
-    draw_ways(picture.add_subplot(down, 2, len(found) + 1), found)
-    picture.suptitle(
-        "Every effect left out alone, on the same skies and noise; green: kept; dashed: the most "
-        "that all spared may make together"
+    heights = [*(1.0 + 0.17 * len(one.effects) for one in found), 3.6]
+    figure = picture(
+        0.5 + sum(heights),
+        "Every effect left out alone, on the same skies and noise; green circles: kept, grey: "
+        "spared, triangles: 0.001 or less; dashed: the most that all spared may make together",
     )
-    save_figure(path, picture)
+    *panels, ways = figure.subplots(len(heights), 1, height_ratios=heights)
+    for axes, one in zip(panels, found, strict=True):
+        draw_effects(axes, one)
+    draw_ways(ways, found)
+    save_picture(path, figure)
 
 
 def draw_effects(axes: Axes, found: Found) -> None:
@@ -198,36 +198,32 @@ def draw_effects(axes: Axes, found: Found) -> None:
         )  # fmt: skip
         axes.annotate(
             f"{1e3 * effect.seconds:+.1f} ms", (1.01, row), xycoords=("axes fraction", "data"),
-            fontsize=7, va="center", color=colour,
+            fontsize=SMALL, va="center", color=colour,
         )  # fmt: skip
     axes.set(
         xscale="log", xlim=(least / 1.5, None), ylim=(-0.7, len(effects) - 0.3),
         xlabel="error when left out, over the scene's own (1)",
         title=f"{found.view.name}, {found.trials} trials; right: CPU time of a trial",
     )  # fmt: skip
-    axes.set_yticks(range(len(effects)), [effect.name for effect in effects], fontsize=7)
-    axes.axvline(FRACTION, color="#b4442f", ls="--", lw=1)
-    axes.grid(lw=0.3, axis="x")
+    axes.set_yticks(range(len(effects)), [effect.name for effect in effects])
+    axes.axvline(FRACTION, color=RED, ls="--", lw=1.2)
+    axes.grid(axis="y", visible=False)
 
 
 def draw_ways(axes: Axes, found: Sequence[Found]) -> None:
     for n, one in enumerate(found):
         time = [1e3 * way.seconds for way in one.ways]
         error = [float(way.error[0] / one.ways[0].error[0]) for way in one.ways]
-        axes.plot(time, error, "-", color=f"C{n}", lw=0.8, label=one.view.name)
+        axes.plot(time, error, LINES[n], color=CYCLE[n], lw=1, label=one.view.name)
         for t, e, mark in zip(time, error, "so^", strict=False):
-            axes.plot(t, e, mark, color=f"C{n}", ms=6)
+            axes.plot(t, e, mark, color=CYCLE[n], ms=6)
     axes.set(
         xscale="log", xlabel="CPU time of a trial (ms)",
-        ylabel="the scene's own error, over that with everything (1)",
-        title="square: everything; circle: what is needed;\ntriangle: in windows",
+        ylabel="error over that with everything (1)",
+        title="square: everything; circle: what is needed; triangle: in windows",
     )  # fmt: skip
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter(ScalarFormatter())
-    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.margins(0.15, 0.2)
-    axes.legend(fontsize=8)
-    axes.grid(lw=0.3, which="both")
+    legend_below(axes, 3)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,6 @@ import command
 import numpy as np
 
 import one_thread  # noqa: F401  # isort: skip
-from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from startrack import (
@@ -46,6 +45,7 @@ from startrack.detector.expose import arriving
 from startrack.metrics import summarise
 from startrack.montecarlo import Sampling, pool, run, warm
 from startrack.montecarlo.workers import one_thread as one_opencv_thread
+from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 from startrack.scene import illuminate
 
 SEED = 5
@@ -213,28 +213,28 @@ def cpu_ms(case: Case, fidelity: Fidelity, n: int, repeats: int) -> float:
     return 1e3 * best / n
 
 
+@styled
 def draw(made: dict[str, Any], path: Path) -> None:
     """Three panels."""
-    figure = Figure(figsize=(10, 3.6), layout="constrained")
-    panels = figure.subplots(1, 3)
-    labels = ("matched stars in the field", "pixels a side", "worker processes")
+    trials_each = ", ".join(f"{n // 4} of {fidelity}" for fidelity, n in BATCH.items())
+    figure = picture(
+        9.5, f"Best of {REPEATS} repeats of {trials_each}; eight times as many by workers"
+    )
+    panels = figure.subplots(3, 1)
+    labels = ("matched stars (number in the field)", "side (pixel)", "worker processes (number)")
     for axes, rows, label in zip(panels, made.values(), labels, strict=True):
-        for fidelity, colour in COLOURS.items():
-            axes.plot([r["at"] for r in rows], [r[fidelity] for r in rows], "o-", color=colour,
+        for fidelity, colour, mark in zip(Fidelity, CYCLE, MARKERS, strict=False):
+            at = [r["at"] for r in rows]
+            axes.plot(at, [r[fidelity] for r in rows], f"{mark}-", color=colour,
                       label=fidelity)  # fmt: skip
-        axes.set(xlabel=label, yscale="log")
-        axes.grid(lw=0.3, which="both")
+        axes.set(xlabel=label, yscale="log", ylabel="CPU time of a trial (ms)")
     panels[1].set_xscale("log", base=2)
     sides = [row["at"] for row in made["pixels"]]
     panels[1].set_xticks(sides, labels=[str(side) for side in sides])
     panels[2].set_xticks([1, 2])
-    panels[0].set_ylabel("CPU time of a trial (ms)")
     panels[2].set_ylabel("wall time of a trial (ms)")
-    trials_each = ", ".join(f"{n // 4} of {fidelity}" for fidelity, n in BATCH.items())
-    figure.suptitle(f"Best of {REPEATS} repeats of {trials_each}; eight times as many by workers",
-                    fontsize=9)  # fmt: skip
-    panels[0].legend(fontsize=8)
-    figure.savefig(path, dpi=130)
+    legend_below(panels[2], 4)
+    save_picture(path, figure)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import command
@@ -55,6 +56,7 @@ from startrack.earth.terrain import (
 )
 from startrack.earth.terrain.survey import LIFT
 from startrack.earth.terrain.trace import blocked, trace
+from startrack.plots import MARKERS, colour_bar, legend_below, picture, save_picture, styled
 
 ELEVATIONS = (85, 60, 30, 10)
 PARTS = ("hits", "shadow", "cache", "aliasing", "speed-1k", "speed-4k", "rugged", "grazing")
@@ -357,31 +359,29 @@ def aliasing(figure: Path | None, cells: int, side: int) -> dict[str, Any]:
     }
 
 
+@styled
 def draw(path: Path, images: dict[str, Floats], curves: dict[str, list[dict[str, float]]]) -> None:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 6.4), layout="constrained", dpi=120)
-    grid = figure.add_gridspec(2, 3, height_ratios=(1, 1))
+    figure = picture(8.5, "Rough terrain in pixels of 8 x 8 cells, the Sun at 25 deg")
+    grid = figure.add_gridspec(3, 3)
     titles = {"truth": "1024 rays a pixel", "finest level": "finest level, 1 ray a pixel",
               "pyramid": "pyramid, 1 ray a pixel"}  # fmt: skip
     low, high = np.percentile(images["truth"], [0.5, 99.5])
     for column, name in enumerate(("truth", "finest level", "pyramid")):
         axes = figure.add_subplot(grid[0, column])
         shown = axes.imshow(images[name], cmap="gray", vmin=low, vmax=high)
-        axes.set(title=titles[name], xlabel="column (pixel)", ylabel="row (pixel)")
-    figure.colorbar(shown, ax=axes, label="cosine to the sun, 0 in shadow")
-    figure.suptitle("Rough terrain in pixels of 8 x 8 cells, the sun at 25 degrees")
-    left, right = figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1:])
-    for name, curve in curves.items():
+        axes.set(title=fill(titles[name], 18), xlabel="column (pixel)", ylabel="row (pixel)")
+        axes.grid(visible=False)
+        label = "cosine to the Sun (1)"
+        colour_bar(shown, axes, images[name], label, orientation="horizontal", aspect=14)
+    left, right = figure.add_subplot(grid[1, :]), figure.add_subplot(grid[2, :])
+    for (name, curve), mark in zip(curves.items(), MARKERS, strict=False):
         rms = [each["rms"] for each in curve]
-        left.loglog([each["rays"] for each in curve], rms, "o-", label=name)
-        right.loglog([each["us_per_pixel"] for each in curve], rms, "o-", label=name)
-    left.set(xlabel="rays per pixel", ylabel="rms error of the brightness")
-    right.set(xlabel="CPU time per pixel (us)", ylabel="rms error of the brightness")
-    for axes in (left, right):
-        axes.grid(alpha=0.3, which="both")
-        axes.legend()
-    figure.savefig(path)
+        left.loglog([each["rays"] for each in curve], rms, f"{mark}-", label=name)
+        right.loglog([each["us_per_pixel"] for each in curve], rms, f"{mark}-", label=name)
+    left.set(xlabel="rays per pixel (number)", ylabel="rms error of the brightness (1)")
+    right.set(xlabel="CPU time per pixel (us)", ylabel="rms error of the brightness (1)")
+    legend_below(right, 4)
+    save_picture(path, figure)
 
 
 def best(call: Callable[[], Any], repeats: int = 3) -> float:

@@ -63,7 +63,7 @@ with deferred():
     )
     from startrack.plots import draw_errors
     from startrack.trial import OUTCOMES, require_fidelity
-    from startrack.verification import claims_of, counted
+    from startrack.verification import cases, claims_of, counted
 
 STORE = "campaign.sqlite"
 UNREACHED = 1e-6  # without --precision: one that no campaign reaches
@@ -173,6 +173,7 @@ def command(options: argparse.Namespace) -> int:
     sampling = _sampling(options)
     with as_wrong_use(path=path):
         require_fidelity(case, sampling.fidelity)
+        conditions, refused = cases(case, design.campaign) if design.campaign else ((), ())
     where: Path | None = options.store or (options.out / STORE if options.out else None)
     workers = _workers(options)
     warm(case, sampling)  # what no trial can do is refused before the first
@@ -209,10 +210,16 @@ def command(options: argparse.Namespace) -> int:
     } | summary_values(summary)
     result |= {"trials_per_s": rate}
     text = f"{summary_text(summary, limits)}"
-    if needs and needs.accuracy:
+    if design.campaign and needs and needs.accuracy:
         values, lines = _required(needs, judged, sampling, options.seed)
-        result |= {"required": values}
+        others = [*(one.name for one in conditions[1:]), *refused]
+        result |= {"required": values, "conditions_not_run": others}
         text += f"\n{lines}"
+        if others:
+            text += (
+                f"\nthis is the design's own condition alone; `startrack verify` also judges: "
+                f"{'; '.join(others)}"
+            )
     text += f"\n{rate:.1f} trials/s, seed {options.seed}"
     if sampling.control or options.sobol:
         values, lines = _reduced_variance(outcomes, options.sobol)

@@ -33,6 +33,7 @@ from startrack.plots.optimise import (
     draw_front,
     draw_tolerance,
     draw_tornado,
+    draw_variables,
 )
 from startrack.plots.psf import Curves, draw_psf
 from startrack.plots.sequence import draw_sequence

@@ -177,6 +177,13 @@ def _swings(axes: Axes, order: Sequence[Sensitivity], objective: str) -> None:
         ends = {"low": one.low, "high": one.high}
         known = [value for value in (*ends.values(), one.error) if math.isfinite(value)]
         axes.plot((min(known), max(known)), (y, y), lw=10, color=BLUE, solid_capstyle="butt")
+        small = [name for name, value in ends.items() if abs(value / one.error - 1) <= SAME]
+        if len(small) == len(ends):
+            axes.annotate(
+                f"changes it by less than {100 * SAME:g} %", (one.error, y), (6, 0),
+                textcoords="offset points", fontsize=SMALL, va="center",
+                path_effects=[outline("white")],
+            )  # fmt: skip
         lost = [name for name, value in ends.items() if not math.isfinite(value)]
         for name, value in ends.items():
             if math.isfinite(value) and abs(value / one.error - 1) > SAME:

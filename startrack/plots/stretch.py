@@ -14,7 +14,7 @@ from startrack.core import Floats
 
 CELLS = 640  # along the longer side; a picture of 1280 pixels shows each with two
 FEW_CELLS = 360  # up to which each is a pixel where the picture is 400 wide
-BRIGHT = 4.0  # noise above the background, from which on a cell is drawn wider
+BRIGHT = 5.0  # noise above the background, from which on a cell is drawn wider
 RANGE = 4.0  # noise from black to white, at least
 DARK = 1.5  # noise above the background up to which a pixel is black
 
