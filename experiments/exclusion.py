@@ -61,9 +61,9 @@ def draw(path: Path, found: dict[str, Exclusion]) -> None:
     names = {"sun": "Sun", "moon": "full Moon", "earth": "noon Earth, 600 km (to its limb)"}
     for (name, one), colour, line in zip(found.items(), CYCLE, LINES, strict=False):
         place = one.angle / deg
-        axes[0].plot(place, one.stray_light_g, line, color=colour, label=names[name])
-        axes[1].semilogy(place, one.across / arcsec, line, color=colour)
-        axes[2].plot(place, one.availability, line, color=colour)
+        axes[0].plot(place, one.stray_light_g, ls=line, color=colour, label=names[name])
+        axes[1].semilogy(place, one.across / arcsec, ls=line, color=colour)
+        axes[2].plot(place, one.availability, ls=line, color=colour)
         for each in axes[1:]:
             each.axvline(one.least() / deg, color=colour, ls=":", lw=1)
     axes[0].invert_yaxis()

@@ -214,7 +214,7 @@ def draw_ways(axes: Axes, found: Sequence[Found]) -> None:
     for n, one in enumerate(found):
         time = [1e3 * way.seconds for way in one.ways]
         error = [float(way.error[0] / one.ways[0].error[0]) for way in one.ways]
-        axes.plot(time, error, LINES[n], color=CYCLE[n], lw=1, label=one.view.name)
+        axes.plot(time, error, ls=LINES[n], color=CYCLE[n], lw=1, label=one.view.name)
         for t, e, mark in zip(time, error, "so^", strict=False):
             axes.plot(t, e, mark, color=CYCLE[n], ms=6)
     axes.set(

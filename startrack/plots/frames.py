@@ -12,6 +12,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.path import Path as MarkerPath
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Frame, Matches, Spots, Stars, arcsec, deg
@@ -39,6 +40,11 @@ IMAGE = 5.75  # inch, width of the image beside its axis
 LABELS = 10  # brightest stars that are named, or have their magnitude written beside them
 NAMES_APART = (0.14, 0.035)  # of the columns and rows, of two labels
 SCALES = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 2 * 3600, 5 * 3600, 36000)
+# Four arms around a place that stays free, so that its star is seen.
+CROSS = MarkerPath(
+    [(0.5, 0), (1, 0), (-0.5, 0), (-1, 0), (0, 0.5), (0, 1), (0, -0.5), (0, -1)],
+    [MarkerPath.MOVETO, MarkerPath.LINETO] * 4,
+)
 RINGS: dict[str, Any] = {"s": 70, "facecolors": "none", "linewidths": 1.2}
 
 
@@ -105,7 +111,7 @@ def draw_solution(
         most = 2 * len(spots) + 10
         pixel, bright = _predicted(matches.camera, icrs_to_camera, stars, most)
         axes.scatter(
-            pixel[:, 0], pixel[:, 1], marker="+", s=30, c=YELLOW, linewidths=1.0,
+            pixel[:, 0], pixel[:, 1], marker=CROSS, s=130, c=YELLOW, linewidths=1.0,
             label=f"catalogue star (brightest {len(pixel)})",
         )  # fmt: skip
         _name(axes, matches.camera, pixel, bright)
