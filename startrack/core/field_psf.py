@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from startrack.core.arrays import Floats, Ints
+from startrack.core.kernel import kernel
 from startrack.core.values import Psf
 
 LEAST = 0.5  # electron in a pixel, below which a term of a star is left out; chosen by hand
@@ -50,15 +50,9 @@ class FieldPsf:
         first_x, weight_x = _local(self.x, x)
         first_y, weight_y = _local(self.y, y)
         weight_c = _lagrange(self.colour, np.clip(colour, self.colour[0], self.colour[-1]))
-        tap, colours = np.arange(4), np.arange(len(self.colour))
-        near = self.value[
-            colours[:, None, None],
-            (first_y[:, None] + tap)[:, None, :, None],
-            (first_x[:, None] + tap)[:, None, None, :],
-        ]
-        weight = weight_c[:, :, None, None] * (weight_y[:, :, None] * weight_x[:, None])[:, None]
-        n, many = len(first_x), math.prod(weight.shape[1:])
-        return (weight.reshape(n, 1, many) @ near.reshape(n, many, near.shape[-1]))[:, 0]
+        found = np.zeros((len(first_x), self.value.shape[-1]))
+        _add_near(self.value, first_x, weight_x, first_y, weight_y, weight_c, found)
+        return found
 
     @cached_property
     def peak(self) -> Floats:
@@ -139,6 +133,19 @@ class FieldPsf:
             y[:, which] + found[star, 1],
             part[star, term],
         )
+
+
+@kernel
+def _add_near(value, first_x, weight_x, first_y, weight_y, weight_c, found):  # type: ignore[no-untyped-def]
+    """Add the weighted values of the nodes around each place."""
+    for n in range(len(found)):
+        for c in range(len(value)):
+            for j in range(4):
+                for i in range(4):
+                    weight = weight_c[n, c] * weight_y[n, j] * weight_x[n, i]
+                    near = value[c, first_y[n] + j, first_x[n] + i]
+                    for k in range(len(near)):
+                        found[n, k] += weight * near[k]
 
 
 def _local(nodes: Floats, at: Floats) -> tuple[Ints, Floats]:

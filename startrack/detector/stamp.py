@@ -139,6 +139,9 @@ def add_star(image, shape, which, x, y, electrons, gain, room):  # type: ignore[
     row, lowest, highest, start_y = _place(y, rows, shape.samples, step, wy)
     if right < left or highest < lowest:
         return
+    if which:
+        _straight(wx)
+        _straight(wy)
     start_x, start_y = start_x + left * step, start_y + lowest * step
     star = star[: (highest - lowest + 1) * shape.across]
     if len(shape.line):
@@ -179,6 +182,8 @@ def _sum(star, shape, which, x, y, wx, wy):  # type: ignore[no-untyped-def]
     for b in range(TAPS):
         for a in range(TAPS):
             weight = wy[b] * wx[a]
+            if weight == 0.0:
+                continue
             start = (y + b) // step * shape.across + (x + a) // step
             # A slice, because the compiler would check the index for values below zero.
             part = shape.strides[which, (y + b) % step, (x + a) % step][start : start + len(star)]
@@ -203,6 +208,19 @@ def _read(line, start, weight):  # type: ignore[no-untyped-def]
     for a in range(TAPS):
         total += weight[a] * line[start + a]
     return total
+
+
+@kernel
+def _straight(weight):  # type: ignore[no-untyped-def]
+    """Weights of a straight line instead of those of a polynomial of the fifth degree.
+
+    For the tables of a FieldPsf after the first, which correct it: the centroid stays exact.
+    """
+    t = 0.0
+    for a in range(TAPS):
+        t += weight[a] * (a - 2)
+    weight[:] = 0.0
+    weight[2], weight[3] = 1 - t, t
 
 
 @kernel
