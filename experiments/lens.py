@@ -2,9 +2,18 @@
 
     python experiments/lens.py [--json FILE] [--quick]
 
-A double Gauss of 35 mm at f/2.4 before a megapixel. The tracer's chief rays are those of
-tests/oracle/lens.json. Times are CPU seconds of one thread, the least
-of some runs, in turns. Ghosts are compared with those of ghost_rays.py.
+Errors are the largest, of both shipped lenses: `wavefront_rms_waves` between the nodes, against
+optiland at 9 fields and 4 wavelengths (extra `lens`; a quick run has two); `psf_error_of_peak`
+against its Huygens-Fresnel integrals at three field angles, and `lateral_px` of chief rays, pixels
+of 5.5 um, both of tests/oracle/lens.json. Ghosts are compared with those of ghost_rays.py.
+
+All else is of a double Gauss of 35 mm at f/2.4 before a megapixel: `stamp_*` compares interpolated
+images with those computed at the very place and colour. `colour_residual_ratio` is the rms
+displacement of the stars over the frame where the tracker has a focal length for each colour, over
+that with one; `colour_error_ratio` the same of attitudes. Times are CPU time of one thread, the
+least of some runs, in turns, and ratios over those with the mean PSF. GalSim draws the same stars
+with an OpticalPSF of Zernike terms to Noll 37, a Gaussian and a pixel for each, of one wavelength
+and a circular pupil, without sky and noise.
 """
 
 from __future__ import annotations
@@ -12,29 +21,59 @@ from __future__ import annotations
 import argparse
 import json
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import command
 import ghost_rays
 import numpy as np
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from startrack import Camera, Case, FieldPsf, Psf, Streams, load_design, shipped
+from startrack import (
+    Camera,
+    Case,
+    Fidelity,
+    FieldPsf,
+    Psf,
+    Streams,
+    load_design,
+    run_trials,
+    shipped,
+)  # fmt: skip
 from startrack.catalog import open_sky
-from startrack.detector import Exposure, expose
-from startrack.optics import Ghosts, lens_surfaces, open_lens, open_optics
+from startrack.cli.lens import interpolation_error
+from startrack.core import Floats
+from startrack.detector import Exposure, arriving, expose, mean_wavelength
+from startrack.metrics import summarise
+from startrack.optics import (
+    Ghosts,
+    LensTable,
+    Optics,
+    Tracing,
+    lens_surfaces,
+    open_lens,
+    open_optics,
+    read_prescription,
+    trace_lens,
+)  # fmt: skip
 from startrack.optics.ghosts import ghost_map, pairs, reflectances
-from startrack.optics.lens_psf import _Plan, band_of
+from startrack.optics.lens_psf import Band, _Plan, _stars, band_of
 from startrack.scene import WAVELENGTH, illuminate
 from startrack.trial import images_of, line_of_sight, psf_of, stars_in_field, throughput
 from startrack.trial.view import TEMPERATURES, colours_of, field_psf_of
 from startrack.trial.window import plan_of, spots_in_windows
+from startrack.trial.zones import residual_shift
 
 ORACLE = Path(__file__).parents[1] / "tests/oracle/lens.json"
 PIXEL = 5.5e-6  # metre, for errors of places
 STARS = 100
+LENSES = ("double_gauss", "petzval")
+MICROMETRE = 48 / 47 * 1e-6  # metre: the 48 points of optiland share 48 um, ends included
 
 
 def the_case(pixels: int) -> Case:
@@ -60,6 +99,149 @@ def places() -> float:
             found = table.at(293.15, *at).place[0, 0]
             worst = max(worst, abs(found - row["chief_mm"] * 1e-3) / PIXEL)
     return worst
+
+
+def wavefronts(quick: bool) -> float | None:
+    """Largest rms error of a wavefront between the nodes, waves; None without the ray tracer."""
+    if command.missing("wavefront_rms_waves", "optiland"):
+        return None
+    worst = 0.0
+    fields, waves = (2, 1) if quick else (9, 4)
+    for name in LENSES:
+        table = open_lens(name)
+        kelvin = float(table.temperature[np.abs(table.temperature - 293.15).argmin()])
+        # From the axis to near the edge, at places that are no nodes.
+        field = np.linspace(0, 0.93 * table.field[-1], fields)
+        wave = np.linspace(440e-9, 910e-9, waves) if waves > 1 else np.array([610e-9])
+        tracing = Tracing(
+            (kelvin,), tuple(wave.tolist()), tuple(field.tolist()), int(table.noll.max())
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the tracer
+            traced = trace_lens(read_prescription(shipped(f"lenses/{name}.zmx")), name, "", tracing)
+        alone = table if len(table.temperature) == 1 else _at(table, kelvin)
+        found = interpolation_error(alone, traced.table)["interpolation_rms_waves"]
+        left = float((traced.left / traced.table.wavelength[:, None]).max())
+        print(f"{name}: {found:.4f} waves between the nodes, and {left:.4f} that the terms leave")
+        worst = max(worst, found)
+    return worst
+
+
+def _at(table: LensTable, kelvin: float) -> LensTable:
+    """The table of one of its temperatures."""
+    one = [int(np.abs(table.temperature - kelvin).argmin())]
+    arrays = {
+        name: getattr(table, name)[one]
+        for name in ("temperature", "wavefront", "place", "pupil", "area")
+    }
+    return replace(table, **arrays)
+
+
+def images(quick: bool) -> float:
+    """Largest error of an image of a shipped lens over the peak."""
+    worst = 0.0
+    for name in LENSES:
+        table = open_lens(name)
+        lens = open_optics(Optics(table.focal_length, table.f_number, lens_file=name))
+        for row in [one for one in json.loads(ORACLE.read_text())[name] if "image" in one]:
+            if quick and row["angle_deg"]:
+                continue
+            wave = np.array([row["wavelength_um"] * 1e-6])
+            camera = Camera(8, 8, table.focal_length / 10e-6)
+            plan = _Plan(lens, camera, 10e-6, Band(wave, np.ones((1, 1))), 1.0, 0.0)
+            star = _stars(lens, wave, np.radians([row["angle_deg"]]), np.pi / 2)[0][0]
+            error = apart(plan, star, np.array(row["image"]))
+            print(f"{name} at {row['angle_deg']:.1f} deg: {error:.4f} of the peak")
+            worst = max(worst, error)
+    return worst
+
+
+def apart(plan: _Plan, star: Any, wanted: Floats) -> float:
+    """Largest difference of two images over the peak, where they fit best on each other."""
+    plan.count, plan.spacing = len(wanted) + 1, MICROMETRE
+    x, y = star.rays()
+
+    def image_at(shift: Floats) -> Floats:
+        u, v = star.place + x.mean() + shift[0] * 1e-6, y.mean() + shift[1] * 1e-6
+        mine = plan._irradiance(star, u, v)[:-1, :-1]
+        return np.asarray(mine * (mine.ravel() @ wanted.ravel()) / (mine**2).sum())
+
+    def error(shift: Floats) -> float:
+        return float(((image_at(shift) - wanted) ** 2).sum())
+
+    starts = [np.array([u, v]) for u in np.arange(-5, 5, 0.5) for v in (-0.51, 0.51)]
+    start = min(starts, key=error)
+    best = minimize(error, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7})
+    return float(np.abs(image_at(best.x) - wanted).max() / wanted.max())
+
+
+def colours(case: Case) -> float:
+    """Rms displacement of stars with a focal length for each colour over that with one."""
+    size = []
+    colour, camera = colours_of(case), case.instrument.camera
+    x, y = np.random.default_rng(1).uniform(0, 1, (2, len(colour)))
+    for knows in (False, True):
+        one = replace(case, tracker=replace(case.tracker, focal_length_by_colour=knows))
+        sunlike, other = (
+            each.at(x * camera.columns, y * camera.rows, colour)[:, :2]
+            for each in residual_shift(one)
+        )
+        size.append(float(np.sqrt(np.mean((sunlike + other) ** 2))))
+    print(f"displacement of stars {size[0]:.4f} pixel rms, {size[1]:.4f} corrected by colour")
+    return size[1] / size[0]
+
+
+def attitudes(case: Case, trials: int) -> float:
+    """Error across the boresight with a focal length for each colour over that with one."""
+    rms = []
+    for knows in (False, True):
+        one = replace(case, tracker=replace(case.tracker, focal_length_by_colour=knows))
+        rms.append(summarise(run_trials(one, 1, range(trials), Fidelity.COVARIANCE)).across.value)
+    return rms[1] / rms[0]
+
+
+def galsim_frame(case: Case, runs: int) -> float | None:
+    """CPU time of GalSim for the stars of `frames`, millisecond; None without it."""
+    if command.missing("galsim_frame_ms", "galsim"):
+        return None
+    galsim = import_module("galsim")
+    instrument = case.instrument
+    camera, optics, pitch = instrument.camera, instrument.optics, instrument.detector.pitch
+    light, attitude = light_of_stars(case)
+    electrons, _ = arriving(light, camera, instrument.detector, throughput(instrument))
+    wave = mean_wavelength(light, instrument.detector, throughput(instrument))
+    direction = attitude.apply(light.direction)
+    place = camera.project(direction)
+    angle = np.arctan2(np.hypot(*direction[:, :2].T), direction[:, 2])
+    lens, scale = open_optics(optics), np.degrees(pitch / optics.focal_length) * 3600
+    noll = np.array(lens.table.noll)
+    kept = (noll >= 4) & (noll < 38)
+
+    def frame() -> object:
+        image = galsim.ImageD(camera.columns, camera.rows, scale=scale)
+        for n in np.flatnonzero(camera.holds(place)):
+            terms = np.zeros(38)
+            terms[noll[kept]] = lens.at(wave[[n]], angle[[n]]).wavefront[0, 0, kept] / wave[n]
+            optical = galsim.OpticalPSF(
+                lam=wave[n] * 1e9, diam=optics.aperture, aberrations=terms.tolist()
+            )
+            blur = galsim.Gaussian(sigma=optics.total_blur / pitch * scale)
+            star = galsim.Convolve([optical, blur]) * float(electrons[n])
+            x, y = (place[n] + 1).tolist()
+            box = galsim.BoundsI(int(x) - 16, int(x) + 17, int(y) - 16, int(y) + 17)
+            star.drawImage(
+                image[box & image.bounds], center=galsim.PositionD(x, y), add_to_image=True
+            )
+        return image
+
+    return 1e3 * least({"galsim": frame}, runs)["galsim"]
+
+
+def light_of_stars(case: Case) -> tuple[Any, Rotation]:
+    """The light of the brightest stars of one field, and its attitude."""
+    attitude = Rotation.random(random_state=3)
+    stars = stars_in_field(open_sky(case.catalog), attitude, case.instrument.camera)[:STARS]
+    return illuminate(case.scene, stars), attitude
 
 
 def stamps(case: Case, count: int) -> tuple[float, float]:
@@ -109,9 +291,7 @@ def least(ways: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
 def frames(case: Case, runs: int) -> dict[str, float]:
     """Frames of 100 stars, with images of the table and with their mean."""
     instrument = case.instrument
-    attitude = Rotation.random(random_state=3)
-    stars = stars_in_field(open_sky(case.catalog), attitude, instrument.camera)[:STARS]
-    light = illuminate(case.scene, stars)
+    light, attitude = light_of_stars(case)
     path = line_of_sight(instrument, Streams(1, 1))
 
     def frame(psf: Psf | FieldPsf) -> object:
@@ -121,8 +301,8 @@ def frames(case: Case, runs: int) -> dict[str, float]:
         )  # fmt: skip
         return expose(exposure, Streams(1, 1))
 
-    images, mean = images_of(instrument), psf_of(instrument)
-    return least({"table": lambda: frame(images), "one": lambda: frame(mean)}, runs)
+    table, mean = images_of(instrument), psf_of(instrument)
+    return least({"table": lambda: frame(table), "one": lambda: frame(mean)}, runs)
 
 
 def windows(case: Case, runs: int) -> dict[str, float]:
@@ -184,12 +364,16 @@ def main() -> None:
     runs = 3 if options.quick else 15
     case = the_case(1024)
     start = time.process_time()
-    images = field_psf_of(case.instrument)
-    result = {
+    table = field_psf_of(case.instrument)
+    result: dict[str, float | None] = {
         "plan_s": time.process_time() - start,
-        "terms": len(images.table),
-        "psf_error_between_nodes": images.error,
+        "terms": len(table.table),
+        "psf_error_between_nodes": table.error,
+        "wavefront_rms_waves": wavefronts(options.quick),
+        "psf_error_of_peak": images(options.quick),
         "lateral_px": places(),
+        "colour_residual_ratio": colours(case),
+        "colour_error_ratio": attitudes(case, 20 if options.quick else 4000),
     }
     result["stamp_centroid_rms_px"], result["stamp_flux_error"] = stamps(
         case, 2 if options.quick else 12
@@ -200,9 +384,10 @@ def main() -> None:
     time_of = windows(case, runs)
     result["window_ms"] = 1e3 * time_of["table"] / 4
     result["window_ratio"] = time_of["table"] / time_of["one"]
+    result["galsim_frame_ms"] = galsim_frame(case, min(runs, 3))
     result |= ghost_errors()
     for name, value in result.items():
-        print(f"{name:26} {value:.4g}")
+        print(f"{name:26} {'not measured' if value is None else f'{value:.4g}'}")
     command.save(options, result)
 
 
