@@ -137,7 +137,7 @@ def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> list[Picture]:
 
 
 def _sky() -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(WIDE, 0.8 * HIGH), layout="constrained")
+    figure = Figure(figsize=(WIDE, 0.9 * HIGH), layout="constrained")
     axes = figure.subplots(subplot_kw={"projection": "mollweide"})
     _graticule(axes)
     return figure, axes

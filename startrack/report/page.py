@@ -69,11 +69,11 @@ summary { cursor: pointer; padding: .3rem 0 }
   .wide thead { display: none }
   .wide tr { display: grid; grid-template-columns: 1fr 1fr; column-gap: 1.2rem; padding: .3rem 0;
     border-bottom: 2px solid var(--line) }
-  .wide td, .wide td.number { text-align: right; border: 0; padding: .05rem 0;
-    overflow-wrap: anywhere }
-  .wide td::before { content: attr(data-of); float: left; margin-right: .6rem; opacity: .75 }
+  .wide td, .wide td.number { display: flex; justify-content: space-between; gap: .6rem;
+    text-align: right; border: 0; padding: .05rem 0 }
+  .wide td::before { content: attr(data-of); text-align: left; opacity: .75 }
   .wide td:first-child, .wide td.long { grid-column: 1 / -1 }
-  .wide td:first-child { text-align: left; font-weight: 600 }
+  .wide td:first-child { justify-content: start; text-align: left; font-weight: 600 }
   .wide td:empty { display: none } }
 @media print { nav, .skip { display: none } }
 """
@@ -88,7 +88,8 @@ class Picture(NamedTuple):
 
 
 NARROW = 3  # columns of a table that a narrow screen shows as it is
-LONG = 18  # letters of a cell that takes the width of a narrow screen
+# Letters of a cell and of its column's name, from which on it takes a narrow screen's width.
+LONG = 19
 WIDE, HIGH = 4.6, 3.7  # inch, of a figure in `panels`: letters of 9 points are legible at 400 pixel
 
 
@@ -187,8 +188,9 @@ def _row(kind: str, texts: Sequence[str], right: set[int], head: Sequence[str] =
     """Cells; those of a row name their column, for narrow screens."""
     scope = ' scope="col"' if kind == "th" else ""
     named = [f' data-of="{escape(head[i])}"' if i < len(head) else "" for i in range(len(texts))]
+    kinds = [_kind(text, i in right, head[i : i + 1]) for i, text in enumerate(texts)]
     return "".join(
-        f"<{kind}{scope}{_kind(text, i in right)}{named[i]}>{escape(text)}</{kind}>"
+        f"<{kind}{scope}{kinds[i]}{named[i]}>{escape(text)}</{kind}>"
         for i, text in enumerate(texts)
     )
 
@@ -196,11 +198,11 @@ def _row(kind: str, texts: Sequence[str], right: set[int], head: Sequence[str] =
 _WIDE = ' class="wide"'
 
 
-def _kind(text: str, right: bool) -> str:
-    """Class of a cell."""
-    if right:
-        return ' class="number"'
-    return ' class="long"' if len(text) > LONG else ""
+def _kind(text: str, right: bool, name: Sequence[str]) -> str:
+    """Classes of a cell below the name of its column."""
+    long = len(text) + len("".join(name)) > LONG
+    kinds = ["number"] * right + ["long"] * long
+    return f' class="{" ".join(kinds)}"' if kinds else ""
 
 
 def _numeric(text: str) -> bool:
