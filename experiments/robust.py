@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--keep", type=Path, help="folder for the files of each fault")
-    options = command.read(parser, cases=5, kills=0)
+    options = command.read(parser, cases=3, kills=0)
     counted, kinds, statuses = Counter[str](), Counter[str](), Counter[int | None]()
     slowest: list[float] = [0.0]
 
@@ -50,7 +50,7 @@ def main() -> None:
                 keep(options.keep / f"{sum(counted.values())}", case)
 
     if options.cases:
-        run_cases(options.cases, options.seed, report)
+        run_cases(options.cases, options.seed, report, primed=not options.quick)
     ended = {"kills": 0, "lost": 0, "orphans": 0, "words": 0}
     if options.kills:
         with tempfile.TemporaryDirectory() as folder:
