@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -184,11 +185,15 @@ def _text(
         unit, name = (0.01, f"{one.name} (%)") if one.name == "availability" else (
             arcsec, f"{one.name} (arcsec)"
         )  # fmt: skip
-        first, second = (f"{value / unit:.4g}" for value in (one.first, one.second))
-        change = [
+        first, second = (
+            f"{value / unit:.4g}" if math.isfinite(value) else "none"
+            for value in (one.first, one.second)
+        )
+        change, low, high = (
             f"{value / unit:+.3g}" for value in (one.change.value, one.change.low, one.change.high)
-        ]
-        rows.append([name, first, second, f"{change[0]} [{change[1]}, {change[2]}]"])
+        )
+        known = math.isfinite(one.change.value)
+        rows.append([name, first, second, f"{change} [{low}, {high}]" if known else "none"])
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
     lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
              for row in rows]  # fmt: skip
