@@ -59,6 +59,8 @@ def test_a_first_trial_compiles_nothing_and_finds_the_same(tmp_path, monkeypatch
 
     It loads no tables, no ephemeris and no pictures.
     """
+    monkeypatch.chdir(tmp_path)
+    *compiled, same = first_trial()  # which also keeps the index of the patterns
     code = (
         "import json, sys\nfrom startrack.core import interpreted\n"
         "from tests.cli.test_first_result import first_trial\n"
@@ -72,12 +74,10 @@ def test_a_first_trial_compiles_nothing_and_finds_the_same(tmp_path, monkeypatch
         env={**os.environ, **places, "PYTHONPATH": root},
     )  # fmt: skip
     assert not list(tmp_path.rglob("*.nbc"))
-    monkeypatch.chdir(tmp_path)
     *found, attitude, modules = json.loads(done)
     assert "astropy.io.fits" in modules  # the catalogue is one
     needless = {"astropy.table", "astropy.time", "astropy.coordinates", "matplotlib", "nlopt"}
     assert not needless.intersection(modules)
-    *compiled, same = first_trial()
     assert found == compiled
     assert found[2] > 5
     assert max(abs(a - b) for a, b in zip(attitude, same, strict=True)) < 1e-11
