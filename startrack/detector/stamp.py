@@ -139,16 +139,19 @@ def add_star(image, shape, which, x, y, electrons, gain, room):  # type: ignore[
     row, lowest, highest, start_y = _place(y, rows, shape.samples, step, wy)
     if right < left or highest < lowest:
         return
-    if which:
-        _straight(wx)
-        _straight(wy)
     start_x, start_y = start_x + left * step, start_y + lowest * step
+    even = gain.size == 1
+    if which:
+        part = image[row + lowest : row + highest + 1, column + left : column + right + 1]
+        if not even:
+            gain = gain[row + lowest : row + highest + 1, column + left : column + right + 1]
+        _add_straight(part, shape, which, start_x, start_y, wx, wy, electrons, gain)
+        return
     star = star[: (highest - lowest + 1) * shape.across]
     if len(shape.line):
         _product(star, shape, start_x, start_y, wx, wy, right - left + 1)
     else:
         _sum(star, shape, which, start_x, start_y, wx, wy)
-    even = gain.size == 1
     for j in range(lowest, highest + 1):
         line = star[(j - lowest) * shape.across :]
         for i in range(left, right + 1):
@@ -182,8 +185,6 @@ def _sum(star, shape, which, x, y, wx, wy):  # type: ignore[no-untyped-def]
     for b in range(TAPS):
         for a in range(TAPS):
             weight = wy[b] * wx[a]
-            if weight == 0.0:
-                continue
             start = (y + b) // step * shape.across + (x + a) // step
             # A slice, because the compiler would check the index for values below zero.
             part = shape.strides[which, (y + b) % step, (x + a) % step][start : start + len(star)]
@@ -211,16 +212,36 @@ def _read(line, start, weight):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _straight(weight):  # type: ignore[no-untyped-def]
-    """Weights of a straight line instead of those of a polynomial of the fifth degree.
+def _add_straight(part, shape, which, x, y, wx, wy, electrons, gain):  # type: ignore[no-untyped-def]
+    """Add a star with straight lines between samples instead of polynomials of the fifth degree.
 
     For the tables of a FieldPsf after the first, which correct it: the centroid stays exact.
+
+    part, gain  of the pixels that the star reaches
     """
-    t = 0.0
+    u = v = 0.0
     for a in range(TAPS):
-        t += weight[a] * (a - 2)
-    weight[:] = 0.0
-    weight[2], weight[3] = 1 - t, t
+        u, v = u + wx[a] * (a - 2), v + wy[a] * (a - 2)
+    x, y, step, across = x + 2, y + 2, shape.oversampling, shape.across
+    left, right, upper, lower = (
+        x // step,
+        (x + 1) // step,
+        y // step * across,
+        (y + 1) // step * across,
+    )
+    a = shape.strides[which, y % step, x % step]
+    b = shape.strides[which, y % step, (x + 1) % step]
+    c = shape.strides[which, (y + 1) % step, x % step]
+    d = shape.strides[which, (y + 1) % step, (x + 1) % step]
+    wa, wb = electrons * (1 - v) * (1 - u), electrons * (1 - v) * u
+    wc, wd = electrons * v * (1 - u), electrons * v * u
+    even = gain.size == 1
+    for j in range(part.shape[0]):
+        for i in range(part.shape[1]):
+            k = j * across + i
+            light = wa * a[upper + left + k] + wb * b[upper + right + k]
+            light += wc * c[lower + left + k] + wd * d[lower + right + k]
+            part[j, i] += light if even else light * gain[j, i]
 
 
 @kernel

@@ -10,6 +10,8 @@ import pytest
 from startrack.budget import analytic, differences
 from startrack.catalog import open_sky
 from startrack.design import Fidelity, load_design
+from startrack.detector import stamp
+from startrack.detector.stamp import stamp_paths
 from startrack.io import shipped
 from startrack.metrics import summarise
 from startrack.optics import save_lens
@@ -81,6 +83,21 @@ def test_a_focal_length_by_colour_takes_off_a_lateral_colour_that_grows_with_the
     x, y = np.array([10.0, 290.0]), np.array([20.0, 150.0])
     off, left = (residual_shift(one)[1].at(x, y, colour)[:, :2] for one in (plain, knowing))
     assert np.abs(left).max() < 0.15 * np.abs(off).max()
+
+
+def test_a_star_that_is_drawn_as_terms_is_its_image(fast):
+    """Terms after the first are read along straight lines; the summed table by polynomials."""
+    images = field_psf_of(behind(fast, 300).instrument)
+    x, y, colour = np.array([[20.3]]), np.array([[251.7]]), np.array([600e-9])
+    which, *place, part = images.split(x, y, np.array([1e7]), np.ones(1), colour)
+    assert len(which) > 3
+    drawn, whole = np.zeros((2, 300, 300))
+    stamp_paths(drawn, images, np.ones(1), *place, part, None, which)
+    psf, flux = images.image(20.3, 251.7, 600e-9)
+    stamp(whole, psf, *(one[0, :1] for one in place), np.array([1e7 * flux]))
+    assert np.abs(drawn - whole).max() < 1e-3 * whole.max()
+    away = np.arange(300) @ (drawn - whole) / whole.sum()
+    assert abs(away.sum()) < 1e-4
 
 
 def test_each_star_has_the_zone_of_its_cell_and_of_its_third_of_the_colours():
