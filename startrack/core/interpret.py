@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-PATIENCE = 1.0  # second that a kernel may take where no other process compiles; chosen by hand
+PATIENCE = 1.0  # CPU second that a kernel may take where nobody compiles it; chosen by hand
 LOOK = 0.2  # second between two looks whether the other process has compiled it
 
 _COMPILING: Callable[[], bool] | None = None  # whether another process compiles; None: compile here
@@ -143,10 +143,10 @@ def _abandoned_when(kernel: Any, is_kept: Callable[[], bool]) -> Iterator[None]:
     if _DEPTH > 1:
         yield
         return
-    began = time.perf_counter()
+    began = time.process_time()
 
     def look(*_: object) -> None:
-        spent = kernel.interpreted + time.perf_counter() - began
+        spent = kernel.interpreted + time.process_time() - began
         working = _COMPILING is not None and _COMPILING()
         if is_kept() or (not working and spent > PATIENCE):
             raise _Abandoned
@@ -158,4 +158,4 @@ def _abandoned_when(kernel: Any, is_kept: Callable[[], bool]) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, held)
-        kernel.interpreted += time.perf_counter() - began
+        kernel.interpreted += time.process_time() - began
