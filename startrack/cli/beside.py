@@ -41,8 +41,9 @@ def compiled_beside(command: str) -> Iterator[None]:
     and wait for that of the identification, which they need last. Nothing is started where all has
     been compiled before, cannot be kept, or there is one core, or another command has started it.
     """
-    useful = (os.cpu_count() or 1) > 1 and not UNKEPT and not is_ready()
-    if command in ONE_TRIAL:
+    first = bool(UNKEPT) or not is_ready()
+    useful = (os.cpu_count() or 1) > 1 and first and not UNKEPT
+    if command in ONE_TRIAL and first:
         process = _start(ONE_TRIAL[command]) if useful else None
         with interpreted(_working(process) if useful else lambda: False):
             yield

@@ -84,4 +84,12 @@ def test_nothing_is_started_where_all_is_compiled(monkeypatch):
     for command in ("simulate", "optimize"):
         with beside.compiled_beside(command):
             assert not COMPILED_BESIDE
+            assert interpret._COMPILING is None
+    assert not Process.started
+
+
+def test_where_nothing_can_be_kept_python_saves_each_run_the_compiling(monkeypatch):
+    monkeypatch.setattr(beside, "UNKEPT", ["a kernel"])
+    with beside.compiled_beside("simulate"):
+        assert interpret._COMPILING() is False
     assert not Process.started
