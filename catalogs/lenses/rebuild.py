@@ -7,21 +7,26 @@ from pathlib import Path
 from startrack.cli.main import main
 
 HERE = Path(__file__).parent
-# Prescription, largest field angle (degree), temperatures (degC) and source.
+# Prescription, largest field angle (degree), temperatures (degC), number of wavelengths and source.
 LENSES = {
-    "double_gauss": ("12", ("20",), "US patent 2,673,491 (Tronnier 1954)"),
-    "triplet": ("12", ("20",), "Smith, Modern Optical Engineering, 4th ed. (2008), pp. 119 ff."),
-    "catadioptric": ("1.5", ("20",), "Maksutov, J. Opt. Soc. Am. 34, 270 (1944)"),
-    "petzval": ("5", ("-20", "20", "60"), "Laikin, Lens Design (2007), p. 75, at f/1.6"),
+    "double_gauss": ("12", ("20",), "7", "US patent 2,673,491 (Tronnier 1954)"),
+    "triplet": (
+        "12",
+        ("20",),
+        "7",
+        "Smith, Modern Optical Engineering, 4th ed. (2008), pp. 119 ff.",
+    ),
+    "catadioptric": ("1.5", ("20",), "7", "Maksutov, J. Opt. Soc. Am. 34, 270 (1944)"),
+    "petzval": ("5", ("-20", "20", "60"), "9", "Laikin, Lens Design (2007), p. 75, at f/1.6"),
 }
 
 
 def rebuild() -> int:
     status = 0
-    for name, (field, temperatures, source) in LENSES.items():
+    for name, (field, temperatures, waves, source) in LENSES.items():
         status |= main([
             "lens", "import", str(HERE / f"{name}.zmx"), "--field", field, "--source", source,
-            "--temperatures", *temperatures, "--check", "--out", str(HERE / f"{name}.fits"),
+            "--temperatures", *temperatures, "--wavelengths", waves, "--check", "--out", str(HERE / f"{name}.fits"),
         ])  # fmt: skip
     return status
 
