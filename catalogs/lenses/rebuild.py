@@ -26,7 +26,8 @@ def rebuild() -> int:
     for name, (field, temperatures, waves, source) in LENSES.items():
         status |= main([
             "lens", "import", str(HERE / f"{name}.zmx"), "--field", field, "--source", source,
-            "--temperatures", *temperatures, "--wavelengths", waves, "--check", "--out", str(HERE / f"{name}.fits"),
+            "--temperatures", *temperatures, "--wavelengths", waves, "--check",
+            "--out", str(HERE / f"{name}.fits"),
         ])  # fmt: skip
     return status
 
