@@ -14,7 +14,7 @@ kirchhoff     Kirchhoff integral over a thin lens without paraxial approximation
 choose        The cheapest model of the PSF within a tolerance, and the reason.
 pixel_psf     Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.
 lens_family   Family, focal length, f-number -> the LensTable of a lens of that family.
-measured_psf  Images of stars, or of points -> an oversampled Psf, or the LensTable that makes them.
+measured_psf  Images of stars -> the oversampled Psf that they share.
 over_field    Optics -> Psf at points of the field, where aberrations grow with the distance to the
               axis.
 quality       Psf -> figures of merit: transfer at Nyquist, energies, widths.

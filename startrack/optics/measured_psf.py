@@ -1,4 +1,4 @@
-"""Images of stars, or of points -> an oversampled Psf, or the LensTable that makes them."""
+"""Images of stars -> the oversampled Psf that they share."""
 
 from __future__ import annotations
 
@@ -19,10 +19,6 @@ OUTLIER = 5.0  # sigma, of pixels that are left out
 SMOOTH = 1e-2  # weight of the curvature of the table against the pixels
 FLOOR = 0.01  # of a pixel's light, that the model may err by
 REJECT = 0.05  # the same where pixels are left out
-TERMS = 22  # largest Noll index of a retrieved wavefront
-SAMPLES = 48  # across a pupil
-STARTS = (0.0, 0.15, -0.15, 0.4, -0.4)  # wave, defocus from which a wavefront is sought
-ENOUGH = 0.01  # of the peak, at which no further start is tried
 FORM = 1
 
 
