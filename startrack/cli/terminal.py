@@ -38,9 +38,9 @@ CATALOGS = ("bright", "deep")
 LONG_COMPILING = 2.0  # second
 UNKEPT_CODE = (
     "startrack: compiled code cannot be kept, as no folder can be written to: each run compiles "
-    "again, 1 to 2 minutes; set NUMBA_CACHE_DIR to a folder that can be written to"
+    "again, up to a minute; set NUMBA_CACHE_DIR to a folder that can be written to"
 )
-COMPILING = "startrack: compiling for this machine; once after an installation, 1 to 2 minutes"
+COMPILING = "startrack: compiling for this machine; once after an installation, up to a minute"
 
 
 def example() -> Path:

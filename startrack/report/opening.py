@@ -89,7 +89,8 @@ def verdict(
     lines = verdict_notes(found)
     lines[-1] = (
         f"Tested once: the design's own condition on the {len(outcomes)} trials of the campaign, "
-        f"each other one on {trials}. {lines[-1].partition('decided; ')[2]}"
+        f"each other one on {trials}. {lines[-1].partition('decided; ')[2]} "
+        "Each end of the bounds is one-sided, as the test asks; intervals elsewhere are two-sided."
     )
     return Section(
         "Verdict",
