@@ -55,7 +55,8 @@ def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise
     """
     largest = 2.0**detector.bits - 1
     level = np.minimum(electrons, detector.full_well)
-    level = nonlinear_signal(level, detector.full_well, detector.nonlinearity)
+    if detector.nonlinearity:
+        level = nonlinear_signal(level, detector.full_well, detector.nonlinearity)
     if detector.settling:
         level = settle(level, detector.settling)
     level += ripple
@@ -63,7 +64,8 @@ def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise
     level[1::2, ::2] -= 2 * ripple
     level /= detector.electrons_per_dn
     level += detector.offset
-    level = with_adc_inl(level, level / largest, detector.adc_inl)
+    if detector.adc_inl:
+        level = with_adc_inl(level, level / largest, detector.adc_inl)
     return Frame(
         np.minimum(level, largest).astype(np.float32),
         detector.exposure,
