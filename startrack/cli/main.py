@@ -18,7 +18,7 @@ from typing import TextIO, cast
 from startrack import __version__
 from startrack.cli.imports import load, postpone
 from startrack.cli.options import add_common, memory_of
-from startrack.cli.stopping import one_line, stopped_by_signals, told
+from startrack.cli.stopping import ignore_signals, one_line, stopped_by_signals, told
 
 # Each command is a file of this name with `declare(parser)` and `command(options)`. Only that of
 # the called command is imported, and what it computes with when it runs.
@@ -77,19 +77,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     All that it raises becomes one sentence here, and nowhere else.
     """
-    if arguments is None:  # this process runs one command, and nothing else
+    alone = arguments is None  # this process runs one command, and nothing else
+    if alone:
         postpone()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     with stopped_by_signals():
         try:
             # Imports what the command needs, which takes seconds that a signal may fall into.
-            return _run(_parser(arguments).parse_args(arguments))
+            status, message = _run(_parser(arguments).parse_args(arguments)), ""
         except (Exception, KeyboardInterrupt) as error:
             status, message = told(error)
             if "--debug" in arguments and not isinstance(error, KeyboardInterrupt):
                 traceback.print_exception(error)
     if message:
         print(f"startrack {_called(arguments)}: {message}", file=sys.stderr)
+    if alone:
+        ignore_signals()
     return int(status)
 
 

@@ -48,6 +48,13 @@ def stopped_by_signals() -> Iterator[None]:
             signal.signal(kind, held or signal.SIG_DFL)
 
 
+def ignore_signals() -> None:
+    """Let no signal end the process from here on: its command is done, and Python tidies up."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+
+
 def told(error: BaseException) -> tuple[int, str]:
     """The exit status and the sentence of what a command raised."""
     match error:

@@ -1,6 +1,8 @@
 """Whatever a command raises is one sentence and a status; what escapes says so."""
 
 import signal
+import subprocess
+import sys
 from concurrent.futures.process import BrokenProcessPool
 
 import pytest
@@ -44,3 +46,18 @@ def test_a_traceback_is_printed_with_debug_only(capsys, monkeypatch, debug):
     err = capsys.readouterr().err
     assert ("Traceback" in err) == debug
     assert err.splitlines()[-1].startswith("startrack requirements: cli/requirements.py, line ")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals between processes")
+@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM"])
+def test_a_signal_after_the_end_is_not_heard(kind):
+    code = f"""
+import atexit, os, signal, sys
+from startrack.cli.main import main
+atexit.register(os.kill, os.getpid(), signal.{kind})
+sys.argv = ["startrack", "keys", "scene.orbit", "--json"]
+sys.exit(main())
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout.startswith("{")
