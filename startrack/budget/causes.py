@@ -133,7 +133,8 @@ def _linear(case: Case) -> Case:
 
 
 def _calibrated(case: Case) -> Case:
-    return _believing(case, camera=None, calibrated_at=None)
+    known = None if case.design is None else case.instrument.camera
+    return _believing(case, camera=known, calibrated_at=None)
 
 
 def _moved(case: Case) -> Case:
@@ -162,7 +163,8 @@ def _corrected(case: Case) -> Case:
 
 
 def _aligned(case: Case) -> Case:
-    return _believing(case, mounting=None)
+    known = None if case.design is None else case.instrument.mounting.still
+    return _believing(case, mounting=known)
 
 
 def _cool(case: Case) -> Case:
@@ -172,4 +174,5 @@ def _cool(case: Case) -> Case:
 
 
 def _punctual(case: Case) -> Case:
-    return _believing(case, delay=None)
+    known = None if case.design is None else case.instrument.delay
+    return _believing(case, delay=known)

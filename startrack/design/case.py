@@ -181,6 +181,12 @@ class Case:
     An epoch and an orbital velocity that the catalogue leaves out (None) are set by `seen_from`,
     from the date and the orbit of the scene; those of the tracker's catalogue are then the same.
 
+    What the tracker believes comes from the design, from its settings or from a calibration, never
+    from what a unit has by chance: see `as_designed`.
+
+    design  the case that this one is a unit of, whose truth differs by chance; None: it is as
+            designed. No file holds it
+
     Raises  ValueError where the catalogue contradicts the scene.
     """
 
@@ -188,6 +194,7 @@ class Case:
     tracker: Tracker = field(default_factory=Tracker)
     scene: Scene = field(default_factory=Scene)
     catalog: Selection = field(default_factory=Selection)
+    design: Case | None = field(default=None, metadata={"computed": True})
 
     def __post_init__(self) -> None:
         if self.tracker.focal_length_by_colour and not self.instrument.optics.tabulated:
@@ -201,6 +208,18 @@ class Case:
             believed = believed_from(self.scene, catalog, self.tracker.catalog)
             object.__setattr__(self, "tracker", replace(self.tracker, catalog=believed))
 
+    @cached_property
+    def as_designed(self) -> Case:
+        """This tracker in the instrument and scene that it was designed for, before a calibration.
+
+        All beliefs that the tracker's settings leave out are derived from it.
+        """
+        if self.design is None:
+            return self
+        own = self.design.tracker
+        tracker = replace(self.tracker, camera=own.camera, mounting=own.mounting, delay=own.delay)
+        return self.design if tracker == own else replace(self.design, tracker=tracker)
+
     @property
     def believed_camera(self) -> Camera:
         """The camera that the tracker computes with."""
@@ -208,29 +227,31 @@ class Case:
 
     @cached_property
     def calibrated(self) -> Instrument:
-        """The instrument as it was when its camera was calibrated."""
-        kelvin = self.tracker.calibrated_at
-        if kelvin is None or not self.instrument.optics.tabulated:
-            return self.instrument
-        return replace(self.instrument, thermal=Temperatures(kelvin))
+        """The instrument as designed, at the temperature where its camera was calibrated."""
+        instrument, kelvin = self.as_designed.instrument, self.tracker.calibrated_at
+        if kelvin is None or not instrument.optics.tabulated:
+            return instrument
+        return replace(instrument, thermal=Temperatures(kelvin))
 
     @property
     def believed_catalog(self) -> Selection:
         """The catalogue that the tracker carries."""
-        return self.tracker.catalog or self.catalog
+        return self.tracker.catalog or self.as_designed.catalog
 
     @property
     def believed_mounting(self) -> Mounting:
         """How the tracker believes the camera to sit."""
-        return self.tracker.mounting or self.instrument.mounting.still
+        return self.tracker.mounting or self.as_designed.instrument.mounting.still
 
     @property
     def believed_motion(self) -> Motion:
         """How the tracker believes the camera to turn; its rates count."""
-        return self.tracker.motion or self.instrument.motion
+        return self.tracker.motion or self.as_designed.instrument.motion
 
     @property
     def time_tag_error(self) -> float:
         """Second, from the middle of the exposure to the time that the tracker states."""
         believed = self.tracker.delay
-        return 0.0 if believed is None else self.instrument.delay - believed
+        if believed is None:
+            believed = self.as_designed.instrument.delay
+        return self.instrument.delay - believed

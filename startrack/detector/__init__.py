@@ -32,7 +32,15 @@ from startrack.detector.collect import electron_rate, mean_wavelength
 from startrack.detector.dark_frames import dark_frames
 from startrack.detector.digitise import normals, shot
 from startrack.detector.effects import diffuse, settle
-from startrack.detector.expose import Exposure, arriving, expected, expose, frame_of, seen
+from startrack.detector.expose import (
+    Exposure,
+    arriving,
+    expected,
+    expose,
+    frame_of,
+    seen,
+    to_frame,
+)
 from startrack.detector.hits import Hits
 from startrack.detector.law import law_of, nonlinear_signal, with_adc_inl
 from startrack.detector.lines import Line, Scan, staggered, tdi

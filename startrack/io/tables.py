@@ -165,11 +165,11 @@ def unit_of(kind: type, name: str) -> Unit | None:
 
 
 def fields_of(kind: type) -> dict[str, Field]:
-    """The fields of a parameter object that a file may give, by name."""
+    """The fields of a parameter object that a file may give, by name; none that is `computed`."""
     hints = typing.get_type_hints(kind, include_extras=True)
     fields = {}
     for entry in dataclasses.fields(kind):
-        if not entry.init:
+        if not entry.init or entry.metadata.get("computed"):
             continue
         kind, unit = _bare(hints[entry.name])
         default, made = entry.default, entry.default_factory

@@ -26,6 +26,7 @@ from startrack.sequence.flight import Flight, exposure_rates, flight, gyro_rates
 from startrack.sequence.follow import TrackerState, known_rate, predict_state, update_state
 from startrack.sequence.parameters import Sequence
 from startrack.trial import (
+    as_believed,
     detection_plan,
     focal_stretches,
     images_of,
@@ -158,7 +159,7 @@ def _see(
     # In steps, so that frames at nearly the same rate share a plan.
     x, y = (SMEAR_STEP * round(one / SMEAR_STEP) for one in smear_of(case, rate[0], rate[1]))
     stars = open_sky(case.believed_catalog).stars
-    spots = detect(frame, detection_plan(case, smear=(x, y)))
+    spots = detect(as_believed(case, frame), detection_plan(case, smear=(x, y)))
     rooms = spots, camera, stars, pattern_indexes(case.believed_catalog)(case.believed_camera)
     if predicted is None:
         matches = identify(*rooms, tracker.identification)

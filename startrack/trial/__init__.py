@@ -64,6 +64,7 @@ from startrack.trial.star_response import (
 )
 from startrack.trial.systematic import focal_stretches, systematic_variance, systematic_variance_of
 from startrack.trial.view import (
+    as_believed,
     detected_spectrum,
     detection_plan,
     expected_electrons,

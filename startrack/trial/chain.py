@@ -40,6 +40,7 @@ from startrack.trial.spots import spots_of
 from startrack.trial.sweep import straighten, sweep
 from startrack.trial.systematic import focal_stretches, systematic_variance
 from startrack.trial.view import (
+    as_believed,
     detection_plan,
     exposure_of,
     light_of,
@@ -166,8 +167,8 @@ def _exposed(
 
 def _detected(case: Case, frame: Frame) -> Spots:
     """The spots of a frame; those of lines where a matrix would have them at time zero."""
-    detector = case.instrument.detector
-    spots = detect(frame, detection_plan(case))
+    detector = case.as_designed.instrument.detector
+    spots = detect(as_believed(case, frame), detection_plan(case))
     if not detector.scan:
         return spots
     return straighten(

@@ -221,7 +221,7 @@ def _colours(case: Case, true: Floats, believed: Floats) -> tuple[Ints, Ints, Fl
     return (
         np.clip(nearest, 0, COLOURS - 1).astype(np.int64),
         zones.colour_class(colour) * len(zones.x) * len(zones.y),
-        focal_stretch(case, mean_colour(case, believed)),
+        focal_stretch(case, mean_colour(case.as_designed, believed)),
     )
 
 

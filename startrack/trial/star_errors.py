@@ -46,7 +46,10 @@ def errors(case: Case) -> Errors:
     # The tracker overstates the covariance of a saturated star on purpose.
     bold = replace(case.tracker, detection=replace(case.tracker.detection, saturation=None))
     noise, shot = (
-        mean_of(chart(replace(case, tracker=bold), magnitude, noisy=noisy).covariance, kept)
+        mean_of(
+            chart(replace(case, tracker=bold), magnitude, noisy=noisy, believed=False).covariance,
+            kept,
+        )
         for noisy in (True, False)
     )
     random = {

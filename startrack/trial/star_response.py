@@ -38,7 +38,7 @@ from startrack.detector import (
 from startrack.motion import blur, slew
 from startrack.scene import illuminate
 from startrack.trial.conditions import dark_electrons
-from startrack.trial.view import detection_plan, psf_of, throughput
+from startrack.trial.view import as_believed, detection_plan, psf_of, throughput
 
 
 def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise: float) -> Frame:
@@ -158,6 +158,7 @@ def chart(
     noisy: bool = True,
     point: Floats | None = None,
     place: Floats | None = None,
+    believed: bool = True,
 ) -> Chart:
     """Measure stars without noise, as the tracker would.
 
@@ -170,6 +171,8 @@ def chart(
     noisy      whether the tracker believes that pixels without light have noise
     point      (p, side, side) fraction of a star's light in each pixel; None: `point_images`
     place      (p, 2) pixel, their sub-pixel positions; None: `phases`
+    believed   whether the tracker reads the numbers as those of its design; false: as what they
+               are, so that the covariance is the true one
     """
     light = scale(case).star * 10 ** (-0.4 * magnitude[:, None, None, None])
     electrons = light * (point_images(case) if point is None else point)
@@ -179,16 +182,19 @@ def chart(
         electrons = electrons + extra
     side, shape = electrons.shape[-1], electrons.shape[:2]
     every = electrons.reshape(-1, side, side)
-    found, covariance = measure(case, every, noisy)
+    found, covariance = measure(case, every, noisy, believed)
     offset = found.reshape(*shape, 2) - (phases() if place is None else place)
     kept = _chance_kept(case, every).reshape(shape)
     return Chart(magnitude, offset, covariance.reshape(*shape, 2, 2), kept)
 
 
-def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, Floats]:
+def measure(
+    case: Case, electrons: Floats, noisy: bool = True, believed: bool = True
+) -> tuple[Floats, Floats]:
     """The tracker's centroids of stars, each in a separate cell.
 
     electrons  (n, side, side) of the star in the pixels of its cell, side odd
+    believed   as of `chart`
     Returns    (n, 2) pixel from the middle of the cell, (n, 2, 2) pixel^2 as stated; NaN for a
                star that the tracker drops
     """
@@ -197,19 +203,24 @@ def measure(case: Case, electrons: Floats, noisy: bool = True) -> tuple[Floats, 
     ripple = math.hypot(noise, math.sqrt(size.background))
     every = replace(detection, max_spots=2**20)
     plan = detection_plan(case, every)
-    place, covariance = _measured(case, electrons, ripple, noise, plan)
+    place, covariance = _measured(case, electrons, ripple, noise, plan, believed)
     if not plan.method.skips_dead:
         return place, covariance
     # A chessboard moves a fit of a narrow star, as far one way as its negative the other way.
-    other, other_covariance = _measured(case, electrons, -ripple, noise, plan)
+    other, other_covariance = _measured(case, electrons, -ripple, noise, plan, believed)
     return (place + other) / 2, (covariance + other_covariance) / 2
 
 
 def _measured(
-    case: Case, electrons: Floats, ripple: float, noise: float, plan: DetectionPlan
+    case: Case,
+    electrons: Floats,
+    ripple: float,
+    noise: float,
+    plan: DetectionPlan,
+    believed: bool,
 ) -> tuple[Floats, Floats]:
     """`measure` with one ripple."""
-    frame, across = _in_cells(case, electrons, ripple, noise)
+    frame, across = _in_cells(case, electrons, ripple, noise, believed)
     side = electrons.shape[-1]
     row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
     candidates = Candidates(column, row, np.ones(len(row), np.int64))
@@ -223,12 +234,18 @@ def _measured(
     return place, covariance
 
 
-def _in_cells(case: Case, electrons: Floats, ripple: float, noise: float) -> tuple[Frame, int]:
+def _in_cells(
+    case: Case, electrons: Floats, ripple: float, noise: float, believed: bool = True
+) -> tuple[Frame, int]:
     """A frame of the stars of `measure`, and how many there are in a row of it."""
     side, across = electrons.shape[-1], math.gcd(len(electrons), PHASES**2)
     cells = electrons.reshape(-1, across, side, side).transpose(0, 2, 1, 3)
     light = cells.reshape(-1, across * side) + scale(case).background
-    return noise_free_frame(light, case.instrument.detector, ripple, noise), across
+    frame = noise_free_frame(light, case.instrument.detector, ripple, noise)
+    if case.design is not None and believed:
+        stated = scale(case.as_designed).noise if noise else 0.0
+        frame = replace(as_believed(case, frame), read_noise=stated)
+    return frame, across
 
 
 def _chance_kept(case: Case, electrons: Floats) -> Floats:

@@ -16,9 +16,9 @@ from startrack.trial.star_errors import errors, lasting
 from startrack.trial.zones import focal_stretch, lens_variance
 
 
-@lru_cache(maxsize=8)
 def systematic_variance(case: Case) -> Floats:
-    """Variance per axis of a centroid that no noise explains, as a calibrated tracker knows it.
+    """Variance per axis of a centroid that no noise explains, as a tracker knows it
+    that is calibrated and as designed.
 
         variance = S-curve^2 + PRNU^2 + DSNU^2 + shift^2 / 2 + lens^2
 
@@ -32,6 +32,11 @@ def systematic_variance(case: Case) -> Floats:
     Accuracy  those of `errors` and `blending_shift`. model: for a detector that scans, the tracker
               assumes UNKNOWN_FLOOR.
     """
+    return _systematic_variance(case.as_designed)
+
+
+@lru_cache(maxsize=8)
+def _systematic_variance(case: Case) -> Floats:
     stars, floor = open_sky(case.believed_catalog).stars, case.tracker.attitude.centroid_floor
     if floor is None and case.instrument.detector.scan:
         floor = UNKNOWN_FLOOR
@@ -46,9 +51,13 @@ def systematic_variance(case: Case) -> Floats:
     return variance
 
 
-@lru_cache(maxsize=8)
 def focal_stretches(case: Case) -> Floats | None:
     """`focal_stretch` (n,) of the stars of the believed catalogue; None where all are zero."""
+    return _focal_stretches(case.as_designed)
+
+
+@lru_cache(maxsize=8)
+def _focal_stretches(case: Case) -> Floats | None:
     if not case.tracker.focal_length_by_colour:
         return None
     return focal_stretch(case, mean_colour(case, open_sky(case.believed_catalog).stars.colour))

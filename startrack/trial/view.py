@@ -12,7 +12,18 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Sky, open_sky
-from startrack.core import Camera, FieldPsf, Floats, Ints, Light, LineOfSight, Psf, Stars, Streams
+from startrack.core import (
+    Camera,
+    FieldPsf,
+    Floats,
+    Frame,
+    Ints,
+    Light,
+    LineOfSight,
+    Psf,
+    Stars,
+    Streams,
+)
 from startrack.design import Case, Instrument
 from startrack.detection import (
     LONGEST_STREAK,
@@ -29,6 +40,7 @@ from startrack.detector import (
     dark_frames,
     expected,
     mean_wavelength,
+    to_frame,
 )
 from startrack.motion import realise_motion, sample_jitter
 from startrack.optics import (
@@ -211,7 +223,8 @@ def detection_plan(
     smear      pixel, where the settings leave it out; None for `known_smear`
     """
     detection = detection or case.tracker.detection
-    return _planned(case.instrument, with_smear(detection, *(smear or known_smear(case))))
+    designed = case.as_designed
+    return _planned(designed.instrument, with_smear(detection, *(smear or known_smear(designed))))
 
 
 @lru_cache(maxsize=16)
@@ -225,12 +238,19 @@ def _planned(instrument: Instrument, detection: Detection) -> DetectionPlan:
     return plan_detection(detection, psf_of(instrument), dark)
 
 
+def as_believed(case: Case, frame: Frame) -> Frame:
+    """A frame with the meaning that the tracker believes its numbers to have."""
+    if case.design is None:
+        return frame
+    return to_frame(frame.image, case.as_designed.instrument.detector)
+
+
 def known_smear(case: Case) -> tuple[float, float]:
     """Smear on the boresight (pixel, x and y) by the rates that the tracker knows.
 
     Zero where lines scan: each of their spots has its own time.
     """
-    detector, motion = case.instrument.detector, case.believed_motion
+    detector, motion = case.as_designed.instrument.detector, case.believed_motion
     if detector.scan:
         return 0.0, 0.0
     return smear_of(case, motion.rate_x, motion.rate_y)
@@ -238,7 +258,8 @@ def known_smear(case: Case) -> tuple[float, float]:
 
 def smear_of(case: Case, rate_x: float, rate_y: float) -> tuple[float, float]:
     """`smear` that the tracker of a case computes from rates (rad / s)."""
-    return smear(case.believed_camera, case.instrument.detector.exposure, rate_x, rate_y)
+    exposure = case.as_designed.instrument.detector.exposure
+    return smear(case.believed_camera, exposure, rate_x, rate_y)
 
 
 def smear(camera: Camera, exposure: float, rate_x: float, rate_y: float) -> tuple[float, float]:

@@ -49,6 +49,7 @@ from startrack.detector import (
 )
 from startrack.scene import illuminate
 from startrack.trial.view import (
+    as_believed,
     colours_of,
     detection_plan,
     electrons_of,
@@ -118,6 +119,7 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     frame = expose_within(
         windows, (weight, x, y), star, plan.psf, detector, sky, streams, plan.workspace, colour
     )
+    frame = as_believed(case, frame)
     # Numbers of noise must not be written over those about a star, which are searched first then.
     if separate(grown_mask(noisy, plan.spread, *size), windows[: len(regions)]):
         write_numbers(frame, pixel, numbers)
@@ -134,7 +136,7 @@ def spots_of_frame(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Sp
     light = light_of(case, stars, icrs_to_camera, streams)
     path = line_of_sight(instrument, streams)
     frame = expose(exposure_of(instrument, light, path, icrs_to_camera, streams), streams)
-    return detect(frame, detection_plan(case))
+    return detect(as_believed(case, frame), detection_plan(case))
 
 
 def area(windows: Ints) -> int:
@@ -325,7 +327,7 @@ def ground_of(case: Case, streams: Streams) -> Ground:
     electrons = expected_electrons(
         case, stars, line_of_sight(instrument, streams), attitude, streams
     )
-    frame = frame_of(electrons, instrument.detector, streams)
+    frame = as_believed(case, frame_of(electrons, instrument.detector, streams))
     return measure_ground(frame, detection_plan(case))
 
 

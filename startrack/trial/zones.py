@@ -124,7 +124,7 @@ def focal_stretch(case: Case, colour: Floats) -> Floats:
     """
     if not case.tracker.focal_length_by_colour:
         return np.zeros(len(colour))
-    known = replace(case, instrument=case.calibrated)
+    known = replace(case.as_designed, instrument=case.calibrated)
     shift, place = centroid_shift(known), _from_centre(known)
     sunlike = shift.of_one_colour(sunlike_colour(known.instrument))
     apart = shift.value[..., :2] - sunlike.value[..., :2]
@@ -245,7 +245,7 @@ def _charted(case: Case, magnitude: Floats, point: Floats) -> _Charted:
     bold = replace(case.tracker, detection=replace(case.tracker.detection, saturation=None))
     tracker = replace(case, tracker=bold)
     noise, shot = (
-        mean_of(chart(tracker, magnitude, None, None, noisy, point, place).covariance, kept)
+        mean_of(chart(tracker, magnitude, None, None, noisy, point, place, False).covariance, kept)
         for noisy in (True, False)
     )
     return _Charted(point, plain.offset, kept, mean_of(plain.covariance, kept), shot, noise - shot)

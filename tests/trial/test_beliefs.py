@@ -1,0 +1,118 @@
+"""The truth of a unit changes nothing that its tracker believes."""
+
+import dataclasses
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from startrack.attitude import Mounting
+from startrack.design import Case, replaced
+from startrack.detection import DarkMap
+from startrack.detector import Defects, Thermal, to_frame
+from startrack.motion import Motion, Tone
+from startrack.trial import (
+    as_believed,
+    detection_plan,
+    focal_stretches,
+    systematic_variance,
+)
+from tests.trial.designs import CASE
+
+
+def whole_case() -> Case:
+    """A small case whose instrument has most of what a design can name."""
+    case = CASE
+    detector = replace(
+        case.instrument.detector, thermal=Thermal(283.0), defects=Defects(5.0, 0.001, 500.0),
+        prnu=0.01, crosstalk=0.01,
+    )  # fmt: skip
+    motion = Motion(1e-4, 2e-4, 3e-5, (Tone(20.0, 1e-6, 1e-6, 1e-6, 0.3),))
+    instrument = replace(
+        case.instrument, detector=detector, motion=motion, delay=0.01,
+        mounting=Mounting(1e-3, 2e-3, 3e-3, 1e-5, 1e-5, 1e-5),
+    )  # fmt: skip
+    detection = replace(case.tracker.detection, dark_map=DarkMap(frames=2))
+    return replace(case, instrument=instrument, tracker=replace(case.tracker, detection=detection))
+
+
+def numbers(owner: object, place: str):
+    """The dotted names of all numbers in a parameter object."""
+    for each in dataclasses.fields(owner):  # type: ignore[arg-type]
+        value, name = getattr(owner, each.name), f"{place}.{each.name}"
+        parts = enumerate(value) if isinstance(value, tuple) else [(None, value)]
+        for at, one in parts:
+            inner = name if at is None else f"{name}.{at}"
+            if dataclasses.is_dataclass(one):
+                yield from numbers(one, inner)
+            elif isinstance(one, int | float) and not isinstance(one, bool):
+                yield inner, one
+
+
+def other(case: Case, name: str, value: float) -> Case | None:
+    """The case with another truth; None where the instrument refuses every other value tried."""
+    for tried in (value * 1.01, value * 0.99, value + 1, value - 1, 1e-3):
+        if tried != value and math.isfinite(tried):
+            try:
+                changed = replaced(case, name, tried)
+            except ValueError:
+                continue
+            if changed.instrument != case.instrument:
+                return changed
+    return None
+
+
+def beliefs(case: Case) -> tuple[object, ...]:
+    """What the tracker believes, as values to compare."""
+    plan = detection_plan(case)
+    believed = as_believed(case, to_frame(np.zeros((4, 4)), case.instrument.detector))
+    return (
+        case.believed_camera, case.believed_mounting, case.believed_motion, case.believed_catalog,
+        case.calibrated, case.instrument.delay - case.time_tag_error, focal_stretches(case),
+        plan.settings, plan.kernel.whole.tobytes(), plan.star.psf.table.tobytes(),
+        plan.correction.offset.tobytes(), plan.correction.hot.tobytes(),
+        believed.electrons_per_dn, believed.offset, believed.read_noise, believed.exposure,
+    )  # fmt: skip
+
+
+def test_no_belief_sees_the_truth_of_any_number_of_an_instrument():
+    case = whole_case()
+    unit = replace(case, design=case)
+    known, variance = beliefs(unit), systematic_variance(unit)
+    assert known == beliefs(case)
+    tried = 0
+    for name, value in numbers(case.instrument, "instrument"):
+        changed = other(unit, name, value)
+        if changed is None:
+            continue
+        tried += 1
+        assert beliefs(changed) == known, name
+        assert systematic_variance(changed) is variance, name
+    assert tried > 60
+
+
+def test_no_belief_sees_the_truth_of_the_sky_and_the_scene():
+    case = whole_case()
+    unit = replace(case, design=case)
+    deeper = replace(unit, catalog=replace(unit.catalog, limit_g=unit.catalog.limit_g + 1))
+    brighter = replaced(unit, "scene.background_g", 20.0)
+    for changed in (deeper, brighter):
+        assert beliefs(changed) == beliefs(case)
+        assert systematic_variance(changed) is systematic_variance(unit)
+
+
+def test_without_a_design_beliefs_follow_the_instrument():
+    case = whole_case()
+    longer = replaced(
+        case, "instrument.optics.focal_length", 1.01 * case.instrument.optics.focal_length
+    )
+    assert beliefs(longer) != beliefs(case)
+
+
+def test_a_calibrated_camera_is_believed():
+    case = whole_case()
+    camera = case.instrument.camera.scaled(1.001)
+    unit = replace(case, design=case, tracker=replace(case.tracker, camera=camera))
+    assert unit.believed_camera == camera
+    # Weights come from the design: a calibration of the camera costs no new ones.
+    assert systematic_variance(unit) is systematic_variance(replace(case, design=case))
