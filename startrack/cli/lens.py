@@ -1,4 +1,4 @@
-"""`startrack lens`: tables of lenses from prescriptions."""
+"""`startrack lens`: tables of lenses from prescriptions, and images of points for designs."""
 
 from __future__ import annotations
 
@@ -11,34 +11,36 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe, whole
+from startrack.cli.options import Exit, WrongUse, add_images, add_part, as_wrong_use, whole
 
 with deferred():
     import numpy as np
-    from numpy.typing import NDArray
 
     from startrack.cli.terminal import print_result, progress
-    from startrack.core import ZERO_CELSIUS, Spots, deg, nm, um
+    from startrack.core import ZERO_CELSIUS, deg, nm, um
     from startrack.detection import Detection, detect, plan_detection
     from startrack.io import read_image
     from startrack.optics import (
         LensTable,
-        Stars,
+        PsfFile,
         Tracing,
+        brightest,
+        file_of,
         lens_path,
         load_lens,
+        load_psf_file,
+        lone_stars,
+        open_psf_file,
         read_prescription,
         reconstruct,
         save_ghosts,
         save_lens,
-        save_psf,
+        save_psf_file,
         save_surfaces,
         surfaces_of,
         trace_lens,
         zernike,
     )
-
-LEAST_SNR = 12.0  # of a star that a PSF is measured with
 
 LENS = """\
 A lens table holds the wavefront, the place of the chief ray, the pupil and the vignetting of a lens
@@ -49,6 +51,8 @@ over field, wavelength and temperature. A design names it: lens_file = "my-lens.
   startrack lens measure night-*.fits            PSF of your own stars
   startrack lens show my-lens.fits               what a table holds
   startrack lens show double_gauss               a shipped one
+
+Images of a point take its place where no prescription is known: psf_file = "psf.fits".
 """
 
 
@@ -57,7 +61,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.description = LENS
     parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
     text = "trace a prescription: Zemax .zmx, CODE V .seq, or optiland .json"
-    part = _part(parts, "import", text, "Needs optiland: pip install 'startrack[lens]'.")
+    part = add_part(parts, "import", text, "Needs optiland: pip install 'startrack[lens]'.")
     part.add_argument("prescription", type=Path, metavar="PRESCRIPTION")
     part.add_argument(
         "--field", type=float, required=True, metavar="DEG",
@@ -98,13 +102,13 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, metavar="FILE",
         help="lens table to write (default: name of the prescription with .fits)",
     )  # fmt: skip
-    measure = _part(
+    measure = add_part(
         parts, "measure", "reconstruct an oversampled PSF from images of stars",
         "Takes the brightest stars that stand alone and are not saturated, of all images together, "
-        "and writes the PSF that they share as FITS: fractions of a star's light in pixels, with "
-        "OVERSAMP samples per pixel.",
+        "and writes the PSF that they share as FITS, for psf_file of a design: fractions of a "
+        "star's light in pixels, with OVERSAMP samples per pixel.",
     )  # fmt: skip
-    measure.add_argument("images", type=Path, nargs="+", metavar="IMAGE")
+    add_images(measure)
     measure.add_argument(
         "--half", type=whole(3, 50), default=7, metavar="PIXEL",
         help="half side of the box around a star, pixel (default: 7)",
@@ -125,27 +129,34 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=Path("psf.fits"), metavar="FILE",
         help="file to write (default: psf.fits)",
     )  # fmt: skip
-    show = _part(parts, "show", "print what a lens table holds")
+    show = add_part(parts, "show", "print what a lens table holds")
     show.add_argument("table", metavar="TABLE", help="lens table, or name of a shipped one")
-
-
-def _part(parts: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = parts.add_parser(
-        name, help=text, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    describe(parser, more)
-    return parser
 
 
 def command(options: argparse.Namespace) -> int:
     """Trace a prescription, or print a table."""
     if options.part == "show":
         with as_wrong_use(ValueError, OSError):
-            table = load_lens(lens_path(options.table))
-        result = summary(table)
-        print_result(options, result, _text(result))
+            found = _opened(options.table)
+        if isinstance(found, PsfFile):
+            result = images_summary(found)
+            print_result(options, result, _images_text(result))
+        else:
+            result = summary(found)
+            print_result(options, result, _text(result))
         return Exit.DONE
     return _measure(options) if options.part == "measure" else _import(options)
+
+
+def _opened(name: str) -> LensTable | PsfFile:
+    """The lens table or the file of PSFs of a path or of a shipped name."""
+    if Path(name).suffix:
+        with suppress(ValueError):
+            return load_psf_file(Path(name))
+    else:
+        with suppress(ValueError):
+            return open_psf_file(name)
+    return load_lens(lens_path(name))
 
 
 def _measure(options: argparse.Namespace) -> int:
@@ -158,13 +169,9 @@ def _measure(options: argparse.Namespace) -> int:
             spots = detect(frame, plan_detection(Detection()))
             found.append(lone_stars(frame.image, spots, options.half, options.saturation))
             advance(1)
-    image, x, y, flux = (np.concatenate(each) for each in zip(*found, strict=True))
-    brightest = np.argsort(-flux, kind="stable")[: options.stars]
     with as_wrong_use(ValueError):
-        measured = reconstruct(
-            Stars(image[brightest], x[brightest], y[brightest]), options.oversampling
-        )
-    save_psf(options.out, measured, ", ".join(path.name for path in options.images))
+        measured = reconstruct(brightest(found, options.stars), options.oversampling)
+    save_psf_file(options.out, file_of(measured, ", ".join(path.name for path in options.images)))
     table, step = measured.psf.table, measured.psf.oversampling
     result = {
         "stars": len(measured.x),
@@ -177,35 +184,11 @@ def _measure(options: argparse.Namespace) -> int:
     text = (
         f"{result['stars']} stars: half of the peak over {result['width_px']:.2f} pixel, "
         f"{result['peak']:.3f} of the light in the brightest pixel, residual "
-        f"{100 * measured.residual:.2g} % of the peak rms\nwrote {options.out}"
+        f"{100 * measured.residual:.2g} % of the peak rms\nwrote {options.out}, which a design "
+        f'takes as psf_file = "{options.out}"'
     )
     print_result(options, result, text)
     return Exit.DONE
-
-
-def lone_stars(
-    image: NDArray[np.number], spots: Spots, half: int, saturation: float
-) -> tuple[NDArray[np.float64], ...]:
-    """Cut-outs (n, s, s) of stars without neighbours, their x and y in them, and their fluxes."""
-    rows, columns = image.shape
-    limit = saturation * float(image.max())
-    x, y = spots.x, spots.y
-    column, row = np.rint(x).astype(int), np.rint(y).astype(int)
-    away = np.hypot(x[:, None] - x, y[:, None] - y) + np.diag(np.full(len(x), np.inf))
-    # A neighbour that is far fainter moves nothing.
-    matters = spots.flux > 0.02 * spots.flux[:, None]
-    alone = np.where(matters, away, np.inf).min(axis=1, initial=np.inf) > 2 * half
-    inside = (np.minimum(column, columns - 1 - column) > half) & (
-        np.minimum(row, rows - 1 - row) > half
-    )
-    cuts, chosen = [], []
-    for n in np.flatnonzero(alone & inside & (spots.snr > LEAST_SNR)):
-        cut = image[row[n] - half : row[n] + half + 1, column[n] - half : column[n] + half + 1]
-        if cut.max() < limit:
-            cuts.append(np.asarray(cut, float))
-            chosen.append(n)
-    made = np.array(cuts).reshape(-1, 2 * half + 1, 2 * half + 1)
-    return made, (x - column)[chosen], (y - row)[chosen], spots.flux[chosen]
 
 
 def _import(options: argparse.Namespace) -> int:
@@ -330,6 +313,42 @@ def summary(table: LensTable) -> dict[str, Any]:
         "wavefront_rms_waves": (wavefront / table.wavelength[w]).tolist(),
         "illumination": (table.area[t, w] / table.area[t, w, 0]).tolist(),
     }
+
+
+def images_summary(found: PsfFile) -> dict[str, Any]:
+    """What a file of PSFs holds; widths in metre, or in pixel where their size is unknown."""
+    unit = 1.0 if found.pixel and found.pitch is None else um
+    size = found.spacing / unit
+    half = found.image / found.image.max(axis=(2, 3), keepdims=True) > 0.5
+    width = np.sqrt(half.sum(axis=(2, 3)) * 4 / math.pi) * size
+    return {
+        "source": found.source,
+        "unit": "pixel" if unit == 1.0 else "um",
+        "spacing": size,
+        "samples": found.image.shape[-1],
+        "pixel_included": found.pixel,
+        "energy": found.energy,
+        "wavelength_nm": (found.wavelength / nm).tolist() if found.varies else [],
+        "field_deg": (found.angle / deg).tolist(),
+        "width": width.tolist(),
+    }
+
+
+def _images_text(result: dict[str, Any]) -> str:
+    unit = result["unit"]
+    lines = [
+        f"PSFs from {result['source']}",
+        f"samples       {result['samples']} a side, {result['spacing']:.4g} {unit} apart, "
+        + ("the pixel included" if result["pixel_included"] else "without a pixel"),
+        f"energy        {100 * result['energy']:.4g} % of the light",
+    ]
+    waves = result["wavelength_nm"]
+    if waves:
+        lines.append(f"wavelengths   {', '.join(f'{each:.0f}' for each in waves)} nm")
+    lines.append(f"field deg  width at half the peak, {unit}")
+    for angle, *widths in zip(result["field_deg"], *result["width"], strict=True):
+        lines.append(f"{angle:9.3f}  " + "  ".join(f"{each:.3g}" for each in widths))
+    return "\n".join(lines)
 
 
 def _text(result: dict[str, Any]) -> str:

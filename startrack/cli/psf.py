@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_design, add_out, describe
+from startrack.cli.options import Exit, WrongUse, add_design, add_out, describe
 
 with deferred():
     import numpy as np
@@ -53,6 +53,11 @@ def command(options: argparse.Namespace) -> int:
     """Print the table; write psf.png and psf.json."""
     path = options.design or example()
     instrument = read_design(path, options.set).case.instrument
+    if instrument.optics.psf_file:
+        raise WrongUse(
+            "psf_file must be left out where diffraction models are shown; `startrack lens show` "
+            "prints what its file holds"
+        )
     weight = detected_spectrum(instrument)
     response = psf_of(instrument)
     image = pixel_psf(instrument.optics, instrument.detector.pitch, WAVELENGTH, weight, POINT)

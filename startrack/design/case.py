@@ -73,7 +73,7 @@ class Instrument:
 
     def __post_init__(self) -> None:
         finite(delay=self.delay)
-        if self.thermal and not self.optics.tabulated:
+        if self.thermal and not self.optics.traced:
             raise ValueError(
                 "thermal.lens must be left out where no lens_file says what it changes"
             )
@@ -82,7 +82,8 @@ class Instrument:
             if self.detector.scan:
                 raise ValueError("ghosts must be left out where lines scan")
         if self.optics.tabulated and self.detector.scan:
-            raise ValueError("optics.lens_file must be left out where lines scan")
+            key = "lens_file" if self.optics.traced else "psf_file of several images"
+            raise ValueError(f"optics.{key} must be left out where lines scan")
 
     @property
     def lens_temperature(self) -> float:
@@ -97,7 +98,7 @@ class Instrument:
         """
         optics = self.optics
         shift_x, shift_y = self.detector.shift
-        if optics.tabulated:
+        if optics.traced:
             return fit_camera(
                 open_optics(optics, self.lens_temperature),
                 self.detector.columns,
@@ -229,7 +230,7 @@ class Case:
     def calibrated(self) -> Instrument:
         """The instrument as designed, at the temperature where its camera was calibrated."""
         instrument, kelvin = self.as_designed.instrument, self.tracker.calibrated_at
-        if kelvin is None or not instrument.optics.tabulated:
+        if kelvin is None or not instrument.optics.traced:
             return instrument
         return replace(instrument, thermal=Temperatures(kelvin))
 

@@ -15,6 +15,8 @@ choose        The cheapest model of the PSF within a tolerance, and the reason.
 pixel_psf     Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.
 lens_family   Family, focal length, f-number -> the LensTable of a lens of that family.
 measured_psf  Images of stars -> the oversampled Psf that they share.
+psf_file      PsfFile: images of a point, measured or exported, over field and wavelength; their
+              file.
 over_field    Optics -> Psf at points of the field, where aberrations grow with the distance to the
               axis.
 quality       Psf -> figures of merit: transfer at Nyquist, energies, widths.
@@ -58,10 +60,11 @@ from startrack.optics.lens_table import (
     open_lens,
     save_lens,
 )
-from startrack.optics.measured_psf import Stars, reconstruct, save_psf
+from startrack.optics.measured_psf import Stars, brightest, file_of, lone_stars, reconstruct
 from startrack.optics.over_field import at_field, over_field
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import pixel_psf, pixel_response
+from startrack.optics.psf_file import PsfFile, load_psf_file, open_psf_file, save_psf_file
 from startrack.optics.pupil import Pupil, Segment, area_weights, pupil_grid
 from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, encircled, modulation, quality
 from startrack.optics.ray_trace import (
@@ -85,6 +88,7 @@ __all__ = [
     "LensPoints",
     "LensTable",
     "Optics",
+    "PsfFile",
     "Pupil",
     "Quality",
     "Segment",

@@ -257,17 +257,25 @@ def lens_path(name: str) -> Path:
 
     Raises  ValueError where there is none.
     """
+    return catalogued(name, "lens_file", "lenses", "a lens table")
+
+
+def catalogued(name: str, key: str, folder: str, what: str) -> Path:
+    """Where a FITS file that a key of a design names lies: by its path, or by its name in a folder
+    of the shipped data.
+
+    Raises  ValueError where there is none.
+    """
     if Path(name).suffix:
         if not Path(name).is_file():
-            raise ValueError(f"lens_file must be a lens table, but there is no file {name!r}")
+            raise ValueError(f"{key} must be {what}, but there is no file {name!r}")
         return Path(name)
-    known = sorted(path.stem for path in shipped("lenses").glob("*.fits"))
+    known = sorted(path.stem for path in shipped(folder).glob("*.fits"))
     if name not in known:
         raise ValueError(
-            f"lens_file must be a path that ends with .fits or one of {', '.join(known)}, got "
-            f"{name!r}"
+            f"{key} must be a path that ends with .fits or one of {', '.join(known)}, got {name!r}"
         )
-    return shipped(f"lenses/{name}.fits")
+    return shipped(f"{folder}/{name}.fits")
 
 
 def open_lens(name: str) -> LensTable:

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 from scipy import sparse
 
-from startrack.core import Floats, Psf, whole
-from startrack.io import whole as whole_file
+from startrack.core import Floats, Psf, Spots, whole
+from startrack.optics.psf_file import PsfFile
 
 ROUNDS = 8  # of PSF, places and fluxes in turn
 STILL = 1e-4  # pixel, by which places change in the last round
 OUTLIER = 5.0  # sigma, of pixels that are left out
 SMOOTH = 1e-2  # weight of the curvature of the table against the pixels
+LEAST_SNR = 12.0  # of a star that a PSF is measured with
+NEIGHBOUR = 0.02  # of the flux of a star: what is fainter moves nothing
 FLOOR = 0.01  # of a pixel's light, that the model may err by
 REJECT = 0.05  # the same where pixels are left out
-FORM = 1
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,50 @@ class Stars:
     image: Floats
     x: Floats
     y: Floats
+
+
+class Lone(NamedTuple):
+    """Stars of an image that stand alone, and their fluxes (n,) in digital numbers."""
+
+    stars: Stars
+    flux: Floats
+
+
+def lone_stars(image: NDArray[np.number], spots: Spots, half: int, saturation: float) -> Lone:
+    """Cut-outs of the stars of an image without neighbours, borders and saturation.
+
+    half        pixel, half side of a cut-out
+    saturation  1, of the image's largest number, from which on a star is left out
+    """
+    rows, columns = image.shape
+    limit = saturation * float(image.max())
+    x, y = spots.x, spots.y
+    column, row = np.rint(x).astype(int), np.rint(y).astype(int)
+    away = np.hypot(x[:, None] - x, y[:, None] - y) + np.diag(np.full(len(x), np.inf))
+    matters = spots.flux > NEIGHBOUR * spots.flux[:, None]
+    alone = np.where(matters, away, np.inf).min(axis=1, initial=np.inf) > 2 * half
+    inside = (np.minimum(column, columns - 1 - column) > half) & (
+        np.minimum(row, rows - 1 - row) > half
+    )
+    cuts, chosen = [], []
+    for n in np.flatnonzero(alone & inside & (spots.snr > LEAST_SNR)):
+        cut = image[row[n] - half : row[n] + half + 1, column[n] - half : column[n] + half + 1]
+        if cut.max() < limit:
+            cuts.append(np.asarray(cut, float))
+            chosen.append(n)
+    made = np.array(cuts).reshape(-1, 2 * half + 1, 2 * half + 1)
+    return Lone(Stars(made, (x - column)[chosen], (y - row)[chosen]), spots.flux[chosen])
+
+
+def brightest(found: Sequence[Lone], count: int) -> Stars:
+    """The brightest stars of some images."""
+    flux = np.concatenate([one.flux for one in found])
+    order = np.argsort(-flux, kind="stable")[:count]
+    image, x, y = (
+        np.concatenate([getattr(one.stars, name) for one in found])[order]
+        for name in ("image", "x", "y")
+    )
+    return Stars(image, x, y)
 
 
 class Measured(NamedTuple):
@@ -213,15 +259,7 @@ def _cubic(at: Floats, slope: bool) -> Floats:
     ]) / 6  # fmt: skip
 
 
-def save_psf(path: Path, measured: Measured, source: str) -> None:
-    """Write a PSF as FITS: its table, samples per pixel (OVERSAMP), stars and residual."""
-    from astropy.io import fits
-
-    part = fits.PrimaryHDU(measured.psf.table)
-    part.header["MEASPSF"] = (FORM, "format of this measured PSF")
-    part.header["OVERSAMP"] = (measured.psf.oversampling, "samples per pixel")
-    part.header["STARS"] = (len(measured.x), "stars that it is made of")
-    part.header["RESIDUAL"] = (measured.residual, "rms of the stars' pixels over the peak")
-    part.header["SOURCE"] = source[:60]
-    with whole_file(Path(path)) as draft:
-        part.writeto(draft, checksum=True)
+def file_of(measured: Measured, source: str) -> PsfFile:
+    """What a design takes as its `psf_file`: images in pixels of any size."""
+    psf = measured.psf
+    return PsfFile(source, psf.table[None, None], 1 / psf.oversampling, True, energy=psf.energy)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from startrack.core import ALL, Curve, Unit, deg, finite, non_negative, one_of, positive, within
 from startrack.optics.lens_table import WIDEST
+from startrack.optics.psf_file import open_psf_file
 from startrack.optics.pupil import Pupil
 from startrack.optics.zernike import Aberration
 
@@ -57,6 +58,10 @@ class Optics:
                      that family's lens of `focal_length` and `f_number`; "": none
     family_field       radian, half field that a lens of a family is made for; None: that of the
                      published lens
+    psf_file         images of a point, measured or exported: the path of a FITS file (`startrack
+                     lens measure` and `import` write them), or a shipped one by its name; "": none.
+                     `blur`, `seeing` and `as_built` add to it; f-number and pupil say how much
+                     light there is
     as_built         metre, rms wavefront error of manufacture and alignment, which blurs by its
                      mean slope: see `total_blur`
     lens_field       whether the image changes over the field; false: all stars have the mean image
@@ -82,6 +87,7 @@ class Optics:
     lens_file: str = ""
     lens_family: str = ""
     family_field: Annotated[float | None, Unit("rad", "deg")] = None
+    psf_file: str = ""
     as_built: Annotated[float, Unit("m", "nm")] = 0.0
     lens_field: bool = True
     lens_colour: bool = True
@@ -105,10 +111,28 @@ class Optics:
         self._refuse_models()
         if self.family_field is not None:
             within(0.001, WIDEST, family_field=self.family_field)
-        if self.tabulated:
+        if self.psf_file:
+            self._refuse_beside_file()
+        if self.traced:
             self._refuse_beside_table()
-        elif not (self.lens_field and self.lens_colour):
+        elif not (self.lens_field and self.lens_colour) and not self.tabulated:
             raise ValueError("lens_field and lens_colour must be left out without a lens table")
+
+    def _refuse_beside_file(self) -> None:
+        found = open_psf_file(self.psf_file)
+        beside = {
+            "lens_file": bool(self.lens_file),
+            "lens_family": bool(self.lens_family),
+            "psf": self.psf != "auto",
+            "lens": self.lens != "aplanatic",
+            "defocus": self.defocus != 0,
+            "aberrations": bool(self.aberrations),
+            "k1, k2, p1, p2 and k3": found.place is not None
+            and any((self.k1, self.k2, self.p1, self.p2, self.k3)),
+        }
+        for name, there in beside.items():
+            if there:
+                raise ValueError(f"{name} must be left out beside psf_file, whose images say it")
 
     def _refuse_beside_table(self) -> None:
         beside = {
@@ -159,9 +183,14 @@ class Optics:
             )
 
     @property
-    def tabulated(self) -> bool:
+    def traced(self) -> bool:
         """Whether a lens table gives the images: of `lens_file` or of `lens_family`."""
         return bool(self.lens_file or self.lens_family)
+
+    @property
+    def tabulated(self) -> bool:
+        """Whether images change over the field or with the colour."""
+        return self.traced or bool(self.psf_file and open_psf_file(self.psf_file).varies)
 
     @property
     def plain(self) -> bool:

@@ -15,6 +15,7 @@ from startrack.optics.choose import AIRY_SIGMA, choose
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.fraunhofer import intensity, pupil_samples
 from startrack.optics.parameters import Optics
+from startrack.optics.psf_file import open_psf_file, psf_of_file
 from startrack.optics.wavefront import steepest_slope, wavefront
 
 
@@ -103,6 +104,10 @@ def pixel_psf(
     non_negative(diffusion=diffusion)
     if optics.tabulated:
         raise ValueError("lens_file must be left out where one image stands for the whole field")
+    if optics.psf_file:
+        return psf_of_file(
+            open_psf_file(optics.psf_file), pitch, optics.total_blur, fill_factor, diffusion
+        )
     wavelength, weight = gauss_band(wavelength, weight, BAND_NODES)
     mean_wavelength = float(weight @ wavelength)
     side = pitch * math.sqrt(fill_factor)

@@ -104,6 +104,7 @@ class TrialRunner:
             ", lens_file=''",
             ", lens_family=''",
             ", family_field=None",
+            ", psf_file=''",
             ", as_built=0.0",
             ", ghosts=None",
             ", lens_field=True, lens_colour=True",

@@ -1,0 +1,250 @@
+"""PsfFile: images of a point, measured or exported, over field and wavelength; their file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from scipy import fft, ndimage
+
+from startrack.core import Floats, Psf, non_negative, positive, within
+from startrack.io import open_checked, whole
+from startrack.optics.closed_forms import blur_transfer, pixel_transfer
+from startrack.optics.lens_table import WIDEST, catalogued
+
+FORMAT = 1
+SMALLEST, LARGEST = 5, 2048  # samples along a side of an image
+MOST_NUMBERS = 20_000_000  # of all images together
+FINE = 12  # samples per pixel at least: six-point interpolation errs by less than a cubic spline
+PARTS = {"wavelength": "WAVELENGTH", "angle": "FIELD", "place": "PLACE"}
+SAME = 1e-3  # of a pixel's side, by which the pixels of a file and of a design may differ
+
+
+@dataclass(frozen=True, eq=False)
+class PsfFile:
+    """Images of a point at nodes of wavelength and field angle, and what a sample of them is.
+
+    The x axis of an image away from the axis runs along the field: the image of a star beside the
+    axis is turned. The middle sample, number n // 2, is at `place`.
+
+    source      where they come from
+    image       (w, f, n, n) on any scale
+    spacing     metre between two samples; pixel where `pitch` is unknown
+    pixel       whether a sample is the light in a pixel around it, and not the irradiance there
+    pitch       metre, side of that pixel; None: a pixel of any size
+    energy      1, fraction of the light within an image
+    wavelength  (w,) metre, rising; one stands for all
+    angle       (f,) radian from the axis, rising from zero; one stands for all
+    place       (w, f) metre from the axis, of the middle samples; None: where the design's own
+                camera projects to
+    Raises      ValueError that names what is wrong, the rule and the value.
+    """
+
+    source: str
+    image: Floats
+    spacing: float
+    pixel: bool
+    pitch: float | None = None
+    energy: float = 1.0
+    wavelength: Floats = field(default_factory=lambda: np.array([600e-9]))
+    angle: Floats = field(default_factory=lambda: np.zeros(1))
+    place: Floats | None = None
+
+    def __post_init__(self) -> None:
+        positive(spacing=self.spacing)
+        within(1e-3, 1, energy=self.energy)
+        if self.pitch is not None:
+            positive(pitch=self.pitch)
+        if self.pixel and self.pitch is None and not self.spacing <= 1:
+            raise ValueError(f"spacing must be at most a pixel, got {self.spacing:g}")
+        if self.pixel and self.pitch is not None and not self.spacing <= self.pitch * (1 + SAME):
+            raise ValueError(f"spacing must be at most a pixel, got {self.spacing:g} m")
+        _check_nodes("wavelength", self.wavelength, 1e-8, 1e-4)
+        _check_nodes("angle", self.angle, 0, WIDEST)
+        if self.angle[0] != 0:
+            raise ValueError(f"angle must begin with zero, got {self.angle[0]:g} radian")
+        if self.pixel and self.varies:
+            raise ValueError("images over field or wavelength must be irradiances, without pixels")
+        shape, size = np.shape(self.image), len(self.image[0, 0]) if self.image.ndim == 4 else 0
+        if shape != (len(self.wavelength), len(self.angle), size, size):
+            raise ValueError(
+                f"image must hold {len(self.wavelength)} x {len(self.angle)} square images, got "
+                f"the shape {shape}"
+            )
+        if not SMALLEST <= size <= LARGEST or self.image.size > MOST_NUMBERS:
+            raise ValueError(
+                f"image must have {SMALLEST} to {LARGEST} samples a side and {MOST_NUMBERS:g} in "
+                f"all, got {size} and {self.image.size}"
+            )
+        if not np.isfinite(self.image).all() or not (self.image.sum(axis=(2, 3)) > 0).all():
+            raise ValueError("image must hold finite numbers, and light in each image")
+        if self.place is not None and (
+            np.shape(self.place) != shape[:2] or not np.isfinite(self.place).all()
+        ):
+            raise ValueError(f"place must hold {shape[:2]} finite numbers")
+
+    @property
+    def varies(self) -> bool:
+        """Whether there is more than one image."""
+        return len(self.wavelength) > 1 or len(self.angle) > 1
+
+
+def _check_nodes(name: str, nodes: Floats, low: float, high: float) -> None:
+    if np.ndim(nodes) != 1 or not 1 <= len(nodes) <= 1000 or not np.isfinite(nodes).all():
+        raise ValueError(f"{name} must be a list of 1 to 1000 finite numbers")
+    if not (np.diff(nodes) > 0).all() or nodes[0] < low or nodes[-1] > high:
+        raise ValueError(
+            f"{name} must rise within [{low:g}, {high:g}], got {nodes[0]:g} to {nodes[-1]:g}"
+        )
+
+
+def psf_of_file(
+    found: PsfFile, pitch: float, blur: float, fill_factor: float, diffusion: float
+) -> Psf:
+    """The Psf of the one image of a file.
+
+    An image that contains the pixel is refined by a cubic spline through its samples, to twelve a
+    pixel at least; an irradiance is averaged over the active square of a pixel too.
+
+    pitch        metre, of the design
+    blur         metre, sigma of a Gaussian that is added
+    fill_factor, diffusion  as in `pixel_psf`; those of an image that contains the pixel are in it
+    Raises       ValueError where the design has other pixels than the image.
+    Accuracy     numerical: that of a cubic spline through the samples; light beyond the image is
+                 left out.
+    """
+    non_negative(blur=blur)
+    image = found.image[0, 0]
+    if found.pixel:
+        if found.pitch is not None and abs(pitch / found.pitch - 1) > SAME:
+            raise ValueError(
+                f"pixel_pitch times binning must be {found.pitch * 1e6:.4g} um, that of the pixels "
+                f"in psf_file, got {pitch * 1e6:.4g} um"
+            )
+        spacing = found.spacing if found.pitch is None else found.spacing / found.pitch
+        kernel = blur / pitch
+    else:
+        spacing, kernel = found.spacing / pitch, math.hypot(blur, diffusion) / pitch
+    step = max(FINE, math.ceil(1 / spacing - SAME))
+    table = _resampled(image, spacing * step)
+    if found.pixel:
+        table = ndimage.gaussian_filter(table, kernel * step, mode="constant") if kernel else table
+    else:
+        table = _averaged(table, step, math.sqrt(fill_factor), kernel)
+    table = table * (found.energy * step**2 / table.sum())
+    return Psf(_padded(table, step), step, found.energy)
+
+
+def _resampled(image: Floats, size: float) -> Floats:
+    """An image on another grid, whose samples are 1 / `size` of the old ones apart; odd."""
+    middle = len(image) // 2
+    if size == 1 and len(image) % 2:
+        return image
+    half = math.floor(min(middle, len(image) - 1 - middle) * size + 1e-9)
+    at = np.arange(-half, half + 1) / size + middle
+    return np.asarray(
+        ndimage.map_coordinates(image, np.meshgrid(at, at, indexing="ij"), order=3, mode="nearest")
+    )
+
+
+def _averaged(image: Floats, step: int, side: float, blur: float) -> Floats:
+    """The mean over squares of `side` pixel, after a Gaussian blur, with room for both."""
+    more = math.ceil((side / 2 + 5 * blur) * step)
+    image = np.pad(image, more)
+    size = fft.next_fast_len(len(image) + 2 * more, real=True)
+    fx, fy = fft.rfftfreq(size, 1 / step), fft.fftfreq(size, 1 / step)
+    along, down = (pixel_transfer(f, side) * blur_transfer(f, blur) for f in (fx, fy))
+    spectrum = fft.rfft2(image, s=(size, size)) * along * down[:, None]
+    return np.asarray(fft.irfft2(spectrum, s=(size, size))[: len(image), : len(image)])
+
+
+def _padded(table: Floats, step: int) -> Floats:
+    """A table with room for whole pixels on both sides and for its interpolation."""
+    half = len(table) // 2
+    wanted = math.ceil((math.ceil(half / step) + 0.5) * step) + 3
+    return np.ascontiguousarray(np.pad(table, wanted - half))
+
+
+def save_psf_file(path: Path, found: PsfFile) -> None:
+    """Write a file of images as FITS with checksums.
+
+    The first image is (n, n) of one image, (w, f, n, n) of more. Its header holds PSF (the
+    format), SOURCE, PIXEL (T or F), ENERGY, and OVERSAMP (samples per pixel) where PIXEL is T,
+    SPACING (metre) otherwise; PITCH (metre) where it is known. More images have WAVELENGTH (metre),
+    FIELD (radian) and PLACE (metre).
+    """
+    from astropy.io import fits
+
+    first = fits.PrimaryHDU(found.image if found.varies else found.image[0, 0])
+    head = first.header
+    head["PSF"] = (FORMAT, "format of these images of a point")
+    head["SOURCE"] = found.source[:60]
+    head["PIXEL"] = (found.pixel, "whether a sample is the light in a pixel")
+    head["ENERGY"] = (found.energy, "fraction of the light within the image")
+    if found.pixel:
+        size = found.spacing if found.pitch is None else found.spacing / found.pitch
+        head["OVERSAMP"] = (1 / size, "samples per pixel")
+    else:
+        head["SPACING"] = (found.spacing, "[m] between samples")
+    if found.pitch is not None:
+        head["PITCH"] = (found.pitch, "[m] side of a pixel")
+    parts = [first]
+    if found.varies:
+        parts.append(fits.ImageHDU(found.wavelength, name="WAVELENGTH"))
+        parts.append(fits.ImageHDU(found.angle, name="FIELD"))
+    if found.place is not None:
+        parts.append(fits.ImageHDU(found.place, name="PLACE"))
+    with whole(Path(path)) as draft:
+        fits.HDUList(parts).writeto(draft, checksum=True)
+
+
+def load_psf_file(path: Path) -> PsfFile:
+    """Read a file that `save_psf_file`, or another program, wrote.
+
+    Raises  FileNotFoundError; ValueError where the file is none, damaged, or holds what a PsfFile
+            refuses.
+    """
+    with open_checked(path, "PSF", FORMAT, "a file of PSFs") as parts:
+        head = parts[0].header
+        image = np.array(parts[0].data, float)
+        names = [part.name for part in parts]
+        arrays = {
+            key: np.array(parts[name].data, float)
+            for key, name in PARTS.items() if name in names
+        }  # fmt: skip
+        pixel = head["PIXEL"]
+        size = head["OVERSAMP" if pixel else "SPACING"]
+        numbers = {"spacing": size, "energy": head.get("ENERGY", 1.0), "pitch": head.get("PITCH")}
+        source = str(head.get("SOURCE", ""))
+    for key, value in numbers.items():
+        bad = isinstance(value, bool) or not isinstance(value, int | float) or not value > 0
+        if bad and not (key == "pitch" and value is None):
+            raise ValueError(f"{path}: {key} must be a number above zero, got {value!r}")
+    if not isinstance(pixel, bool):
+        raise ValueError(f"{path}: PIXEL must be T or F, got {pixel!r}")
+    pitch = None if numbers["pitch"] is None else float(numbers["pitch"])
+    spacing = float(size)
+    if pixel:
+        spacing = (pitch or 1.0) / spacing
+    if image.ndim < 2:
+        raise ValueError(f"{path} must hold images, got {image.ndim} axes")
+    while image.ndim < 4:
+        image = image[None]
+    try:
+        return PsfFile(source, image, spacing, pixel, pitch, float(numbers["energy"]), **arrays)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def open_psf_file(name: str) -> PsfFile:
+    """The images of a `psf_file`; kept for the 8 last files and their times."""
+    path = catalogued(name, "psf_file", "psfs", "a file of PSFs")
+    return _open(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=8)
+def _open(path: Path, time: int) -> PsfFile:
+    return load_psf_file(path)
