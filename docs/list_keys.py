@@ -1,4 +1,4 @@
-"""Write docs/reference.md: each key that a design file may hold.
+"""Write docs/reference.md and the JSON Schema: each key that a design file may hold.
 
     python docs/list_keys.py
 
@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from startrack.design import Key, design_keys
+from startrack.design import Key, design_keys, design_schema
+from startrack.io import save_json, shipped
 
 PAGE = Path(__file__).with_name("reference.md")
+SCHEMA = shipped("designs") / "design.schema.json"
 HEAD = """\
 # Keys of a design file
 Every key that a design file may hold, table by table; `startrack keys instrument.optics` prints \
@@ -41,11 +43,11 @@ def _section(table: str, about: dict[str, Key], keys: list[Key]) -> str:
         heading = f"`[[{table}]]`" if one.kind == "tables" else f"`[{table}]`"
         meaning = f"{_cell(one.meaning[:1].upper() + one.meaning[1:]).rstrip('.')}.\n"
     rows = [
-        f"| `{key.name.rpartition('.')[2]}` | {key.kind} | {key.unit} | {_default(key)} | "
-        f"{_cell(key.meaning)} |\n"
+        f"| `{key.name.rpartition('.')[2]}` | {key.kind} | {key.unit} | {key.range} | "
+        f"{_default(key)} | {_cell(key.meaning)} |\n"
         for key in keys
     ]
-    head = "| key | type | unit | default | meaning |\n|---|---|---|---|---|\n"
+    head = "| key | type | unit | range | default | meaning |\n|---|---|---|---|---|---|\n"
     return f"## {heading}\n{meaning}\n{head}{''.join(rows)}"
 
 
@@ -59,4 +61,5 @@ def _cell(text: str) -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
-    print(f"wrote {PAGE}")
+    save_json(SCHEMA, design_schema())
+    print(f"wrote {PAGE} and {SCHEMA}")

@@ -20,6 +20,7 @@ detect              `startrack detect`: the stars of images.
 earth               `startrack earth`: geometry and images of Earth cameras over terrain.
 earth_requirements  Earth cameras in `startrack requirements`: figures of a camera, or parameters
                     for goals.
+init                `startrack init`: a design file to begin with.
 keys                `startrack keys`: what a design file may hold.
 lens                `startrack lens`: tables of lenses from prescriptions.
 montecarlo          `startrack montecarlo`: the error of one design over many trials.

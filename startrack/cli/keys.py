@@ -11,9 +11,10 @@ from startrack.cli.options import Exit, WrongUse, describe
 
 with deferred():
     import difflib
+    import json
 
     from startrack.cli.terminal import print_result
-    from startrack.design import Key, design_keys
+    from startrack.design import Key, design_keys, design_schema
 
 WIDEST = 100  # letters of a line
 
@@ -23,17 +24,26 @@ def declare(parser: argparse.ArgumentParser) -> None:
     describe(
         parser,
         "Prints each key of a design file with its type, the unit that its value is written with, "
-        "its default, and what it means: all, or those of one table. For example\n\n"
-        "  startrack keys instrument.detector",
+        "its range and default, and what it means: all, or those of one table. For example\n\n"
+        "  startrack keys instrument.detector\n\n"
+        "--schema prints a JSON Schema of them, by which editors complete and check design files: "
+        "with taplo, as in VS Code's Even Better TOML, by a first line\n\n"
+        "  #:schema ./design.schema.json",
     )
     parser.add_argument(
         "table", nargs="?", default="", metavar="TABLE",
         help="table or key, such as instrument.optics (default: all)",
     )  # fmt: skip
+    parser.add_argument(
+        "--schema", action="store_true", help="print the JSON Schema of a whole design file"
+    )
 
 
 def command(options: argparse.Namespace) -> int:
     """Print the keys, one after the other."""
+    if options.schema:
+        print(json.dumps(design_schema(), indent=1))
+        return Exit.DONE
     table = options.table
     keys = design_keys()
     found = [one for one in keys if f"{one.name}.".startswith(f"{table}." if table else "")]
@@ -51,6 +61,7 @@ def command(options: argparse.Namespace) -> int:
 
 def _text(key: Key, width: int) -> str:
     kind = f"{key.kind} in {key.unit}" if key.unit else key.kind
+    kind += f", {key.range}" if key.range else ""
     default = {"required": ", required", "": ""}.get(key.default, f", default {key.default}")
     meaning = fill(key.meaning, width, initial_indent="    ", subsequent_indent="    ")
     return f"{key.name}  ({kind}{default})\n{meaning}"

@@ -26,6 +26,7 @@ variates   Random variates for compiled code: bits of a counter, normal and Pois
 from startrack.core.arrays import Floats, Ints
 from startrack.core.camera import Camera, distort, plane_slopes
 from startrack.core.checks import (
+    LARGEST_NUMBER,
     finite,
     moderate,
     non_negative,

@@ -7,7 +7,7 @@ from collections.abc import Collection
 
 # Of any number in a file that is not zero, in SI units. Chosen by hand: nothing that a camera has
 # lies near the ends, and products of some of them still fit into a float.
-SMALLEST, LARGEST = 1e-30, 1e30
+SMALLEST, LARGEST_NUMBER = 1e-30, 1e30
 LONGEST = 80  # characters of a value in a message
 
 
@@ -30,10 +30,10 @@ def moderate(**values: float) -> None:
     """Refuse what is neither zero nor of a size that a quantity of a camera can have."""
     finite(**values)
     for name, value in values.items():
-        if value and not SMALLEST <= abs(value) <= LARGEST:
+        if value and not SMALLEST <= abs(value) <= LARGEST_NUMBER:
             raise ValueError(
-                f"{name} must be 0 or of a size from {SMALLEST:g} to {LARGEST:g} in SI units, got "
-                f"{shown(value)}"
+                f"{name} must be 0 or of a size from {SMALLEST:g} to {LARGEST_NUMBER:g} in SI "
+                f"units, got {shown(value)}"
             )
 
 

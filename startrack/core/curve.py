@@ -18,8 +18,8 @@ class Curve:
 
     A curve with one value and no wavelength is the same everywhere.
 
-    wavelength  metre, rising
-    value       1
+    wavelength  metre, rising, one for each value
+    value       at each wavelength, or one for all
     """
 
     wavelength: Annotated[tuple[float, ...], Unit("m", "nm")] = ()

@@ -24,6 +24,7 @@ CELSIUS = ("degC", "deg_C", "°C", "Celsius", "celsius")
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radian; turns by it fill a disc evenly
 
 LONGEST = 100  # characters of a quantity, so that no text takes long to read
+ELECTRON = re.compile(r"\be-")  # as datasheets write it
 NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?)?\s*")
 
 
@@ -53,7 +54,8 @@ def parse(text: str, unit: str, absolute: bool = False) -> float:
     >>> parse("20 degC", "K", absolute=True)
     293.15
 
-    text      a number and a unit as astropy writes them: "50 mm", "5 deg", "10 electron / s"
+    text      a number and a unit as astropy writes them: "50 mm", "5 deg", "10 electron / s"; also
+              "10 e-/s"
     unit      unit of the result
     absolute  whether degC is a unit too, for the temperature itself and no difference
     Returns   the value in that unit, correctly rounded
@@ -105,6 +107,7 @@ def _scale(source: str, target: str) -> Decimal | None:
     from astropy import units  # costs 0.3 s, and only files with units need it
 
     try:
+        source = ELECTRON.sub("electron", source)
         scale = float(units.Unit(source).to(units.Unit(target)))
     except Exception:  # a text from anybody: its parser raises errors of many kinds
         return None

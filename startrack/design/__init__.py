@@ -14,7 +14,10 @@ lens_cost     Optics with a lens table -> mass, volume and price of the lens, fr
 requirements  Requirements: what a design must meet before its accuracy counts.
 conditions    Condition: a rate, a background or an age at which a design is judged, too.
 campaign      Campaign: what a study of a design is asked.
-keys          The keys of a design file: type, unit, default and meaning of each.
+ranges        Class of parameters -> the range of each field, as its own checks state it.
+keys          The keys of a design file: type, unit, range, default and meaning of each.
+template      Detector product -> a design file to begin with, its values explained.
+schema        These keys -> a JSON Schema, by which editors complete and check a file.
 files         Design files: a case, and optionally a campaign on it, as TOML with units in
               strings.
 """
@@ -37,7 +40,11 @@ from startrack.design.keys import Key, design_keys
 from startrack.design.lens_cost import LensCost, cost_of, lens_cost
 from startrack.design.objective import AXES, KINDS, Objective
 from startrack.design.parameter import replaced, replaced_all
+from startrack.design.products import products
+from startrack.design.ranges import ranges_of
 from startrack.design.requirements import Accuracy, KeepOut, Requirements
+from startrack.design.schema import design_schema
+from startrack.design.template import template
 from startrack.design.variables import DesignSpace, Link, Variable
 
 # Public; the other imports serve other rooms.

@@ -1,9 +1,10 @@
-"""The keys of a design file: type, unit, default and meaning of each."""
+"""The keys of a design file: type, unit, range, default and meaning of each."""
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
 import re
 import types
 import typing
@@ -12,9 +13,10 @@ from enum import StrEnum
 from functools import cache
 from typing import Annotated, Any, NamedTuple
 
-from startrack.core import Unit
+from startrack.core import Unit, write
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case
+from startrack.design.ranges import Range, ranges_of
 from startrack.io import Field, fields_of, written
 
 ENTRY = re.compile(r"((?:\w+)(?:, \w+)*)\s+(\S.*)")
@@ -30,6 +32,7 @@ class Key(NamedTuple):
     name     its place: "instrument.optics.f_number"; of a list of tables, that within each
     kind     "number", "whole number", "text", "true or false", "list of ...", "table", "tables"
     unit     that a value may have, as a text; "" for none
+    range    "above 0", "0 to 1": in that unit; "" where its class states none by itself
     default  as a file would have it; "required" where it must be given, "none" where nothing is
              there unless it is given
     meaning  from the docstring of its class
@@ -38,17 +41,18 @@ class Key(NamedTuple):
     name: str
     kind: str
     unit: str
+    range: str
     default: str
     meaning: str
 
 
 # What `load_design` takes from a file before the classes see it.
 OF_FILES = (
-    Key("base", "text", "", "none", "design file below this one, see `load_design`"),
-    Key("include", "list of texts", "", "none", "files over the base, below this one"),
+    Key("base", "text", "", "", "none", "design file below this one, see `load_design`"),
+    Key("include", "list of texts", "", "", "none", "files over the base, below this one"),
 )
 PRODUCT = Key(
-    "instrument.detector.product", "text", "", "none",
+    "instrument.detector.product", "text", "", "", "none",
     "detector of the catalogue, whose values hold where the file has none",
 )  # fmt: skip
 
@@ -56,27 +60,29 @@ PRODUCT = Key(
 @cache
 def design_keys() -> tuple[Key, ...]:
     """All keys that a design file may have, in the order of their tables."""
-    found = [*OF_FILES, *_of(Case, ""), Key("campaign", "table", "", "none", _first(Campaign))]
+    found = [*OF_FILES, *_of(Case, ""), Key("campaign", "table", "", "", "none", _first(Campaign))]
     found += _of(Campaign, "campaign")
     at = next(n for n, key in enumerate(found) if key.name == "instrument.detector") + 1
     return (*found[:at], PRODUCT, *found[at:])
 
 
 def _of(kind: type, place: str) -> Iterator[Key]:
-    meanings = meanings_of(kind)
+    meanings, ranges = meanings_of(kind), ranges_of(kind)
     for name, field in fields_of(kind).items():
-        inner, unit = _item(field)
+        inner, unit = item_of(field)
         table = dataclasses.is_dataclass(inner)
         meaning = SI.sub("", meanings.get(name, ""), 1) if name in meanings else ""
         meaning = meaning or (_first(inner) if table else name.replace("_", " "))
         where = f"{place}.{name}" if place else name
         shown = unit.shown if unit else ""
-        yield Key(where, _kind(field, inner), shown, _default(field), meaning)
+        limits = ranges.get(name, Range())
+        word = f"one of {', '.join(limits.choices)}" if limits.choices else _kind(field, inner)
+        yield Key(where, word, shown, _range(limits, unit), _default(field), meaning)
         if table:
             yield from _of(inner, where)
 
 
-def _item(field: Field) -> tuple[Any, Unit | None]:
+def item_of(field: Field) -> tuple[Any, Unit | None]:
     """The type of a value, or of each of a list, and its unit."""
     kind, unit = field.kind, field.unit
     if typing.get_origin(kind) is not tuple:
@@ -100,6 +106,22 @@ def _kind(field: Field, inner: Any) -> str:
     return f"list of {word}s" if several else word
 
 
+def _range(limits: Range, unit: Unit | None) -> str:
+    """The limits in the unit that files have."""
+
+    def text(value: float) -> str:
+        if not unit or value == 0:
+            return f"{value:g}"
+        return f"{float(write(value, unit.si, unit.shown).partition(' ')[0]):.4g}"
+
+    low, high = limits.low, limits.high
+    if math.isinf(low) and math.isinf(high):
+        return ""
+    if math.isinf(high):
+        return f"{'above' if limits.above else 'at least'} {text(low)}"
+    return f"at most {text(high)}" if math.isinf(low) else f"{text(low)} to {text(high)}"
+
+
 def _default(field: Field) -> str:
     if field.required:
         return "required"
@@ -111,10 +133,10 @@ def _default(field: Field) -> str:
         return f'"{float(number):.6g} {unit}"'
     if dataclasses.is_dataclass(field.kind):
         return ""  # those of its keys
-    return _text(written(field, field.default))
+    return toml(written(field, field.default))
 
 
-def _text(value: Any) -> str:
+def toml(value: Any) -> str:
     """A value as TOML writes it."""
     match value:
         case bool():
@@ -122,9 +144,9 @@ def _text(value: Any) -> str:
         case str():
             return f'"{value}"'
         case list():
-            return f"[{', '.join(map(_text, value))}]"
+            return f"[{', '.join(map(toml, value))}]"
         case dict():
-            return f"{{{', '.join(f'{name} = {_text(one)}' for name, one in value.items())}}}"
+            return f"{{{', '.join(f'{name} = {toml(one)}' for name, one in value.items())}}}"
     return f"{value:g}"
 
 

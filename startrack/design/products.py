@@ -26,7 +26,7 @@ def with_product(table: Mapping[str, Any]) -> dict[str, Any]:
         case _:
             return dict(table)
     own = {key: value for key, value in detector.items() if key != "product"}
-    merged = _merge(_read(detector["product"]), own)
+    merged = _merge(of_product(detector["product"]), own)
     return {**table, "instrument": {**instrument, "detector": merged}}
 
 
@@ -35,7 +35,8 @@ def products() -> list[str]:
     return sorted(path.stem for path in shipped("detectors").glob("*.toml"))
 
 
-def _read(product: object) -> dict[str, Any]:
+def of_product(product: object) -> dict[str, Any]:
+    """The table of a detector of the catalogue; raises ValueError where there is none."""
     if product not in products():
         raise ValueError(f"{PLACE} must be one of {', '.join(products())}, got {product!r}")
     return tomllib.loads(shipped(f"detectors/{product}.toml").read_text(encoding="utf-8"))

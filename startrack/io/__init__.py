@@ -26,6 +26,7 @@ from startrack.io.saving import save_csv, save_figure, save_json, save_netcdf, s
 from startrack.io.shipped import shipped
 from startrack.io.sqlite import Database, Execute, FileKind
 from startrack.io.tables import (
+    LARGEST_INTEGER,
     Field,
     current_key,
     fields_of,

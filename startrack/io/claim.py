@@ -11,6 +11,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from startrack.io.saving import DRAFT
+
 fcntl: Any
 try:
     import fcntl
@@ -60,7 +62,8 @@ def _read(path: Path) -> str:
 def claimed_folder(folder: Path) -> Iterator[None]:
     """Let no other process of startrack write to a folder at the same time.
 
-    The lock is the system's, so that it ends with the process however that ends.
+    The lock is the system's, so that it ends with the process however that ends. Drafts of files
+    that an ended process left in the folder are removed.
 
     Raises  OSError with the other process and since when it has the folder.
     """
@@ -81,6 +84,8 @@ def claimed_folder(folder: Path) -> Iterator[None]:
             file.truncate(0)
             file.write(_words().encode())
             file.flush()
+            for draft in folder.glob(f".*{DRAFT}*"):
+                draft.unlink()
             try:
                 yield
             finally:

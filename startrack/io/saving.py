@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+DRAFT = ".startrack-draft-"  # in the names of files that are not whole yet
+
+
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """A path to write to, which takes the place of `path` when all went well.
@@ -27,7 +30,7 @@ def whole(path: Path) -> Iterator[Path]:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     # The suffix stays last, because writers of pictures tell the format by it.
-    draft = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    draft = path.with_name(f".{path.stem}{DRAFT}{os.getpid()}{path.suffix}")
     try:
         yield draft
         draft.replace(path)

@@ -50,7 +50,7 @@ class Optics:
     aberrations      wavefront errors
     field_edge       radian, field angle at which growing aberrations have their rms
     seeing           radian, sigma of the Gaussian blur of an atmosphere per axis; 0: none
-    transmission     1 over wavelength
+    transmission     fraction of the light that the lens passes, over wavelength
     lens_file        a lens table: a shipped one by its name, or the path of a FITS file; "": none.
                      The table is scaled to `focal_length` and stopped down to `f_number`; it gives
                      the distortion, and `aberrations` and `blur` add to it

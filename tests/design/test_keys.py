@@ -58,7 +58,8 @@ def test_every_key_has_a_meaning():
     ],
 )
 def test_type_unit_and_default(name, kind, unit, default):
-    assert KEYS[name][1:4] == (kind, unit, default)
+    key = KEYS[name]
+    assert (key.kind, key.unit, key.default) == (kind, unit, default)
 
 
 def test_a_default_may_be_written_into_a_file():

@@ -11,7 +11,9 @@ HOLD = """
 import sys
 from pathlib import Path
 from startrack.io import claimed_folder
-with claimed_folder(Path(sys.argv[1])):
+from startrack.io.saving import whole
+with claimed_folder(Path(sys.argv[1])), whole(Path(sys.argv[1]) / "frame.fits") as draft:
+    draft.write_text("half")
     print("held", flush=True)
     sys.stdin.read()
 """
@@ -31,7 +33,8 @@ def test_the_second_process_is_told_of_the_first(tmp_path):
     finally:
         first.kill()
         first.communicate()
-    with claimed_folder(folder):  # the note of the killed process stands for nothing
+    assert len(list(folder.glob(".frame.*.fits"))) == 1
+    with claimed_folder(folder):  # the note and the draft of the killed process stand for nothing
         (folder / "result").write_text("x")
     assert [path.name for path in folder.iterdir()] == ["result"]
 

@@ -1,0 +1,48 @@
+"""`startrack init`: a design file to begin with."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from startrack.cli.imports import deferred
+from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe
+
+with deferred():
+    from startrack.cli.terminal import print_result
+    from startrack.design import products, template
+    from startrack.io import save_text
+
+
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `startrack init`."""
+    describe(
+        parser,
+        "Writes a design file with what each value means beside it, to be edited. For example\n\n"
+        "  startrack init mine.toml --from imx250",
+    )
+    parser.add_argument(
+        "design", nargs="?", type=Path, default=Path("design.toml"), metavar="DESIGN",
+        help="file to write; it must not exist yet (default: design.toml)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--from", dest="product", default="", metavar="DETECTOR",
+        help="detector of the catalogue, such as imx250; another name lists all (default: a "
+        "generic CMOS array of 512 x 512 pixels)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--all", action="store_true", help="add the keys that may be left out, as comments"
+    )
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write the file."""
+    path = options.design
+    if path.exists():
+        raise WrongUse(f"{path} must not exist yet, so that no design is lost")
+    if options.product and options.product not in products():
+        raise WrongUse(f"--from must be one of {', '.join(products())}, got {options.product!r}")
+    with as_wrong_use():
+        save_text(path, template(options.product, options.all))
+    print_result(options, {"design": str(path)}, f"{path} written; next: startrack budget {path}")
+    return Exit.DONE

@@ -1,0 +1,48 @@
+"""`startrack init`: a design that loads, for every detector of the catalogue."""
+
+import re
+import tomllib
+
+import pytest
+
+from startrack.cli.main import main
+from startrack.design import load_design, products, template
+from startrack.io import shipped
+
+
+@pytest.mark.parametrize("product", ["", *products()])
+def test_it_loads_and_has_the_detector(product, tmp_path):
+    path = tmp_path / "mine.toml"
+    assert main(["init", str(path), *(["--from", product] if product else [])]) == 0
+    example, found = load_design(shipped("designs/nanosatellite.toml")), load_design(path)
+    assert found.campaign == example.campaign
+    assert found.case.instrument.optics == example.case.instrument.optics
+    detector = found.case.instrument.detector
+    assert product == "" or detector != example.case.instrument.detector
+    assert found.case.tracker.detection.saturation == 2**detector.bits - 1
+
+
+def test_all_keys_are_defaults(tmp_path):
+    path = tmp_path / "all.toml"
+    main(["init", str(path), "--all"])
+    # Without the marks of comments before keys, the values stand there as a file has them.
+    lines = path.read_text().splitlines()
+    table = "\n".join(re.sub(r"^# (\w+ = )", r"\1", line) for line in lines)
+    assert tomllib.loads(table)["instrument"]["optics"]["psf_tolerance"] == 0.01
+    path.write_text(table)
+    assert load_design(path).case == load_design(shipped("designs/nanosatellite.toml")).case
+
+
+def test_nothing_is_overwritten(tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    path.write_text("kept")
+    assert main(["init", str(path)]) == 2
+    assert path.read_text() == "kept"
+    assert "must not exist yet" in capsys.readouterr().err
+
+
+def test_an_unknown_detector_is_named_with_those_there_are(tmp_path, capsys):
+    assert main(["init", str(tmp_path / "x.toml"), "--from", "imx1"]) == 2
+    assert "imx250" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="imx1"):
+        template("imx1")
