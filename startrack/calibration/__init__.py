@@ -1,6 +1,9 @@
 """Camera and detector from data: least squares and emcee.
 
 camera           Identified frames of one camera -> the camera model that fits them all.
+star_table       Table of stars (CSV, FITS, VOTable) -> their directions, pixels and temperatures.
+field            Table of stars -> the cameras of several orders that fit it, and which order the
+                 stars bear.
 psf_width        Frames, spots -> the likelihood of each width of the PSF.
 posterior        Identified spots of one camera -> samples of its camera model (emcee).
 photon_transfer  Flat and dark frames -> samples of the detector's constants
@@ -8,8 +11,22 @@ photon_transfer  Flat and dark frames -> samples of the detector's constants
 """
 
 from startrack.calibration.camera import UNKNOWNS, Calibrated, Calibration, calibrate
+from startrack.calibration.field import (
+    OUTLIER,
+    FieldFit,
+    Order,
+    Unseen,
+    assumed_array,
+    borne,
+    cross_validate,
+    cross_validate_all,
+    fit_field,
+    orders_of,
+    residuals,
+)
 from startrack.calibration.photon_transfer import DetectorPosterior, Level, sample_detector
 from startrack.calibration.posterior import CameraPosterior, Prior, sample_camera
+from startrack.calibration.star_table import Names, StarTable, is_star_table, read_star_table
 
 # Public; the other imports serve other rooms.
 __all__ = [
@@ -17,9 +34,22 @@ __all__ = [
     "Calibration",
     "CameraPosterior",
     "DetectorPosterior",
+    "FieldFit",
     "Level",
+    "Names",
+    "Order",
     "Prior",
+    "StarTable",
+    "Unseen",
+    "assumed_array",
+    "borne",
     "calibrate",
+    "cross_validate",
+    "cross_validate_all",
+    "fit_field",
+    "orders_of",
+    "read_star_table",
+    "residuals",
     "sample_camera",
     "sample_detector",
 ]

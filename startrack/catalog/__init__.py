@@ -18,6 +18,8 @@ from startrack.catalog.colour import v_from_g
 from startrack.catalog.formats import FORMATS, read, recognise_format
 from startrack.catalog.selection import Selection
 from startrack.catalog.sky import Sky, belt, open_sky
+from startrack.catalog.tables import csv_table, fits_table, votable
+from startrack.catalog.tables import numbers as table_numbers
 
 # Public; the other imports serve other rooms.
 __all__ = [

@@ -1,4 +1,4 @@
-"""`startrack calibrate`: the camera model of images of stars."""
+"""`startrack calibrate`: the camera model of images of stars, or of a table of them."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from startrack.cli.options import (
     add_images,
     as_wrong_use,
     describe,
+    whole,
 )
 
 with deferred():
@@ -28,8 +29,10 @@ with deferred():
         Calibration,
         Prior,
         calibrate,
+        is_star_table,
         sample_camera,
     )
+    from startrack.cli.calibrate_table import calibrate_table
     from startrack.cli.terminal import finite, print_message, print_result, read_stars, save_camera
     from startrack.core import Camera, Frame, Matches, Spots, within
     from startrack.design import Tracker
@@ -47,26 +50,72 @@ def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack calibrate`."""
     describe(
         parser,
-        "Solves the images, fits one camera model to all of them, and prints focal length, "
-        "principal point and distortion with their sigma. The status is 3 if an image has no "
-        "attitude.",
+        "Solves images, fits one camera model to all of them, and prints focal length, principal "
+        "point and distortion with their sigma. The status is 3 if an image has no attitude.\n\n"
+        "A table of stars (CSV with a line of names, ECSV, FITS or VOTable) takes the place of the "
+        "images: a row for each star, of one camera at one attitude. Its columns are found "
+        "by their names, with the unit at the end of a name (_arcsec, _arcmin, _deg, _rad, _px, "
+        "_c, _k) or in the table:\n\n"
+        "  directions   y_angle and z_angle about a boresight +x, tan(y_angle) = y / x;\n"
+        "               x_angle and y_angle about a boresight +z; ra and dec; or the unit\n"
+        "               vector ux, uy, uz (also direction_x, ...)\n"
+        "  pixels       column and row, or x and y\n"
+        "  temperature  temperature or camera_temperature; may be missing\n"
+        "  weights      weight (an inverse variance) or sigma; may be missing\n\n"
+        "Pixels below -0.5 are taken to be counted from the middle of the array. The fit is "
+        "robust: beyond 2 sigma of the typical residual a star counts less, beyond 6 not at all. "
+        "Cross-validation (the residual of each star to a fit without its tenth of the table) says "
+        "which order the stars bear: the one of fewest unknowns within a standard error of the "
+        "best, which is the result.\n\n"
+        "  startrack calibrate stars.csv --camera camera.toml\n"
+        "  startrack calibrate stars.fits --directions yag:arcsec,zag:arcsec --pixels col,row",
     )
-    add_images(parser, " of one camera")
+    add_images(parser, " of one camera; or one table of stars")
     parser.add_argument(
         "--fov",
         type=float,
-        required=True,
         metavar="DEG",
-        help="approximate field of view across the columns, degree",
+        help="approximate field of view across the columns, degree; needed by images",
     )
     add_field_and_sky(parser)
     parser.add_argument(
         "--principal", type=float, default=20.0, metavar="PX",
-        help="prior sigma of the principal point, pixel; 0 fixes it at the centre (default: 20)",
+        help="images: prior sigma of the principal point, pixel; 0 fixes it at the centre "
+        "(default: 20)",
     )  # fmt: skip
     parser.add_argument(
-        "--distortion", choices=("none", "radial", "full"), default="radial",
-        help="distortion to fit: none, k1 (radial; default) or k1, k2, p1, p2 (full)",
+        "--distortion", choices=("none", "radial", "full", "1", "2", "3", "auto"),
+        help="distortion to fit: none, k1 (radial; default of images) or k1, k2, p1, p2 (full); of "
+        "a table also a polynomial over the field of order 1, 2 or 3, or auto: the best of all "
+        "(default)",
+    )  # fmt: skip
+    table = parser.add_argument_group("tables of stars")
+    table.add_argument(
+        "--temperature-terms", choices=("auto", "none", "linear"), default="auto",
+        help="whether boresight and scale move with temperature (default: auto, both are tried)",
+    )  # fmt: skip
+    table.add_argument(
+        "--directions", metavar="NAMES", help="columns of directions, such as yag:arcsec,zag:arcsec"
+    )
+    table.add_argument(
+        "--directions-are", choices=("vectors", "radec", "yz", "xy"),
+        help="what these columns are (default: by their names)",
+    )  # fmt: skip
+    table.add_argument("--pixels", metavar="NAMES", help="columns of pixels, such as col,row")
+    table.add_argument(
+        "--temperature", metavar="NAME", help="column of temperature, such as t:K; '' for none"
+    )
+    table.add_argument("--weight", metavar="NAME", help="column of weights; '' for none")
+    table.add_argument(
+        "--size", metavar="COLUMNS,ROWS", help="pixels of the array (default: as the table needs)"
+    )
+    table.add_argument(
+        "--first-pixel", metavar="X,Y",
+        help="place of the first pixel's centre as the table counts (default: 0,0)",
+    )  # fmt: skip
+    table.add_argument(
+        "--folds", type=whole(2), default=10, metavar="N",
+        help="parts of the table in the cross-validation (default: 10)",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, metavar="FILE", help="JSON file for the result")
     parser.add_argument(
@@ -83,6 +132,16 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Solve the images, fit one camera model to all, and repeat with that model."""
+    with as_wrong_use(ValueError, OSError):
+        tables = any(is_star_table(path) for path in options.images)
+    if tables:
+        return calibrate_table(options)
+    if options.fov is None:
+        raise WrongUse("--fov must be given with images, the field of view in degrees")
+    if options.distortion not in (None, "none", "radial", "full"):
+        raise WrongUse(
+            f"--distortion of images must be none, radial or full, got {options.distortion}"
+        )
     with as_wrong_use(ValueError, OSError):
         within(0.01, 179, fov=options.fov)
         identification = Identification(focal_tolerance=options.fov_tolerance)

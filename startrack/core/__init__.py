@@ -15,6 +15,7 @@ dispatcher Kernels -> machine code, once for each kernel that Python calls.
 interpret  Kernels that are not compiled yet -> their results by Python, for as long as it pays.
 order      Order, median and place of values, within kernels.
 rotations  Rotation matrices -> quaternions and scipy's Rotations, in compiled code.
+field_polynomial  A place in the image plane and a temperature -> how far it is moved.
 camera     Direction to pixel and pixel to direction, both ways together, with OpenCV's
            distortion.
 values     The nouns that flow from room to room; every array has its shape and unit here.
@@ -39,6 +40,7 @@ from startrack.core.checks import (
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
 from startrack.core.dispatcher import COMPILED_BESIDE
+from startrack.core.field_polynomial import FieldPolynomial, monomials
 from startrack.core.field_psf import FieldPsf
 from startrack.core.interpret import interpreted
 from startrack.core.kernel import FOLDERS, UNKEPT, is_compiled, kernel
@@ -94,4 +96,4 @@ from startrack.core.variates import (
 )
 
 # Public; the other imports serve other rooms.
-__all__ = ["poisson_quantile"]
+__all__ = ["FieldPolynomial", "poisson_quantile"]

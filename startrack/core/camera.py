@@ -12,9 +12,14 @@ from numpy.typing import NDArray
 
 from startrack.core.arrays import Floats
 from startrack.core.checks import finite, positive, whole
+from startrack.core.field_polynomial import FieldPolynomial
 from startrack.core.kernel import kernel
 
 NO_ROTATION = np.zeros(3)
+# Steps of the inverse of a polynomial: each makes the error smaller by the slope of the
+# polynomial, so that one of a third converges.
+MOST_STEPS = 60
+SMALLEST_STEP = 1e-15  # of the plane
 
 
 @dataclass(frozen=True)
@@ -23,6 +28,8 @@ class Camera:
 
         x / z, y / z  ->  distorted (OpenCV)  ->  pixel = principal point + focal length * distorted
 
+    and, with a polynomial over the field, its shift is added to what is distorted.
+
     Camera axes: +z boresight, +x to larger columns, +y to larger rows. The centre of the first
     pixel is (0, 0), so the centre of the array is ((columns - 1) / 2, (rows - 1) / 2).
 
@@ -30,6 +37,7 @@ class Camera:
     focal_length_px        pixel
     principal_x, _y        pixel from the centre of the array
     k1, k2, p1, p2, k3     OpenCV's distortion coefficients
+    polynomial             over the field, as `calibrate` fits it to a table of stars; None: none
     """
 
     columns: int
@@ -42,6 +50,7 @@ class Camera:
     p1: float = 0.0
     p2: float = 0.0
     k3: float = 0.0
+    polynomial: FieldPolynomial | None = None
 
     def __post_init__(self) -> None:
         whole(1, 2**20, columns=self.columns, rows=self.rows)
@@ -63,7 +72,11 @@ class Camera:
 
     @property
     def distorted(self) -> bool:
-        """Whether any distortion coefficient is not zero."""
+        """Whether any distortion coefficient is not zero, or there is a polynomial."""
+        return self._bent or self.polynomial is not None
+
+    @property
+    def _bent(self) -> bool:
         return any((self.k1, self.k2, self.p1, self.p2, self.k3))
 
     @property
@@ -107,6 +120,9 @@ class Camera:
         if not self.distorted:
             return np.asarray(_pinhole(direction, self.focal_length_px, *self.centre))
         plane = _pinhole(direction, 1.0, 0.0, 0.0)
+        if self.polynomial is not None:
+            shift = self.polynomial.shift(plane) * self.focal_length_px
+            return replace(self, polynomial=None).project(direction) + shift
         if len(plane):
             points = np.column_stack([plane, np.ones(len(plane))])
             pixel, _ = cv2.projectPoints(
@@ -120,9 +136,12 @@ class Camera:
 
         pixel    (n, 2) pixel (x, y)
         Returns  (n, 3) unit vectors in camera axes
-        Accuracy  numerical: 1e-9 pixel, where the distortion can be inverted at all.
+        Accuracy  numerical: 1e-9 pixel, where the distortion can be inverted at all, and where the
+                  polynomial is no steeper than a third.
         """
         pixel = np.atleast_2d(np.asarray(pixel, float))
+        if self.polynomial is not None:
+            return self._without_polynomial(pixel, self.polynomial)
         if self.distorted and len(pixel):
             plane = cv2.undistortPoints(
                 pixel.reshape(-1, 1, 2),
@@ -134,6 +153,18 @@ class Camera:
             plane = (pixel - self.centre) / self.focal_length_px
         direction = np.column_stack([plane, np.ones(len(plane))])
         return direction / np.linalg.norm(direction, axis=1, keepdims=True)
+
+    def _without_polynomial(self, pixel: Floats, polynomial: FieldPolynomial) -> Floats:
+        """Fixed point of: the direction of the pixel less the shift at that direction."""
+        plain = replace(self, polynomial=None)
+        plane = np.zeros((len(pixel), 2))
+        direction = np.empty((len(pixel), 3))
+        for _ in range(MOST_STEPS):
+            direction = plain.unproject(pixel - polynomial.shift(plane) * self.focal_length_px)
+            before, plane = plane, direction[:, :2] / direction[:, 2:]
+            if not np.abs(plane - before).max(initial=0.0) > SMALLEST_STEP:
+                break
+        return direction
 
     def holds(self, pixel: Floats, margin: float = 0.0) -> NDArray[np.bool_]:
         """Which pixels (n, 2) lie on the array, or at most `margin` pixel outside."""

@@ -119,6 +119,7 @@ class Instrument:
             optics.p1,
             optics.p2,
             optics.k3,
+            optics.polynomial,
         )
 
     def detected_spectra(self, temperature: Floats) -> Floats:

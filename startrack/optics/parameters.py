@@ -6,7 +6,18 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from startrack.core import ALL, Curve, Unit, deg, finite, non_negative, one_of, positive, within
+from startrack.core import (
+    ALL,
+    Curve,
+    FieldPolynomial,
+    Unit,
+    deg,
+    finite,
+    non_negative,
+    one_of,
+    positive,
+    within,
+)
 from startrack.optics.lens_table import WIDEST
 from startrack.optics.psf_file import open_psf_file
 from startrack.optics.pupil import Pupil
@@ -69,6 +80,7 @@ class Optics:
     lens_colour      whether the image changes with the star's colour; false: all are as sunlike
     principal_x, principal_y  pixel from the centre of the detector to the principal point
     k1, k2, p1, p2, k3        OpenCV's distortion coefficients
+    polynomial       distortion over the field besides, as `calibrate` fits it to a table of stars
     """
 
     focal_length: Annotated[float, Unit("m", "mm")]
@@ -98,6 +110,7 @@ class Optics:
     p1: float = 0.0
     p2: float = 0.0
     k3: float = 0.0
+    polynomial: FieldPolynomial | None = None
 
     def __post_init__(self) -> None:
         positive(focal_length=self.focal_length, field_edge=self.field_edge)
@@ -141,6 +154,7 @@ class Optics:
             "pupil": not self.pupil.clear,
             "object_distance": self.object_distance is not None,
             "k1, k2, p1, p2 and k3": any((self.k1, self.k2, self.p1, self.p2, self.k3)),
+            "polynomial": self.polynomial is not None,
         }
         named = [name for name, there in beside.items() if there]
         key = "lens_file" if self.lens_file else "lens_family"

@@ -138,6 +138,7 @@ def refuse(case: Case) -> None:
     corner = math.tan(instrument.camera.half_diagonal) * instrument.camera.focal_length_px
     there = {
         "ghosts": instrument.ghosts,
+        "a polynomial of the optics": instrument.optics.polynomial,
         "hits": detector.hits,
         "defects": detector.defects,
         "row_delay": detector.row_delay,

@@ -1,0 +1,332 @@
+"""Table of stars (CSV, FITS, VOTable) -> their directions, pixels and temperatures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from startrack.catalog import csv_table, fits_table, table_numbers, votable
+from startrack.core import ZERO_CELSIUS, Floats, arcsec, deg, parse, shown
+from startrack.io import read_bytes, unpacked
+
+KINDS = ("vectors", "radec", "yz", "xy")
+# Names without their unit, in lower case; the first that a table has is taken.
+DIRECTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("yz", ("y_angle", "z_angle")), ("yz", ("yag", "zag")), ("yz", ("yang", "zang")),
+    ("xy", ("x_angle", "y_angle")), ("xy", ("angle_x", "angle_y")), ("xy", ("theta_x", "theta_y")),
+    ("xy", ("field_x", "field_y")), ("xy", ("xi", "eta")),
+    ("vectors", ("direction_x", "direction_y", "direction_z")),
+    ("vectors", ("unit_x", "unit_y", "unit_z")), ("vectors", ("ux", "uy", "uz")),
+    ("vectors", ("dx", "dy", "dz")), ("vectors", ("vx", "vy", "vz")),
+    ("radec", ("ra", "dec")), ("radec", ("ra_icrs", "de_icrs")), ("radec", ("raj2000", "dej2000")),
+    ("radec", ("right_ascension", "declination")),
+    ("vectors", ("x", "y", "z")),
+)  # fmt: skip
+PIXELS = (
+    ("column", "row"), ("col", "row"), ("pixel_x", "pixel_y"), ("x_pixel", "y_pixel"),
+    ("xpix", "ypix"), ("px", "py"), ("x_centroid", "y_centroid"), ("xcentroid", "ycentroid"),
+    ("x", "y"), ("u", "v"),
+)  # fmt: skip
+TEMPERATURES = ("camera_temperature", "temperature", "temp", "t_aca", "t_camera", "t_ccd", "t")
+WEIGHTS = ("weight", "weights", "w")
+SIGMAS = ("sigma", "error", "err", "uncertainty")
+ARCSEC = ("yag", "zag")  # of Chandra, always in arcseconds
+UNITS = {
+    "arcsec": arcsec, "as": arcsec, "arcmin": 60 * arcsec, "mas": arcsec / 1000, "deg": deg,
+    "degree": deg, "degrees": deg, "rad": 1.0, "radian": 1.0, "mrad": 1e-3, "urad": 1e-6,
+}  # fmt: skip
+CELSIUS = ("c", "degc", "deg_c", "celsius")
+KELVIN = ("k", "kelvin")
+OTHER_UNITS = ("px", "pix", "pixel", "pixels", "unit")
+SUFFIX = re.compile(
+    rf"(?P<name>.+?)_(?P<unit>{'|'.join((*UNITS, *CELSIUS, *KELVIN, *OTHER_UNITS))})"
+)
+BINARY_TABLE = re.compile(rb"XTENSION= 'BINTABLE'")
+HEADER = 80 * 36  # byte, of a block of a FITS file
+WARMEST_CELSIUS = 150.0  # a temperature without unit that is higher is in kelvin
+
+
+class Names(NamedTuple):
+    """Columns as options name them; empty or None where they are found by their names.
+
+    directions   two or three, each with its unit after a colon if its name has none
+    kind         one of KINDS; None: by the names
+    pixels       column and row
+    """
+
+    directions: tuple[str, ...] = ()
+    kind: str | None = None
+    pixels: tuple[str, ...] = ()
+    temperature: str | None = None
+    weight: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class StarTable:
+    """Stars of one camera at one attitude.
+
+    direction    (n, 3) unit vectors, in the axes of the table
+    pixel        (n, 2) column and row, as the table counts them
+    temperature  (n,) kelvin; None: not given
+    sigma        (n,) 1, of each place relative to the others
+    kind         one of KINDS: what the directions were
+    left_out     rows without a finite number in each column
+    columns      names of the columns, by their use
+    """
+
+    direction: Floats
+    pixel: Floats
+    temperature: Floats | None
+    sigma: Floats
+    kind: str
+    left_out: int = 0
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    def part(self, chosen: Any) -> StarTable:
+        """Some of the stars, by index or mask."""
+        kelvin = None if self.temperature is None else self.temperature[chosen]
+        return StarTable(
+            self.direction[chosen], self.pixel[chosen], kelvin, self.sigma[chosen], self.kind
+        )
+
+
+def is_star_table(path: Path) -> bool:
+    """Whether a file is a table by its name, or a FITS file that begins with an empty image."""
+    name = path.name.lower().removesuffix(".gz")
+    if name.endswith((".csv", ".ecsv", ".vot", ".votable", ".xml")):
+        return True
+    if not name.endswith((".fits", ".fit", ".fts")) or not path.is_file():
+        return False
+    data = unpacked(path, read_bytes(path, "a table or an image"), 2)
+    return data[:HEADER].find(b"NAXIS   =                    0") > 0 and bool(
+        BINARY_TABLE.search(data[HEADER : 20 * HEADER])
+    )
+
+
+def read_star_table(path: Path, names: Names | None = None) -> StarTable:
+    """Read a table of stars.
+
+    Raises  FileNotFoundError without the file; ValueError for a file that is no whole table, lacks
+            a column, or has a unit that is none.
+    """
+    names = names or Names()
+    columns = _columns(path)
+    bare = {_bare(name)[0]: name for name in reversed(columns)}
+    used: dict[str, str] = {}
+    kind, chosen = _directions(path, names, bare)
+    direction = _vectors(kind, [_angle(path, columns, one, kind) for one in chosen])
+    pixels = _found(path, names.pixels, bare, PIXELS, "pixels", set(map(_alone, chosen)))
+    pixel = np.column_stack([columns[_alone(name)].value for name in pixels])
+    kelvin = _optional(names.temperature, bare, TEMPERATURES, path, "temperature")
+    weight = _optional(names.weight, bare, (*WEIGHTS, *SIGMAS), path, "weight")
+    for use, name in (
+        *((f"direction {n + 1}", _alone(one)) for n, one in enumerate(chosen)),
+        *zip(("column", "row"), map(_alone, pixels), strict=True),
+        ("temperature", kelvin), ("weight", weight),
+    ):  # fmt: skip
+        if name:
+            used[use] = _alone(name)
+    temperature = None if kelvin is None else _kelvin(columns[_alone(kelvin)], kelvin)
+    sigma = np.ones(len(pixel)) if weight is None else _sigma(path, columns, weight)
+    good = np.isfinite(direction).all(axis=1) & np.isfinite(pixel).all(axis=1)
+    good &= np.isfinite(sigma)
+    if temperature is not None:
+        good &= np.isfinite(temperature)
+    if good.sum() < 4:
+        raise ValueError(f"{path} must have at least 4 stars with all values, got {good.sum()}")
+    return StarTable(
+        direction[good],
+        pixel[good],
+        None if temperature is None else temperature[good],
+        sigma[good],
+        kind,
+        int((~good).sum()),
+        used,
+    )
+
+
+class _Column(NamedTuple):
+    value: Floats
+    unit: str
+
+
+def _columns(path: Path) -> dict[str, _Column]:
+    """All columns of numbers, by their names in lower case."""
+    name = path.name.lower().removesuffix(".gz")
+    if name.endswith((".fits", ".fit", ".fts")):
+        header, columns = fits_table(path)
+        unit = {
+            str(header[f"TTYPE{n}"]).lower(): str(header.get(f"TUNIT{n}", ""))
+            for n in range(1, int(header["TFIELDS"]) + 1)
+        }
+        return {
+            one: _Column(values.astype(float), unit.get(one, ""))
+            for one, values in columns.items()
+            if values.dtype.kind in "iuf" and values.ndim == 1
+        }
+    table = votable(path) if name.endswith((".vot", ".votable", ".xml")) else csv_table(path)
+    return {
+        one: _Column(table_numbers(path, table, one), str(table[one].unit or ""))
+        for one in table.colnames
+        if table[one].dtype.kind in "iuf"
+    }
+
+
+def _bare(name: str) -> tuple[str, str]:
+    """A name without its unit, and the unit."""
+    found = SUFFIX.fullmatch(name)
+    return (found["name"], found["unit"]) if found else (name, "")
+
+
+def _alone(name: str) -> str:
+    """The name of a column as an option gives it, without its unit."""
+    return name.partition(":")[0].strip().lower()
+
+
+def _directions(path: Path, names: Names, bare: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
+    if names.directions:
+        plain = tuple(_bare(_alone(one))[0] for one in names.directions)
+        known = {pair: kind for kind, pair in DIRECTIONS}
+        kind = names.kind or known.get(plain) or ("vectors" if len(plain) == 3 else None)
+        if kind is None:
+            raise ValueError(
+                f"the kind of directions must be given for columns {', '.join(names.directions)}: "
+                f"one of {', '.join(KINDS)}"
+            )
+        if len(plain) != (3 if kind == "vectors" else 2):
+            raise ValueError(
+                f"directions must be 3 columns for vectors and 2 for angles, got {len(plain)}"
+            )
+        return kind, _named(path, names.directions, bare, "directions")
+    for kind, pair in DIRECTIONS:
+        if set(pair) <= set(bare) and names.kind in (None, kind):
+            return kind, tuple(bare[one] for one in pair)
+    raise ValueError(
+        f"{path} must have columns of directions, such as ra_deg and dec_deg, y_angle_arcsec and "
+        f"z_angle_arcsec, or ux, uy and uz, got {_list(bare)}"
+    )
+
+
+def _list(bare: Mapping[str, str]) -> str:
+    return shown(", ".join(bare.values())) if bare else "no columns of numbers"
+
+
+def _named(path: Path, given: Sequence[str], bare: Mapping[str, str], what: str) -> tuple[str, ...]:
+    there = set(bare.values())
+    for name in given:
+        if _alone(name) not in there:
+            raise ValueError(
+                f"{path} must have the column {shown(_alone(name))} of {what}, got {_list(bare)}"
+            )
+    return tuple(given)
+
+
+def _found(
+    path: Path, given: tuple[str, ...], bare: Mapping[str, str],
+    known: Sequence[tuple[str, ...]], what: str, taken: set[str],
+) -> tuple[str, ...]:  # fmt: skip
+    if given:
+        if len(given) != 2:
+            raise ValueError(f"{what} must be 2 columns, column and row, got {len(given)}")
+        return _named(path, given, bare, what)
+    for pair in known:
+        if set(pair) <= set(bare) and not taken & {bare[one] for one in pair}:
+            return tuple(bare[one] for one in pair)
+    raise ValueError(
+        f"{path} must have columns of {what}, such as column_px and row_px, or x and y, got "
+        f"{_list(bare)}"
+    )
+
+
+def _optional(
+    given: str | None, bare: Mapping[str, str], known: Sequence[str], path: Path, what: str
+) -> str | None:
+    if given == "":
+        return None
+    if given is not None:
+        return _named(path, (given,), bare, what)[0]
+    return next((bare[one] for one in known if one in bare), None)
+
+
+def _unit(column: _Column, name: str) -> str:
+    """As the option gives it, or the table, or the name; empty where none does."""
+    return (name.partition(":")[2].strip() or column.unit or _bare(_alone(name))[1]).strip()
+
+
+def _angle(path: Path, columns: Mapping[str, _Column], name: str, kind: str) -> Floats:
+    """A column of angles in radian, or a component of a vector as it is."""
+    column = columns[_alone(name)]
+    if kind == "vectors":
+        return column.value
+    unit = _unit(column, name)
+    if not unit and _alone(name) in ARCSEC:
+        unit = "arcsec"
+    if not unit and kind == "radec":
+        unit = "deg"
+    if not unit:
+        raise ValueError(
+            f"{path}: the column {_alone(name)} must have a unit, in its name "
+            f"({_alone(name)}_arcsec) or by the option ({_alone(name)}:arcsec)"
+        )
+    if unit.lower() in UNITS:
+        return column.value * UNITS[unit.lower()]
+    try:
+        return column.value * parse(f"1 {unit}", "rad")
+    except ValueError as error:
+        raise ValueError(f"{path}: the column {_alone(name)} {error}") from None
+
+
+def _vectors(kind: str, values: Sequence[Floats]) -> Floats:
+    """Unit vectors (n, 3) of angles in radian, or of vectors of any length."""
+    if kind == "vectors":
+        vector = np.column_stack(values)
+    elif kind == "radec":
+        ra, dec = values
+        vector = np.column_stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
+    else:
+        first, second = np.tan(values[0]), np.tan(values[1])
+        one = np.ones(len(first))
+        order = (one, first, second) if kind == "yz" else (first, second, one)
+        vector = np.column_stack(order)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return vector / np.linalg.norm(vector, axis=1, keepdims=True)
+
+
+def angles_of(kind: str, direction: Floats) -> Floats:
+    """The two angles (n, 2) of unit vectors (n, 3), radian; inverse of what a table holds.
+
+    Those of vectors are right ascension and declination.
+    """
+    x, y, z = direction.T
+    if kind == "yz":
+        return np.column_stack([np.arctan2(y, x), np.arctan2(z, x)])
+    if kind == "xy":
+        return np.column_stack([np.arctan2(x, z), np.arctan2(y, z)])
+    return np.column_stack([np.arctan2(y, x), np.arcsin(np.clip(z, -1, 1))])
+
+
+def _kelvin(column: _Column, name: str) -> Floats:
+    unit = _unit(column, name).lower()
+    value = column.value
+    if unit in KELVIN:
+        return value
+    if unit in CELSIUS or not np.nanmedian(value) > WARMEST_CELSIUS:
+        return value + ZERO_CELSIUS
+    return value
+
+
+def _sigma(path: Path, columns: Mapping[str, _Column], name: str) -> Floats:
+    """Relative sigma (n,) of a column of weights, which are inverse variances, or of sigma."""
+    value = columns[_alone(name)].value
+    if not (value[np.isfinite(value)] > 0).all():
+        raise ValueError(f"{path}: {_alone(name)} must be positive, got {np.nanmin(value):g}")
+    sigma = value if _bare(_alone(name))[0] in SIGMAS else 1 / np.sqrt(value)
+    return np.asarray(sigma / np.nanmedian(sigma))
