@@ -24,6 +24,7 @@ from .core import Camera as Camera
 from .core import Curve as Curve
 from .core import DiffuseLight as DiffuseLight
 from .core import Estimate as Estimate
+from .core import FieldPolynomial as FieldPolynomial
 from .core import FieldPsf as FieldPsf
 from .core import Frame as Frame
 from .core import Light as Light

@@ -96,4 +96,4 @@ from startrack.core.variates import (
 )
 
 # Public; the other imports serve other rooms.
-__all__ = ["FieldPolynomial", "poisson_quantile"]
+__all__ = ["poisson_quantile"]
