@@ -1,4 +1,4 @@
-"""Write docs/reference.md and the JSON Schema: each key that a design file may hold.
+"""Write docs/reference.md, docs/mission-keys.md and the JSON Schema: each key that a file may hold.
 
     python docs/list_keys.py
 
@@ -7,12 +7,15 @@ Keys, units and defaults are those of the classes, meanings those of their docst
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
-from startrack.design import Key, design_keys, design_schema
+from startrack.design import Key, design_keys, design_schema, keys_of
 from startrack.io import save_json, shipped
+from startrack.mission import Mission
 
 PAGE = Path(__file__).with_name("reference.md")
+MISSION = Path(__file__).with_name("mission-keys.md")
 SCHEMA = shipped("designs") / "design.schema.json"
 HEAD = """\
 # Keys of a design file
@@ -22,17 +25,32 @@ given here or in any that converts to it. Tables in double brackets may stand se
 [conventions](conventions.md) say which way axes and angles go, the [models](models.md) what is \
 computed. `python docs/list_keys.py` writes this page.
 """
+MISSION_HEAD = """\
+# Keys of a mission file
+Every key that a mission file may hold, table by table, as `startrack mission` [reads](mission.md) \
+them. A value with a unit is a text, such as `altitude = "600 km"`. `python docs/list_keys.py` \
+writes this page.
+"""
 TABLES = ("table", "tables")
 
 
 def page() -> str:
     """The text of docs/reference.md."""
-    about = {key.name: key for key in design_keys()}
+    return _page(HEAD, design_keys())
+
+
+def mission_page() -> str:
+    """The text of docs/mission-keys.md."""
+    return _page(MISSION_HEAD, keys_of(Mission))
+
+
+def _page(head: str, keys: Iterable[Key]) -> str:
+    about = {key.name: key for key in keys}
     tables = dict[str, list[Key]]()
     for key in about.values():
         if key.kind not in TABLES:
             tables.setdefault(key.name.rpartition(".")[0], []).append(key)
-    return "\n".join([HEAD, *(_section(name, about, keys) for name, keys in tables.items())])
+    return "\n".join([head, *(_section(name, about, keys) for name, keys in tables.items())])
 
 
 def _section(table: str, about: dict[str, Key], keys: list[Key]) -> str:
@@ -61,5 +79,6 @@ def _cell(text: str) -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
+    MISSION.write_text(mission_page(), encoding="utf-8")
     save_json(SCHEMA, design_schema())
-    print(f"wrote {PAGE} and {SCHEMA}")
+    print(f"wrote {PAGE}, {MISSION} and {SCHEMA}")

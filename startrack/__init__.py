@@ -23,6 +23,7 @@ budget           what the error is made of, cause by cause
 verification     whether a design meets its requirements, by analysis and by trials
 optimise         better designs: search, Pareto front, sensitivity, tolerances
 calibration      camera and detector from data
+mission          heads on a spacecraft, its orbit and attitude law, over years
 earth            Earth cameras: terrain, geometry in flight, atmosphere, imager
 plots            pictures
 report           a campaign as one page

@@ -11,7 +11,7 @@ ROOMS = (
     *("catalog", "scene", "optics", "motion", "detector"),
     *("detection", "identification", "attitude", "metrics"),
     *("design", "trial", "sequence", "montecarlo", "budget", "verification"),
-    *("optimise", "calibration"),
+    *("optimise", "calibration", "mission"),
     *("earth.terrain", "earth.geometry", "earth.atmosphere", "earth.imager"),
     *("plots", "report", "benchmark", "cli"),
 )

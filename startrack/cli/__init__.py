@@ -25,6 +25,7 @@ earth_requirements  Earth cameras in `startrack requirements`: figures of a came
 init                `startrack init`: a design file to begin with.
 keys                `startrack keys`: what a design file may hold.
 lens                `startrack lens`: tables of lenses from prescriptions.
+mission             `startrack mission`: heads of a spacecraft over orbit and attitude law.
 montecarlo          `startrack montecarlo`: the error of one design over many trials.
 optimize            `startrack optimize`: a better design, found by search and checked by trials.
 pareto              `startrack pareto`: designs that no other beats in both of two goals.

@@ -35,6 +35,7 @@ COMMANDS = {
     "compare": "show two designs or campaigns side by side",
     "report": "write a campaign as one self-contained HTML page",
     "sequence": "simulate a tracker in time: tracking, loss, reacquisition",
+    "mission": "fly heads on a spacecraft: blinding, availability, over years",
     "requirements": "compute the margins of a design to its requirements, without a trial",
     "verify": "judge each requirement of a design by trials: pass, fail or not shown",
     "optimize": "find a better design",

@@ -36,7 +36,7 @@ from startrack.design.conditions import (
     turning,
 )
 from startrack.design.files import Design, load_design, save_design
-from startrack.design.keys import Key, design_keys
+from startrack.design.keys import Key, design_keys, keys_of
 from startrack.design.lens_cost import LensCost, cost_of, lens_cost
 from startrack.design.objective import AXES, KINDS, Objective
 from startrack.design.parameter import replaced, replaced_all

@@ -60,13 +60,14 @@ PRODUCT = Key(
 @cache
 def design_keys() -> tuple[Key, ...]:
     """All keys that a design file may have, in the order of their tables."""
-    found = [*OF_FILES, *_of(Case, ""), Key("campaign", "table", "", "", "none", _first(Campaign))]
-    found += _of(Campaign, "campaign")
+    found = [*OF_FILES, *keys_of(Case), Key("campaign", "table", "", "", "none", _first(Campaign))]
+    found += keys_of(Campaign, "campaign")
     at = next(n for n, key in enumerate(found) if key.name == "instrument.detector") + 1
     return (*found[:at], PRODUCT, *found[at:])
 
 
-def _of(kind: type, place: str) -> Iterator[Key]:
+def keys_of(kind: type, place: str = "") -> Iterator[Key]:
+    """The keys of a table that a class of parameters is read from, and of the tables in it."""
     meanings, ranges = meanings_of(kind), ranges_of(kind)
     for name, field in fields_of(kind).items():
         inner, unit = item_of(field)
@@ -79,7 +80,7 @@ def _of(kind: type, place: str) -> Iterator[Key]:
         word = f"one of {', '.join(limits.choices)}" if limits.choices else _kind(field, inner)
         yield Key(where, word, shown, _range(limits, unit), _default(field), meaning)
         if table:
-            yield from _of(inner, where)
+            yield from keys_of(inner, where)
 
 
 def item_of(field: Field) -> tuple[Any, Unit | None]:

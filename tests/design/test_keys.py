@@ -94,3 +94,9 @@ def test_the_page_is_that_of_the_code():
         key.kind not in list_keys.TABLES for key in KEYS.values()
     )
     assert Path(list_keys.PAGE).name == "reference.md"
+
+
+def test_the_page_of_missions_is_of_today():
+    assert list_keys.MISSION.read_text(encoding="utf-8") == list_keys.mission_page(), (
+        "python docs/list_keys.py writes it anew"
+    )

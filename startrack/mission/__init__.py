@@ -1,0 +1,24 @@
+"""From a frame to a mission: heads on a spacecraft, its orbit and attitude law, over years.
+
+parameters  Mission: orbit, attitude law, heads, time and requirements, as a mission file gives
+            them.
+ccsds       CCSDS orbit and attitude ephemeris messages, read and written as text.
+vectors     Products of many vectors that lie component by component.
+bodies      Begin and duration -> Sun, Moon, planets and Earth's axes, as tables over time.
+orbit       Orbit -> position and velocity of the spacecraft.
+law         Attitude -> Law: place of the spacecraft -> its axes at every instant.
+instants    Mission and instants -> where the spacecraft is, how it points, Sun and Moon.
+limb        Line of sight and place -> angle to the Earth's limb, and to the lit part of it.
+heads       Heads and instants -> angles to Sun, Moon and Earth, and what makes each head blind.
+engine      Mission -> Flown: what blinds each head at every step.
+timeline    Plan of a mission, some of its steps -> a table with a row for each step.
+summary     Flown -> availability by number of heads, times without an attitude, verdicts.
+"""
+
+from startrack.mission.bodies import PLANETS
+from startrack.mission.ccsds import read_aem, read_oem, write_aem, write_oem
+from startrack.mission.engine import Flown, Plan, fly, plan_of
+from startrack.mission.heads import Blind
+from startrack.mission.parameters import Mission, load_mission
+from startrack.mission.summary import EDGES, Availability, Spells, availability_of, verdicts
+from startrack.mission.timeline import timeline

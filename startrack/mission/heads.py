@@ -1,0 +1,167 @@
+"""Heads and instants -> angles to Sun, Moon and Earth, and what makes each head blind."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.budget import exclusions
+from startrack.core import Floats, deg
+from startrack.design import Case
+from startrack.mission.instants import Instants
+from startrack.mission.limb import EarthSeen
+from startrack.mission.parameters import Head, Radiation
+from startrack.mission.vectors import angle, dot, from_body
+
+SUN_RADIUS, MOON_RADIUS = 0.2666 * deg, 0.2591 * deg  # mean, seen from the Earth
+ANGLES: Floats = np.arange(0.5, 120.0, 0.5) * deg  # at which a baffle's exclusion is sought
+HIGHEST = 600e3  # metre, from which the Earth lights a baffle, where a head names no altitude
+
+
+class Blind(IntFlag):
+    """Why a head has no attitude."""
+
+    SUN = 1
+    MOON = 2
+    EARTH = 4  # its lit limb is too close
+    GROUND = 8  # the Earth, lit or dark, reaches into the field
+    SAA = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Angles from the boresight of a head below which it is blind, radian.
+
+    sun, moon  to the centre;  earth  to the lit limb;  ground  to any limb
+    """
+
+    sun: float
+    moon: float
+    earth: float
+    ground: float
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(one) for one in (self.sun, self.moon, self.earth)):
+            raise ValueError(
+                "baffle must keep out Sun, Moon and Earth at some angle below 120 deg, or the head "
+                "must give its exclusion angles"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Mounted:
+    """A head as the engine needs it.
+
+    name      of the head
+    axes      (3, 3) matrix camera_to_body; its third column is the boresight
+    limits    angles at which it is blind
+    field     radian, half diagonal of its field
+    """
+
+    name: str
+    axes: Floats
+    limits: Limits
+    field: float
+
+    @property
+    def boresight(self) -> Floats:
+        """(3,) unit vector in body axes."""
+        return self.axes[:, 2]
+
+
+def mount(head: Head, case: Case) -> Mounted:
+    """A head with its design.
+
+    Raises  ValueError where the exclusion angles cannot be found from the design.
+    """
+    half = case.instrument.camera.half_diagonal
+    try:
+        limits = _limits(head, case, half)
+    except ValueError as error:
+        raise ValueError(f"head {head.name}: {error}") from None
+    return Mounted(head.name, head.mounting.as_matrix(), limits, half)
+
+
+def _limits(head: Head, case: Case, half: float) -> Limits:
+    given = head.exclusion
+    least = {"sun": half + SUN_RADIUS, "moon": half + MOON_RADIUS, "earth": half}
+    missing = [name for name in least if getattr(given, name) is None]
+    if missing and case.instrument.baffle is not None:
+        found = exclusions(case, ANGLES, given.altitude)
+        least |= {name: max(found[name].least(), least[name]) for name in missing}
+    least |= given.angles
+    return Limits(least["sun"], least["moon"], least["earth"], half)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What one head sees at n instants.
+
+    line             (3, n) boresight, ICRS axes
+    sun, moon        (n,) radian to their centres
+    earth            (n,) radian to the nearest lit point of the limb, infinite where it is dark
+    limb             (n,) radian to the nearest limb, negative in front of the Earth
+    blind            (n,) Blind, as numbers
+    """
+
+    line: Floats
+    sun: Floats
+    moon: Floats
+    earth: Floats
+    limb: Floats
+    blind: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Shadow:
+    """What the Earth hides at n instants.
+
+    sun, moon  (n,) whether the Earth hides their centres
+    seen       the Earth
+    """
+
+    sun: NDArray[np.bool_]
+    moon: NDArray[np.bool_]
+    earth: EarthSeen
+
+
+def shadow_of(instants: Instants) -> Shadow:
+    """Eclipses by the ellipsoid of the Earth, without refraction in its atmosphere."""
+    earth = EarthSeen(instants.place, instants.pole, instants.sun)
+    hidden = []
+    for body in (instants.sun, instants.moon):
+        theta, radius, _ = earth.limb(body)
+        hidden.append(theta < radius)
+    return Shadow(hidden[0], hidden[1], earth)
+
+
+def inside(radiation: Radiation, instants: Instants) -> NDArray[np.bool_]:
+    """(n,) whether the spacecraft is above the box of the South Atlantic anomaly."""
+    (south, north), (west, east) = radiation.latitude, radiation.longitude
+    longitude = (instants.longitude - west) % math.tau
+    found = (instants.latitude > south) & (instants.latitude < north)
+    return np.asarray(found & (longitude < east - west))
+
+
+def look(head: Mounted, instants: Instants, shadow: Shadow, saa: NDArray[np.bool_] | None) -> Seen:
+    """The angles of one head, and why it is blind.
+
+    saa  (n,) where the anomaly blinds it; None: nowhere
+    """
+    line = from_body(instants.body, head.boresight)
+    sun, moon = angle(dot(line, instants.sun)), angle(dot(line, instants.moon))
+    theta, radius, height = shadow.earth.limb(line)
+    limb = theta - radius
+    earth = shadow.earth.lit(theta, radius, height)
+    limits = head.limits
+    blind = ((sun < limits.sun) & ~shadow.sun) * np.uint8(Blind.SUN)
+    blind |= ((moon < limits.moon) & ~shadow.moon) * np.uint8(Blind.MOON)
+    blind |= (earth < limits.earth) * np.uint8(Blind.EARTH)
+    blind |= (limb < limits.ground) * np.uint8(Blind.GROUND)
+    if saa is not None:
+        blind |= saa * np.uint8(Blind.SAA)
+    return Seen(line, sun, moon, earth, limb, blind)

@@ -1,0 +1,387 @@
+"""Mission: orbit, attitude law, heads, time and requirements, as a mission file gives them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from startrack.attitude import Mounting
+from startrack.core import (
+    Floats,
+    Unit,
+    deg,
+    finite,
+    non_negative,
+    one_of,
+    positive,
+    shown,
+    utc,
+    whole,
+    within,
+)
+from startrack.design import Design, KeepOut, load_design
+from startrack.io import from_table, read_layers
+from startrack.scene import EARTH_RADIUS
+
+LAWS = ("nadir", "inertial", "sun", "target", "aem")
+YAWS = ("velocity", "ground", "sun")
+LOWEST = 80e3  # metre, of a perigee: below it no orbit lasts
+MOST_STEPS = 10**8
+UNIT_NORM = 1e-3  # by which the norm of a quaternion in a file may differ from one
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """An orbit around the Earth: exactly one of mean elements, `tle` and `oem`.
+
+    altitude      semi-major axis minus the Earth's equatorial radius
+    inclination   mean, to the true equator of date
+    node          right ascension of the ascending node, from the mean equinox of date
+    local_time    mean solar time at the ascending node; it replaces `inclination` and `node` by
+                  those of a Sun-synchronous orbit
+    anomaly       mean, from the perigee
+    perigee       its argument
+    eccentricity  mean
+    epoch         UTC, of the elements; None: the begin of the mission
+    tle           two-line element set, moved by SGP4 (extra `earth`)
+    oem           file with a CCSDS orbit ephemeris message
+    """
+
+    altitude: Annotated[float | None, Unit("m", "km")] = None
+    inclination: Annotated[float | None, Unit("rad", "deg")] = None
+    node: Annotated[float, Unit("rad", "deg")] = 0.0
+    local_time: Annotated[float | None, Unit("s", "h")] = None
+    anomaly: Annotated[float, Unit("rad", "deg")] = 0.0
+    perigee: Annotated[float, Unit("rad", "deg")] = 0.0
+    eccentricity: float = 0.0
+    epoch: str | None = None
+    tle: tuple[str, ...] = ()
+    oem: str | None = None
+
+    def __post_init__(self) -> None:
+        if (self.altitude is not None) + bool(self.tle) + (self.oem is not None) != 1:
+            raise ValueError("exactly one of altitude, tle and oem must be given")
+        if self.tle:
+            _check_lines(self.tle)
+        if self.altitude is not None:
+            self._check_elements(self.altitude)
+
+    def _check_elements(self, altitude: float) -> None:
+        finite(node=self.node, anomaly=self.anomaly, perigee=self.perigee)
+        within(0, 0.9, eccentricity=self.eccentricity)
+        positive(altitude=altitude)
+        if (EARTH_RADIUS + altitude) * (1 - self.eccentricity) < EARTH_RADIUS + LOWEST:
+            raise ValueError(
+                "altitude and eccentricity must keep the perigee above 80 km, got "
+                f"{altitude / 1e3:g} km and {self.eccentricity:g}"
+            )
+        if (self.inclination is None) == (self.local_time is None):
+            raise ValueError("exactly one of inclination and local_time must be given")
+        if self.inclination is not None:
+            within(0, math.pi, inclination=self.inclination)
+        if self.local_time is not None:
+            within(0, 86400, local_time=self.local_time)
+        if self.epoch is not None:
+            utc(self.epoch)
+
+
+def _check_lines(lines: tuple[str, ...]) -> None:
+    if len(lines) != 2:
+        raise ValueError(f"tle must be two lines, got {len(lines)}")
+    for number, line in enumerate(lines, 1):
+        if len(line) != 69 or not line.startswith(f"{number} "):
+            raise ValueError(
+                f"line {number} of tle must have 69 characters and begin with {number}, got "
+                f"{shown(line)}"
+            )
+        total = sum(int(c) if c in "0123456789" else c == "-" for c in line[:68]) % 10
+        if line[68] != str(total):
+            raise ValueError(f"line {number} of tle must end in its checksum {total}, got {line!r}")
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A rotation about a body axis on top of the law: a swing, a steady rate, or both.
+
+        angle = amplitude * sin(2 pi t / period) + rate * t,   t from the begin of the mission
+
+    axis       body axis; its length does not matter
+    amplitude  of the swing
+    period     of the swing
+    rate       steady
+    """
+
+    axis: tuple[float, ...] = (1.0, 0.0, 0.0)
+    amplitude: Annotated[float, Unit("rad", "deg")] = 0.0
+    period: Annotated[float, Unit("s")] = 60.0
+    rate: Annotated[float, Unit("rad/s", "deg/s")] = 0.0
+
+    def __post_init__(self) -> None:
+        _vector("axis", self.axis, 3)
+        non_negative(amplitude=self.amplitude)
+        positive(period=self.period)
+        finite(rate=self.rate)
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """The attitude law of the spacecraft: its axes x, y, z at every time.
+
+    law         "nadir": z to the Earth's centre; "inertial": fixed to the stars; "sun": `axis` to
+                the Sun; "target": z to a place on the ground where it is above the horizon, else
+                nadir; "aem": a file
+    yaw         with nadir and target, x: "velocity": in the plane of the orbit, forward; "ground":
+                along the velocity over the rotating Earth; "sun": so that the Sun is in the plane
+                of x and z, on the side of +x
+    quaternion  x, y, z, w of icrs_to_body, of the inertial law
+    axis        body axis that the law "sun" turns to the Sun; the x axis, or where that is `axis`
+                the z axis, is as near as possible to the celestial north
+    latitude, longitude, height  of the target, geodetic on WGS 84
+    aem         file with a CCSDS attitude ephemeris message, of quaternions from ICRF or EME2000
+                to the body
+    scan        a rotation on top of the law; None: none
+    """
+
+    law: str = "nadir"
+    yaw: str = "velocity"
+    quaternion: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
+    axis: tuple[float, ...] = (0.0, 0.0, 1.0)
+    latitude: Annotated[float, Unit("rad", "deg")] = 0.0
+    longitude: Annotated[float, Unit("rad", "deg")] = 0.0
+    height: Annotated[float, Unit("m")] = 0.0
+    aem: str | None = None
+    scan: Scan | None = None
+
+    def __post_init__(self) -> None:
+        one_of(LAWS, law=self.law)
+        one_of(YAWS, yaw=self.yaw)
+        _unit_quaternion("quaternion", self.quaternion)
+        _vector("axis", self.axis, 3)
+        within(-math.pi / 2, math.pi / 2, latitude=self.latitude)
+        finite(longitude=self.longitude)
+        within(-500.0, 9000.0, height=self.height)
+        if (self.law == "aem") != (self.aem is not None):
+            raise ValueError("aem must be given with law = 'aem', and with no other")
+
+
+@dataclass(frozen=True)
+class Head:
+    """A star tracker on the spacecraft.
+
+    name            for tables
+    design          design file, its path from the folder of the mission file, or a shipped one
+                    such as "designs/nanosatellite.toml"
+    azimuth         of the boresight, from body +x to +y
+    elevation       of the boresight, from the plane of body x and y to +z
+    roll            of the camera about its boresight; at 0 its x axis is body z cross boresight
+    camera_to_body  quaternion x, y, z, w instead of these three angles; None: the angles
+    exclusion       angles from the boresight below which Sun, Moon and the lit limb of the Earth
+                    blind it; each that is not given follows from the design's baffle, or is the
+                    half diagonal of its field
+    alignment       error of the known mounting: bias, and a thermo-elastic swing that goes with the
+                    orbit
+    """
+
+    name: str
+    design: str
+    azimuth: Annotated[float, Unit("rad", "deg")] = 0.0
+    elevation: Annotated[float, Unit("rad", "deg")] = 0.0
+    roll: Annotated[float, Unit("rad", "deg")] = 0.0
+    camera_to_body: tuple[float, ...] | None = None
+    exclusion: KeepOut = field(default_factory=KeepOut)
+    alignment: Mounting = field(default_factory=Mounting)
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise ValueError("name of a head must be given, got ''")
+        finite(azimuth=self.azimuth, roll=self.roll)
+        within(-math.pi / 2, math.pi / 2, elevation=self.elevation)
+        if self.camera_to_body is not None:
+            _unit_quaternion("camera_to_body", self.camera_to_body)
+            if self.azimuth or self.elevation or self.roll:
+                raise ValueError(
+                    "azimuth, elevation and roll must be left out where camera_to_body is given"
+                )
+
+    @property
+    def mounting(self) -> Rotation:
+        """camera_to_body; its third column is the boresight in body axes."""
+        if self.camera_to_body is not None:
+            return Rotation.from_quat(self.camera_to_body)
+        return mounted(self.azimuth, self.elevation, self.roll)
+
+
+def mounted(azimuth: float, elevation: float, roll: float = 0.0) -> Rotation:
+    """camera_to_body of a boresight by its angles in body axes; see `Head`."""
+    return Rotation.from_euler("ZYZ", [azimuth, math.pi / 2 - elevation, math.pi / 2 + roll])
+
+
+@dataclass(frozen=True)
+class Span:
+    """The time of a mission: SI seconds after its begin.
+
+    begin     UTC, as "2026-03-20T12:00:00"
+    duration  of the mission
+    step      between two instants at which all is computed
+    """
+
+    begin: str
+    duration: Annotated[float, Unit("s", "d")] = 86400.0
+    step: Annotated[float, Unit("s")] = 10.0
+
+    def __post_init__(self) -> None:
+        positive(duration=self.duration, step=self.step)
+        utc(self.begin)
+        whole(1, MOST_STEPS, **{"number of steps (duration / step)": self.steps})
+
+    @property
+    def steps(self) -> int:
+        """Number of instants: at 0, step, 2 step ... before the end."""
+        return max(math.ceil(self.duration / self.step - 1e-9), 1)
+
+
+@dataclass(frozen=True)
+class Radiation:
+    """What the South Atlantic anomaly does, as a box of latitude and longitude.
+
+    saa        "ignored", or "blind": no head is valid inside the box
+    latitude   geodetic south and north
+    longitude  west and east
+    """
+
+    saa: str = "ignored"
+    latitude: Annotated[tuple[float, ...], Unit("rad", "deg")] = (-50 * deg, 0.0)
+    longitude: Annotated[tuple[float, ...], Unit("rad", "deg")] = (-90 * deg, 40 * deg)
+
+    def __post_init__(self) -> None:
+        one_of(("ignored", "blind"), saa=self.saa)
+        for name in ("latitude", "longitude"):
+            pair = getattr(self, name)
+            if len(pair) != 2 or not pair[0] < pair[1]:
+                raise ValueError(f"{name} must be two rising angles, got {pair}")
+            finite(**{name: pair[0]})
+            finite(**{name: pair[1]})
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What the mission asks of its heads together; None: not asked.
+
+    max_blind         longest time without any valid head
+    availability_one  fraction of the time with at least one valid head
+    availability_two  fraction of the time with at least two
+    max_error         rms error of the fused attitude about its worst axis, over the times with a
+                      valid head
+    """
+
+    max_blind: Annotated[float | None, Unit("s")] = None
+    availability_one: float | None = None
+    availability_two: float | None = None
+    max_error: Annotated[float | None, Unit("rad", "arcsec")] = None
+
+    def __post_init__(self) -> None:
+        if self.max_blind is not None:
+            non_negative(max_blind=self.max_blind)
+        if self.max_error is not None:
+            positive(max_error=self.max_error)
+        for name in ("availability_one", "availability_two"):
+            if getattr(self, name) is not None:
+                within(0, 1, **{name: getattr(self, name)})
+
+
+@dataclass(frozen=True)
+class Mission:
+    """What a mission file holds; see the tables.
+
+    time          begin, duration and step
+    orbit         of the spacecraft
+    heads         its star trackers
+    attitude      its attitude law
+    radiation     the South Atlantic anomaly
+    requirements  on the heads together
+    """
+
+    time: Span
+    orbit: Orbit
+    heads: tuple[Head, ...]
+    attitude: Attitude = field(default_factory=Attitude)
+    radiation: Radiation = field(default_factory=Radiation)
+    requirements: Needs = field(default_factory=Needs)
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.heads) <= 8:
+            raise ValueError(f"heads must be one to eight, got {len(self.heads)}")
+        names = [head.name for head in self.heads]
+        if len(set(names)) < len(names):
+            raise ValueError(f"heads must have different names, got {', '.join(names)}")
+        needs = self.requirements.availability_two
+        if needs is not None and len(self.heads) < 2:
+            raise ValueError("availability_two must be left out of a mission with one head")
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A mission and the designs of its heads.
+
+    mission  as its file has it, with the paths of files resolved
+    designs  of the heads, in their order
+    """
+
+    mission: Mission
+    designs: tuple[Design, ...]
+
+
+def load_mission(path: Path, changes: Sequence[str] = ()) -> Loaded:
+    """Read a mission file and the design files that it names.
+
+    changes  values over those of the file: "time.step=60 s"
+    Raises   ValueError, one sentence with the file, the position in it, the rule and the value.
+    """
+    path = Path(path)
+    layers = read_layers(path, "a mission file", changes)
+    try:
+        mission = _resolved(from_table(Mission, layers.table), path.parent)
+    except ValueError as error:
+        raise ValueError(layers.blamed(str(error), path)) from None
+    return Loaded(mission, tuple(load_design(Path(head.design)) for head in mission.heads))
+
+
+def _resolved(mission: Mission, folder: Path) -> Mission:
+    """The mission with all paths from its own folder, or of shipped files."""
+    orbit, law = mission.orbit, mission.attitude
+    return replace(
+        mission,
+        orbit=replace(orbit, oem=str(folder / orbit.oem)) if orbit.oem else orbit,
+        attitude=replace(law, aem=str(folder / law.aem)) if law.aem else law,
+        heads=tuple(replace(one, design=_found(one.design, folder)) for one in mission.heads),
+    )
+
+
+def _found(name: str, folder: Path) -> str:
+    from startrack.io import shipped
+
+    if not (folder / name).exists():
+        try:
+            return str(shipped(name))
+        except (FileNotFoundError, ValueError):
+            pass
+    return str(folder / name)
+
+
+def _vector(name: str, value: tuple[float, ...], length: int) -> Floats:
+    vector = np.array(value, float)
+    if len(value) != length or not 1e-9 < np.linalg.norm(vector) < 1e9:
+        raise ValueError(f"{name} must be {length} numbers that are not all zero, got {value}")
+    return vector
+
+
+def _unit_quaternion(name: str, value: tuple[float, ...]) -> None:
+    norm = float(np.linalg.norm(_vector(name, value, 4)))
+    if abs(norm - 1) > UNIT_NORM:
+        raise ValueError(f"{name} must have the norm 1 within {UNIT_NORM}, got {norm:g}")

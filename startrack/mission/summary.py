@@ -1,0 +1,120 @@
+"""Flown -> availability by number of heads, times without an attitude, verdicts on requirements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Floats, Ints
+from startrack.mission.engine import Flown
+from startrack.mission.heads import Blind
+from startrack.mission.parameters import Needs
+
+EDGES = (0.0, 10.0, 30.0, 60.0, 300.0, 900.0, 3600.0, np.inf)  # second, of the histogram
+
+
+@dataclass(frozen=True, eq=False)
+class Spells:
+    """Uninterrupted times in which something holds.
+
+    begin   (k,) second after the begin of the mission
+    length  (k,) second; each end is right to a step
+    """
+
+    begin: Floats
+    length: Floats
+
+    @property
+    def longest(self) -> float:
+        """Second; 0 where it never holds."""
+        return float(self.length.max(initial=0.0))
+
+    def histogram(self) -> Ints:
+        """Number of spells in each of the classes of EDGES, the upper edge included."""
+        inside = np.searchsorted(EDGES, self.length, side="left") - 1
+        return np.bincount(inside, minlength=len(EDGES) - 1)
+
+    def worst(self, count: int) -> list[tuple[float, float]]:
+        """Begin and length of the longest, longest first."""
+        order = np.argsort(-self.length, kind="stable")[:count]
+        return [(float(self.begin[k]), float(self.length[k])) for k in order]
+
+
+def spells(holds: NDArray[np.bool_], step: float) -> Spells:
+    """The times in which (m,) steps hold."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(np.int8)))
+    begin, end = edge[::2], edge[1::2]
+    return Spells(step * begin.astype(float), step * (end - begin).astype(float))
+
+
+@dataclass(frozen=True, eq=False)
+class Availability:
+    """How often heads are valid.
+
+    heads   (h + 1,) fraction of the time with exactly so many valid heads
+    causes  Blind -> (h,) fraction of the time in which it blinds each head
+    alone   (h,) fraction of the time in which each head is valid
+    none    times without a valid head
+    each    times in which each head is blind
+    """
+
+    heads: Floats
+    causes: dict[Blind, Floats]
+    alone: Floats
+    none: Spells
+    each: tuple[Spells, ...]
+
+    def at_least(self, count: int) -> float:
+        """Fraction of the time with so many valid heads or more."""
+        return float(self.heads[count:].sum())
+
+
+def availability_of(flown: Flown) -> Availability:
+    """The availability of a mission, by geometry alone: each cause counts where it blinds."""
+    valid = flown.valid
+    count = len(flown.blind)
+    return Availability(
+        np.bincount(valid, minlength=count + 1) / len(valid),
+        {one: ((flown.blind & one) > 0).mean(axis=1) for one in Blind},
+        (flown.blind == 0).mean(axis=1),
+        spells(valid == 0, flown.step),
+        tuple(spells(one > 0, flown.step) for one in flown.blind),
+    )
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a requirement of the mission is met.
+
+    name   key in the mission file
+    limit  that it must keep, SI
+    value  of the mission, SI
+    met    whether it keeps it
+    """
+
+    name: str
+    limit: float
+    value: float
+    met: bool
+
+
+def verdicts(needs: Needs, found: Availability, error: float | None = None) -> list[Verdict]:
+    """The requirements that the mission file gives, in their order.
+
+    error  radian, rms of the fused attitude about its worst axis; None: not known
+    """
+    values = {
+        "max_blind": found.none.longest,
+        "availability_one": found.at_least(1),
+        "availability_two": found.at_least(2) if len(found.heads) > 2 else None,
+        "max_error": error,
+    }
+    told = []
+    for name, value in values.items():
+        limit = getattr(needs, name)
+        if limit is not None and value is not None:
+            met = value >= limit if name.startswith("availability") else value <= limit
+            told.append(Verdict(name, limit, value, bool(met)))
+    return told

@@ -1,0 +1,58 @@
+"""Plan of a mission, some of its steps -> a table with a row for each step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import deg
+from startrack.mission.engine import CHUNK, Chunk, Plan, at
+
+DECIMALS = 5  # of a degree: 0.04 arcsec
+
+
+def timeline(
+    plan: Plan, every: int = 1, advance: Callable[[int], None] = lambda _: None
+) -> NDArray[np.void]:
+    """A row for each step, or for each of so many; angles in degrees.
+
+    every   of so many steps one is kept, from the first on
+    Returns a structured array; `blind` of a head is the sum of its Blind, 0 where it is valid
+    """
+    time = plan.loaded.mission.time
+    step, count = time.step * every, -(-time.steps // every)
+    parts = []
+    for first in range(0, count, CHUNK):
+        size = min(CHUNK, count - first)
+        chunk = at(plan, plan.course.at(first * step, step, size), first)
+        parts.append(_rows(plan, chunk))
+        advance(size)
+    return np.concatenate(parts)
+
+
+def _rows(plan: Plan, chunk: Chunk) -> NDArray[np.void]:
+    own = chunk.instants
+    columns = {
+        "second": own.second,
+        "latitude_deg": own.latitude / deg,
+        "longitude_deg": own.longitude / deg,
+        "orbit_phase_deg": own.phase / deg,
+        "eclipse": chunk.shadow.sun,
+        "valid_heads": np.sum([one.blind == 0 for one in chunk.seen], axis=0),
+    }
+    for head, seen in zip(plan.heads, chunk.seen, strict=True):
+        columns |= {
+            f"{head.name}_ra_deg": np.arctan2(seen.line[1], seen.line[0]) / deg % 360,
+            f"{head.name}_dec_deg": np.arcsin(np.clip(seen.line[2], -1, 1)) / deg,
+            f"{head.name}_sun_deg": seen.sun / deg,
+            f"{head.name}_moon_deg": seen.moon / deg,
+            f"{head.name}_limb_deg": seen.limb / deg,
+            f"{head.name}_lit_limb_deg": seen.earth / deg,
+            f"{head.name}_blind": seen.blind,
+        }
+    table = np.empty(len(own.second), [(name, one.dtype) for name, one in columns.items()])
+    for name, one in columns.items():
+        table[name] = one.round(DECIMALS) if one.dtype.kind == "f" else one
+    return table

@@ -1,0 +1,45 @@
+"""`startrack mission` from its arguments to its table, picture and JSON."""
+
+import csv
+import json
+
+import cv2
+import pytest
+
+from startrack.cli.main import main
+
+
+def test_a_mission_is_flown(capsys, tmp_path):
+    out = tmp_path / "out"
+    status = main(["mission", "--set", "time.duration=2 d", "--out", str(out), "--json"])
+    result = json.loads(capsys.readouterr().out)
+    assert status == 3  # the example's heads do not meet its requirements
+    assert result["steps"] == 17280
+    assert sum(result["availability"]["exactly"]) == pytest.approx(1)
+    assert not all(one["met"] for one in result["requirements"])
+    assert cv2.imread(str(out / "mission.png")) is not None
+    assert json.loads((out / "summary.json").read_text())["heads"] == result["heads"]
+    with open(out / "timeline.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 17280
+    both = result["availability"]["at_least"][3]
+    assert sum(row["valid_heads"] == "3" for row in rows) / len(rows) == pytest.approx(both)
+    blind = sum(row["up-right_blind"] != "0" for row in rows) / len(rows)
+    assert 1 - blind == pytest.approx(result["heads"][1]["valid"])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("time.step=0 s", "time.step must be positive"),
+        ('time.begin="yesterday"', "must be a time such as"),
+        ("orbit.altitude=40000 km", "no orbit is Sun-synchronous"),
+        ('attitude.law="aem"', "aem must be given with law"),
+        ("orbits.altitude=3 km", "unknown"),
+    ],
+)
+def test_wrong_missions_are_one_sentence(capsys, tmp_path, change, words):
+    assert main(["mission", "--set", change, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1

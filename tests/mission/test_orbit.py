@@ -1,0 +1,143 @@
+"""Mean elements, orbit and attitude files, and the interpolation between times."""
+
+import dataclasses
+import math
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.time import Time
+from scipy.spatial.transform import Rotation
+
+from startrack import shipped
+from startrack.core import deg, installed_tables
+from startrack.mission import load_mission, read_aem, read_oem, write_aem, write_oem
+from startrack.mission.ccsds import Attitudes, Ephemeris
+from startrack.mission.instants import course_of, spread
+from startrack.mission.orbit import Kepler, path_of, sun_synchronous
+from startrack.mission.parameters import Attitude, Orbit
+
+MISSION = load_mission(shipped("missions/sun-synchronous.toml"), ["time.duration=6 h"]).mission
+BEGIN = MISSION.time.begin
+
+
+@pytest.mark.parametrize("tilt", [0.3, 0.9, 1.72])
+def test_rates_are_those_of_sgp4(tilt):
+    """Its own secular rates, which have J4 and J2 squared, too."""
+    from sgp4.api import WGS72, Satrec
+
+    axis, e = 7.2e6, 0.02
+    record = Satrec()
+    mean = 60 * math.sqrt(3.986008e14 / axis**3)
+    record.sgp4init(WGS72, "i", 1, 25000.0, 0.0, 0.0, 0.0, e, 0.4, tilt, 0.1, mean, 0.2)
+    node, perigee, anomaly = Kepler(axis, e, tilt, 0.2, 0.4, 0.1).rates
+    assert node * 60 == pytest.approx(record.nodedot, rel=5e-3)
+    assert perigee * 60 == pytest.approx(record.argpdot, rel=1e-2)
+    # The mean motion of a two-line element set is itself a mean one, with J2 in it.
+    assert anomaly * 60 == pytest.approx(record.mdot, rel=2e-3)
+
+
+def test_kepler_is_a_solution_of_newton():
+    """Without J2: the acceleration, by differences, is GM / r^2."""
+    orbit = Kepler(9e6, 0.25, 1.0, 0.3, 0.5, 0.1)
+    object.__setattr__(orbit, "rates", (0.0, 0.0, math.sqrt(3.986004418e14 / 9e6**3)))
+    second = np.linspace(0, 8000, 50)
+    (before, _), (place, speed), (after, _) = (orbit.state(second + d) for d in (-1.0, 0, 1.0))
+    pull = -3.986004418e14 * place / np.linalg.norm(place, axis=0) ** 3
+    assert np.abs(after - 2 * place + before - pull).max() < 1e-4
+    assert np.abs((after - before) / 2 - speed).max() < 1e-2
+
+
+def test_a_sun_synchronous_orbit_keeps_its_local_time():
+    """The published inclination at 600 km, and by astropy the mean Sun at the node a year later."""
+    assert sun_synchronous(6378137.0 + 600e3) / deg == pytest.approx(97.79, abs=0.02)
+    orbit = path_of(Orbit(altitude=600e3, local_time=10.5 * 3600), BEGIN)
+    for days in (0.0, 365.0):
+        with installed_tables():
+            date = Time(BEGIN, scale="utc") + days * u.d
+            greenwich = date.sidereal_time("mean", "greenwich", model="IAU1982").rad
+            utc = (date.utc.jd1 + date.utc.jd2 + 0.5) % 1
+        node = orbit.node + orbit.rates[0] * days * 86400
+        local = ((node - greenwich) / math.tau + utc) % 1
+        assert local * 24 == pytest.approx(10.5, abs=0.01)
+
+
+def test_places_between_times_are_interpolated():
+    """Six points, 60 s apart in a low orbit: within 1 cm and 10 micrometres / second."""
+    path = path_of(MISSION.orbit, BEGIN)
+
+    def states(second):
+        return np.concatenate(path.state(second))
+
+    got = spread(states, 123.0, 7.0, 2000, 60.0, 6)
+    gap = np.abs(got - states(123.0 + 7.0 * np.arange(2000))).max(axis=1)
+    assert gap[:3].max() < 0.01
+    assert gap[3:].max() < 1e-5
+    coarse = spread(states, 0.0, 100.0, 50, 60.0, 6)
+    assert (coarse == states(100.0 * np.arange(50))).all()
+
+
+def test_an_orbit_file_moves_the_spacecraft_as_its_elements_do(tmp_path):
+    course = course_of(MISSION)
+    own = course.at(-60.0, 60.0, 400)
+    with installed_tables():
+        epochs = tuple((Time(BEGIN, scale="utc") + own.second * u.s).isot)
+    ephemeris = Ephemeris(epochs, "utc", own.place.T, own.speed.T)
+    write_oem(tmp_path / "a.oem", ephemeris)
+    back = read_oem(tmp_path / "a.oem")
+    assert np.abs(back.place - own.place.T).max() < 1e-8
+    assert back.epoch == epochs
+    flown = course_of(dataclasses.replace(MISSION, orbit=Orbit(oem=str(tmp_path / "a.oem"))))
+    a, b = (one.at(0.0, 10.0, 2000) for one in (course, flown))
+    assert np.abs(a.place - b.place).max() < 0.05  # epochs in milliseconds: 7 m / ms, exact here
+    assert np.abs(a.body - b.body).max() < 1e-6
+    assert np.abs(a.latitude - b.latitude).max() < 1e-6
+
+
+def test_attitude_files_come_back(tmp_path):
+    """To 1e-12, with both orders of the scalar and both directions, and as an attitude law."""
+    own = course_of(MISSION).at(0.0, 5.0, 4400)
+    turn = Rotation.from_matrix(own.body.transpose(2, 0, 1))
+    with installed_tables():
+        epochs = tuple((Time(BEGIN, scale="utc") + own.second * u.s).isot)
+    path = tmp_path / "a.aem"
+    write_aem(path, Attitudes(epochs, "utc", turn.as_quat()))
+    assert (turn.inv() * Rotation.from_quat(read_aem(path).quaternion)).magnitude().max() < 1e-12
+
+    text = path.read_text()
+    head, _, rows = text.partition("DATA_START\n")
+    lines = [line.split() for line in rows.splitlines()[:-1]]
+    first = "\n".join(f"{t} {w} {x} {y} {z}" for t, x, y, z, w in lines)
+    path.write_text(head.replace("META_STOP", "QUATERNION_TYPE = FIRST\nMETA_STOP") + first)
+    assert (turn.inv() * Rotation.from_quat(read_aem(path).quaternion)).magnitude().max() < 1e-12
+    path.write_text(text.replace("META_STOP", "ATTITUDE_DIR = B2A\nMETA_STOP"))
+    assert (turn * Rotation.from_quat(read_aem(path).quaternion)).magnitude().max() < 1e-12
+
+    path.write_text(text)
+    law = Attitude(law="aem", aem=str(path))
+    flown = course_of(dataclasses.replace(MISSION, attitude=law)).at(0.0, 2.0, 4000)
+    reference = course_of(MISSION).at(0.0, 2.0, 4000)
+    assert np.abs(flown.body - reference.body).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("CCSDS_OEM_VERS", "CCSDS_OPM_VERS", "must be a CCSDS OEM"),
+        ("= EARTH", "= MOON", "CENTER_NAME = EARTH"),
+        ("= ICRF", "= TEME", "REF_FRAME"),
+        ("= UTC", "= GPS", "TIME_SYSTEM"),
+        ("7000 0 0", "7000 x 0", "rows of numbers"),
+        ("7000 0 0", "7000 nan 0", "finite numbers"),
+        ("DEGREE = 7", "DEGREE = 99", "from 1 to 15"),
+    ],
+)
+def test_orbit_files_are_refused_by_name(tmp_path, old, new, words):
+    file = tmp_path / "a.oem"
+    place, speed = np.array([[7e6, 0, 0]] * 2), np.array([[0, 7e3, 0]] * 2)
+    write_oem(file, Ephemeris(("2026-01-01T00:00:00", "2026-01-01T00:01:00"), "utc", place, speed))
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+    with pytest.raises(ValueError, match=words):
+        read_oem(file)

@@ -1,0 +1,45 @@
+"""Times without an attitude, availability and verdicts."""
+
+import numpy as np
+import pytest
+
+from startrack.mission.engine import Flown
+from startrack.mission.heads import Blind
+from startrack.mission.parameters import Needs
+from startrack.mission.summary import availability_of, spells, verdicts
+
+
+def flown(*blind):
+    steps = np.array(blind, np.uint8)
+    heads, count = steps.shape
+    return Flown(
+        10.0, steps, np.zeros(count, bool), np.zeros((heads, 3)), np.zeros((heads, 5)),
+        np.zeros((heads, 2)), np.zeros((1, 1)), np.zeros((1, 1)),
+    )  # fmt: skip
+
+
+def test_spells_are_counted_as_by_hand():
+    found = spells(np.array([1, 1, 0, 1, 0, 0, 1, 1, 1, 1], bool), 10.0)
+    assert found.begin.tolist() == [0, 30, 60]
+    assert found.length.tolist() == [20, 10, 40]
+    assert found.longest == 40
+    assert found.histogram()[:3].tolist() == [1, 1, 1]
+    assert found.worst(1) == [(60.0, 40.0)]
+    assert spells(np.zeros(5, bool), 10.0).longest == 0
+
+
+def test_availability_is_counted_as_by_hand():
+    found = availability_of(flown([1, 0, 0, 3], [0, 0, 4, 2], [0, 0, 0, 4]))
+    assert found.heads.tolist() == [0.25, 0, 0.5, 0.25]
+    assert found.at_least(1) == 0.75
+    assert found.causes[Blind.SUN].tolist() == [0.5, 0, 0]
+    assert found.causes[Blind.MOON].tolist() == [0.25, 0.25, 0]
+    assert found.alone.tolist() == [0.5, 0.5, 0.75]
+    assert found.none.longest == 10
+    told = verdicts(Needs(max_blind=5.0, availability_one=0.7, availability_two=0.8), found)
+    assert [one.met for one in told] == [False, True, False]
+
+
+def test_needs_are_refused_by_name():
+    with pytest.raises(ValueError, match="availability_one must lie in"):
+        Needs(availability_one=1.5)
