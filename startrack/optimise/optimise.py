@@ -47,7 +47,7 @@ class Optimum:
     availability  of the best on fresh trials, with bounds at 95 % confidence
     margins       of the best; those of errors and availability are of the bounds that must hold
     ending        one sentence: why the search stopped
-    trials        number that were done, per fidelity
+    trials        number that were done, per fidelity, before an interruption too
     """
 
     space: DesignSpace

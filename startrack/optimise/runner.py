@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import math
-import re
 from collections.abc import Callable
 from concurrent.futures import Executor
+from dataclasses import MISSING, Field, fields, is_dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +24,6 @@ from startrack.trial import OUTCOMES, known_smear
 FRESH = 10**6  # number of the first fresh trial, beyond all that tuning uses
 VERIFYING = 10**8  # number of the first trial of a verification, beyond all others
 
-# Earlier names that the keys of ledgers hold: old ledgers stay valid.
-FIRST_NAMES = {
-    "SolverSettings": "Attitude",
-    "RegionOfInterest": "Region",
-    "nonlinearity": "bend",
-    "adc_inl": "bow",
-    "em_gain": "multiplication",
-}
-NEW_NAMES = re.compile(rf"\b({'|'.join(FIRST_NAMES)})\b(?=[(=])")
-
 
 class TrialRunner:
     """Trials of any design with the same attitudes and random streams.
@@ -40,7 +33,6 @@ class TrialRunner:
 
     seed    of all random numbers
     ledger  keeps the outcomes; None for one in memory
-    tried   number of trials done by this runner, per fidelity
     """
 
     def __init__(
@@ -51,10 +43,21 @@ class TrialRunner:
         ledger: Ledger | None = None,
     ):
         self.seed = seed
-        self.tried = dict[Fidelity, int]()
+        self._asked = dict[bytes, tuple[Fidelity, int]]()
         self._executor = executor or Serial()
         self._workers = workers
         self.ledger = ledger or Ledger()
+
+    @property
+    def tried(self) -> dict[Fidelity, int]:
+        """Number of trials that were asked for, per fidelity, each once; also those of the ledger.
+
+        So that it is the same for a study that was interrupted.
+        """
+        found = dict[Fidelity, int]()
+        for fidelity, trials in self._asked.values():
+            found[fidelity] = found.get(fidelity, 0) + trials
+        return found
 
     def run(
         self,
@@ -75,6 +78,7 @@ class TrialRunner:
         held = self.ledger.held(key)
         lacking = trials - len(held)
         if lacking <= 0:
+            self._count(key, fidelity, trials)
             return held[:trials]
         try:
             new = run(
@@ -90,30 +94,56 @@ class TrialRunner:
         except ValueError as error:
             self.ledger.keep_refusal(key, str(error))
             raise
-        self.tried[fidelity] = self.tried.get(fidelity, 0) + lacking
+        self._count(key, fidelity, trials)
         self.ledger.keep(key, len(held), new)
         return np.concatenate([held, new]).astype(OUTCOMES)
 
+    def _count(self, key: bytes, fidelity: Fidelity, trials: int) -> None:
+        self._asked[key] = fidelity, max(trials, self._asked.get(key, (fidelity, 0))[1])
+
     def _key(self, case: Case, fidelity: Fidelity, first: int) -> bytes:
-        # The repr of a frozen case has all its numbers with all their digits.
-        written = NEW_NAMES.sub(lambda found: FIRST_NAMES[found[0]], repr(case))
+        written = described(case)
         if not math.hypot(*known_smear(case)) > STREAK:  # trials are as without a known smear
-            written = written.replace("smear_x=None, smear_y=None", "smear_x=0.0, smear_y=0.0")
-        for newer in (
-            ", dark_map=None",
-            ", lens_file=''",
-            ", lens_family=''",
-            ", family_field=None",
-            ", psf_file=''",
-            ", as_built=0.0",
-            ", ghosts=None",
-            ", lens_field=True, lens_colour=True",
-            ", calibrated_at=None",
-            ", focal_length_by_colour=False",
-        ):
-            written = written.replace(newer, "")
-        written = written.replace(
-            ", thermal=None)", ")"
-        )  # of the instrument; the detector's has more
+            detection = replace(case.tracker.detection, smear_x=0.0, smear_y=0.0)
+            written = described(replace(case, tracker=replace(case.tracker, detection=detection)))
         text = f"{startrack.__version__} {self.seed} {fidelity} {first} {written}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()
+
+
+def described(value: Any, name: str = "") -> str:
+    """All that a parameter object holds, with all digits, but for what is as by default.
+
+    So that a new parameter changes no text of a design that does not name it. A file is described
+    by its content, too.
+
+    name  of the field that the value is of
+    """
+    if is_dataclass(value):
+        inner = [
+            f"{each.name}={described(getattr(value, each.name), each.name)}"
+            for each in fields(value)
+            if each.init and not _is_default(each, getattr(value, each.name))
+        ]
+        return f"{type(value).__name__}({', '.join(inner)})"
+    if isinstance(value, tuple):
+        return f"({', '.join(described(one) for one in value)})"
+    if isinstance(value, str) and (name == "source" or name.endswith("_file")):
+        path = Path(value)
+        if path.is_file():
+            status = path.stat()
+            return f"{value!r} {_digest(path, status.st_mtime_ns, status.st_size)}"
+    return repr(value)
+
+
+def _is_default(field: Field[Any], value: Any) -> bool:
+    default = field.default if field.default is not MISSING else None
+    if field.default_factory is not MISSING:
+        default = field.default_factory()
+    return type(value) is type(default) and bool(value == default)
+
+
+@lru_cache(maxsize=64)
+def _digest(path: Path, modified: int, size: int) -> str:
+    """Of the content of a file that has not changed since."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()

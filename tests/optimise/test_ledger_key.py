@@ -1,27 +1,60 @@
 """Ledgers of earlier versions keep what they hold."""
 
 from contextlib import closing
+from dataclasses import replace
 from sqlite3 import connect
 
 import numpy as np
 import pytest
 
-import startrack
 from startrack.design import Fidelity, load_design
+from startrack.design.parameter import number, replaced
 from startrack.io import shipped
 from startrack.optimise.ledger import Ledger
-from startrack.optimise.runner import TrialRunner
+from startrack.optimise.runner import TrialRunner, described
 from startrack.trial import OUTCOMES
 
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
-KEY = "52e1599bf12b9cfb2fe17eeab5ca69be"  # as version 0.1.0 wrote it
+KEY = "52e1599bf12b9cfb2fe17eeab5ca69be"
 
 
-def test_the_key_of_the_example_is_that_of_the_first_version(monkeypatch):
-    """Names of classes and fields have changed since, the key has not."""
-    monkeypatch.setattr(startrack, "__version__", "0.1.0")
-    assert TrialRunner(7)._key(CASE, Fidelity.FRAME, 3).hex() == KEY
-    assert TrialRunner(8)._key(CASE, Fidelity.FRAME, 3).hex() != KEY
+def key(case):
+    return TrialRunner(7)._key(case, Fidelity.FRAME, 3)
+
+
+def test_a_field_that_is_as_by_default_is_not_in_the_key():
+    optics = CASE.instrument.optics
+    assert "psf_tolerance" not in described(optics)
+    assert "f_number=2.4" in described(optics)
+    changed = replace(optics, psf_tolerance=0.02)
+    assert "psf_tolerance=0.02" in described(changed)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "instrument.optics.blur",
+        "instrument.detector.prnu",
+        "instrument.motion.rate_z",
+        "tracker.detection.threshold",
+        "scene.background_g",
+        "catalog.limit_g",
+    ],
+)
+def test_each_parameter_changes_it(name):
+    changed = replaced(CASE, name, 0.8 * number(CASE, name) or 0.01)
+    assert key(changed) != key(CASE)
+    assert TrialRunner(8)._key(CASE, Fidelity.FRAME, 3) != key(CASE)
+
+
+def test_the_content_of_a_catalogue_file_is_in_it(tmp_path):
+    path = tmp_path / "stars.fits"
+    path.write_bytes(shipped("stars/bright.fits").read_bytes())
+    one = replace(CASE, catalog=replace(CASE.catalog, source=str(path)))
+    before = key(one)
+    assert before == key(one)
+    path.write_bytes(b"another")
+    assert key(one) != before
 
 
 def test_a_ledger_without_the_newer_tables_opens(tmp_path):

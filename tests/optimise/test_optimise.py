@@ -57,15 +57,15 @@ def test_every_design_lies_in_the_box(optimum):
     assert ((points >= 0) & (points <= 1)).all()
 
 
-def test_what_is_in_the_ledger_is_not_tried_again(optimum, small, tmp_path):
+def test_what_is_in_the_ledger_is_not_tried_again(optimum, small, tmp_path, monkeypatch):
     with Ledger(tmp_path / "ledger.sqlite") as ledger:
         first = optimize(small.case, small.campaign, TrialRunner(5, ledger=ledger))
+    monkeypatch.setattr("startrack.optimise.runner.run", None)
     with Ledger(tmp_path / "ledger.sqlite") as ledger:
         again = optimize(small.case, small.campaign, TrialRunner(5, ledger=ledger))
     # The same seed, the same answer; as text, in which NaN is NaN.
     assert repr(first) == repr(optimum)
-    assert repr(first) == repr(dataclasses.replace(again, trials=first.trials))
-    assert again.trials == {}
+    assert repr(first) == repr(again)
     tried = [one.trials for one in first.evaluations]
     # Doubled trials are added to those that were done; fresh ones are doubled three times at most.
     assert sum(first.trials.values()) <= sum(tried) + 60 + 8 * 60
