@@ -38,6 +38,8 @@ def of_the_case(case: Case) -> Iterator[str]:
     if detector.defects and detector.defects.hot:
         hot = detector.defects.hot * detector.columns * detector.rows
         yield f"false spots and lost stars by {hot:.0f} hot pixels (detector.defects.hot)"
+    if detector.age:
+        yield f"damage by {detector.age.years:.3g} years in orbit (detector.age)"
     pattern = detector.pattern
     if pattern and math.hypot(pattern.row, pattern.column) > SHARED * detector.noise:
         yield "noise that pixels of a row or column share (detector.pattern)"

@@ -204,6 +204,10 @@ class Case:
                 "tracker.focal_length_by_colour must be left out where no lens_file says how the "
                 "focal length changes with colour"
             )
+        if self.tracker.detection.dark_map_age is not None and not self.instrument.detector.age:
+            raise ValueError(
+                "tracker.detection.dark_map_age must be left out where the detector has no age"
+            )
         catalog = seen_from(self.scene, self.catalog)
         object.__setattr__(self, "catalog", catalog)
         if self.tracker.catalog:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from startrack.core import non_negative, one_of, positive, whole, within
+from startrack.core import Unit, non_negative, one_of, positive, whole, within
 from startrack.detection.dark_map import DarkMap
 from startrack.detection.methods import CENTROIDS
 
@@ -41,6 +42,7 @@ class Detection:
     saturation      digital number from which a pixel's value is no longer known; None if never
     edge            pixel, how far a window must stay from the border of the frame
     dark_map        what the tracker knows of the dark signal of its pixels; None: nothing
+    dark_map_age    second in orbit at which its dark map was made; None: just before
     """
 
     centroid: str = "gravity"
@@ -60,6 +62,7 @@ class Detection:
     saturation: float | None = None
     edge: int = 0
     dark_map: DarkMap | None = None
+    dark_map_age: Annotated[float | None, Unit("s", "yr")] = None
 
     def __post_init__(self) -> None:
         one_of(CENTROIDS, centroid=self.centroid)
@@ -83,6 +86,10 @@ class Detection:
         if self.saturation is not None:
             positive(saturation=self.saturation)
         whole(0, 2**20, edge=self.edge)
+        if self.dark_map_age is not None:
+            non_negative(dark_map_age=self.dark_map_age)
+            if self.dark_map is None:
+                raise ValueError("dark_map_age must come with a dark_map")
 
     @property
     def smear(self) -> tuple[float, float]:

@@ -5,6 +5,8 @@ thermal              Thermal: growth of the dark current with temperature, reset
 hits                 Hits: cosmic rays and protons, straight tracks of charge.
 nonuniformity        Defects, Pattern: what differs between pixels, and between rows and columns.
 lines                Line, Scan: detectors of lines (one line, staggered lines, TDI).
+ageing               Age: dose, years and a family of detectors -> what radiation did to its
+                     pixels.
 maps                 Maps of one device: response, dark current and read noise of each pixel.
 collect              Light and detector -> electrons of stars, of the background and of diffuse
                      light (equation 4).
@@ -28,6 +30,16 @@ scan                 Light and the motion of a camera -> the image of a detector
 star_grid            Stars and companions -> one noise-free Frame with a cell for each star.
 """
 
+from startrack.detector.ageing import (
+    CHANDRA_ACA,
+    YEAR,
+    Age,
+    Flicker,
+    Flickering,
+    TailLaw,
+    pixels_above,
+    tail_currents,
+)
 from startrack.detector.collect import electron_rate, mean_wavelength
 from startrack.detector.dark_frames import dark_frames
 from startrack.detector.digitise import normals, shot
@@ -44,7 +56,7 @@ from startrack.detector.expose import (
 from startrack.detector.hits import Hits
 from startrack.detector.law import law_of, nonlinear_signal, with_adc_inl
 from startrack.detector.lines import Line, Scan, staggered, tdi
-from startrack.detector.maps import dark, device_streams, read_noise, response
+from startrack.detector.maps import dark, device_streams, flickering, read_noise, response
 from startrack.detector.nonuniformity import Defects, Pattern, offsets
 from startrack.detector.parameters import Detector, RegionOfInterest
 from startrack.detector.readout import read_out
@@ -73,20 +85,25 @@ from startrack.detector.windows import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
+    "Age",
     "Defects",
     "Detector",
     "Exposure",
+    "Flicker",
+    "Flickering",
     "Hits",
     "Line",
     "Pattern",
     "RegionOfInterest",
     "Scan",
     "Tables",
+    "TailLaw",
     "Thermal",
     "electron_rate",
     "expected",
     "expose",
     "frame_of",
+    "pixels_above",
     "read_out",
     "scan",
     "staggered",

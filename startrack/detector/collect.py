@@ -34,7 +34,8 @@ def electron_rate(light: Light, detector: Detector, throughput: Floats) -> tuple
 
 def efficiency(light: Light, detector: Detector, throughput: Floats) -> Floats:
     """(k,) electron m^2 / photon in each spectral bin."""
-    return detector.quantum_efficiency(light.wavelength) * detector.fill_factor * throughput
+    per_photon = detector.quantum_efficiency(light.wavelength) * detector.fill_factor * throughput
+    return per_photon * detector.sensitivity if detector.age else per_photon
 
 
 def mean_wavelength(light: Light, detector: Detector, throughput: Floats) -> Floats:

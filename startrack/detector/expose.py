@@ -20,6 +20,7 @@ from startrack.core import (
     Streams,
     require_memory,
 )
+from startrack.detector.ageing import Flickering, trailed
 from startrack.detector.collect import (
     apply_response,
     background,
@@ -29,7 +30,7 @@ from startrack.detector.collect import (
     mean_wavelength,
 )
 from startrack.detector.effects import carry, diffuse
-from startrack.detector.maps import response
+from startrack.detector.maps import flickering, response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import read_out
 from startrack.detector.shutter import MotionFunction, Places, at_once, row_by_row
@@ -75,9 +76,23 @@ def expose(exposure: Exposure, streams: Streams) -> Frame:
 
 
 def frame_of(
-    electrons: Floats, detector: Detector, streams: Streams, tables: Tables | None = None
+    electrons: Floats,
+    detector: Detector,
+    streams: Streams,
+    tables: Tables | None = None,
+    state: Flickering | None = None,
 ) -> Frame:
-    """Read out expected electrons (rows, columns), and say what the numbers mean."""
+    """Read out expected electrons (rows, columns), and say what the numbers mean.
+
+    state  of the pixels that flicker; None: a random one
+    """
+    if detector.age and detector.age.flicker:
+        state = state or flickering(detector, streams)
+        assert state
+        electrons = state.add_to(electrons, detector.exposure)
+    if detector.age and detector.age.deferred:
+        top = detector.region.top if detector.region else 0
+        electrons = trailed(electrons, detector.age.deferred, top)
     return to_frame(read_out(electrons, detector, streams, tables), detector)
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from startrack.core import Floats, Streams, require_memory
-from startrack.detector.nonuniformity import dark_response, photo_response
+from startrack.core import ZERO_CELSIUS, Floats, Streams, require_memory
+from startrack.detector.ageing import TAILS, Flickering, aged
+from startrack.detector.nonuniformity import Defects, dark_response, photo_response
 from startrack.detector.parameters import Detector
 
+ROOM = ZERO_CELSIUS + 20  # kelvin, of a detector without a temperature
 BYTES = 40  # of a pixel of a map while it is drawn; measured
 
 
@@ -30,10 +33,17 @@ def dark(detector: Detector) -> Floats | float:
     Binned pixels have the sum of their pixels.
     """
     defects = detector.defects
-    if not (defects and (defects.dsnu or defects.hot)):
+    if not ((defects and (defects.dsnu or defects.hot)) or detector.age):
         return detector.dark_rate
     growth = detector.thermal.growth if detector.thermal else 1.0
     return _dark(_device(detector)) * growth
+
+
+def flickering(detector: Detector, streams: Streams) -> Flickering | None:
+    """The pixels with a random telegraph signal, in a random state; None where there are none."""
+    if not (detector.age and detector.age.flicker):
+        return None
+    return Flickering(detector.age.flicker, np.asarray(dark(detector)), streams)
 
 
 def read_noise(detector: Detector) -> Floats | float:
@@ -56,10 +66,17 @@ def device_streams(detector: Detector) -> Streams:
 @lru_cache(maxsize=16)
 def _device(detector: Detector) -> Detector:
     """The parameters of the maps, all others at their defaults, so that designs share maps."""
+    age, thermal = detector.age, detector.thermal
+    if age:
+        plain = replace(age, flicker=None, sensitivity_loss=0.0, transfer_loss=0.0)
+        pitch, thermal = (
+            detector.pixel_pitch,
+            thermal and replace(thermal, temperature=thermal.reference, capacitance=0.0),
+        )
     return Detector(
         detector.columns,
         detector.rows,
-        1.0,
+        pitch if age else 1.0,
         1.0,
         prnu=detector.prnu,
         dark_current=detector.dark_current,
@@ -68,6 +85,8 @@ def _device(detector: Detector) -> Detector:
         binning=detector.binning,
         region=detector.region,
         device_seed=detector.device_seed,
+        age=plain if age else None,
+        thermal=thermal if age else None,
     )
 
 
@@ -79,11 +98,21 @@ def _response(device: Detector) -> Floats:
 
 @lru_cache(maxsize=2)
 def _dark(device: Detector) -> Floats:
-    assert device.defects
-    array = dark_response(
-        _array(device), device.dark_current, device.defects, device_streams(device)
-    )
+    streams, defects = device_streams(device), device.defects or Defects()
+    array = dark_response(_array(device), device.dark_current, defects, streams)
+    if device.age:
+        array = _aged(array, device, streams)
     return _frozen(_binned(device, array))
+
+
+def _aged(array: Floats, device: Detector, streams: Streams) -> Floats:
+    """The map of an array at its age, at the reference temperature of the detector."""
+    assert device.age
+    law, thermal, to = TAILS.get(device.age.family), device.thermal, 1.0
+    if law and thermal:
+        to = 1 / replace(thermal, temperature=law.kelvin).growth
+    kelvin = thermal.reference if thermal else ROOM
+    return aged(array, device.age, device.pixel_pitch**2, kelvin, to, streams)
 
 
 @lru_cache(maxsize=2)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from startrack.core import ALL, Curve, Unit, finite, non_negative, positive, whole, within
+from startrack.detector.ageing import Age
 from startrack.detector.hits import Hits
 from startrack.detector.lines import Scan
 from startrack.detector.nonuniformity import Defects, Pattern
@@ -74,6 +75,7 @@ class Detector:
     gain                1, of the amplifier before the converter
     adc_inl             digital number, integral non-linearity of the converter at half scale
     scan                lines that sweep over the sky; None for a matrix
+    age                 damage by radiation in orbit; None: as at launch
     """
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {
@@ -114,6 +116,7 @@ class Detector:
     gain: float = 1.0
     adc_inl: float = 0.0
     scan: Scan | None = None
+    age: Age | None = None
 
     def __post_init__(self) -> None:
         whole(1, 2**16, columns=self.columns, rows=self.rows)
@@ -161,6 +164,7 @@ class Detector:
             "region": self.region,
             "lag": self.lag,
             "read_noise_spread": self.read_noise_spread,
+            "age": self.age,
         }
         for name in (name for name, there in matrix_only.items() if there):
             raise ValueError(f"{name} must be left out where lines scan")
@@ -191,6 +195,16 @@ class Detector:
         """Electron / second of a pixel of the image at its temperature, without defects."""
         growth = self.thermal.growth if self.thermal else 1.0
         return self.dark_current * growth * self.binning**2
+
+    @property
+    def sensitivity(self) -> float:
+        """1, of the light that is detected, over that at launch."""
+        return self.age.sensitivity if self.age else 1.0
+
+    @property
+    def flickers(self) -> bool:
+        """Whether pixels have a random telegraph signal."""
+        return bool(self.age and self.age.flicker)
 
     @property
     def noise(self) -> float:

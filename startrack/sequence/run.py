@@ -18,7 +18,7 @@ from startrack.catalog import open_sky
 from startrack.core import Camera, Estimate, Floats, Frame, Matches, Spots, Status, Streams, whole
 from startrack.design import Case
 from startrack.detection import detect
-from startrack.detector import Exposure, expected, frame_of
+from startrack.detector import Exposure, expected, flickering, frame_of
 from startrack.identification import identify, track
 from startrack.metrics import Outcome, judge
 from startrack.motion import trace
@@ -132,6 +132,7 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]
     """The frames of a flight, each with other noise, and residual charge of the one before."""
     instrument, camera = case.instrument, case.instrument.camera
     detector, before = instrument.detector, None
+    state = flickering(detector, Streams(seed, number))
     for k, turn in enumerate(true.turns):
         stars = stars_in_field(open_sky(case.catalog), true.attitude[k], camera)
         path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
@@ -148,7 +149,11 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]
         )
         electrons = expected(exposure)
         before = electrons if detector.lag else None
-        yield frame_of(electrons, detector, Streams(seed, number * NUMBER_OF_FRAMES + k))
+        if state and k:
+            state.later(float(true.time[k] - true.time[k - 1]))
+        yield frame_of(
+            electrons, detector, Streams(seed, number * NUMBER_OF_FRAMES + k), state=state
+        )
 
 
 def _see(

@@ -141,6 +141,7 @@ def refuse(case: Case) -> None:
         "a polynomial of the optics": instrument.optics.polynomial,
         "hits": detector.hits,
         "defects": detector.defects,
+        "age": detector.age,
         "row_delay": detector.row_delay,
         "jitter that each trial draws": motion.drawn,
         "a rate_z that smears stars in the corners": (

@@ -34,6 +34,7 @@ from startrack.detection import (
     plan_detection,
 )
 from startrack.detector import (
+    YEAR,
     Exposure,
     MotionFunction,
     arriving,
@@ -233,7 +234,10 @@ def _planned(instrument: Instrument, detection: Detection) -> DetectionPlan:
 
     def dark() -> DarkFrames:
         assert detection.dark_map
-        return DarkFrames(*dark_frames(instrument.detector, detection.dark_map.frames))
+        detector, then = instrument.detector, detection.dark_map_age
+        if then is not None and detector.age:
+            detector = replace(detector, age=detector.age.of_map(then / YEAR))
+        return DarkFrames(*dark_frames(detector, detection.dark_map.frames))
 
     return plan_detection(detection, psf_of(instrument), dark)
 

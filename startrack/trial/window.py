@@ -268,7 +268,7 @@ def plan_of(case: Case) -> Plan:
         None if case.scene.lights else electrons_of(case),
         sky,
         images_of(instrument),
-        noise_of(detector, sky, grounds, detection),
+        None if detector.flickers else noise_of(detector, sky, grounds, detection),
         detection.threshold(detector.columns * detector.rows),
         star_profile(psf, kernel),
         kernel.half + (detection.correction is not None),

@@ -1,0 +1,361 @@
+"""Age: dose, years and a family of detectors -> what radiation did to its pixels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from startrack.core import (
+    BOLTZMANN,
+    ZERO_CELSIUS,
+    Floats,
+    Streams,
+    Unit,
+    non_negative,
+    one_of,
+    positive,
+    within,
+)
+
+YEAR = 365.25 * 86400.0  # second
+ELECTRON_VOLT = 1.602176634e-19  # joule
+SQUARE_CM, CUBIC_CM = 1e-4, 1e-6
+
+# Of the family "interactions". Srour and Lo (2000), Universal damage factor for radiation-induced
+# dark current in silicon devices, IEEE Transactions on Nuclear Science 47, 2451: 1.9e5 (+- 0.6e5)
+# electron / s / cm^3 for 1 MeV / g, at 300 K a week after the irradiation.
+DAMAGE_FACTOR = 1.9e5
+DAMAGE_KELVIN = 300.0
+DAMAGE_ACTIVATION = 0.63 * ELECTRON_VOLT  # the same authors: 0.63 eV for most devices
+NIEL = 7.9e-3  # MeV cm^2 / g, non-ionising energy loss of protons of 10 MeV in silicon
+
+
+class TailLaw(NamedTuple):
+    """Histogram of the dark current of a detector in flight, and how it grows with the years.
+
+        n(I) = a (I / I_r)^-g_k between breaks I_k, pixels for a ratio of e of the dark current,
+        convolved over ln I with a normal that is cut off
+
+    Each of a, g_1, g_2, g_3 and I_1 is a value at `middle`, its slope before and after, per year.
+
+    density         1, a over all pixels
+    slopes          g_1, g_2, g_3
+    knee            electron / s, I_1;  second  electron / s, I_2
+    at              electron / s, I_r
+    offsets, weights  of the convolution: steps of ln I, and fractions
+    middle          years since launch
+    lowest          electron / s, below which the law says nothing
+    kelvin          temperature that the law is for
+    """
+
+    density: tuple[float, float, float]
+    slopes: tuple[tuple[float, float, float], ...]
+    knee: tuple[float, float, float]
+    second: float
+    at: float
+    offsets: tuple[float, ...]
+    weights: tuple[float, ...]
+    middle: float
+    lowest: float
+    kelvin: float
+
+
+BIN = math.log(10) / 20  # of the fit: 20 bins a decade
+SMOOTHING = [math.exp(-0.5 * ((-0.75 + 0.1 * n) / 0.3) ** 2) for n in range(15)]
+# Fit of the aspect camera's own team to its dark maps of January 2007 to August 2017, scaled to
+# -14 degC: chandra_aca, dark_model.py (BSD 3-clause, Smithsonian Astrophysical Observatory).
+# Pixels of 1024 x 1024 in a bin; the launch was in 1999.56, the middle year is 2012.0.
+CHANDRA_ACA = TailLaw(
+    density=(18400 / BIN / 2**20, 1450 / BIN / 2**20, 742 / BIN / 2**20),
+    slopes=((0.075, -0.00692, -0.0207), (3.32, 0.0203, 0.0), (2.40, 0.061, 0.061)),
+    knee=(192.0, 0.1, 0.1),
+    second=1000.0,
+    at=50.0,
+    offsets=tuple(BIN * (n - 7) for n in range(15)),
+    weights=tuple(one / sum(SMOOTHING) for one in SMOOTHING),
+    middle=12.44,
+    lowest=2.0,
+    kelvin=ZERO_CELSIUS - 14,
+)
+TAILS = {"chandra-aca": CHANDRA_ACA}
+FAMILIES = ("interactions", *TAILS)
+HIGHEST = 1e6  # electron / s, of the tables of tails
+TABLE = 4000  # entries of these tables
+
+
+@dataclass(frozen=True)
+class Flicker:
+    """Pixels whose dark current jumps at random (random telegraph signal).
+
+    A pixel above `least` jumps, at times of a Poisson process, to its mean current times 10^s:
+
+        P(s < x) = down exp(x / w)          x < 0
+                   1 - (1 - down) exp(-x / w)   x >= 0,    w = step / (1 + (I / current)^power)
+
+    Source: the form was found here, and its four numbers fitted, from the published laws of
+    Chandra's aspect camera in five of nine bins of dark current (50 to 100, 200 to 300, 400 to 500,
+    600 to 800 and above 1000 electron / s); the dwell time is theirs (chandra_aca, aca_image.py).
+
+    down     1, fraction of the jumps below the mean
+    step     1, scale of the jumps of the coldest pixels, in decades
+    current  electron / second, at which the scale is half of that
+    power    1
+    largest  1, decades; a longer jump ends there
+    least    electron / second, of a pixel that flickers
+    dwell    second, mean time between jumps
+    """
+
+    down: float = 0.448
+    step: float = 0.117
+    current: Annotated[float, Unit("electron / s")] = 344.0
+    power: float = 0.695
+    largest: float = 0.35
+    least: Annotated[float, Unit("electron / s")] = 50.0
+    dwell: Annotated[float, Unit("s")] = 10e3
+
+    def __post_init__(self) -> None:
+        within(0, 1, down=self.down)
+        positive(step=self.step, current=self.current, power=self.power, dwell=self.dwell)
+        positive(largest=self.largest)
+        non_negative(least=self.least)
+
+    def scale(self, current: Floats) -> Floats:
+        """Decades, of pixels of dark currents (electron / s)."""
+        return np.asarray(self.step / (1 + (np.asarray(current) / self.current) ** self.power))
+
+    def steps(self, current: Floats, uniform: Floats) -> Floats:
+        """Decades (n,) of the jumps at quantiles (n,) of the law."""
+        scale, u = self.scale(current), uniform
+        with np.errstate(divide="ignore"):
+            below = scale * np.log(u / self.down) if self.down else -np.inf * u
+            above = -scale * np.log((1 - u) / (1 - self.down)) if self.down < 1 else np.inf * u
+        step = np.where(u < self.down, below, above)
+        return np.asarray(np.clip(step, -self.largest, self.largest))
+
+    def cumulative(self, current: Floats, step: Floats) -> Floats:
+        """P(s < step), (currents, steps)."""
+        scale = np.asarray(self.scale(current), float)[..., None]
+        below = self.down * np.exp(np.minimum(step, 0) / scale)
+        above = 1 - (1 - self.down) * np.exp(-np.maximum(step, 0) / scale)
+        law = np.where(step < 0, below, above)
+        return np.where(step < -self.largest, 0.0, np.where(step < self.largest, law, 1.0))
+
+
+@dataclass(frozen=True)
+class Age:
+    """Years in orbit, and what they did to the detector.
+
+    family "chandra-aca": the histogram of the dark current of Chandra's aspect camera (a
+    front-illuminated CCD of 24 um in a high orbit behind its shield), as fitted in flight; the same
+    pixels are hot at all ages, and (below some thousand electron / s) more so later. Before 2007
+    and after 2017 it is extrapolated.
+
+    family "interactions": protons displace atoms in the depleted silicon of a pixel. Their number
+    is Poisson, each adds a dark current of an exponential distribution, and the mean increase is
+
+        K NIEL fluence depleted volume,   K = 1.9e5 electron / s / cm^3 / (MeV / g) at 300 K
+
+    Source: Srour and Lo (2000), IEEE Transactions on Nuclear Science 47, 2451, for the mean;
+    Robbins (2000), ibid. 47, 2473, and Virmontois et al. (2012), ibid. 59, 927, for the exponential
+    distribution, whose mean is published between some 3000 and 6000 electron / s at 296 K.
+
+    time          second in orbit; None: from `year` and `launch`
+    year, launch  calendar years, such as 2017.0 and 1999.56
+    family        "interactions" or "chandra-aca"
+    fluence       proton equivalents of 10 MeV, of a square metre and a second, behind the shield;
+                  of the family "interactions"
+    depleted      metre, depth of the silicon whose damage makes dark current; of the same
+    interaction   electron / second, mean dark current of an interaction, at 296 K; of the same
+    annealed      1, fraction of the damage's dark current that annealing took away
+    flicker       pixels with random telegraph signal; None: none flicker
+    sensitivity_loss  1 / second, of the light: glass that darkens, quantum efficiency that falls
+    transfer_loss     1 / second, by which the fraction of the charge that a CCD leaves behind in a
+                  transfer from row to row grows; it follows in the next row. Rows are read from
+                  the first on
+    """
+
+    time: Annotated[float | None, Unit("s", "yr")] = None
+    year: float | None = None
+    launch: float | None = None
+    family: str = "interactions"
+    fluence: Annotated[float, Unit("m-2 / s", "cm-2 / yr")] = 0.0
+    depleted: Annotated[float, Unit("m", "um")] = 10e-6
+    interaction: Annotated[float, Unit("electron / s")] = 4000.0
+    annealed: float = 0.0
+    flicker: Flicker | None = None
+    sensitivity_loss: Annotated[float, Unit("1 / s", "1 / yr")] = 0.0
+    transfer_loss: Annotated[float, Unit("1 / s", "1 / yr")] = 0.0
+
+    def __post_init__(self) -> None:
+        one_of(FAMILIES, family=self.family)
+        if (self.time is None) == (self.year is None) or (self.year is None) != (
+            self.launch is None
+        ):
+            raise ValueError("age must have either time, or year and launch")
+        if self.time is not None:
+            within(0, 100 * YEAR, time=self.time)
+        if self.year is not None and self.launch is not None:
+            within(1950, 2150, year=self.year, launch=self.launch)
+            if self.year < self.launch:
+                raise ValueError(f"year must not be before launch = {self.launch}, got {self.year}")
+        non_negative(fluence=self.fluence, sensitivity_loss=self.sensitivity_loss)
+        positive(depleted=self.depleted, interaction=self.interaction)
+        within(0, 1, annealed=self.annealed)
+        within(0, 1e-3 / YEAR, transfer_loss=self.transfer_loss)
+        if self.fluence and self.family != "interactions":
+            raise ValueError("fluence must be left out beside a family with a law of its own")
+
+    @property
+    def years(self) -> float:
+        """In orbit."""
+        if self.year is not None and self.launch is not None:
+            return self.year - self.launch
+        return float(self.time or 0.0) / YEAR
+
+    @property
+    def sensitivity(self) -> float:
+        """1, of the light that is detected, over that at launch."""
+        return math.exp(-self.sensitivity_loss * self.years * YEAR)
+
+    @property
+    def deferred(self) -> float:
+        """1, of the charge, that a transfer leaves for the next row."""
+        return self.transfer_loss * self.years * YEAR
+
+    def of_map(self, years: float) -> Age:
+        """The detector as it was so many years in orbit, when its dark map was made."""
+        return replace(self, time=years * YEAR, year=None, launch=None, flicker=None)
+
+
+def pixels_above(law: TailLaw, current: Floats, years: float) -> Floats:
+    """Fraction of the pixels with a larger dark current, of any number of currents.
+
+    current  electron / second, at the temperature of the law
+    years    since launch
+    """
+    after = years - law.middle
+    a, (g1, g2, g3), knee = (
+        _at(law.density, after), [_at(one, after) for one in law.slopes], _at(law.knee, after),
+    )  # fmt: skip
+    a, second, r = max(a, 0.0), law.second, law.at
+    a2 = a * (knee / r) ** (g2 - g1)
+    a3 = a2 * (second / r) ** (g3 - g2)
+    total = np.zeros(np.shape(current))
+    for offset, weight in zip(law.offsets, law.weights, strict=True):
+        x = np.asarray(current, float) * math.exp(-offset)
+        part = a3 * (np.maximum(x, second) / r) ** -g3 / g3
+        part = part + a2 * _power_integral(np.clip(x, knee, second) / r, second / r, g2)
+        total += weight * (part + a * _power_integral(np.minimum(x, knee) / r, knee / r, g1))
+    return np.minimum(total, 1.0)
+
+
+def _at(one: tuple[float, float, float], after: float) -> float:
+    return one[0] + one[1 if after < 0 else 2] * after
+
+
+def _power_integral(low: Floats, high: float, slope: float) -> Floats:
+    """Of x^-slope over ln x."""
+    if abs(slope) < 1e-9:
+        return np.log(high / low)
+    return np.asarray((low**-slope - high**-slope) / slope)
+
+
+def tail_currents(law: TailLaw, quantile: Floats, years: float) -> Floats:
+    """Dark current of each pixel, electron / second at the temperature of the law.
+
+    quantile  1, fraction of the pixels with a larger current
+    Returns   0 below the lowest current of the law
+    Accuracy  numerical: 1e-4 of the current.
+    """
+    grid = np.geomspace(law.lowest, HIGHEST, TABLE)
+    above = pixels_above(law, grid, years)
+    with np.errstate(divide="ignore"):
+        rank = np.log(above)[::-1]
+    found = np.exp(np.interp(np.log(quantile), rank, np.log(grid)[::-1]))
+    return np.where(quantile < above[0], found, 0.0)
+
+
+def growth_of(activation: float, kelvin: float, reference: float) -> float:
+    """Dark current over that at a reference, with an activation energy (joule)."""
+    return math.exp(-activation / BOLTZMANN * (1 / kelvin - 1 / reference))
+
+
+def damage(shape: tuple[int, int], age: Age, area: float, kelvin: float, device: Streams) -> Floats:
+    """Dark current that interactions add to each pixel, electron / second at a temperature.
+
+    area    square metre, of a pixel
+    Accuracy  model: independent interactions, one week after they happened.
+    """
+    mean_rate = (
+        DAMAGE_FACTOR * NIEL * (age.fluence * age.years * YEAR * SQUARE_CM)
+        * (area * age.depleted / CUBIC_CM) * (1 - age.annealed)
+    )  # fmt: skip
+    # Both at the temperature asked for.
+    mean_rate *= growth_of(DAMAGE_ACTIVATION, kelvin, DAMAGE_KELVIN)
+    each = age.interaction * growth_of(DAMAGE_ACTIVATION, kelvin, 296.0)
+    number, size = device("displaced atoms").random((2, *shape))
+    events = special.pdtrik(number, mean_rate / each) if mean_rate else np.zeros(shape)
+    events = np.maximum(np.ceil(np.nan_to_num(events)), 0.0)
+    return np.where(events > 0, each * special.gammaincinv(np.maximum(events, 1.0), size), 0.0)
+
+
+def aged(base: Floats, age: Age, area: float, kelvin: float, to: float, device: Streams) -> Floats:
+    """Dark current of each pixel at an age, electron / second at the reference of the detector.
+
+    base    (rows, columns) electron / second, at launch
+    area    square metre, of a pixel
+    kelvin  reference of the detector
+    to      1, dark current at that reference over that at the temperature of a tail's law
+    """
+    shape = (base.shape[0], base.shape[1])
+    law = TAILS.get(age.family)
+    if law is None:
+        return base + damage(shape, age, area, kelvin, device)
+    rank = device("dark current in flight").random(shape)
+    return np.maximum(base, tail_currents(law, rank, age.years) * to * (1 - age.annealed))
+
+
+class Flickering:
+    """The pixels of a device that flicker, and their state in time.
+
+    A state begins at random; `later` lets time pass.
+    """
+
+    def __init__(self, law: Flicker, current: Floats, streams: Streams) -> None:
+        """Begin with random states.
+
+        current  (rows, columns) electron / second, mean of each pixel
+        """
+        self.law, self._draw = law, streams("flickering pixels")
+        self.pixel = np.flatnonzero(current > law.least)
+        self.mean = current.ravel()[self.pixel]
+        self.step = law.steps(self.mean, self._draw.random(len(self.mean)))
+
+    def later(self, time: float) -> None:
+        """Let so many seconds pass: jumps do not depend on the state before."""
+        jumps = self._draw.random(len(self.mean)) < -math.expm1(-time / self.law.dwell)
+        chosen = np.flatnonzero(jumps)
+        self.step[chosen] = self.law.steps(self.mean[chosen], self._draw.random(len(chosen)))
+
+    def add_to(self, electrons: Floats, exposure: float) -> Floats:
+        """Expected electrons (rows, columns) of mean dark currents -> of the present ones."""
+        changed = electrons.copy()
+        changed.ravel()[self.pixel] += self.mean * (10**self.step - 1) * exposure
+        return changed
+
+
+def trailed(electrons: Floats, deferred: float, first_row: int = 0) -> Floats:
+    """Charge after its transfers to row -1: each leaves a fraction for the row behind.
+
+    first_row  transfers that the charge of the first row makes before the read-out
+    Accuracy  model: what is left behind once is not left behind again; for fractions below 0.1.
+    """
+    transfers = first_row + 1 + np.arange(len(electrons))[:, None]
+    left = -np.expm1(transfers * math.log1p(-deferred)) * electrons
+    moved = electrons - left
+    moved[1:] += left[:-1]
+    return moved
