@@ -10,6 +10,8 @@ from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_out, as_wrong_use, describe, whole
 
 with deferred():
+    import numpy as np
+
     from startrack.cli.terminal import finite, print_result, progress
     from startrack.core import arcsec, deg
     from startrack.io import save_json, shipped
@@ -20,6 +22,7 @@ with deferred():
         Blind,
         Flown,
         Plan,
+        Verdict,
         availability_of,
         fly,
         load_mission,
@@ -82,8 +85,12 @@ def command(options: argparse.Namespace) -> int:
     draw_mission(options.out / "mission.png", plan, flown, found, f"{Path(path).stem}")
     save_json(options.out / "summary.json", finite(result))
     print_result(options, result, _text(plan, flown, found))
-    met = all(one.met for one in verdicts(loaded.mission.requirements, found))
+    met = all(one.met for one in _verdicts(plan, flown, found))
     return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _verdicts(plan: Plan, flown: Flown, found: Availability) -> list[Verdict]:
+    return verdicts(plan.loaded.mission.requirements, found, float(flown.rms.max()))
 
 
 def _values(plan: Plan, flown: Flown, found: Availability) -> dict[str, Any]:
@@ -95,7 +102,8 @@ def _values(plan: Plan, flown: Flown, found: Availability) -> dict[str, Any]:
         "steps": time.steps,
         "eclipse": float(flown.eclipse.mean()),
         "availability": {
-            "exactly": [float(one) for one in found.heads],
+            "exactly": [float(one) for one in found.known],
+            "valid": [float(one) for one in found.heads],
             "at_least": [found.at_least(k) for k in range(len(found.heads))],
         },
         "no_valid_head": {
@@ -110,13 +118,18 @@ def _values(plan: Plan, flown: Flown, found: Availability) -> dict[str, Any]:
         "heads": [_head_values(plan, flown, found, h) for h in range(len(plan.heads))],
         "requirements": [
             {"name": one.name, "limit": one.limit, "value": one.value, "met": one.met}
-            for one in verdicts(plan.loaded.mission.requirements, found)
+            for one in _verdicts(plan, flown, found)
+        ],
+        "fused_rms_arcsec": [float(one / arcsec) for one in flown.rms],
+        "worst_moments": [
+            {"second": second, "error_arcsec": error / arcsec} for second, error in flown.worst
         ],
     }
 
 
 def _head_values(plan: Plan, flown: Flown, found: Availability, h: int) -> dict[str, Any]:
-    head = plan.heads[h]
+    head, total = plan.heads[h], flown.head_sum[h]
+    across, about = np.sqrt(total[1:3] / max(total[0], 1))
     return {
         "name": head.name,
         "boresight_in_body": [float(one) for one in head.boresight],
@@ -125,6 +138,9 @@ def _head_values(plan: Plan, flown: Flown, found: Availability, h: int) -> dict[
         },
         "valid": float(found.alone[h]),
         "blind_by": {str(cause.name).lower(): float(found.causes[cause][h]) for cause in Blind},
+        "across_rms_arcsec": float(across / arcsec),
+        "about_rms_arcsec": float(about / arcsec),
+        "solved": float(total[3] / max(total[0], 1)),
         "longest_blind_s": found.each[h].longest,
         "times_blind": len(found.each[h].length),
         "closest_deg": {
@@ -143,23 +159,29 @@ def _text(plan: Plan, flown: Flown, found: Availability) -> str:
         f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, {len(plan.heads)} heads, "
         f"{100 * flown.eclipse.mean():.1f} % in eclipse",
         f"{'blind (% of the time)':24s}{'Sun':>8s}{'Moon':>8s}{'Earth':>8s}{'ground':>8s}"
-        f"{'SAA':>8s}{'any':>8s}{'longest (min)':>15s}",
+        f"{'SAA':>8s}{'any':>8s}{'longest (min)':>15s}{'error across, about (arcsec)':>30s}",
     ]
     for h, head in enumerate(plan.heads):
+        values = np.sqrt(flown.head_sum[h, 1:3] / max(flown.head_sum[h, 0], 1)) / arcsec
         parts = "".join(f"{100 * found.causes[cause][h]:8.2f}" for cause in Blind)
         lines.append(
             f"{head.name[:23]:24s}{parts}{100 * (1 - found.alone[h]):8.2f}"
-            f"{found.each[h].longest / 60:15.1f}"
+            f"{found.each[h].longest / 60:15.1f}{values[0]:20.2f}{values[1]:10.2f}"
         )
     for count in range(len(plan.heads), 0, -1):
-        words = f"at least {count} valid head{'s' if count > 1 else ''}"
+        words = f"at least {count} head{'s' if count > 1 else ''}"
         lines.append(f"{words:24s}{100 * found.at_least(count):10.4f} % of the time")
     none = found.none
     lines.append(
         f"without a valid head: {len(none.length)} times, the longest {none.longest:g} s"
         + (f", {none.worst(1)[0][0] / 86400:.2f} d after the begin" if len(none.length) else "")
     )
-    for one in verdicts(plan.loaded.mission.requirements, found):
+    x, y, z = flown.rms / arcsec
+    lines.append(
+        f"fused attitude: {x:.2f}, {y:.2f}, {z:.2f} arcsec rms about x, y, z; by the error budget "
+        "of perfect units, with the alignments of the mission file"
+    )
+    for one in _verdicts(plan, flown, found):
         size, unit = (arcsec, "arcsec") if one.name == "max_error" else (1.0, "")
         size, unit = (1.0, "s") if one.name == "max_blind" else (size, unit)
         lines.append(

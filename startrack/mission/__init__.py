@@ -10,15 +10,29 @@ law         Attitude -> Law: place of the spacecraft -> its axes at every instan
 instants    Mission and instants -> where the spacecraft is, how it points, Sun and Moon.
 limb        Line of sight and place -> angle to the Earth's limb, and to the lit part of it.
 heads       Heads and instants -> angles to Sun, Moon and Earth, and what makes each head blind.
-engine      Mission -> Flown: what blinds each head at every step.
+surrogate   Case, rates and backgrounds -> the error of a head in any direction of the sky.
+fusion      Errors of several heads -> covariance of their fused attitude; fusion of quaternions.
+alignment   Attitudes of two heads in time -> their relative alignment, and how it drifts.
+engine      Mission -> Flown: what blinds each head at every step; error of the fused attitude.
+rendered    Plan of a mission and an instant -> the case and attitude of each head, for a trial.
 timeline    Plan of a mission, some of its steps -> a table with a row for each step.
 summary     Flown -> availability by number of heads, times without an attitude, verdicts.
 """
 
+from startrack.mission.alignment import RelativeAlignment, relative_alignment
 from startrack.mission.bodies import PLANETS
 from startrack.mission.ccsds import read_aem, read_oem, write_aem, write_oem
 from startrack.mission.engine import Flown, Plan, fly, plan_of
+from startrack.mission.fusion import fuse, fused_variance, head_covariance
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import Mission, load_mission
-from startrack.mission.summary import EDGES, Availability, Spells, availability_of, verdicts
+from startrack.mission.rendered import scenes_at
+from startrack.mission.summary import (
+    EDGES,
+    Availability,
+    Spells,
+    Verdict,
+    availability_of,
+    verdicts,
+)
 from startrack.mission.timeline import timeline

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntFlag
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.attitude import Mounting
 from startrack.budget import exclusions
 from startrack.core import Floats, deg
 from startrack.design import Case
@@ -19,7 +21,6 @@ from startrack.mission.vectors import angle, dot, from_body
 
 SUN_RADIUS, MOON_RADIUS = 0.2666 * deg, 0.2591 * deg  # mean, seen from the Earth
 ANGLES: Floats = np.arange(0.5, 120.0, 0.5) * deg  # at which a baffle's exclusion is sought
-HIGHEST = 600e3  # metre, from which the Earth lights a baffle, where a head names no altitude
 
 
 class Blind(IntFlag):
@@ -59,12 +60,14 @@ class Mounted:
     name      of the head
     axes      (3, 3) matrix camera_to_body; its third column is the boresight
     limits    angles at which it is blind
+    drift     radian^2, variances across and about the boresight of its alignment: bias and swing
     field     radian, half diagonal of its field
     """
 
     name: str
     axes: Floats
     limits: Limits
+    drift: tuple[float, float]
     field: float
 
     @property
@@ -83,7 +86,22 @@ def mount(head: Head, case: Case) -> Mounted:
         limits = _limits(head, case, half)
     except ValueError as error:
         raise ValueError(f"head {head.name}: {error}") from None
-    return Mounted(head.name, head.mounting.as_matrix(), limits, half)
+    return Mounted(head.name, head.mounting.as_matrix(), limits, _drift(head.alignment), half)
+
+
+@lru_cache(maxsize=8)
+def _of_baffle(case: Case, altitude: float) -> dict[str, float]:
+    """The exclusion angles of a design with a baffle, radian."""
+    found = exclusions(case, ANGLES, altitude)
+    return {name: one.least() for name, one in found.items()}
+
+
+def _drift(mounting: Mounting) -> tuple[float, float]:
+    """Mean squares of the alignment's error over an orbit, across (per axis) and about."""
+    x, y, z = (
+        getattr(mounting, axis) ** 2 + getattr(mounting, f"swing_{axis}") ** 2 / 2 for axis in "xyz"
+    )
+    return (x + y) / 2, z
 
 
 def _limits(head: Head, case: Case, half: float) -> Limits:
@@ -91,8 +109,8 @@ def _limits(head: Head, case: Case, half: float) -> Limits:
     least = {"sun": half + SUN_RADIUS, "moon": half + MOON_RADIUS, "earth": half}
     missing = [name for name in least if getattr(given, name) is None]
     if missing and case.instrument.baffle is not None:
-        found = exclusions(case, ANGLES, given.altitude)
-        least |= {name: max(found[name].least(), least[name]) for name in missing}
+        found = _of_baffle(case, given.altitude)
+        least |= {name: max(found[name], least[name]) for name in missing}
     least |= given.angles
     return Limits(least["sun"], least["moon"], least["earth"], half)
 

@@ -296,6 +296,21 @@ class Needs:
 
 
 @dataclass(frozen=True)
+class Common:
+    """Errors about the body's axes that all heads share, as of the structure that carries them.
+
+    x, y, z  rms
+    """
+
+    x: Annotated[float, Unit("rad", "arcsec")] = 0.0
+    y: Annotated[float, Unit("rad", "arcsec")] = 0.0
+    z: Annotated[float, Unit("rad", "arcsec")] = 0.0
+
+    def __post_init__(self) -> None:
+        non_negative(x=self.x, y=self.y, z=self.z)
+
+
+@dataclass(frozen=True)
 class Mission:
     """What a mission file holds; see the tables.
 
@@ -304,6 +319,7 @@ class Mission:
     heads         its star trackers
     attitude      its attitude law
     radiation     the South Atlantic anomaly
+    common        errors that all heads share; they count once
     requirements  on the heads together
     """
 
@@ -312,6 +328,7 @@ class Mission:
     heads: tuple[Head, ...]
     attitude: Attitude = field(default_factory=Attitude)
     radiation: Radiation = field(default_factory=Radiation)
+    common: Common = field(default_factory=Common)
     requirements: Needs = field(default_factory=Needs)
 
     def __post_init__(self) -> None:

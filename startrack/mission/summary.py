@@ -56,6 +56,8 @@ class Availability:
     heads   (h + 1,) fraction of the time with exactly so many valid heads
     causes  Blind -> (h,) fraction of the time in which it blinds each head
     alone   (h,) fraction of the time in which each head is valid
+    known   (h + 1,) fraction of the time with an attitude of exactly so many heads: of those that
+            are valid, with the probability that enough stars are detected
     none    times without a valid head
     each    times in which each head is blind
     """
@@ -63,22 +65,24 @@ class Availability:
     heads: Floats
     causes: dict[Blind, Floats]
     alone: Floats
+    known: Floats
     none: Spells
     each: tuple[Spells, ...]
 
     def at_least(self, count: int) -> float:
-        """Fraction of the time with so many valid heads or more."""
-        return float(self.heads[count:].sum())
+        """Fraction of the time with attitudes of so many heads or more."""
+        return float(self.known[count:].sum())
 
 
 def availability_of(flown: Flown) -> Availability:
-    """The availability of a mission, by geometry alone: each cause counts where it blinds."""
+    """The availability of a mission, each cause counts where it blinds, also beside others."""
     valid = flown.valid
-    count = len(flown.blind)
+    exactly = np.bincount(valid, minlength=len(flown.blind) + 1) / len(valid)
     return Availability(
-        np.bincount(valid, minlength=count + 1) / len(valid),
+        exactly,
         {one: ((flown.blind & one) > 0).mean(axis=1) for one in Blind},
         (flown.blind == 0).mean(axis=1),
+        flown.exactly / len(valid) if flown.exactly.any() else exactly,
         spells(valid == 0, flown.step),
         tuple(spells(one > 0, flown.step) for one in flown.blind),
     )

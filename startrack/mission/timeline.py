@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import deg
+from startrack.core import arcsec, deg
 from startrack.mission.engine import CHUNK, Chunk, Plan, at
 
 DECIMALS = 5  # of a degree: 0.04 arcsec
@@ -17,6 +17,8 @@ def timeline(
     plan: Plan, every: int = 1, advance: Callable[[int], None] = lambda _: None
 ) -> NDArray[np.void]:
     """A row for each step, or for each of so many; angles in degrees.
+
+    Errors are rms, in arcseconds, with the alignment of each head; infinite without an attitude.
 
     every   of so many steps one is kept, from the first on
     Returns a structured array; `blind` of a head is the sum of its Blind, 0 where it is valid
@@ -52,6 +54,12 @@ def _rows(plan: Plan, chunk: Chunk) -> NDArray[np.void]:
             f"{head.name}_lit_limb_deg": seen.earth / deg,
             f"{head.name}_blind": seen.blind,
         }
+    if chunk.variance is not None:
+        for head, (across, about, _) in zip(plan.heads, chunk.errors, strict=True):
+            columns[f"{head.name}_across_arcsec"] = np.sqrt(across) / arcsec
+            columns[f"{head.name}_about_arcsec"] = np.sqrt(about) / arcsec
+        for axis, one in zip("xyz", chunk.variance, strict=True):
+            columns[f"fused_{axis}_arcsec"] = np.sqrt(one) / arcsec
     table = np.empty(len(own.second), [(name, one.dtype) for name, one in columns.items()])
     for name, one in columns.items():
         table[name] = one.round(DECIMALS) if one.dtype.kind == "f" else one

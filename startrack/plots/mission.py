@@ -8,6 +8,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 
+from startrack.core import Floats, arcsec
 from startrack.mission import EDGES, Availability, Flown, Plan
 from startrack.plots.style import (
     BLUE,
@@ -15,6 +16,7 @@ from startrack.plots.style import (
     GREY,
     LINES,
     colour_bar,
+    colour_limits,
     legend_below,
     panel_title,
     picture,
@@ -30,11 +32,12 @@ DAY = 86400.0
 def draw_mission(
     path: Path, plan: Plan, flown: Flown, found: Availability, title: str
 ) -> None:  # fmt: skip
-    """Blind time of each head and of all over the mission; valid heads over season and orbit."""
-    figure = picture(9.0, title)
-    over, phase, lengths = figure.subplots(3, 1, height_ratios=(1.1, 1.2, 0.9))
+    """Blind time of each head and of all over time; valid heads and error over season and orbit."""
+    figure = picture(11.0, title)
+    over, phase, error, lengths = figure.subplots(4, 1, height_ratios=(1.1, 1.1, 1.1, 0.9))
     _blind_over_time(over, plan, flown)
     _over_phase(phase, plan, flown)
+    _error(error, flown)
     _lengths(lengths, found)
     save_picture(path, figure)
 
@@ -58,19 +61,33 @@ def _blind_over_time(axes: Axes, plan: Plan, flown: Flown) -> None:
 
 
 def _over_phase(axes: Axes, plan: Plan, flown: Flown) -> None:
+    mean = _mean(flown.valid_sum, flown.count)
+    _map(axes, flown, mean, "valid heads, mean", (0, len(plan.heads)))
+
+
+def _error(axes: Axes, flown: Flown) -> None:
+    worst = np.sqrt(_mean(flown.square_sum, flown.known).max(axis=0)) / arcsec
+    _map(axes, flown, worst, "error, worst axis\n(arcsec rms)", colour_limits(worst, 0.99, 0.0))
+
+
+def _mean(total: Floats, count: Floats) -> Floats:
+    many = np.broadcast_to(count, total.shape)
+    return np.divide(total, many, out=np.full(total.shape, np.nan), where=many > 0)
+
+
+def _map(
+    axes: Axes, flown: Flown, values: Floats, label: str, limits: tuple[float, float]
+) -> None:  # fmt: skip
     days = flown.blind.shape[1] * flown.step / DAY
-    mean = np.divide(
-        flown.valid_sum, flown.count, out=np.full_like(flown.count, np.nan), where=flown.count > 0
-    )
     colours = matplotlib.colormaps["viridis"].with_extremes(bad="0.75")
     shown = axes.imshow(
-        mean.T, origin="lower", aspect="auto", extent=(0, days, 0, 360), cmap=colours,
-        vmin=0, vmax=len(plan.heads),
+        values.T, origin="lower", aspect="auto", extent=(0, days, 0, 360), cmap=colours,
+        vmin=limits[0], vmax=limits[1],
     )  # fmt: skip
     axes.grid(False)
     axes.set(xlabel="day of the mission", ylabel="orbit from the node (deg)")
     axes.set_yticks(range(0, 361, 90))
-    colour_bar(shown, axes, mean, "valid heads, mean")
+    colour_bar(shown, axes, values, label)
 
 
 def _lengths(axes: Axes, found: Availability) -> None:

@@ -1,0 +1,90 @@
+"""Errors of several heads -> covariance of their fused attitude; fusion of quaternions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Floats
+
+
+def fused_variance(
+    boresights: Sequence[Floats],
+    across: Sequence[Floats],
+    about: Sequence[Floats],
+    valid: Sequence[NDArray[np.bool_]],
+    common: Floats,
+) -> Floats:
+    """Variance of the fused attitude about the body's axes at n instants.
+
+        P = (sum_h V_h^-1)^-1 + C,   V_h^-1 = (I - b b^T) / across + b b^T / about
+
+    with the sum over the valid heads, b the boresight of each, and C the errors that all heads
+    share, which no fusion reduces and which count once.
+
+    boresights     (3,) unit vectors in body axes, of each head
+    across, about  (n,) radian^2 of each head, independent between heads
+    valid          (n,) of each head
+    common         (3,) radian^2 about the body's axes
+    Returns        (3, n) radian^2; infinite where no head is valid
+    Accuracy       model: small errors, of the same size about all axes across a boresight.
+    """
+    xx, yy, zz, xy, xz, yz = (np.zeros(len(valid[0])) for _ in range(6))
+    for b, one, other, here in zip(boresights, across, about, valid, strict=True):
+        plane = here / one
+        along = here / other - plane
+        for total, value in (
+            (xx, plane + b[0] * b[0] * along), (yy, plane + b[1] * b[1] * along),
+            (zz, plane + b[2] * b[2] * along), (xy, b[0] * b[1] * along),
+            (xz, b[0] * b[2] * along), (yz, b[1] * b[2] * along),
+        ):  # fmt: skip
+            total += value
+    minors = np.stack([yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = xx * minors[0] - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+        found = minors / size + common[:, None]
+    return np.where(np.any(valid, axis=0), found, np.inf)
+
+
+def fuse(
+    attitudes: Sequence[Rotation], covariances: Sequence[Floats], common: Floats | None = None
+) -> tuple[Rotation, Floats]:
+    """The attitude that fits several estimates of it best, by their covariances.
+
+        x = P sum_h V_h^-1 log(q_h q_0^-1),   P = (sum_h V_h^-1)^-1,   q = exp(x) q_0
+
+    repeated from q_0 = q_1 until it stands still: the maximum of likelihood for small errors.
+    Source: Markley and Crassidis (2014), Fundamentals of Spacecraft Attitude Determination and
+    Control, section 5.5, for the error vector and its covariance.
+
+    attitudes    icrs_to_body by each head, with its mounting; single or (n,) rotations each
+    covariances  (3, 3) or (n, 3, 3) radian^2 of each, about the body's axes, without what they
+                 share
+    common       (3, 3) radian^2 of the errors that they share, added once; None: none
+    Returns      the attitude, and its covariance (3, 3) or (n, 3, 3)
+    Raises       ValueError where there is no attitude, or not a covariance for each.
+    """
+    if not attitudes or len(attitudes) != len(covariances):
+        raise ValueError(
+            "attitudes and covariances must be one or more, and as many, got "
+            f"{len(attitudes)} and {len(covariances)}"
+        )
+    weight = [np.linalg.inv(one) for one in covariances]
+    covariance = np.linalg.inv(np.sum(np.broadcast_arrays(*weight), axis=0))
+    best = attitudes[0]
+    for _ in range(3):
+        pull = sum(
+            np.einsum("...ij,...j->...i", one, (attitude * best.inv()).as_rotvec())
+            for one, attitude in zip(weight, attitudes, strict=True)
+        )
+        best = Rotation.from_rotvec(np.einsum("...ij,...j->...i", covariance, pull)) * best
+    return best, covariance if common is None else covariance + common
+
+
+def head_covariance(camera_to_body: Rotation, across: float, about: float) -> Floats:
+    """(3, 3) radian^2 about the body's axes, of a head with variances across and about."""
+    axes = camera_to_body.as_matrix()
+    return axes @ np.diag([across, across, about]) @ axes.T

@@ -1,0 +1,173 @@
+"""Case, rates and backgrounds -> Surrogate: the error of a head in any direction of the sky."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from startrack.budget import added, stray_light_levels, survey
+from startrack.core import Floats, deg
+from startrack.design import Case, turning
+from startrack.mission.heads import Mounted, Seen, Shadow
+
+PLACES = 12288  # directions of a survey: 1.8 degrees apart
+ROWS, COLUMNS = 90, 180  # cells of two degrees on the sky
+DARK = 40.0  # magnitude per square arcsecond, for no light
+RATES, MAGNITUDE = 4, 1.0  # number of rates; magnitudes between two backgrounds
+CLOSE_RATES = 0.05  # relative range of rates that one stands for
+LEVELS: Floats = np.linspace(0, math.pi, 721)  # radian, of the tables of stray light
+
+
+@dataclass(frozen=True, eq=False)
+class Surrogate:
+    """Errors of a design over direction, rate across the boresight and background.
+
+    rate        (r,) radian / second, rising
+    background  (g,) magnitude per square arcsecond, rising: fainter
+    table       (3, r, g, cells) logarithms of the variances across and about the boresight
+                (radian^2), and the probability of an attitude
+    Accuracy    model: that of `budget.analytic`, on which it is fitted: noise, neighbours and
+                method of a perfect unit; turning about the boresight does not smear. numerical:
+                fields of any roll count as one, and a cell of the sky (2 degrees) as its middle.
+    """
+
+    rate: Floats
+    background: Floats
+    table: Floats
+
+    def __call__(
+        self, line: Floats, rate: Floats, background: Floats | None
+    ) -> tuple[Floats, Floats, Floats]:
+        """(n,) variances across and about (radian^2), and probabilities of an attitude.
+
+        line        (3, n) unit vectors, ICRS axes
+        rate        (n,) radian / second across the boresight; beyond the table its ends hold
+        background  (n,) magnitude per square arcsecond; None: the faintest of the table
+        """
+        cell = cell_of(line)
+        low_rate, part_rate = _between(self.rate, rate)
+        if background is None or len(self.background) == 1:
+            corners = [(len(self.background) - 1, None)]
+        else:
+            low, part = _between(self.background, background)
+            corners = [(low, 1 - part), (low + 1, part)]
+        found = np.zeros((3, len(cell)))
+        for g, weight in corners:
+            here = self.table[:, low_rate, g, cell]
+            if part_rate is not None:
+                here = here + part_rate * (self.table[:, low_rate + 1, g, cell] - here)
+            found += here if weight is None else weight * here
+        return np.exp(found[0]), np.exp(found[1]), found[2]
+
+
+def _between(grid: Floats, value: Floats):  # type: ignore[no-untyped-def]
+    """Index of the lower of the two entries around each value, and where it is between them."""
+    if len(grid) == 1:
+        return 0, None
+    low = np.clip(np.searchsorted(grid, value) - 1, 0, len(grid) - 2)
+    return low, np.clip((value - grid[low]) / (grid[low + 1] - grid[low]), 0, 1)
+
+
+def cell_of(line: Floats) -> NDArray[np.intp]:
+    """(n,) cell of the sky of unit vectors (3, n), by declination and right ascension."""
+    up = np.arcsin(np.clip(line[2], -1, 1)) * (ROWS / math.pi) + ROWS / 2
+    row = np.minimum(up.astype(np.intp), ROWS - 1)
+    turn = np.arctan2(line[1], line[0]) * (COLUMNS / math.tau) + COLUMNS
+    return np.asarray(row * COLUMNS + turn.astype(np.intp) % COLUMNS)
+
+
+def middles() -> Floats:
+    """(cells, 3) unit vectors to the middles of the cells."""
+    z = np.sin(((np.repeat(np.arange(ROWS), COLUMNS) + 0.5) / ROWS - 0.5) * math.pi)
+    turn = (np.tile(np.arange(COLUMNS), ROWS) + 0.5) * math.tau / COLUMNS
+    flat = np.sqrt(1 - z * z)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+
+
+def surrogate_of(case: Case, rates: tuple[float, float], brightest: float) -> Surrogate:
+    """A surrogate, fitted on the analytic budget over the sky at each rate and background.
+
+    rates      radian / second, slowest and fastest across the boresight
+    brightest  magnitude per square arcsecond, of the sky with stray light
+    Raises     ValueError where the budget refuses the case, or no field has an attitude at one of
+               the rates and backgrounds.
+    """
+    slow, fast = rates
+    close = fast - slow < CLOSE_RATES * fast or fast < 1e-6
+    rate = np.array([(slow + fast) / 2]) if close else np.linspace(slow, fast, RATES)
+    faintest = background_of(case)
+    steps = max(math.ceil((faintest - brightest) / MAGNITUDE - 1e-6), 0)
+    background = np.linspace(min(brightest, faintest), faintest, steps + 1)
+    tables = [[_survey(case, one, sky, sky < faintest) for sky in background] for one in rate]
+    return Surrogate(rate, background, np.array(tables).transpose(2, 0, 1, 3))
+
+
+def background_of(case: Case) -> float:
+    """Magnitude per square arcsecond of the sky without stray light."""
+    return DARK if case.scene.background_g is None else case.scene.background_g
+
+
+def _survey(case: Case, rate: float, background: float, lit: bool) -> Floats:
+    """(3, cells): logarithms of the variances, probability of an attitude."""
+    case = turning(case, rate)
+    if lit:
+        case = replace(case, scene=replace(case.scene, background_g=background))
+    found = survey(case, PLACES)
+    _, nearest = cKDTree(found.direction).query(middles())
+    known = np.isfinite(found.across)
+    worst = [float(one[known].max()) for one in (found.across, found.about)]
+    across, about = (
+        np.log(np.where(known, one, most) ** 2)
+        for one, most in zip((found.across, found.about), worst, strict=True)
+    )
+    return np.stack([across, about, found.solved])[:, nearest]
+
+
+@dataclass(frozen=True, eq=False)
+class StrayLight:
+    """Background of a head with the light that its baffle lets through.
+
+    sky     1 / (arcsec^2 of magnitude 0), brightness of the sky without stray light
+    bodies  "sun", "moon", "earth" -> (721,) brightness at angles of LEVELS
+    """
+
+    sky: float
+    bodies: dict[str, Floats]
+
+    def __call__(self, seen: Seen, shadow: Shadow) -> Floats:
+        """(n,) magnitude per square arcsecond.
+
+        Accuracy  model: a full Moon and a noon Earth at 600 km at all times, unless hidden or dark
+                  at the limb, so that the background is too bright rather than too dark.
+        """
+        light = np.full(len(seen.sun), self.sky)
+        for name, angle, hidden in (
+            ("sun", seen.sun, shadow.sun),
+            ("moon", seen.moon, shadow.moon),
+            ("earth", seen.earth, ~np.isfinite(seen.earth)),
+        ):
+            at = np.clip(np.where(hidden, 0.0, angle), 0, math.pi) * ((len(LEVELS) - 1) / math.pi)
+            light += np.where(hidden, 0.0, self.bodies[name][at.astype(np.intp)])
+        return -2.5 * np.log10(light)
+
+
+def stray_light_of(case: Case, head: Mounted) -> tuple[StrayLight, float] | None:
+    """The stray light of a head, and its brightest background outside its exclusion angles.
+
+    Returns  None where the case has no baffle
+    """
+    if case.instrument.baffle is None:
+        return None
+    levels = stray_light_levels(case, np.maximum(LEVELS, 0.05 * deg))
+    sky = background_of(case)
+    limits = head.limits
+    outside = [
+        float(np.interp(angle, LEVELS, levels[name]))
+        for name, angle in (("sun", limits.sun), ("moon", limits.moon), ("earth", limits.earth))
+    ]
+    bodies = {name: 10 ** (-0.4 * level) for name, level in levels.items()}
+    return StrayLight(10 ** (-0.4 * sky), bodies), added([sky, *outside])
