@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -11,7 +10,15 @@ import numpy as np
 from startrack.core import Floats
 from startrack.design import Case
 from startrack.trial.conditions import dark_residual
-from startrack.trial.star_response import chart, magnitudes, pattern, point_images
+from startrack.trial.star_response import (
+    chart,
+    kept_fraction,
+    magnitudes,
+    noise_covariance,
+    pattern,
+    point_images,
+    without_saturation,
+)
 
 LEAST_KEPT = 1e-6  # sum of chances below which a magnitude tells nothing
 TYPICAL = 4.5  # G of a star of high weight in most trackers; chosen by hand
@@ -41,17 +48,12 @@ def errors(case: Case) -> Errors:
     detector = case.instrument.detector
     magnitude = magnitudes(case, case.believed_catalog.limit_g)
     plain = chart(case, magnitude)
-    kept = np.where(np.isfinite(plain.offset[..., 0]), plain.kept, 0.0)
+    kept = kept_fraction(case, plain)
     method = mean_of(plain.offset, kept)
     # The tracker overstates the covariance of a saturated star on purpose.
-    bold = replace(case.tracker, detection=replace(case.tracker.detection, saturation=None))
-    noise, shot = (
-        mean_of(
-            chart(replace(case, tracker=bold), magnitude, noisy=noisy, believed=False).covariance,
-            kept,
-        )
-        for noisy in (True, False)
-    )
+    noise = mean_of(noise_covariance(case, plain), kept)
+    bare = chart(without_saturation(case), magnitude, noisy=False, believed=False)
+    shot = mean_of(bare.covariance, kept)
     random = {
         SHOT: shot,
         READ: noise - shot,

@@ -93,6 +93,7 @@ PHASES = 6  # sub-pixel positions per axis
 STEP = 0.5  # magnitude between two rows of the chart
 BRIGHTEST = -1.5
 RING = 3  # pixel, width of the ring around the window that gives the background
+NEAR = 0.8  # of saturation, from which on a star may reach it; chosen by hand
 FAINTEST_SNR = 3.0  # below this no star is detected
 
 
@@ -102,13 +103,11 @@ class Chart(NamedTuple):
     magnitude   (m,) G of a sunlike star
     offset      (m, p, 2) pixel, measured minus true; NaN where the tracker drops the star
     covariance  (m, p, 2, 2) pixel^2, as the tracker states it
-    kept        (m, p) chance that the tracker takes none for a hot pixel
     """
 
     magnitude: Floats
     offset: Floats
     covariance: Floats
-    kept: Floats
 
 
 class Scale(NamedTuple):
@@ -184,17 +183,65 @@ def chart(
     every = electrons.reshape(-1, side, side)
     found, covariance = measure(case, every, noisy, believed)
     offset = found.reshape(*shape, 2) - (phases() if place is None else place)
-    kept = _chance_kept(case, every).reshape(shape)
-    return Chart(magnitude, offset, covariance.reshape(*shape, 2, 2), kept)
+    return Chart(magnitude, offset, covariance.reshape(*shape, 2, 2))
+
+
+def kept_fraction(case: Case, plain: Chart, point: Floats | None = None) -> Floats:
+    """Chance (m, p) that the tracker measures a detected star and takes it for no hot pixel.
+
+    plain  chart of the same stars, without `gain` and `extra`
+    point  as `chart` takes it
+    """
+    light = scale(case).star * 10 ** (-0.4 * plain.magnitude[:, None, None, None])
+    electrons = light * (point_images(case) if point is None else point)
+    chance = _chance_kept(case, electrons.reshape(-1, *electrons.shape[2:]))
+    return np.where(np.isfinite(plain.offset[..., 0]), chance.reshape(electrons.shape[:2]), 0.0)
+
+
+def noise_covariance(
+    case: Case, plain: Chart, point: Floats | None = None, place: Floats | None = None
+) -> Floats:
+    """The true covariance (m, p, 2, 2) pixel^2 of a chart, by the case `without_saturation`.
+
+    plain, point, place  as `kept_fraction` and `chart` take them
+    """
+    detection, bold = case.tracker.detection, without_saturation(case)
+    if case.design is not None:
+        return chart(bold, plain.magnitude, None, None, True, point, place, False).covariance
+    if detection.saturation is None:
+        return plain.covariance
+    size = scale(case)
+    point = point_images(case) if point is None else point
+    peak = size.star * 10 ** (-0.4 * plain.magnitude) * float(point.max())
+    peak += size.background + size.pixel
+    detector = case.instrument.detector
+    # As many as may reach it, whatever their place and the converter: the others are as they are.
+    near = detector.offset + peak / detector.electrons_per_dn > NEAR * detection.saturation
+    covariance = plain.covariance.copy()
+    if near.any():
+        covariance[near] = chart(bold, plain.magnitude[near], point=point, place=place).covariance
+    return covariance
+
+
+def without_saturation(case: Case) -> Case:
+    """A case whose tracker overstates the covariance of no saturated star."""
+    detection = replace(case.tracker.detection, saturation=None)
+    return replace(case, tracker=replace(case.tracker, detection=detection))
 
 
 def measure(
-    case: Case, electrons: Floats, noisy: bool = True, believed: bool = True
+    case: Case,
+    electrons: Floats,
+    noisy: bool = True,
+    believed: bool = True,
+    once: bool = False,
 ) -> tuple[Floats, Floats]:
     """The tracker's centroids of stars, each in a separate cell.
 
     electrons  (n, side, side) of the star in the pixels of its cell, side odd
     believed   as of `chart`
+    once       whether the chessboard of `noise_free_frame` may move them all, as only differences
+               count
     Returns    (n, 2) pixel from the middle of the cell, (n, 2, 2) pixel^2 as stated; NaN for a
                star that the tracker drops
     """
@@ -204,7 +251,7 @@ def measure(
     every = replace(detection, max_spots=2**20)
     plan = detection_plan(case, every)
     place, covariance = _measured(case, electrons, ripple, noise, plan, believed)
-    if not plan.method.skips_dead:
+    if once or not plan.method.skips_dead:
         return place, covariance
     # A chessboard moves a fit of a narrow star, as far one way as its negative the other way.
     other, other_covariance = _measured(case, electrons, -ripple, noise, plan, believed)

@@ -19,10 +19,13 @@ from startrack.trial.star_response import (
     cell_side,
     chart,
     detection_probability,
+    kept_fraction,
+    noise_covariance,
     point_images,
     scale,
     smear_extent,
     star_images,
+    without_saturation,
 )
 from startrack.trial.view import field_psf_of, psf_of, sunlike_colour
 
@@ -240,14 +243,12 @@ class _Charted(NamedTuple):
 def _charted(case: Case, magnitude: Floats, point: Floats) -> _Charted:
     place = _positions()
     plain = chart(case, magnitude, point=point, place=place)
-    kept = np.where(np.isfinite(plain.offset[..., 0]), plain.kept, 0.0)
+    kept = kept_fraction(case, plain, point)
     # The tracker overstates the covariance of a saturated star on purpose.
-    bold = replace(case.tracker, detection=replace(case.tracker.detection, saturation=None))
-    tracker = replace(case, tracker=bold)
-    noise, shot = (
-        mean_of(chart(tracker, magnitude, None, None, noisy, point, place, False).covariance, kept)
-        for noisy in (True, False)
-    )
+    noise = mean_of(noise_covariance(case, plain, point, place), kept)
+    bold = without_saturation(case)
+    bare = chart(bold, magnitude, None, None, False, point, place, believed=False)
+    shot = mean_of(bare.covariance, kept)
     return _Charted(point, plain.offset, kept, mean_of(plain.covariance, kept), shot, noise - shot)
 
 
