@@ -23,15 +23,20 @@ with deferred():
         Flown,
         Plan,
         Verdict,
+        angles_of,
         availability_of,
         fly,
         load_mission,
+        map_of,
+        moved_plan,
+        place,
         plan_of,
+        save_mission,
         timeline,
         verdicts,
     )
     from startrack.montecarlo import export
-    from startrack.plots import draw_mission
+    from startrack.plots import draw_mission, draw_placement
 
 ROWS = 20_000  # of the table, where --every is not given
 WORST = 10  # longest times without a valid head that are listed
@@ -65,6 +70,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--table", default="csv", choices=("csv", "parquet"),
         help="format of the timeline (default: csv; parquet needs pyarrow)",
     )  # fmt: skip
+    parser.add_argument(
+        "--place", action="store_true",
+        help="search for better mountings of the heads first, and compare; writes placed.toml and "
+        "placement.png",
+    )  # fmt: skip
     add_out(parser, "startrack-mission")
 
 
@@ -76,16 +86,64 @@ def command(options: argparse.Namespace) -> int:
         plan = plan_of(loaded)
         steps = loaded.mission.time.steps
         every = options.every or -(-steps // ROWS)
-        with progress("steps", steps + -(-steps // every)) as advance:
+        rows = 0 if options.place else -(-steps // every)
+        with progress("steps", steps + rows) as advance:
             flown = fly(plan, advance)
-            table = timeline(plan, every, advance)
+            table = timeline(plan, every, advance) if rows else None
     found = availability_of(flown)
+    if options.place:
+        return _place(options, path, plan, flown)
     result = {"mission": str(path), **_values(plan, flown, found), "out": str(options.out)}
+    assert table is not None
     export(options.out / f"timeline.{options.table}", table)
     draw_mission(options.out / "mission.png", plan, flown, found, f"{Path(path).stem}")
     save_json(options.out / "summary.json", finite(result))
     print_result(options, result, _text(plan, flown, found))
     met = all(one.met for one in _verdicts(plan, flown, found))
+    return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _place(options: argparse.Namespace, path: Path, plan: Plan, before: Flown) -> int:
+    """Search for mountings, and print the whole mission with the file's and with the best."""
+    with progress("mountings", 5000) as advance:
+        placement = place(plan, advance)
+        mapped = map_of(plan, 0)
+    better = moved_plan(plan, placement.mission)
+    with progress("steps", plan.loaded.mission.time.steps) as advance:
+        after = fly(better, advance)
+    pairs = {"before": (plan, before), "after": (better, after)}
+    found = {name: availability_of(flown) for name, (_, flown) in pairs.items()}
+    heads = [one.name for one in plan.heads]
+    angles = {
+        name: [angles_of(head.boresight) for head in one.heads] for name, (one, _) in pairs.items()
+    }
+    result: dict[str, Any] = {
+        "mission": str(path),
+        "evaluations": placement.evaluations,
+        "ending": placement.ending,
+        "mountings": [
+            {"name": name, "azimuth_deg": azimuth / deg, "elevation_deg": elevation / deg}
+            for name, (azimuth, elevation) in zip(heads, angles["after"], strict=True)
+        ],
+        **{name: _values(one, flown, found[name]) for name, (one, flown) in pairs.items()},
+        "out": str(options.out),
+    }
+    save_mission(options.out / "placed.toml", placement.mission, f"{path.name}, heads placed anew")
+    draw_placement(
+        options.out / "placement.png", mapped, angles["before"], angles["after"],
+        plan.loaded.mission.keep_out, f"{path.stem}: directions of {heads[0]}",
+    )  # fmt: skip
+    draw_mission(options.out / "mission.png", better, after, found["after"], f"{path.stem}, placed")
+    save_json(options.out / "summary.json", finite(result))
+    lines = [f"{placement.evaluations} mountings, {placement.ending}"]
+    for name, (azimuth, elevation) in zip(heads, angles["after"], strict=True):
+        lines.append(f"{name}: azimuth {azimuth / deg:.1f}, elevation {elevation / deg:.1f} deg")
+    text = "\n".join(
+        ["before", _text(plan, before, found["before"]), "", *lines, "", "after",
+         _text(better, after, found["after"])]
+    )  # fmt: skip
+    print_result(options, result, text)
+    met = all(one.met for one in _verdicts(better, after, found["after"]))
     return Exit.DONE if met else Exit.UNSOLVED
 
 

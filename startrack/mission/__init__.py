@@ -14,6 +14,7 @@ surrogate   Case, rates and backgrounds -> the error of a head in any direction 
 fusion      Errors of several heads -> covariance of their fused attitude; fusion of quaternions.
 alignment   Attitudes of two heads in time -> their relative alignment, and how it drifts.
 engine      Mission -> Flown: what blinds each head at every step; error of the fused attitude.
+placement   Plan of a mission -> mountings of its heads that meet its requirements best.
 rendered    Plan of a mission and an instant -> the case and attitude of each head, for a trial.
 timeline    Plan of a mission, some of its steps -> a table with a row for each step.
 summary     Flown -> availability by number of heads, times without an attitude, verdicts.
@@ -25,7 +26,8 @@ from startrack.mission.ccsds import read_aem, read_oem, write_aem, write_oem
 from startrack.mission.engine import Flown, Plan, fly, plan_of
 from startrack.mission.fusion import fuse, fused_variance, head_covariance
 from startrack.mission.heads import Blind
-from startrack.mission.parameters import Mission, load_mission
+from startrack.mission.parameters import KeepClear, Mission, load_mission, save_mission
+from startrack.mission.placement import Placement, angles_of, map_of, moved_plan, place
 from startrack.mission.rendered import scenes_at
 from startrack.mission.summary import (
     EDGES,

@@ -26,7 +26,7 @@ from startrack.core import (
     within,
 )
 from startrack.design import Design, KeepOut, load_design
-from startrack.io import from_table, read_layers
+from startrack.io import from_table, read_layers, save_text, shipped, to_table
 from startrack.scene import EARTH_RADIUS
 
 LAWS = ("nadir", "inertial", "sun", "target", "aem")
@@ -311,6 +311,27 @@ class Common:
 
 
 @dataclass(frozen=True)
+class KeepClear:
+    """A cone in body axes in which no boresight may be placed, such as of a panel.
+
+    axis   of the cone; its length does not matter
+    angle  between the axis and the cone's surface
+    """
+
+    axis: tuple[float, ...]
+    angle: Annotated[float, Unit("rad", "deg")]
+
+    def __post_init__(self) -> None:
+        _vector("axis", self.axis, 3)
+        within(0, math.pi, angle=self.angle)
+
+    def depth(self, line: Floats) -> float:
+        """Radian by which a unit vector (3,) is inside the cone; 0 outside."""
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        return max(self.angle - math.acos(min(max(float(axis @ line), -1.0), 1.0)), 0.0)
+
+
+@dataclass(frozen=True)
 class Mission:
     """What a mission file holds; see the tables.
 
@@ -321,6 +342,7 @@ class Mission:
     radiation     the South Atlantic anomaly
     common        errors that all heads share; they count once
     requirements  on the heads together
+    keep_out      cones in which no boresight may be placed
     """
 
     time: Span
@@ -330,6 +352,7 @@ class Mission:
     radiation: Radiation = field(default_factory=Radiation)
     common: Common = field(default_factory=Common)
     requirements: Needs = field(default_factory=Needs)
+    keep_out: tuple[KeepClear, ...] = ()
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.heads) <= 8:
@@ -369,6 +392,17 @@ def load_mission(path: Path, changes: Sequence[str] = ()) -> Loaded:
     return Loaded(mission, tuple(load_design(Path(head.design)) for head in mission.heads))
 
 
+def save_mission(path: Path, mission: Mission, comment: str = "") -> None:
+    """Write a mission file that `load_mission` reads back to an equal mission.
+
+    comment  lines at the top of the file
+    """
+    import tomli_w
+
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    save_text(path, head + tomli_w.dumps(to_table(mission)))
+
+
 def _resolved(mission: Mission, folder: Path) -> Mission:
     """The mission with all paths from its own folder, or of shipped files."""
     orbit, law = mission.orbit, mission.attitude
@@ -381,8 +415,6 @@ def _resolved(mission: Mission, folder: Path) -> Mission:
 
 
 def _found(name: str, folder: Path) -> str:
-    from startrack.io import shipped
-
     if not (folder / name).exists():
         try:
             return str(shipped(name))

@@ -8,7 +8,7 @@ errors    Picture of the errors of many trials.
 psf       The picture of a PSF: the image of a star over its pixels, and its modulation transfer.
 earth     Pictures of Earth scenes: geometry over the image; image and radiance.
 sequence  Picture of the errors of one sequence in time.
-mission   Picture of a mission: when its heads are blind, over season and orbit.
+mission   Pictures of missions: when heads are blind, over season, orbit and direction.
 budget    Pictures of an error budget: its causes, and the sky.
 curves    Picture of an error budget beside trials: over slew rate, magnitude and field position.
 optimise  Pictures of studies: convergence, samples, Pareto fronts and sensitivities.
@@ -28,7 +28,7 @@ from startrack.plots.curves import (
 from startrack.plots.earth import draw_geometry, draw_picture
 from startrack.plots.errors import draw_errors
 from startrack.plots.frames import draw_frame, draw_solution, draw_spots
-from startrack.plots.mission import draw_mission
+from startrack.plots.mission import draw_mission, draw_placement
 from startrack.plots.optimise import (
     draw_convergence,
     draw_corner,

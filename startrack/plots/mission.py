@@ -1,4 +1,4 @@
-"""Picture of a mission: when its heads are blind, over season and orbit."""
+"""Pictures of missions: when heads are blind, over season, orbit and direction."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 
-from startrack.core import Floats, arcsec
-from startrack.mission import EDGES, Availability, Flown, Plan
+from startrack.core import Floats, arcsec, deg
+from startrack.mission import EDGES, Availability, Flown, KeepClear, Plan
 from startrack.plots.style import (
     BLUE,
     CYCLE,
     GREY,
     LINES,
+    RED,
+    SKY,
     colour_bar,
     colour_limits,
     legend_below,
@@ -104,3 +106,52 @@ def _lengths(axes: Axes, found: Availability) -> None:
     if not counts.any():
         say(axes, "there are none")
         axes.spines[["left", "right", "top"]].set_color(GREY)
+
+
+@styled
+def draw_placement(
+    path: Path,
+    mapped: tuple[Floats, Floats, Floats],
+    before: list[tuple[float, float]],
+    after: list[tuple[float, float]],
+    keep_out: tuple[KeepClear, ...],
+    title: str,
+) -> None:
+    """How long one head is blind over all directions of its boresight, and where the heads are.
+
+    mapped         of `map_of`
+    before, after  azimuth and elevation (radian) of each head
+    """
+    lines, part, longest = mapped
+    azimuth, elevation = np.meshgrid(np.arange(-178.0, 180, 4) * deg, np.arange(-88.0, 90, 4) * deg)
+    flat = np.cos(elevation)
+    here = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    nearest = (here @ lines.T).argmax(axis=-1)
+    clear = np.ones(azimuth.shape, bool)
+    for cone in keep_out:
+        axis = np.array(cone.axis) / np.linalg.norm(cone.axis)
+        clear &= here @ axis < np.cos(cone.angle)
+    figure = picture(7.6, title)
+    for axes, values, label in zip(
+        figure.subplots(2, 1),
+        (100 * part[nearest], longest[nearest] / 60),
+        ("blind (% of the time)", "longest blinding\nin an orbit (min)"),
+        strict=True,
+    ):
+        colours = matplotlib.colormaps["viridis"].with_extremes(bad="0.75")
+        shown = axes.imshow(
+            np.where(clear, values, np.nan), origin="lower", aspect="auto", cmap=colours,
+            extent=(-180, 180, -90, 90), vmin=0,
+        )  # fmt: skip
+        axes.grid(False)
+        for place, marker, colour, name in (
+            (before, "o", SKY, "before"), (after, "^", RED, "after"),
+        ):  # fmt: skip
+            x, y = np.degrees(np.array(place)).T
+            axes.plot(x, y, marker, color=colour, mec="white", ms=8, label=name)
+        axes.set(xlabel="azimuth, from x to y (deg)", ylabel="elevation, to z (deg)")
+        axes.set_xticks(range(-180, 181, 60))
+        axes.set_yticks(range(-90, 91, 45))
+        colour_bar(shown, axes, values, label)
+    legend_below(axes, 2)
+    save_picture(path, figure)

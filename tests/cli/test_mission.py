@@ -7,6 +7,7 @@ import cv2
 import pytest
 
 from startrack.cli.main import main
+from startrack.mission import load_mission, placement
 
 
 def test_a_mission_is_flown(capsys, tmp_path):
@@ -26,6 +27,23 @@ def test_a_mission_is_flown(capsys, tmp_path):
     assert sum(row["valid_heads"] == "3" for row in rows) / len(rows) == pytest.approx(both)
     blind = sum(row["up-right_blind"] != "0" for row in rows) / len(rows)
     assert 1 - blind == pytest.approx(result["heads"][1]["valid"])
+
+
+def test_heads_are_placed(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(placement, "WINDOWS", 6)
+    monkeypatch.setattr(placement, "GRID", 0.6)
+    out = tmp_path / "out"
+    changes = ["time.duration=3 d", "time.step=60 s"]
+    options = [text for one in changes for text in ("--set", one)]
+    status = main(["mission", *options, "--place", "--out", str(out), "--json"])
+    result = json.loads(capsys.readouterr().out)
+    assert status in (0, 3)
+    assert max(result["after"]["fused_rms_arcsec"]) < max(result["before"]["fused_rms_arcsec"])
+    assert cv2.imread(str(out / "placement.png")) is not None
+    again = load_mission(out / "placed.toml").mission
+    assert again.heads[0].azimuth * 57.29578 == pytest.approx(
+        result["mountings"][0]["azimuth_deg"], abs=1e-4
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,312 @@
+"""Plan of a mission -> mountings of its heads that meet its requirements best."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Floats, arcsec, deg
+from startrack.mission.engine import Plan
+from startrack.mission.fusion import fused_variance
+from startrack.mission.heads import Mounted, Shadow, inside, look, shadow_of
+from startrack.mission.instants import Instants
+from startrack.mission.orbit import GM
+from startrack.mission.parameters import KeepClear, Loaded, Mission, Needs, mounted
+from startrack.optimise import Search, least
+
+WINDOWS, POINTS = 96, 100  # orbits over the mission, and instants in each
+GRID = 10 * deg  # between the directions that are tried for each head in turn
+ROUNDS = 6  # in which each head is moved in turn, at most
+REACH = 20 * deg  # from there, in which nlopt searches
+EVALUATIONS = 400
+MISSED = 10.0  # weight of a requirement that is missed, to one that is met; chosen by hand
+MET = 0.1  # weight of a requirement that is met, to the error; chosen by hand
+FORBIDDEN = 1e3  # score for each radian inside a keep-out cone
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Some orbits of a mission, at instants that follow each other within each.
+
+    step      second between two of them
+    windows   number of orbits
+    instants, shadow, saa   at all of them, one orbit after the other
+    """
+
+    step: float
+    windows: int
+    instants: Instants
+    shadow: Shadow
+    saa: NDArray[np.bool_] | None
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What a set of mountings is worth.
+
+    longest    second, longest time without a valid head within one orbit of the samples
+    one, two   fraction of the time with at least one, and two, valid heads
+    error      radian, rms about the worst body axis where a head is valid; infinite where none is
+    keep_out   radian, by which boresights lie inside keep-out cones, summed
+    """
+
+    longest: float
+    one: float
+    two: float
+    error: float
+    keep_out: float
+
+    def score(self, needs: Needs, step: float) -> float:
+        """The less, the better: requirements that are missed first, then the error.
+
+        sum over requirements of MISSED * excess + MET * ratio, with the ratio of what is asked to
+        what is allowed, plus the error in units of what is allowed, or of an arcsecond.
+        """
+        ratios = []
+        if needs.max_blind is not None:
+            ratios.append(self.longest / max(needs.max_blind, step))
+        for value, limit in (
+            (self.one, needs.availability_one),
+            (self.two, needs.availability_two),
+        ):
+            if limit is not None:
+                ratios.append((1 - value) / max(1 - limit, 1e-6))
+        size = self.error / (needs.max_error or arcsec)
+        missed = sum(max(one - 1, 0.0) for one in ratios) + max(size - 1, 0.0) * bool(
+            needs.max_error
+        )
+        return MISSED * missed + MET * sum(ratios) + size + FORBIDDEN * self.keep_out
+
+
+def sample(plan: Plan) -> Samples:
+    """Orbits that lie evenly over the mission."""
+    mission = plan.loaded.mission
+    first = plan.course.at(0.0, 1.0, 2)
+    place, speed = (float(np.linalg.norm(one[:, 0])) for one in (first.place, first.speed))
+    period = math.tau * math.sqrt(1 / (2 / place - speed**2 / GM) ** 3 / GM)
+    period = min(period, mission.time.duration)
+    step = period / POINTS
+    windows = max(min(WINDOWS, int(mission.time.duration / period)), 1)
+    begin = np.linspace(0, mission.time.duration - period, windows)
+    parts = [plan.course.at(float(one), step, POINTS) for one in begin]
+    instants = Instants(
+        *(np.concatenate([getattr(one, each.name) for one in parts], axis=-1)
+          for each in fields(Instants))
+    )  # fmt: skip
+    saa = inside(mission.radiation, instants) if mission.radiation.saa == "blind" else None
+    return Samples(step, windows, instants, shadow_of(instants), saa)
+
+
+def blind_at(samples: Samples, head: Mounted, boresight: Floats) -> NDArray[np.bool_]:
+    """(n,) whether a head is blind at the samples, with a boresight (3,) in body axes."""
+    axes = np.column_stack([np.zeros((3, 2)), boresight])
+    moved = replace(head, axes=axes)
+    return np.asarray(look(moved, samples.instants, samples.shadow, samples.saa).blind > 0)
+
+
+def quality_of(
+    samples: Samples,
+    boresights: Sequence[Floats],
+    blind: Sequence[NDArray[np.bool_]],
+    variances: Sequence[tuple[float, float]],
+    keep_out: Sequence[KeepClear] = (),
+    common: Floats | None = None,
+) -> Quality:
+    """What some boresights are worth.
+
+    boresights  (3,) in body axes, of each head
+    blind       (n,) of each, see `blind_at`
+    variances   radian^2 of each head, across and about, the same at all times
+    common      (3,) radian^2 that all heads share
+    """
+    valid = [~one for one in blind]
+    many = np.sum(valid, axis=0)
+    size = len(many)
+    variance = fused_variance(
+        boresights,
+        [np.full(size, one[0]) for one in variances],
+        [np.full(size, one[1]) for one in variances],
+        valid,
+        np.zeros(3) if common is None else common,
+    )
+    known = many > 0
+    error = math.sqrt(float(variance[:, known].mean(axis=1).max())) if known.any() else math.inf
+    inside_cones = sum(one.depth(line) for one in keep_out for line in boresights)
+    return Quality(
+        _longest(many == 0, samples.windows) * samples.step,
+        float(known.mean()),
+        float((many > 1).mean()),
+        error,
+        inside_cones,
+    )
+
+
+def _longest(holds: NDArray[np.bool_], windows: int) -> int:
+    """Most steps in a row that hold within one window."""
+    rows = np.pad(holds.reshape(windows, -1), ((0, 0), (1, 1))).astype(np.int8).ravel()
+    edge = np.flatnonzero(np.diff(rows))
+    return int((edge[1::2] - edge[::2]).max(initial=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Mountings that were found.
+
+    mission        with azimuth and elevation of each head
+    before, after  what the file's and these mountings are worth, at the samples
+    evaluations    sets of mountings that were tried
+    ending         of nlopt's search
+    """
+
+    mission: Mission
+    before: Quality
+    after: Quality
+    evaluations: int
+    ending: str
+
+
+def place(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Placement:
+    """Find mountings for the heads of a mission by their requirements.
+
+    Each head in turn takes the best direction of a grid over the sphere, until none moves; then
+    nlopt (Sbplx) moves all together within 20 degrees.
+
+    plan      with errors
+    advance   called with the number of evaluations after each of them
+    Accuracy  model: 96 orbits of the mission, at 100 instants each; each head has its mean error
+              over the sky at all times. Numerical: nlopt ends at steps of 0.04 degrees; the search
+              may end in an optimum that is not the best of all.
+    """
+    mission = plan.loaded.mission
+    samples, needs = sample(plan), mission.requirements
+    variances = [_mean_variances(plan, h) for h in range(len(plan.heads))]
+    common = np.array([mission.common.x, mission.common.y, mission.common.z]) ** 2
+    tried = 0
+
+    def worth(lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> Quality:
+        nonlocal tried
+        tried += 1
+        advance(1)
+        return quality_of(samples, lines, blind, variances, mission.keep_out, common)
+
+    def score(lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> float:
+        return worth(lines, blind).score(needs, samples.step)
+
+    lines = [head.boresight for head in plan.heads]
+    blind = [blind_at(samples, head, line) for head, line in zip(plan.heads, lines, strict=True)]
+    before = worth(lines, blind)
+    grid = sphere(GRID)
+    masks = _masks(samples, plan.heads, grid)
+    best = score(lines, blind)
+    for _ in range(ROUNDS):
+        start = best
+        for h in range(len(lines)):
+            for line, mask in zip(grid, masks[h], strict=True):
+                found = score(_with(lines, h, line), _with(blind, h, mask))
+                if found < best - 1e-9:
+                    best, lines, blind = found, _with(lines, h, line), _with(blind, h, mask)
+        if best > start - 1e-9:
+            break
+    middle = [_tangents(line) for line in lines]
+
+    def moved(coordinates: Floats) -> list[Floats]:
+        offset = (coordinates.reshape(-1, 2) - 0.5) * (2 * REACH)
+        turned = [
+            line + a * math.tan(u) + b * math.tan(v)
+            for line, (a, b), (u, v) in zip(lines, middle, offset, strict=True)
+        ]
+        return [one / np.linalg.norm(one) for one in turned]
+
+    def of(coordinates: Floats) -> float:
+        there = moved(coordinates)
+        hidden = [blind_at(samples, *one) for one in zip(plan.heads, there, strict=True)]
+        return score(there, hidden)
+
+    search = Search(evaluations=EVALUATIONS, first_step=0.1, last_step=1e-3)
+    found = least(of, np.full(2 * len(lines), 0.5), search)
+    lines = moved(found.coordinates)
+    hidden = [blind_at(samples, *one) for one in zip(plan.heads, lines, strict=True)]
+    heads = tuple(
+        replace(head, azimuth=float(a), elevation=float(e), roll=0.0, camera_to_body=None)
+        for head, (a, e) in zip(mission.heads, map(angles_of, lines), strict=True)
+    )
+    return Placement(
+        replace(mission, heads=heads), before, worth(lines, hidden), tried, found.ending
+    )
+
+
+def moved_plan(plan: Plan, mission: Mission) -> Plan:
+    """The plan with the mountings of another mission, and all else as it was."""
+    heads = tuple(
+        replace(head, axes=one.mounting.as_matrix())
+        for head, one in zip(plan.heads, mission.heads, strict=True)
+    )
+    return replace(plan, loaded=Loaded(mission, plan.loaded.designs), heads=heads)
+
+
+def angles_of(boresight: Floats) -> tuple[float, float]:
+    """Azimuth and elevation (radian) of a boresight (3,) in body axes."""
+    x, y, z = boresight
+    return math.atan2(y, x), math.asin(min(max(z, -1.0), 1.0))
+
+
+def sphere(step: float) -> Floats:
+    """(n, 3) unit vectors about one step (radian) apart, in rows of equal elevation."""
+    rows = []
+    for row in np.linspace(-math.pi / 2, math.pi / 2, round(math.pi / step) + 1):
+        count = max(round(math.tau * math.cos(row) / step), 1)
+        turn = np.arange(count) * math.tau / count
+        rows.append(
+            np.column_stack([
+                math.cos(row) * np.cos(turn), math.cos(row) * np.sin(turn),
+                np.full(count, math.sin(row)),
+            ])
+        )  # fmt: skip
+    return np.concatenate(rows)
+
+
+def map_of(plan: Plan, head: int, step: float = 5 * deg) -> tuple[Floats, Floats, Floats]:
+    """Blind time of one head over all directions that its boresight may have.
+
+    step     radian between two of them
+    Returns  (n, 3) directions in body axes; (n,) fraction of the time in which the head is blind;
+             (n,) second, the longest such time within an orbit
+    """
+    samples, lines = sample(plan), sphere(step)
+    blind = [blind_at(samples, plan.heads[head], line) for line in lines]
+    longest = [_longest(one, samples.windows) * samples.step for one in blind]
+    return lines, np.array([one.mean() for one in blind]), np.array(longest)
+
+
+def _masks(
+    samples: Samples, heads: Sequence[Mounted], grid: Floats
+) -> list[NDArray[np.bool_]]:  # fmt: skip
+    """(directions, n) whether each head is blind there; once for heads with the same limits."""
+    found = dict[tuple[float, ...], NDArray[np.bool_]]()
+    keys = [(one.limits.sun, one.limits.moon, one.limits.earth, one.limits.ground) for one in heads]
+    for key, head in zip(keys, heads, strict=True):
+        if key not in found:
+            found[key] = np.array([blind_at(samples, head, line) for line in grid])
+    return [found[key] for key in keys]
+
+
+def _with(items: Sequence, at: int, item: object) -> list:  # type: ignore[type-arg]
+    return [*items[:at], item, *items[at + 1 :]]
+
+
+def _tangents(line: Floats) -> tuple[Floats, Floats]:
+    """Two unit vectors across a direction."""
+    axes = mounted(*angles_of(line)).as_matrix()
+    return axes[:, 0], axes[:, 1]
+
+
+def _mean_variances(plan: Plan, h: int) -> tuple[float, float]:
+    """Radian^2 across and about, over the sky, at the middle rate and the faintest background."""
+    surrogate, drift = plan.surrogates[h], plan.heads[h].drift
+    table = surrogate.table[:2, len(surrogate.rate) // 2, -1]
+    across, about = np.exp(table).mean(axis=1)
+    return float(across + drift[0]), float(about + drift[1])
