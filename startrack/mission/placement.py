@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,9 +207,9 @@ def place(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Placem
         start = best
         for h in range(len(lines)):
             for line, mask in zip(grid, masks[h], strict=True):
-                found = score(_with(lines, h, line), _with(blind, h, mask))
-                if found < best - 1e-9:
-                    best, lines, blind = found, _with(lines, h, line), _with(blind, h, mask)
+                value = score(_with(lines, h, line), _with(blind, h, mask))
+                if value < best - 1e-9:
+                    best, lines, blind = value, _with(lines, h, line), _with(blind, h, mask)
         if best > start - 1e-9:
             break
     middle = [_tangents(line) for line in lines]
@@ -294,7 +295,7 @@ def _masks(
     return [found[key] for key in keys]
 
 
-def _with(items: Sequence, at: int, item: object) -> list:  # type: ignore[type-arg]
+def _with(items: Sequence[Any], at: int, item: Any) -> list[Any]:
     return [*items[:at], item, *items[at + 1 :]]
 
 
