@@ -11,9 +11,9 @@ import numpy as np
 
 from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
-from startrack.core import Camera, Floats, Unit, finite, within
+from startrack.core import Camera, Floats, Unit, finite, one_of, within
 from startrack.design.epoch import believed_from, seen_from
-from startrack.detection import Detection
+from startrack.detection import Box, Detection
 from startrack.detector import Detector
 from startrack.identification import Identification
 from startrack.motion import Motion
@@ -152,6 +152,10 @@ class Tracker:
     focal_length_by_colour  whether it scales the place of each star by a focal length of the star's
               colour in its catalogue, as calibrated: it takes off most of the lateral colour of a
               lens table
+    acquisition  how it finds its stars where it expects an attitude: "whole" searches the frame,
+              "box" a box about the place of each star, whose light it takes for the star's. In a
+              sequence the first attitude comes from the whole frame; a single trial expects one
+    box       these boxes
     calibrated_at  kelvin, temperature of the lens when the camera was calibrated, None for that
               which it has; a lens table says what differs
     """
@@ -166,8 +170,11 @@ class Tracker:
     motion: Motion | None = None
     calibrated_at: Annotated[float | None, Unit("K", "degC", absolute=True)] = None
     focal_length_by_colour: bool = False
+    acquisition: str = "whole"
+    box: Box = field(default_factory=Box)
 
     def __post_init__(self) -> None:
+        one_of(("whole", "box"), acquisition=self.acquisition)
         if self.calibrated_at is not None:
             within(1, 1000, calibrated_at=self.calibrated_at)
         if self.delay is not None:
@@ -204,6 +211,8 @@ class Case:
                 "tracker.focal_length_by_colour must be left out where no lens_file says how the "
                 "focal length changes with colour"
             )
+        if self.tracker.acquisition == "box" and self.instrument.detector.scan:
+            raise ValueError("tracker.acquisition must be whole where lines scan")
         if self.tracker.detection.dark_map_age is not None and not self.instrument.detector.age:
             raise ValueError(
                 "tracker.detection.dark_map_age must be left out where the detector has no age"

@@ -35,12 +35,16 @@ detect       A Frame enters; Spots leave, brightest first: of the whole frame, o
              places.
 within       Frame that is known in regions alone, and the Sky of such frames -> Spots of these
              regions.
+box          An image, and where stars are expected -> the brightest thing in a box about each
+             place.
 expectation  An image of expected numbers and the stars in it -> how the detection will see these
              stars.
 response     Frame without noise, places of stars -> what a centroid is there, and how each pixel
              moves it.
 """
 
+from startrack.detection.box import BACKGROUNDS, Box, StarImage, Taken, star_image, take
+from startrack.detection.box import reach_of as box_reach
 from startrack.detection.centroid import centroid
 from startrack.detection.dark_map import DarkFrames, DarkMap, correction_image
 from startrack.detection.detect import detect, detect_near
@@ -72,11 +76,16 @@ from startrack.detection.within import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
+    "BACKGROUNDS",
+    "Box",
     "DarkFrames",
     "DarkMap",
     "Detection",
     "DetectionPlan",
+    "StarImage",
     "StarModel",
+    "Taken",
+    "box_reach",
     "detect",
     "detect_near",
     "divide_flat",
@@ -84,7 +93,9 @@ __all__ = [
     "gaussian_psf",
     "plan_detection",
     "smeared",
+    "star_image",
     "subtract_dark",
+    "take",
     "threshold_of",
     "without_pixels",
 ]

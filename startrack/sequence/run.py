@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from startrack.attitude import State
 from startrack.catalog import open_sky
 from startrack.core import Camera, Estimate, Floats, Frame, Matches, Spots, Status, Streams, whole
-from startrack.design import Case
+from startrack.design import Case, Tracker
 from startrack.detection import detect
 from startrack.detector import Exposure, expected, flickering, frame_of
 from startrack.identification import identify, track
@@ -26,7 +26,9 @@ from startrack.sequence.flight import Flight, exposure_rates, flight, gyro_rates
 from startrack.sequence.follow import TrackerState, known_rate, predict_state, update_state
 from startrack.sequence.parameters import Sequence
 from startrack.trial import (
+    agreeing,
     as_believed,
+    boxed,
     detection_plan,
     focal_stretches,
     images_of,
@@ -37,6 +39,7 @@ from startrack.trial import (
     solve_matches,
     stars_in_field,
     systematic_variance,
+    take_boxes,
     throughput,
 )
 
@@ -163,6 +166,10 @@ def _see(
     tracker = case.tracker
     # In steps, so that frames at nearly the same rate share a plan.
     x, y = (SMEAR_STEP * round(one / SMEAR_STEP) for one in smear_of(case, rate[0], rate[1]))
+    if boxed(case) and predicted is not None:
+        plan = detection_plan(case, smear=(x, y))
+        spots, matches = take_boxes(case, frame, camera, predicted.icrs_to_camera, plan)
+        return spots, matches, _solved(case, agreeing(tracker), spots, matches)
     stars = open_sky(case.believed_catalog).stars
     spots = detect(as_believed(case, frame), detection_plan(case, smear=(x, y)))
     rooms = spots, camera, stars, pattern_indexes(case.believed_catalog)(case.believed_camera)
@@ -171,11 +178,11 @@ def _see(
     else:
         spread = predicted.covariance[:3, :3]
         matches = track(*rooms, predicted.icrs_to_camera, spread, tracker.identification)
-    return (
-        spots,
-        matches,
-        solve_matches(spots, matches, tracker, systematic_variance(case), focal_stretches(case)),
-    )
+    return spots, matches, _solved(case, tracker, spots, matches)
+
+
+def _solved(case: Case, tracker: Tracker, spots: Spots, matches: Matches) -> Estimate:
+    return solve_matches(spots, matches, tracker, systematic_variance(case), focal_stretches(case))
 
 
 def _mode(known: TrackerState, estimate: Estimate) -> Mode:

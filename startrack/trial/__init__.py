@@ -22,9 +22,11 @@ covariance     Case -> outcomes of trials from drawn spots, with identification 
                perfect.
 require        Case, fidelity -> a refusal, before the first trial, of what that fidelity cannot
                compute.
+boxes          Frame and expected attitude -> the stars that a tracker takes in its search boxes.
 chain          One trial, one line a room, in the order in which the light goes.
 """
 
+from startrack.trial.boxes import agreeing, boxed, take_boxes
 from startrack.trial.chain import (
     OUTCOMES,
     Record,

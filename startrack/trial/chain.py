@@ -35,6 +35,7 @@ from startrack.identification import (
     refit,
 )
 from startrack.metrics import JUDGED, Outcome, judge
+from startrack.trial.boxes import agreeing, boxed, boxes_in_windows, expected_attitude, take_boxes
 from startrack.trial.covariance import outcomes as drawn_outcomes
 from startrack.trial.spots import spots_of
 from startrack.trial.sweep import straighten, sweep
@@ -126,6 +127,12 @@ def run_trial(
         alone = Rotation.concatenate([icrs_to_camera])
         drawn = drawn_outcomes(case, streams.seed, [streams.trial], alone)
         return Outcome(*drawn[0].item())
+    if fidelity is Fidelity.WINDOW and boxed(case):
+        spots, matches = boxes_in_windows(case, icrs_to_camera, streams)
+        estimate = solve_matches(
+            spots, matches, agreeing(case.tracker), systematic_variance(case), focal_stretches(case)
+        )
+        return judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
     make = spots_in_windows if fidelity is Fidelity.WINDOW else spots_of
     spots = make(case, icrs_to_camera, streams)
     indexes, systematic = pattern_indexes(case.believed_catalog), systematic_variance(case)
@@ -146,11 +153,16 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     light = light_of(case, stars, icrs_to_camera, streams)
     path = line_of_sight(case.instrument, streams)
     frame = _exposed(case, light, path, icrs_to_camera, streams)
-    spots = _detected(case, frame)
-    index = pattern_indexes(case.believed_catalog)(believed)
-    matches = identify(spots, believed, catalog, index, case.tracker.identification)
+    tracker = case.tracker
+    if boxed(case):
+        expected, tracker = expected_attitude(case, icrs_to_camera, streams), agreeing(tracker)
+        spots, matches = take_boxes(case, frame, believed, expected)
+    else:
+        spots = _detected(case, frame)
+        index = pattern_indexes(case.believed_catalog)(believed)
+        matches = identify(spots, believed, catalog, index, case.tracker.identification)
     estimate = solve_matches(
-        spots, matches, case.tracker, systematic_variance(case), focal_stretches(case)
+        spots, matches, tracker, systematic_variance(case), focal_stretches(case)
     )
     outcome = judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
     return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)

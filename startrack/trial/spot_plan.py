@@ -148,6 +148,7 @@ def refuse(case: Case) -> None:
             abs(motion.rate_z) * detector.exposure * corner > MOST_ROLL
         ),
         "lights of the scene": case.scene.lights,
+        "acquisition in boxes": case.tracker.acquisition == "box",
         "a dark map of the tracker": case.tracker.detection.dark_map,
     }
     named = [name for name, is_there in there.items() if is_there]

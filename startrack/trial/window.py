@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Sky, open_sky
-from startrack.core import FieldPsf, Floats, Ints, Psf, Spots, Streams, Workspace, kernel
+from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Spots, Streams, Workspace, kernel
 from startrack.design import Case, Instrument
 from startrack.detection import (
     DetectionPlan,
@@ -129,14 +129,42 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     return merged(spots, detect_within(frame, noisy, ground, plan.detection), settings.max_spots)
 
 
+def frame_in_windows(
+    case: Case, icrs_to_camera: Rotation, streams: Streams, windows: Ints
+) -> Frame:
+    """A frame with the numbers of the whole one in windows (w, 4) alone; elsewhere its background.
+
+    The whole frame is rendered where its pixels flicker or lights of the scene vary.
+    """
+    instrument = case.instrument
+    if instrument.detector.flickers or case.scene.lights:
+        return whole_frame(case, icrs_to_camera, streams)
+    detector = replace(instrument.detector, lag=0.0)
+    require_independent_pixels(detector)
+    require_no_ghosts(instrument)
+    sky, psf = open_sky(case.catalog), images_of(instrument)
+    near = nearby(sky, icrs_to_camera, instrument.camera)
+    colour = colours_of(case)[near] if isinstance(psf, FieldPsf) else None
+    places = path_points(instrument, sky.stars.direction[near], icrs_to_camera, streams)
+    light = illuminate(case.scene, sky.stars[:0])
+    _, level = arriving(light, instrument.camera, detector, throughput(instrument))
+    star = electrons_of(case)[near]
+    return expose_within(windows, places, star, psf, detector, level, streams, Workspace(), colour)
+
+
 def spots_of_frame(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
     """The spots of the whole frame."""
+    frame = whole_frame(case, icrs_to_camera, streams)
+    return detect(as_believed(case, frame), detection_plan(case))
+
+
+def whole_frame(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Frame:
+    """The whole frame of a trial."""
     instrument = case.instrument
     stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, instrument.camera)
     light = light_of(case, stars, icrs_to_camera, streams)
     path = line_of_sight(instrument, streams)
-    frame = expose(exposure_of(instrument, light, path, icrs_to_camera, streams), streams)
-    return detect(as_believed(case, frame), detection_plan(case))
+    return expose(exposure_of(instrument, light, path, icrs_to_camera, streams), streams)
 
 
 def area(windows: Ints) -> int:

@@ -1,0 +1,287 @@
+"""An image, and where stars are expected -> the brightest thing in a box about each place."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Floats, Frame, Psf, Spots, Unit, arcsec, one_of, positive, whole
+from startrack.detection.dark_map import corrected
+from startrack.detection.pixels import gain_of
+from startrack.detection.plan import DetectionPlan
+
+SIZES = (4, 6, 8)
+BACKGROUNDS = ("dynamic", "none")
+# Pixels of the dynamic background: two at each end of the first and the last row of 8 x 8.
+CORNERS = tuple(
+    (row, column) for row in (-4, 3) for column in (-4, -3, 2, 3)
+)  # from the pixel right below the middle
+MIDDLE = slice(2, 6)  # of eight sorted pixels, whose mean is the background: outliers do not count
+ROUNDS = 4  # of moving the image until the star is in its middle
+FARTHEST = 0.6  # pixel, of the moment from the middle; above half a pixel, so that it settles
+IMAGE = 8  # pixel, of the largest image, about which the search needs pixels
+
+
+@dataclass(frozen=True)
+class Box:
+    """Search boxes about the places where stars are expected, as trackers have them that are told
+    which stars to take.
+
+    In each box the place is taken where an image of `size` pixels a side has most light above the
+    background, among those whose magnitude is that of the star within the limits: a hot pixel or
+    another star may be taken for it. The image is then moved until its first moment lies in its
+    middle.
+
+    Source: the method is that of Chandra's aspect camera (Proposers' Observatory Guide, chapter 5);
+    which pixels make the background, and how, is assumed.
+
+    half_width   radian, half side of a box
+    size         pixel, side of an image: 4, 6 (without its corners) or 8
+    background   "dynamic": middle half of eight pixels at the corners of 8 x 8; "none": 0
+    fainter, brighter  magnitudes by which a star may seem fainter or brighter than its catalogue
+                 says
+    stars        boxes, about the brightest stars of the catalogue in the field
+    prior        radian rms per axis, error of the attitude that a single trial expects the stars
+                 by; in a sequence it is that of the filter
+    """
+
+    half_width: Annotated[float, Unit("rad", "arcsec")] = 120 * arcsec
+    size: int = 6
+    background: str = "dynamic"
+    fainter: float = 1.5
+    brighter: float = 1.5
+    stars: int = 8
+    prior: Annotated[float, Unit("rad", "arcsec")] = 4 * arcsec
+
+    def __post_init__(self) -> None:
+        positive(half_width=self.half_width, fainter=self.fainter, brighter=self.brighter)
+        if self.size not in SIZES:
+            raise ValueError(f"size must be one of 4, 6 and 8, got {self.size}")
+        one_of(BACKGROUNDS, background=self.background)
+        whole(2, 1000, stars=self.stars)
+        positive(prior=self.prior)
+
+
+class Taken(NamedTuple):
+    """What was taken in each box, NaN where nothing was.
+
+    x, y        (m,) pixel, first moment less that of a star's image
+    flux        (m,) digital number of the whole star, estimated from its image
+    covariance  (m, 2, 2) pixel^2, by the noise of the pixels and by what the image cuts off;
+                without that of pixels whose dark current the tracker does not know
+    snr         (m,) 1
+    """
+
+    x: Floats
+    y: Floats
+    flux: Floats
+    covariance: Floats
+    snr: Floats
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """Whether there was something (m,)."""
+        return np.isfinite(self.x)
+
+    def spots(self) -> Spots:
+        """Those that were found."""
+        there = self.found
+        size = np.full(int(there.sum()), 1, np.int64)
+        return Spots(
+            self.x[there], self.y[there], self.flux[there], self.covariance[there],
+            self.snr[there], size,
+        )  # fmt: skip
+
+
+class StarImage(NamedTuple):
+    """Of a star somewhere in the middle pixel of an image of some size.
+
+    fraction  1, of its light in the image, above the background that is taken off, in the mean
+    moment    pixel (x, y), of its first moment from its place, in the mean
+    scatter   pixel rms (x, y), of that about the mean: light that the image cuts off
+    """
+
+    fraction: float
+    moment: tuple[float, float]
+    scatter: tuple[float, float]
+
+
+def reach_of(box: Box, focal_length_px: float) -> float:
+    """Half side of a box, pixel."""
+    return math.tan(box.half_width) * focal_length_px
+
+
+def take(
+    frame: Frame, place: Floats, flux: Floats, reach: float, box: Box, plan: DetectionPlan
+) -> Taken:
+    """Search a box about each place.
+
+    place    (m, 2) pixel (x, y), where stars are expected
+    flux     (m,) digital number of each star, by the catalogue
+    reach    pixel, half side of a box
+    plan     of the tracker; its dark map, if it has one, is subtracted
+    Returns  Taken; NaN where a box leaves the frame or nothing in it passes the limits
+    """
+    image = np.asarray(frame.image, np.float32)
+    if plan.correction is not None:
+        image = corrected(image, plan.correction, plan.settings.saturation)
+    expected = star_image(plan.star.psf, box)
+    gain = gain_of(frame, 0.0)
+    found = [
+        _search(image, at, one, reach, box, expected, gain.offset)
+        for at, one in zip(place, flux, strict=True)
+    ]
+    measured = [
+        _measure(image, corner, box, expected, gain) if corner else NOTHING for corner in found
+    ]
+    x, y, total, xx, xy, yy, sigma = np.array(measured, float).reshape(-1, 7).T
+    covariance = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
+    return Taken(x, y, total, covariance, total / sigma)
+
+
+NOTHING = (math.nan,) * 7
+
+
+@lru_cache(maxsize=16)
+def star_image(psf: Psf, box: Box) -> StarImage:
+    """What an image holds of a star, over the places of the star in a pixel."""
+    # At the samples of the table, from one edge of the pixel to the other.
+    places = 0.5 - np.arange(psf.oversampling + 1) / psf.oversampling
+    share = np.ones(len(places))
+    share[[0, -1]] = 0.5
+    half, side, mask = IMAGE // 2, box.size // 2, _mask(box.size)
+    inner = slice(half - side, half + side)
+    sums, moments = [], []
+    for y in places:
+        for x in places:
+            pixel = _table(psf, x, y, half)
+            light = pixel[inner, inner]
+            if box.background == "dynamic":
+                light = light - _corner_level(pixel)
+            sums.append((light * mask).sum())
+            moments.append(_moment(light * mask) - (x, y))
+    weight = np.outer(share, share).ravel() / share.sum() ** 2
+    mean = weight @ np.array(moments)
+    scatter = np.sqrt(weight @ (np.array(moments) - mean) ** 2)
+    return StarImage(float(weight @ sums), (float(mean[0]), float(mean[1])),
+                     (float(scatter[0]), float(scatter[1])))  # fmt: skip
+
+
+def _corner_level(pixel: NDArray[Any]) -> float:
+    """The dynamic background of 8 x 8 pixels."""
+    half = IMAGE // 2
+    corner = np.sort([pixel[half + row, half + column] for row, column in CORNERS])
+    return float(corner[MIDDLE].mean())
+
+
+def _table(psf: Psf, x: float, y: float, half: int) -> Floats:
+    """Fractions in 2 half x 2 half pixels of a star (x, y) pixel from the middle of the image."""
+    middle = len(psf.table) // 2
+    step = np.arange(-half, half) + 0.5
+    at = [np.rint((step - one) * psf.oversampling).astype(int) + middle for one in (y, x)]
+    inside = [(one >= 0) & (one < len(psf.table)) for one in at]
+    clipped = [np.clip(one, 0, len(psf.table) - 1) for one in at]
+    return np.asarray(psf.table[np.ix_(*clipped)] * np.outer(*inside))
+
+
+def _mask(size: int) -> Floats:
+    """Pixels of an image that count: all, but not the corners of 6 x 6."""
+    mask = np.ones((size, size))
+    if size == 6:
+        mask[[0, 0, -1, -1], [0, -1, 0, -1]] = 0
+    return mask
+
+
+def _moment(light: Floats) -> Floats:
+    """First moment (x, y) of an image from its middle, pixel."""
+    step = np.arange(len(light)) - (len(light) - 1) / 2
+    total = float(light.sum())
+    return np.array([(light.sum(axis=0) @ step), (light.sum(axis=1) @ step)]) / total
+
+
+def _search(
+    image: NDArray[np.float32], at: Floats, flux: float, reach: float, box: Box,
+    expected: StarImage, offset: float,
+) -> tuple[int, int] | None:  # fmt: skip
+    """Column and row of the pixel right below the middle of the image that is taken."""
+    rows, columns = image.shape
+    # The middle of an even image lies between pixels.
+    if not (np.abs(at) < rows + columns).all():
+        return None
+    low = np.ceil(at - reach).astype(int)
+    high = np.floor(at + reach).astype(int) + 1
+    half = IMAGE // 2
+    if (low < half).any():
+        return None
+    if high[0] > columns - half or high[1] > rows - half:
+        return None
+    window = image[low[1] - half : high[1] + half, low[0] - half : high[0] + half]
+    level = _background(window, box, offset)
+    light = (_core(window, box.size) - _mask(box.size).sum() * level) / expected.fraction
+    least, most = flux * 10 ** (-0.4 * box.fainter), flux * 10 ** (0.4 * box.brighter)
+    light = np.where((light >= least) & (light <= most), light, -np.inf)
+    best = int(np.argmax(light))
+    row, column = divmod(best, light.shape[1])
+    if not np.isfinite(light[row, column]):
+        return None
+    return int(low[0] + column), int(low[1] + row)
+
+
+def _core(window: NDArray[np.float32], size: int) -> NDArray[np.float32]:
+    """Sums of images whose upper middle pixel is each one of a window without its border."""
+    half, side = IMAGE // 2, size // 2
+    # Of an even kernel, the anchor is the pixel right below the middle.
+    sums = cv2.filter2D(window, cv2.CV_32F, _mask(size).astype(np.float32), anchor=(side, side))
+    return np.asarray(sums[half:-half, half:-half])
+
+
+def _background(window: NDArray[np.float32], box: Box, offset: float) -> NDArray[np.float32]:
+    """Of each pixel of a window without its border."""
+    half = IMAGE // 2
+    rows, columns = window.shape[0] - 2 * half, window.shape[1] - 2 * half
+    if box.background == "none":
+        return np.full((rows, columns), offset if math.isfinite(offset) else 0.0, np.float32)
+    parts = [window[half + r : half + r + rows, half + c : half + c + columns] for r, c in CORNERS]
+    return np.asarray(np.sort(np.stack(parts), axis=0)[MIDDLE].mean(axis=0))
+
+
+def _measure(image, corner, box, expected, gain):  # type: ignore[no-untyped-def]
+    """Place, flux, covariance (xx, xy, yy) and sigma of the flux of an image."""
+    rows, columns = image.shape
+    column, row = corner
+    side, half, mask = box.size // 2, IMAGE // 2, _mask(box.size)
+    for n in range(ROUNDS + 1):
+        if not (half <= column <= columns - half and half <= row <= rows - half):
+            return NOTHING
+        window = image[row - half : row + half, column - half : column + half]
+        raw = window[half - side : half + side, half - side : half + side].astype(float)
+        level = gain.offset if math.isfinite(gain.offset) else 0.0
+        if box.background == "dynamic":
+            level = _corner_level(window)
+        light = (raw - level) * mask
+        total = float(light.sum())
+        if not total > 0:
+            return NOTHING
+        moment = _moment(light)
+        step = np.where(np.abs(moment) > FARTHEST, np.rint(moment), 0.0).astype(int)
+        if not step.any() or np.abs(moment).max() > side or n == ROUNDS:
+            break
+        column, row = column + int(step[0]), row + int(step[1])
+    if np.abs(moment).max() > side:
+        return NOTHING
+    place = np.array([column, row]) - 0.5 + moment - expected.moment
+    noise = gain.read_noise**2 + np.maximum(raw - gain.offset, 0) / gain.electrons_per_dn
+    noise = np.where(np.isfinite(noise), noise, level) * mask
+    away = np.arange(box.size) - (box.size - 1) / 2
+    dx, dy = np.meshgrid(away - moment[0], away - moment[1])
+    pairs = (dx, dx), (dx, dy), (dy, dy)
+    xx, xy, yy = (float((noise * a * b).sum()) / total**2 for a, b in pairs)
+    xx, yy = xx + expected.scatter[0] ** 2, yy + expected.scatter[1] ** 2
+    sigma = math.sqrt(float(noise.sum()))
+    return (*place, total / expected.fraction, xx, xy, yy, sigma / expected.fraction)
