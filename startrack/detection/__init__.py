@@ -43,8 +43,14 @@ response     Frame without noise, places of stars -> what a centroid is there, a
              moves it.
 """
 
-from startrack.detection.box import BACKGROUNDS, Box, StarImage, Taken, star_image, take
-from startrack.detection.box import reach_of as box_reach
+from startrack.detection.box import (
+    Box,
+    StarImage,
+    Taken,
+    box_reach,
+    star_image,
+    take,
+)
 from startrack.detection.centroid import centroid
 from startrack.detection.dark_map import DarkFrames, DarkMap, correction_image
 from startrack.detection.detect import detect, detect_near
@@ -76,7 +82,6 @@ from startrack.detection.within import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "BACKGROUNDS",
     "Box",
     "DarkFrames",
     "DarkMap",

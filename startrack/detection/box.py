@@ -112,7 +112,7 @@ class StarImage(NamedTuple):
     scatter: tuple[float, float]
 
 
-def reach_of(box: Box, focal_length_px: float) -> float:
+def box_reach(box: Box, focal_length_px: float) -> float:
     """Half side of a box, pixel."""
     return math.tan(box.half_width) * focal_length_px
 
