@@ -8,19 +8,20 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from startrack.core import Camera, FieldPsf, Floats, nm
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer
-from startrack.optics.fraunhofer import intensity, pupil_samples
 from startrack.optics.lens_family import family_table
 from startrack.optics.lens_table import LensPoints, LensTable, open_lens
 from startrack.optics.over_field import at_field
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import gauss_band
-from startrack.optics.pupil import pupil_grid, soft_step
+from startrack.optics.pupil import MARGIN, soft_step
 from startrack.optics.zernike import noll_to_nm, zernike
 
+Reals = NDArray[np.float64] | NDArray[np.float32]
 ROOM = 293.15  # kelvin, of a lens whose design names no temperature
 RINGS, SPOKES = 16, 24  # rays from which centroids and widths are taken
 STEP = 1e-5  # of the radius of the pupil, for slopes
@@ -32,9 +33,11 @@ AIRY_BOX = 6.0  # wavelength * f-number, beyond the outermost ray
 PER_SIGMA = 4.0  # samples per sigma of the core: interpolation errs by 2e-5 of the peak
 LEAST_CORE = 1 / 8  # pixel; a finer image is blurred to that
 FINEST, COARSEST = 32, 12  # samples per pixel
+ROUGH = 10  # the same where the tolerance of the design is COARSE
 NYQUIST = 2.05  # samples per wavelength * f-number: just finer than needed
-ALIAS = 2 / 3  # of the samples across a pupil that a sharper image would need
-MOST_SAMPLES = 1024  # across a pupil
+ALIAS = 1.3  # of the points of an image that its transform has at least
+LEAST_POINTS = 320  # of a transform
+FILLED = 0.6  # of a transform, that the pupil may fill
 MOST_POINTS = 3072  # along a side of an irradiance
 MOST_NUMBERS = 60_000_000  # of all tables together
 KEPT = 4e-3  # of the norm of an image, that the left-out terms may have
@@ -120,9 +123,10 @@ class _Star(NamedTuple):
     pupil: Floats
     area: float
 
-    def path(self, p: Floats, q: Floats) -> Floats:
+    def path(self, p: Reals, q: Reals) -> Reals:
         """W(p, q) of the table, with focus and added aberrations."""
-        u, v = (self.pupil[0] - p) / self.pupil[1], -q / self.pupil[2]
+        centre, half_p, half_q = self.pupil[:3].tolist()  # numbers of Python keep the type of p
+        u, v = (centre - p) / half_p, q / -half_q
         total = _polynomial(self.power, u, v * v)
         if self.lens.optics.defocus:
             total += self.lens.optics.defocus * np.sqrt(1 - p * p - q * q)
@@ -167,9 +171,9 @@ def _even_rays() -> tuple[Floats, Floats]:
 EVEN_P, EVEN_Q = _even_rays()
 
 
-def _polynomial(power: Floats, u: Floats, w: Floats) -> Floats:
+def _polynomial(power: Floats, u: Reals, w: Reals) -> Reals:
     """Sum of power[i, j] u^i w^j, by Horner's rule."""
-    total = np.zeros_like(u)
+    total, power = np.zeros_like(u), power.astype(u.dtype)
     for j in range(power.shape[1] - 1, -1, -1):
         inner = np.full_like(u, power[-1, j])
         for i in range(power.shape[0] - 2, -1, -1):
@@ -341,7 +345,7 @@ def field_psf(
     colour       (c,) metre, mean wavelength of each
     fill_factor, diffusion  as in `pixel_psf`
     Raises       ValueError where the table does not hold the frame or the band, or where the
-                 aberrations need more than 1024 samples across the pupil or 3072 across the image.
+                 aberrations need more than 3072 points across the image.
     Accuracy     model: Fraunhofer diffraction of an elliptic pupil of even transmission; the
                  apertures of a vignetted lens make no exact ellipse. numerical: the error between
                  the nodes is measured at places of the largest distance from them, and returned.
@@ -374,8 +378,10 @@ def field_psf(
     coefficient = coefficient.reshape(len(y), len(x), len(colour), -1)
     value = np.concatenate([centre, coefficient], axis=-1).transpose(2, 0, 1, 3)
     made_of = FieldPsf(
-        basis, plan.oversampling, x, y, colour, np.ascontiguousarray(value), 0.0, 0.0
+        basis, plan.oversampling, x, y, colour, np.ascontiguousarray(value), math.nan, math.nan
     )
+    if lens.optics.psf_tolerance >= COARSE:
+        return made_of
     error, place_error = _checked(made_of, plan, camera)
     return replace(made_of, error=error, place_error=place_error)
 
@@ -481,9 +487,14 @@ class _Plan:
         spread = max(self._spread(u, v) for u, v in away)
         shift = self._lateral(away)
         reach = (AIRY_BOX * longest * f_number + 4 * blur + spread + shift) / pitch
+        finest = ROUGH if optics.psf_tolerance >= COARSE else FINEST
         sampling = int(np.clip(math.ceil(PER_SIGMA * pitch / core), COARSEST, FINEST))
+        sampling = min(sampling, finest)
         tables = NODES**2 * len(band.weight)
-        while sampling > COARSEST and tables * (2 * (reach + 1) * sampling) ** 2 > MOST_NUMBERS:
+        while (
+            sampling > min(COARSEST, finest)
+            and tables * (2 * (reach + 1) * sampling) ** 2 > MOST_NUMBERS
+        ):
             sampling -= 1
         self.oversampling = sampling
         half = math.ceil((math.ceil(max(reach, 1.0)) + 0.5) * sampling) + 3
@@ -539,67 +550,74 @@ class _Plan:
         """Table (c, m, m) of each spectrum; its shift (pixel) and relative flux, (c, 3)."""
         stars = self.stars(away_x, away_y)
         azimuth, optics = stars[0].azimuth, self.lens.optics
-        cosine, sine = math.cos(azimuth), math.sin(azimuth)
-        centres, planes = [], []
-        for star in stars:
-            x, y = star.rays()
-            u, v = star.place + x.mean(), y.mean()
-            centres.append((u * cosine - v * sine, u * sine + v * cosine, star.area / optics.area))
-            planes.append(fft.rfft2(self._irradiance(star, u, v), s=(self.size, self.size)))
-        x, y, bright = np.array(centres).T
-        flux = self.band.weight * bright
+        x, y = np.array([[each.mean() for each in star.rays()] for star in stars]).T
+        x = x + [star.place for star in stars]
+        flux = self.band.weight * (np.array([star.area for star in stars]) / optics.area)
         total = flux.sum(axis=1)
-        middle_x, middle_y = flux @ x / total, flux @ y / total
-        # First all about the axis of the first spectrum, then each about its own.
-        moved = [
-            plane
-            * _shift(self.size, (u - middle_x[0]) / self.spacing, (v - middle_y[0]) / self.spacing)
-            for plane, u, v in zip(planes, x, y, strict=True)
-        ]
+        along, across = flux @ x / total, flux @ y / total
+        # All wavelengths about the centre of the first spectrum, then each spectrum about its own.
+        planes = np.array([self._irradiance(star, along[0], across[0]) for star in stars])
+        sums = np.tensordot((flux / total[:, None]).astype(np.float32), planes, 1)
+        cosine, sine = math.cos(azimuth), math.sin(azimuth)
+        middle_x, middle_y = along * cosine - across * sine, along * sine + across * cosine
         tables = []
-        for c in range(len(flux)):
-            sum_ = np.zeros_like(moved[0])
-            for j, plane in enumerate(moved):
-                sum_ += (flux[c, j] / total[c]) * plane
-            away = (middle_x[0] - middle_x[c]), (middle_y[0] - middle_y[c])
-            tables.append(
-                self._pixels(sum_ * _shift(self.size, *(each / self.spacing for each in away)))
-            )
+        for plane, u, v in zip(sums, middle_x, middle_y, strict=True):
+            away = (middle_x[0] - u) / self.spacing, (middle_y[0] - v) / self.spacing
+            spectrum = fft.rfft2(plane, s=(self.size, self.size))
+            tables.append(self._pixels(spectrum * _shift(self.size, *away)))
         centre = np.column_stack([
             middle_x / self.pitch - away_x, middle_y / self.pitch - away_y, total,
         ])  # fmt: skip
         return np.array(tables), centre
 
-    def _irradiance(self, star: _Star, u: float, v: float) -> Floats:
-        """Of one wavelength, about the centroid of its rays; its integral is one."""
-        wavelength, radius = star.wavelength, star.radius
-        disk = wavelength / (2 * radius)
-        half_width = self.count // 2 * self.spacing / disk
-        x, y = _about(star)
-        slope = radius * float(np.hypot(x, y).max()) / wavelength
-        samples = pupil_samples(ALIAS * half_width, slope)
-        if samples > MOST_SAMPLES:
+    def _irradiance(self, star: _Star, u: float, v: float) -> NDArray[np.float32]:
+        """Of one wavelength about a place (metre, along the radius and across it).
+
+        Its integral is one. A fast transform of the pupil, whose samples are so far apart that the
+        points of the image are `spacing` apart at any wavelength.
+        """
+        x, y = star.rays()
+        far = float(np.hypot(star.place + x - u, y - v).max()) / self.spacing
+        # What is beyond the period comes back at the other side, beyond the image.
+        size = max(ALIAS * self.count, far + self.count / 2, LEAST_POINTS)
+        if size > MOST_POINTS:
             raise ValueError(
-                f"the pupil of lens_file must need at most {MOST_SAMPLES} samples, got {samples}"
+                f"the images of lens_file must fit {MOST_POINTS} points a side, got {size:.0f}: "
+                f"rays spread over {far * self.spacing * 1e6:.0f} um; focus the lens, stop it down "
+                "or use a smaller field"
             )
-        coordinate, cell = pupil_grid(samples)
-        cosine, sine = math.cos(star.azimuth), math.sin(star.azimuth)
+        wavelength, radius = star.wavelength, star.radius
+        # The samples of the pupil must fit, with their soft edge.
+        fine = math.ceil(2 * radius * self.spacing / (FILLED * wavelength))
+        size = int(fft.next_fast_len(math.ceil(size * fine)))
+        cell = wavelength * fine / (size * self.spacing)
+        half = math.ceil(radius / cell) + MARGIN
+        coordinate = (np.arange(2 * half, dtype=np.float32) - half) * np.float32(cell)
+        cosine, sine = np.float32(math.cos(star.azimuth)), np.float32(math.sin(star.azimuth))
         across = coordinate * cosine + coordinate[:, None] * sine
         beside = coordinate[:, None] * cosine - coordinate * sine
-        centre, half_p, half_q = star.pupil[3:]
-        a, b = radius / half_p, radius / half_q
-        rim = np.hypot(a * across, b * beside)
-        steep = np.hypot(a * a * across, b * b * beside)
-        distance = (rim - 1) * rim / np.maximum(steep, 1e-9) / cell
-        opened = soft_step(np.where(rim < 0.5, -99.0, distance))
-        p, q = centre - radius * across, -radius * beside
+        centre, half_p, half_q = (np.float32(one) for one in star.pupil[3:])
+        a, b = across / half_p, beside / half_q
+        rim = np.hypot(a, b)
         # Beyond the soft edge the polynomials may be huge, and are not read.
-        here = opened != 0
-        path = np.zeros_like(opened)
-        path[here] = star.path(p[here], q[here]) + p[here] * (u - star.place) + q[here] * v
-        grid = (np.arange(float(self.count)) - self.count // 2) * self.spacing
-        unit = cell**2 / (4 * float(opened.sum()) * disk**2)
-        return unit * intensity(opened, 2 * math.pi / wavelength * path, coordinate, grid / disk)
+        near = np.flatnonzero(rim < 1 + MARGIN * cell / min(half_p, half_q))
+        across, beside, rim = across.ravel()[near], beside.ravel()[near], rim.ravel()[near]
+        steep = np.hypot(a.ravel()[near] / half_p, b.ravel()[near] / half_q)
+        opened = np.ones_like(rim)
+        edge = np.flatnonzero(rim > 0.5)
+        distance = (rim[edge] - 1) * rim[edge] / (steep[edge] * np.float32(cell))
+        opened[edge] = soft_step(distance)
+        p, q = centre - across, -beside
+        path = star.path(p, q) + p * np.float32(u - star.place) + q * np.float32(v)
+        phase = path * np.float32(2 * math.pi / wavelength)
+        pupil = np.zeros(4 * half * half, np.complex64)
+        pupil.real[near], pupil.imag[near] = opened * np.cos(phase), opened * np.sin(phase)
+        # The image's y runs down, and its x along the columns, as the coordinates of the pupil.
+        middle = (np.arange(self.count) - self.count // 2) * fine % size
+        lines = fft.fft(pupil.reshape(2 * half, 2 * half), size, axis=1)[:, middle]
+        field = fft.fft(lines, size, axis=0)[middle]
+        unit = (cell / wavelength) ** 2 / float(opened.sum())
+        return np.asarray((field.real**2 + field.imag**2) * np.float32(unit))
 
     @cached_property
     def size(self) -> int:

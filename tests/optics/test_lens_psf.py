@@ -128,11 +128,9 @@ def test_what_a_table_cannot_say_is_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "row", "error"),
-    # Of the peak. The pupil of a vignetted lens is no ellipse; at 8.3 deg a quarter is cut off. The
-    # terms of the table leave 0.003 waves rms of the Petzval, whose image is far from the limit of
-    # diffraction.
-    [("double_gauss", 0, 0.005), ("double_gauss", 1, 0.02), ("double_gauss", 2, 0.04),
-     ("petzval", 0, 0.03), ("petzval", 1, 0.03), ("petzval", 2, 0.03)],
+    # Of the peak. The pupil of a vignetted lens is no ellipse; at 8.3 deg a quarter is cut off.
+    [("double_gauss", 0, 0.005), ("double_gauss", 1, 0.01), ("double_gauss", 2, 0.03),
+     ("petzval", 0, 0.006), ("petzval", 1, 0.007), ("petzval", 2, 0.01)],
 )  # fmt: skip
 def test_shipped_lenses_have_the_images_of_their_ray_tracer(name, row, error):
     """Huygens-Fresnel integrals by optiland, on 48 x 48 points of about one micrometre."""
