@@ -17,6 +17,7 @@ metrics          the estimate against the truth   -> Outcome, Summary
 
 design           Instrument, Tracker, Scene, campaign: what a design file holds
 trial            one trial in any fidelity: frame, window, spots, covariance
+population       units of a design: draws, calibrations, and fast trials over many
 sequence         trials in time: tracking, loss, reacquisition
 montecarlo       many trials: workers, store, resume, variance reduction
 budget           what the error is made of, cause by cause

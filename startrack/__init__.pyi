@@ -23,6 +23,7 @@ from . import verification as verification
 from .core import Camera as Camera
 from .core import Curve as Curve
 from .core import DiffuseLight as DiffuseLight
+from .core import Displacement as Displacement
 from .core import Estimate as Estimate
 from .core import FieldPolynomial as FieldPolynomial
 from .core import FieldPsf as FieldPsf

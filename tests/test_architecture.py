@@ -10,7 +10,7 @@ ROOMS = (
     *("core", "io"),
     *("catalog", "scene", "optics", "motion", "detector"),
     *("detection", "identification", "attitude", "metrics"),
-    *("design", "trial", "sequence", "montecarlo", "budget", "verification"),
+    *("design", "trial", "population", "sequence", "montecarlo", "budget", "verification"),
     *("optimise", "calibration", "mission"),
     *("earth.terrain", "earth.geometry", "earth.atmosphere", "earth.imager"),
     *("plots", "report", "benchmark", "cli"),

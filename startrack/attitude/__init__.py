@@ -11,10 +11,12 @@ consensus      The largest set of matched directions that one attitude explains.
 refine         Gauss-Newton on the residuals in the image plane, and the covariance of the
                attitude.
 solve          Estimate from Spots and Matches: attitude, covariance and status.
+camera         Identified frames of one camera -> the camera model that fits them all.
 follow         Filtered attitude and gyroscope bias from attitudes in time and gyroscope rates.
 """
 
 from startrack.attitude.align import Alignment, Observability, align
+from startrack.attitude.camera import UNKNOWNS, Calibrated, Calibration, calibrate, camera_slopes
 from startrack.attitude.consensus import consensus
 from startrack.attitude.follow import Gyroscope, State, correct, predict, start
 from startrack.attitude.mounting import Mounting
@@ -26,6 +28,8 @@ from startrack.attitude.wahba import davenport, foam, quest, svd
 # Public; the other imports serve other rooms.
 __all__ = [
     "Alignment",
+    "Calibrated",
+    "Calibration",
     "Gyroscope",
     "Mounting",
     "Observability",
@@ -33,6 +37,7 @@ __all__ = [
     "SolverSettings",
     "State",
     "align",
+    "calibrate",
     "consensus",
     "correct",
     "davenport",

@@ -1,6 +1,5 @@
-"""Camera and detector from data: least squares and emcee.
+"""Camera and detector from data: least squares (of `startrack.attitude`) and emcee.
 
-camera           Identified frames of one camera -> the camera model that fits them all.
 star_table       Table of stars (CSV, FITS, VOTable) -> their directions, pixels and temperatures.
 field            Table of stars -> the cameras of several orders that fit it, and which order the
                  stars bear.
@@ -10,7 +9,7 @@ photon_transfer  Flat and dark frames -> samples of the detector's constants
                  (emcee).
 """
 
-from startrack.calibration.camera import UNKNOWNS, Calibrated, Calibration, calibrate
+from startrack.attitude import UNKNOWNS, Calibrated, Calibration, calibrate
 from startrack.calibration.field import (
     OUTLIER,
     FieldFit,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.calibration.camera import Calibration, calibrate
+from startrack.attitude import Calibration, calibrate
 from startrack.calibration.psf_width import width_likelihood
 from startrack.core import Camera, Floats, Frame, Matches, Spots, distort, non_negative, positive
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends

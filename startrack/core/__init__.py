@@ -20,6 +20,8 @@ camera     Direction to pixel and pixel to direction, both ways together, with O
            distortion.
 values     The nouns that flow from room to room; every array has its shape and unit here.
 field_psf  FieldPsf: the images of points over a frame and over colour, as sums of a few tables.
+lagrange   Nodes and places -> weights of the values at the nodes, by polynomials through them.
+displacement  Displacement: a smooth field of displacements over a frame, by values at nodes.
 dates      Date as text -> astropy Time, converted with the installed tables.
 variates   Random variates for compiled code: bits of a counter, normal and Poisson quantiles.
 """
@@ -40,10 +42,12 @@ from startrack.core.checks import (
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
 from startrack.core.dispatcher import COMPILED_BESIDE
+from startrack.core.displacement import NODES, Displacement, node_places
 from startrack.core.field_polynomial import FieldPolynomial, monomials
 from startrack.core.field_psf import FieldPsf
 from startrack.core.interpret import interpreted
 from startrack.core.kernel import FOLDERS, UNKEPT, is_compiled, kernel
+from startrack.core.lagrange import local_weights
 from startrack.core.memory import (
     GIB,
     begin_limited,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from startrack.core.arrays import Floats
 from startrack.core.checks import finite, positive, whole
+from startrack.core.displacement import Displacement
 from startrack.core.field_polynomial import FieldPolynomial
 from startrack.core.kernel import kernel
 
@@ -20,6 +21,9 @@ NO_ROTATION = np.zeros(3)
 # polynomial, so that one of a third converges.
 MOST_STEPS = 60
 SMALLEST_STEP = 1e-15  # of the plane
+ROUNDS = 100  # of the inverse of a distortion, at most
+LEAST_STEP = 1e-15  # at which its last digit no longer changes
+STEPS = 3  # of the inverse of a residual, each a hundred times nearer; chosen by hand
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,7 @@ class Camera:
     principal_x, _y        pixel from the centre of the array
     k1, k2, p1, p2, k3     OpenCV's distortion coefficients
     polynomial             over the field, as `calibrate` fits it to a table of stars; None: none
+    residual               displacement by which places differ from this model; None: nowhere
     """
 
     columns: int
@@ -51,6 +56,7 @@ class Camera:
     p2: float = 0.0
     k3: float = 0.0
     polynomial: FieldPolynomial | None = None
+    residual: Displacement | None = None
 
     def __post_init__(self) -> None:
         whole(1, 2**20, columns=self.columns, rows=self.rows)
@@ -117,12 +123,21 @@ class Camera:
         Accuracy   numerical: 1e-12 of the array's width.
         """
         direction = np.atleast_2d(np.ascontiguousarray(direction, float))
+        pixel = self._model(direction)
+        return pixel if self.residual is None else pixel + self.residual(pixel)
+
+    @property
+    def ideal(self) -> Camera:
+        """The camera without its residual: what a model of these parameters says."""
+        return self if self.residual is None else replace(self, residual=None)
+
+    def _model(self, direction: Floats) -> Floats:
         if not self.distorted:
             return np.asarray(_pinhole(direction, self.focal_length_px, *self.centre))
         plane = _pinhole(direction, 1.0, 0.0, 0.0)
         if self.polynomial is not None:
             shift = self.polynomial.shift(plane) * self.focal_length_px
-            return replace(self, polynomial=None).project(direction) + shift
+            return replace(self, polynomial=None, residual=None).project(direction) + shift
         if len(plane):
             points = np.column_stack([plane, np.ones(len(plane))])
             pixel, _ = cv2.projectPoints(
@@ -140,15 +155,14 @@ class Camera:
                   polynomial is no steeper than a third.
         """
         pixel = np.atleast_2d(np.asarray(pixel, float))
+        if self.residual is not None:
+            displaced, pixel = pixel, pixel - self.residual(pixel)
+            for _ in range(STEPS):
+                pixel = displaced - self.residual(pixel)
         if self.polynomial is not None:
             return self._without_polynomial(pixel, self.polynomial)
         if self.distorted and len(pixel):
-            plane = cv2.undistortPoints(
-                pixel.reshape(-1, 1, 2),
-                self._matrix,
-                self._coefficients,
-                criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-14),
-            ).reshape(-1, 2)
+            plane = self._undistorted((pixel - self.centre) / self.focal_length_px)
         else:
             plane = (pixel - self.centre) / self.focal_length_px
         direction = np.column_stack([plane, np.ones(len(plane))])
@@ -156,7 +170,7 @@ class Camera:
 
     def _without_polynomial(self, pixel: Floats, polynomial: FieldPolynomial) -> Floats:
         """Fixed point of: the direction of the pixel less the shift at that direction."""
-        plain = replace(self, polynomial=None)
+        plain = replace(self, polynomial=None, residual=None)
         plane = np.zeros((len(pixel), 2))
         direction = np.empty((len(pixel), 3))
         for _ in range(MOST_STEPS):
@@ -165,6 +179,28 @@ class Camera:
             if not np.abs(plane - before).max(initial=0.0) > SMALLEST_STEP:
                 break
         return direction
+
+    def _undistorted(self, distorted: Floats) -> Floats:
+        """The points (n, 2) that `distort` makes these of, by OpenCV's iteration to its end."""
+        start_x, start_y = distorted.T
+        x, y = start_x, start_y
+        for _ in range(ROUNDS):
+            r2 = x * x + y * y
+            radial = 1 + ((self.k3 * r2 + self.k2) * r2 + self.k1) * r2
+            off_x = 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x)
+            off_y = self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                new_x, new_y = (start_x - off_x) / radial, (start_y - off_y) / radial
+            # Beyond the turning point of the distortion there is no inverse; OpenCV's answer.
+            new_x, new_y = (
+                np.where(radial > 0, new_x, start_x),
+                np.where(radial > 0, new_y, start_y),
+            )
+            moved = np.abs(new_x - x).max() + np.abs(new_y - y).max()
+            x, y = new_x, new_y
+            if not moved > LEAST_STEP:
+                break
+        return np.column_stack([x, y])
 
     def holds(self, pixel: Floats, margin: float = 0.0) -> NDArray[np.bool_]:
         """Which pixels (n, 2) lie on the array, or at most `margin` pixel outside."""

@@ -44,5 +44,9 @@ class Curve:
             return np.full(np.shape(wavelength), self.value[0])
         return np.interp(wavelength, self.wavelength, self.value, left=0.0, right=0.0)
 
+    def scaled(self, factor: float) -> Curve:
+        """The curve times a factor, within [0, 1]."""
+        return Curve(self.wavelength, tuple(min(max(one * factor, 0.0), 1.0) for one in self.value))
+
 
 ALL = Curve()  # nothing is lost at any wavelength

@@ -9,6 +9,7 @@ import numpy as np
 
 from startrack.core.arrays import Floats, Ints
 from startrack.core.kernel import kernel
+from startrack.core.lagrange import lagrange_weights, local_weights
 from startrack.core.values import Psf
 
 LEAST = 0.5  # electron in a pixel, below which a term of a star is left out; chosen by hand
@@ -47,9 +48,9 @@ class FieldPsf:
 
     def at(self, x: Floats, y: Floats, colour: Floats) -> Floats:
         """Shift, relative flux and coefficients (n, 3 + k) at places and colours (n,)."""
-        first_x, weight_x = _local(self.x, x)
-        first_y, weight_y = _local(self.y, y)
-        weight_c = _lagrange(self.colour, np.clip(colour, self.colour[0], self.colour[-1]))
+        first_x, weight_x = local_weights(self.x, x)
+        first_y, weight_y = local_weights(self.y, y)
+        weight_c = lagrange_weights(self.colour, np.clip(colour, self.colour[0], self.colour[-1]))
         found = np.zeros((len(first_x), self.value.shape[-1]))
         _add_near(self.value, first_x, weight_x, first_y, weight_y, weight_c, found)
         return found
@@ -73,17 +74,17 @@ class FieldPsf:
     def over_colour(self, values: Floats, colour: Floats) -> Floats:
         """Values (c, ...) at the nodes of the colour, between them (n, ...)."""
         inside = np.clip(colour, self.colour[0], self.colour[-1])
-        return np.tensordot(_lagrange(self.colour, inside), values, 1)
+        return np.tensordot(lagrange_weights(self.colour, inside), values, 1)
 
     def of_one_colour(self, colour: float) -> FieldPsf:
         """The images of light of any colour as those of one."""
-        weight = _lagrange(self.colour, np.array([colour]))[0]
+        weight = lagrange_weights(self.colour, np.array([colour]))[0]
         value = np.tensordot(weight, self.value, 1)[None]
         return replace(self, colour=np.array([colour]), value=value)
 
     def of_one_place(self, colour: float) -> FieldPsf:
         """The mean image over the frame everywhere, at shifts relative to those of a colour."""
-        weight = _lagrange(self.colour, np.array([colour]))[0]
+        weight = lagrange_weights(self.colour, np.array([colour]))[0]
         value = np.empty_like(self.value)
         value[..., :SHIFT] = self.value[..., :SHIFT] - np.tensordot(
             weight, self.value[..., :SHIFT], 1
@@ -146,22 +147,3 @@ def _add_near(value, first_x, weight_x, first_y, weight_y, weight_c, found):  # 
                     near = value[c, first_y[n] + j, first_x[n] + i]
                     for k in range(len(near)):
                         found[n, k] += weight * near[k]
-
-
-def _local(nodes: Floats, at: Floats) -> tuple[Ints, Floats]:
-    """First of the four nodes around each place, and the weights (n, 4) of a cubic through them."""
-    step = nodes[1] - nodes[0]
-    place = np.clip((at - nodes[0]) / step, 0, len(nodes) - 1)
-    first = np.clip(np.floor(place).astype(np.int64) - 1, 0, len(nodes) - 4)
-    return first, _lagrange(np.arange(4.0), place - first)
-
-
-def _lagrange(nodes: Floats, at: Floats) -> Floats:
-    """(n, k) weights of the values at nodes (k,) for those of the polynomial at places (n,)."""
-    away = at[:, None] - nodes
-    weight = np.ones((len(at), len(nodes)))
-    for k in range(len(nodes)):
-        for other in range(len(nodes)):
-            if other != k:
-                weight[:, k] *= away[:, other] / (nodes[k] - nodes[other])
-    return weight

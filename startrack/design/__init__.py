@@ -13,6 +13,8 @@ objective     Outcomes of trials -> the error that is minimised, and ratios of i
 lens_cost     Optics with a lens table -> mass, volume and price of the lens, from its glass.
 requirements  Requirements: what a design must meet before its accuracy counts.
 conditions    Condition: a rate, a background or an age at which a design is judged, too.
+variation     Variation: how a number of the truth differs between units, environments, in time.
+calibration   CameraCalibration: how the camera model of each unit is measured.
 campaign      Campaign: what a study of a design is asked.
 ranges        Class of parameters -> the range of each field, as its own checks state it.
 keys          The keys of a design file: type, unit, range, default and meaning of each.
@@ -22,6 +24,7 @@ files         Design files: a case, and optionally a campaign on it, as TOML wit
               strings.
 """
 
+from startrack.design.calibration import CameraCalibration
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Fidelity, Instrument, Temperatures, Tracker
 from startrack.design.choice import Choice, branches
@@ -39,6 +42,7 @@ from startrack.design.files import Design, load_design, save_design
 from startrack.design.keys import Key, design_keys, keys_of
 from startrack.design.lens_cost import LensCost, cost_of, lens_cost
 from startrack.design.objective import AXES, KINDS, Objective
+from startrack.design.parameter import find as found_at
 from startrack.design.parameter import replaced, replaced_all
 from startrack.design.products import products
 from startrack.design.ranges import ranges_of
@@ -46,10 +50,20 @@ from startrack.design.requirements import Accuracy, KeepOut, Requirements
 from startrack.design.schema import design_schema
 from startrack.design.template import template
 from startrack.design.variables import DesignSpace, Link, Variable
+from startrack.design.variation import (
+    YEAR,
+    Moment,
+    Scope,
+    Variation,
+    differences,
+    law_of,
+    unit_case,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Accuracy",
+    "CameraCalibration",
     "Campaign",
     "Change",
     "Choice",
@@ -60,7 +74,9 @@ __all__ = [
     "Link",
     "Objective",
     "Requirements",
+    "Scope",
     "Variable",
+    "Variation",
     "judged",
     "replaced",
     "replaced_all",

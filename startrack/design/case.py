@@ -11,13 +11,24 @@ import numpy as np
 
 from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
-from startrack.core import Camera, Floats, Unit, finite, one_of, within
+from startrack.core import Camera, Floats, Unit, finite, non_negative, one_of, within
+from startrack.design.calibration import CameraCalibration
 from startrack.design.epoch import believed_from, seen_from
+from startrack.design.variation import Variation, check_variations
 from startrack.detection import Box, Detection
 from startrack.detector import Detector
 from startrack.identification import Identification
 from startrack.motion import Motion
-from startrack.optics import ROOM, Baffle, Ghosts, Optics, fit_camera, lens_surfaces, open_optics
+from startrack.optics import (
+    ROOM,
+    Baffle,
+    Ghosts,
+    Optics,
+    Residual,
+    fit_camera,
+    lens_surfaces,
+    open_optics,
+)
 from startrack.scene import SUN, WAVELENGTH, Scene, blackbody_photons
 
 
@@ -60,6 +71,7 @@ class Instrument:
     baffle    what it lets through of Sun, Moon and Earth; None: nothing
     thermal   temperatures; None: the lens is at 20 degC
     ghosts    reflections in the lens that make ghosts of bright sources; None: no ghosts
+    residual  displacements that no camera model holds, which a calibration leaves; None: none
     """
 
     optics: Optics
@@ -70,6 +82,7 @@ class Instrument:
     baffle: Baffle | None = None
     thermal: Temperatures | None = None
     ghosts: Ghosts | None = None
+    residual: Residual | None = None
 
     def __post_init__(self) -> None:
         finite(delay=self.delay)
@@ -96,6 +109,12 @@ class Instrument:
 
         Raises  ValueError where the table does not hold the frame, the band or the temperature.
         """
+        model = self._camera_model
+        field = self.residual.field(model) if self.residual else None
+        return model if field is None else replace(model, residual=field)
+
+    @property
+    def _camera_model(self) -> Camera:
         optics = self.optics
         shift_x, shift_y = self.detector.shift
         if optics.traced:
@@ -149,6 +168,8 @@ class Tracker:
     delay     second that it takes off its time stamps, None for all of the delay there is
     motion    how it believes the camera to turn, None for as it does, jitter apart; where lines
               scan, each spot has its own time
+    calibration   how the camera of each unit is calibrated, where units vary; None: not at all, it
+                  is believed to be as designed
     focal_length_by_colour  whether it scales the place of each star by a focal length of the star's
               colour in its catalogue, as calibrated: it takes off most of the lateral colour of a
               lens table
@@ -172,6 +193,7 @@ class Tracker:
     focal_length_by_colour: bool = False
     acquisition: str = "whole"
     box: Box = field(default_factory=Box)
+    calibration: CameraCalibration | None = None
 
     def __post_init__(self) -> None:
         one_of(("whole", "box"), acquisition=self.acquisition)
@@ -193,8 +215,11 @@ class Case:
     What the tracker believes comes from the design, from its settings or from a calibration, never
     from what a unit has by chance: see `as_designed`.
 
-    design  the case that this one is a unit of, whose truth differs by chance; None: it is as
-            designed. No file holds it
+    variation  what differs between units, launches, environments and in time; a trial without
+               units leaves it out
+    lifetime   second, age at the end of life
+    design     the case that this one is a unit of, whose truth differs by chance; None: it is as
+               designed. No file holds it
 
     Raises  ValueError where the catalogue contradicts the scene.
     """
@@ -203,6 +228,8 @@ class Case:
     tracker: Tracker = field(default_factory=Tracker)
     scene: Scene = field(default_factory=Scene)
     catalog: Selection = field(default_factory=Selection)
+    variation: tuple[Variation, ...] = ()
+    lifetime: Annotated[float, Unit("s", "yr")] = 0.0
     design: Case | None = field(default=None, metadata={"computed": True})
 
     def __post_init__(self) -> None:
@@ -222,6 +249,8 @@ class Case:
         if self.tracker.catalog:
             believed = believed_from(self.scene, catalog, self.tracker.catalog)
             object.__setattr__(self, "tracker", replace(self.tracker, catalog=believed))
+        non_negative(lifetime=self.lifetime)
+        check_variations(self, self.variation)
 
     @cached_property
     def as_designed(self) -> Case:
@@ -235,10 +264,19 @@ class Case:
         tracker = replace(self.tracker, camera=own.camera, mounting=own.mounting, delay=own.delay)
         return self.design if tracker == own else replace(self.design, tracker=tracker)
 
+    @cached_property
+    def without_units(self) -> Case:
+        """The case without what differs between units."""
+        return replace(self, variation=()) if self.variation else self
+
+    def unit_of(self, design: Case) -> Case:
+        """The case as the truth of a unit of a design."""
+        return replace(self, design=design)
+
     @property
     def believed_camera(self) -> Camera:
         """The camera that the tracker computes with."""
-        return self.tracker.camera or self.calibrated.camera
+        return self.tracker.camera or self.calibrated.camera.ideal
 
     @cached_property
     def calibrated(self) -> Instrument:

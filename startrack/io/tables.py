@@ -12,6 +12,7 @@ import typing
 import warnings
 from collections.abc import Mapping
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
@@ -44,7 +45,7 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
     """
     if not isinstance(table, Mapping):
         raise ValueError(f"{place or 'the file'} must be a table, got {shown(table)}")
-    fields = fields_of(kind)
+    fields = fields_of(kind)  # type: ignore[arg-type]
     table = _with_new_keys(kind, table, place)
     for key in table:
         if key not in fields:
@@ -130,7 +131,7 @@ def _long_key(text: str) -> str:
 def to_table(value: Any) -> dict[str, Any]:
     """Turn a parameter object into a table that `from_table` reads back to an equal object."""
     table = {}
-    for name, each in fields_of(type(value)).items():
+    for name, each in fields_of(type(value)).items():  # type: ignore[arg-type]
         item = getattr(value, name)
         if item is not None:
             table[name] = written(each, item)
@@ -164,7 +165,8 @@ def unit_of(kind: type, name: str) -> Unit | None:
     return fields_of(kind)[name].unit
 
 
-def fields_of(kind: type) -> dict[str, Field]:
+@cache
+def fields_of(kind: type) -> Mapping[str, Field]:
     """The fields of a parameter object that a file may give, by name; none that is `computed`."""
     hints = typing.get_type_hints(kind, include_extras=True)
     fields = {}
@@ -178,7 +180,7 @@ def fields_of(kind: type) -> dict[str, Field]:
             default = None if made is dataclasses.MISSING else made()
         beyond = isinstance(default, float) and not math.isfinite(default)
         fields[entry.name] = Field(kind, unit, required, default, beyond)
-    return fields
+    return types.MappingProxyType(fields)
 
 
 def _bare(hint: Any) -> tuple[Any, Unit | None]:

@@ -28,6 +28,7 @@ ray_trace     Prescription of a lens -> its LensTable, by rays of the program op
               `lens`).
 ghosts        Light -> Light: ghosts of bright sources by two reflections in the lens, as diffuse
               light.
+residual      Residual: what the places of stars differ by from any camera model, a random field.
 baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light.
 """
 
@@ -74,6 +75,7 @@ from startrack.optics.ray_trace import (
     surfaces_of,
     trace_lens,
 )
+from startrack.optics.residual import Residual
 from startrack.optics.surfaces import Surfaces, load_surfaces, open_surfaces, save_surfaces
 from startrack.optics.zernike import Aberration, zernike
 
@@ -91,6 +93,7 @@ __all__ = [
     "PsfFile",
     "Pupil",
     "Quality",
+    "Residual",
     "Segment",
     "at_field",
     "blur_transfer",

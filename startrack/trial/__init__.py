@@ -52,7 +52,16 @@ from startrack.trial.conditions import (
 from startrack.trial.covariance import outcomes
 from startrack.trial.neighbours import blending_shift
 from startrack.trial.require import require_fidelity
-from startrack.trial.spot_plan import plan_of, refuse
+from startrack.trial.spot_plan import (
+    Limits,
+    Plan,
+    limits_of,
+    plan_of,
+    plan_within,
+    refuse,
+    through_of,
+    view_of,
+)
 from startrack.trial.spots import spots_of
 from startrack.trial.star_errors import METHOD, READ, SHOT, TYPICAL, Errors, errors, lasting
 from startrack.trial.star_response import (

@@ -103,7 +103,11 @@ TOGETHER = 64  # trials that are solved together
 
 
 def outcomes(
-    case: Case, seed: int, numbers: Sequence[int], icrs_to_camera: Rotation | None = None
+    case: Case,
+    seed: int,
+    numbers: Sequence[int],
+    icrs_to_camera: Rotation | None = None,
+    plan: Plan | None = None,
 ) -> NDArray[np.void]:
     """The outcomes of some trials, with identification assumed to be perfect.
 
@@ -113,6 +117,7 @@ def outcomes(
     positions in the pixel, rendered without noise but with smear and the response of the pixels.
 
     icrs_to_camera  a true attitude for each; None: those of the same trials of other fidelities
+    plan            of the case; None: `plan_of`
     Returns  (n,) structured array, as `judge_all` gives it, in the order of `numbers`
     Raises    ValueError that names what in the case needs an image.
     Accuracy  model: normal errors, to first order in the noise; single stars with the smear of the
@@ -121,7 +126,7 @@ def outcomes(
               crowded fields it is a tenth less, because the errors of merged stars are larger.
     """
     refuse(case)
-    plan = plan_of(case)
+    plan = plan or plan_of(case)
     parts = []
     for at in range(0, len(numbers), BLOCK):
         block = numbers[at : at + BLOCK]
@@ -166,7 +171,10 @@ def _tried(
     _draw(matrix, keys, plan, drawn)
     matched, spots = drawn.matched, drawn.spots
     truth = attitude
-    if case.time_tag_error or case.instrument.mounting != case.believed_mounting:
+    mounting, believed = case.instrument.mounting, case.believed_mounting
+    if not case.time_tag_error and not mounting.swings and mounting != believed:
+        truth = believed.camera_to_body().inv() * mounting.camera_to_body() * attitude
+    elif case.time_tag_error or mounting != believed:
         truth = Rotation.concatenate(
             [reference_attitude(case, attitude[n], Streams(seed, numbers[n])) for n in range(many)]
         )
@@ -204,7 +212,7 @@ def _draw(attitude, keys, plan, drawn):  # type: ignore[no-untyped-def]
             dx = seen.dx - stretch * (seen.x + seen.dx - view.centre_x)
             dy = seen.dy - stretch * (seen.y + seen.dy - view.centre_y)
             spread = (seen.xx * seen.xx + seen.yx * seen.yx + seen.yy * seen.yy) / 2
-            reach = gate * gate * 2 * (spread + field.systematic[i])
+            reach = gate * gate * 2 * (spread + field.systematic[i] + through.slack)
             if not field.known[i] or dx * dx + dy * dy > reach:
                 others += 1
                 continue

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack.catalog import Selection, open_sky
-from startrack.core import Floats, Ints, Light
+from startrack.core import Camera, Floats, Ints, Light
 from startrack.design import Case
 from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
@@ -66,6 +66,8 @@ class Through(NamedTuple):
     table        (k, q, p, 3) pixel shift x and y; logarithm of the relative flux
     step_x, _y   pixel, between two places
     wide, high   pixel, of a zone;  across, down  zones in a row and in a column
+    slack        pixel^2 per axis, mean square of a unit's residual: the solver's gate grows with
+                 the typical residual
     """
 
     table: Floats
@@ -75,6 +77,7 @@ class Through(NamedTuple):
     high: float
     across: int
     down: int
+    slack: float = 0.0
 
 
 class Companions(NamedTuple):
@@ -111,7 +114,7 @@ class View(NamedTuple):
     cosine: float
 
 
-NO_LENS = Through(np.zeros((0, 1, 1, 3)), 1.0, 1.0, 1.0, 1.0, 1, 1)
+NO_LENS = Through(np.zeros((0, 1, 1, 3)), 1.0, 1.0, 1.0, 1.0, 1, 1, 0.0)
 
 
 class Plan(NamedTuple):
@@ -159,10 +162,21 @@ def refuse(case: Case) -> None:
         )
 
 
-@lru_cache(maxsize=8)
-def plan_of(case: Case) -> Plan:
-    """Measure the stars of a case; kept for the 8 last cases."""
-    instrument, settings = case.instrument, case.tracker.detection
+class Limits(NamedTuple):
+    """The stars that a plan holds.
+
+    faintest, brightest  electrons, between which stars are measured
+    found                (n,) indices into the sky, in order of the last coordinate
+    """
+
+    faintest: float
+    brightest: float
+    found: Ints
+
+
+def limits_of(case: Case) -> Limits:
+    """The stars that can be detected."""
+    instrument = case.instrument
     detector, camera, psf = instrument.detector, instrument.camera, psf_of(instrument)
     stars = open_sky(case.catalog).stars
     flux, sky = arriving(_light(case.catalog, case.scene), camera, detector, throughput(instrument))
@@ -172,9 +186,8 @@ def plan_of(case: Case) -> Plan:
     detection = detection_plan(case)
     noise *= float(np.linalg.norm(detection.kernel.whole.astype(float)))
     threshold = detection.threshold(detector.columns * detector.rows)
-    lens = instrument.optics.tabulated
     shapes = [psf]
-    if lens:
+    if instrument.optics.tabulated:
         images = field_psf_of(instrument)
         shapes += [images.image(*one)[0] for one in zones_of(case).middles]
     peak = max(float(star_profile(one, detection.kernel)[0]) for one in shapes)
@@ -183,15 +196,25 @@ def plan_of(case: Case) -> Plan:
         flux >= min(faintest, flux.max())
     )  # at least one, so that arrays are not empty
     found = found[np.argsort(stars.direction[found, 2])]
+    return Limits(faintest, float(flux[found].max(initial=faintest)), found)
+
+
+@lru_cache(maxsize=8)
+def plan_of(case: Case) -> Plan:
+    """Measure the stars of a case; kept for the 8 last cases."""
+    return plan_within(case, limits_of(case))
+
+
+def plan_within(case: Case, limits: Limits) -> Plan:
+    """`plan_of`, with given stars, so that the plans of several cases have the same shape."""
+    instrument, settings = case.instrument, case.tracker.detection
+    detector, camera = instrument.detector, instrument.camera
+    stars = open_sky(case.catalog).stars
+    flux, sky = arriving(_light(case.catalog, case.scene), camera, detector, throughput(instrument))
+    faintest, brightest, found = limits
+    lens = instrument.optics.tabulated
     believed = open_sky(case.believed_catalog).stars
     there, known = believed.find(stars.identifier[found])
-    x, y = camera.centre
-    view = View(
-        *(camera.columns, camera.rows, camera.focal_length_px, x, y),
-        *(camera.k1, camera.k2, camera.p1, camera.p2, camera.k3),
-        *(peak_border(settings), math.cos(camera.half_diagonal)),
-    )
-    brightest = float(flux[found].max(initial=faintest))
     grid = Grid(case, sky)
     radius = (REACH + 1) / camera.focal_length_px
     return Plan(
@@ -206,11 +229,47 @@ def plan_of(case: Case) -> Plan:
             *_colours(case, stars.colour[found], believed.colour[there]),
         ),
         _companions(stars.direction, flux, found, radius),
-        view,
+        view_of(camera, peak_border(settings)),
         case.tracker.attitude.gate,
-        false_alarms(detection, detector.columns, detector.rows),
-        _through(case) if lens else NO_LENS,
+        false_alarms(detection_plan(case), detector.columns, detector.rows),
+        through_of(case),
     )  # fmt: skip
+
+
+def view_of(camera: Camera, border: int) -> View:
+    """A camera for the kernels."""
+    x, y = camera.centre
+    return View(
+        *(camera.columns, camera.rows, camera.focal_length_px, x, y),
+        *(camera.k1, camera.k2, camera.p1, camera.p2, camera.k3),
+        *(border, math.cos(camera.half_diagonal)),
+    )
+
+
+def through_of(case: Case) -> Through:
+    """What a lens table and the residual of a unit do to stars over the frame."""
+    camera = case.instrument.camera
+    if case.instrument.optics.tabulated:
+        return _with_residual(_through(case), camera)
+    if camera.residual is None:
+        return NO_LENS
+    none = np.zeros((1, STEPS + 1, STEPS + 1, 3))
+    steps = camera.columns / STEPS, camera.rows / STEPS
+    return _with_residual(
+        Through(none, *steps, float(camera.columns), float(camera.rows), 1, 1), camera
+    )
+
+
+def _with_residual(through: Through, camera: Camera) -> Through:
+    """The shifts with those of a camera's residual."""
+    if camera.residual is None:
+        return through
+    x = np.arange(STEPS + 1) * through.step_x - 0.5
+    y = np.arange(STEPS + 1) * through.step_y - 0.5
+    moved = camera.residual(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    table = through.table.copy()
+    table[..., :2] += moved.reshape(STEPS + 1, STEPS + 1, 2)
+    return through._replace(table=table, slack=float((moved**2).mean()))
 
 
 def _colours(case: Case, true: Floats, believed: Floats) -> tuple[Ints, Ints, Floats]:

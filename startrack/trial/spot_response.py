@@ -185,7 +185,7 @@ def companion_shift(grid: Grid, flux: float) -> Floats:
 
 def _smear(case: Case) -> Floats:
     """Weight, x and y (pixel) of the path of a star in the middle of the field, (m, 3)."""
-    camera = case.instrument.camera
+    camera = case.instrument.camera.ideal
     path = line_of_sight(case.instrument, Streams(0, 0))
     place = camera.project(Rotation.from_rotvec(path.rotation).apply([0.0, 0.0, 1.0]))
     return np.column_stack([path.weight, place - camera.centre])

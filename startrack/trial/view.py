@@ -176,7 +176,7 @@ def _whole_images(instrument: Instrument) -> FieldPsf:
     return _computed(
         replace(instrument.optics, lens_field=True, lens_colour=True),
         instrument.lens_temperature,
-        instrument.camera,
+        instrument.camera.ideal,
         detector.pitch,
         (spectra / spectra.max()).tobytes(),
         detector.fill_factor,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from startrack.attitude.camera import UNKNOWNS
 from startrack.calibration import Calibration, calibrate
-from startrack.calibration.camera import UNKNOWNS
 from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.core.values import Matches, Status

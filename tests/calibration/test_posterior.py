@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from startrack.calibration.camera import Calibration, calibrate
+from startrack.calibration import Calibration, calibrate
 from startrack.calibration.posterior import CAMERA, Prior, project, sample_camera
 from startrack.core.camera import Camera
 from startrack.core.values import Matches, Spots, Status

@@ -174,7 +174,8 @@ class _Frame:
         residual = self.residual(camera)
         inverse, _, weight = self._weigh(camera, floor)
         inverse = inverse * weight[:, None, None]
-        camera_rows, attitude_rows = self._rows(camera)
+        points = self.icrs_to_camera.apply(self.direction)
+        camera_rows, attitude_rows = camera_slopes(camera, points)
         camera_rows = camera_rows[:, :, free]
         weighed = np.einsum("nij,njk->nik", inverse, attitude_rows)
         attitude = np.linalg.inv(np.einsum("nij,nik->jk", attitude_rows, weighed))
@@ -203,19 +204,20 @@ class _Frame:
         weight = np.minimum(1.0, HUBER * np.sqrt(2 * typical / np.maximum(square, 1e-12)))
         return inverse, square, weight
 
-    def _rows(self, camera: Camera) -> tuple[Floats, Floats]:
-        """Derivatives of the pixels by UNKNOWNS (n, 2, 8) and by a small rotation (n, 2, 3)."""
-        points = self.icrs_to_camera.apply(self.direction)
-        x, y = camera.centre
-        matrix = np.array(
-            [[camera.focal_length_px, 0, x], [0, camera.focal_length_px, y], [0, 0, 1]]
-        )
-        coefficients = np.array([camera.k1, camera.k2, camera.p1, camera.p2, camera.k3])
-        _, derivatives = cv2.projectPoints(points, NO_MOTION, NO_MOTION, matrix, coefficients)
-        jacobian: Floats = np.asarray(derivatives, np.float64).reshape(len(points), 2, -1)
-        # OpenCV's columns: rotation 3, translation 3, focal lengths 2, centre 2, distortion 5.
-        scale = jacobian[:, :, 6:8].sum(axis=2, keepdims=True)
-        return np.concatenate([scale, jacobian[:, :, 8:15]], axis=2), jacobian[:, :, :3]
+
+def camera_slopes(camera: Camera, points: Floats) -> tuple[Floats, Floats]:
+    """Derivatives of the pixels of directions (n, 3) by a camera and by a small rotation of it.
+
+    Returns  (n, 2, 8) by UNKNOWNS, (n, 2, 3) pixel / radian
+    """
+    x, y = camera.centre
+    matrix = np.array([[camera.focal_length_px, 0, x], [0, camera.focal_length_px, y], [0, 0, 1]])
+    coefficients = np.array([camera.k1, camera.k2, camera.p1, camera.p2, camera.k3])
+    _, derivatives = cv2.projectPoints(points, NO_MOTION, NO_MOTION, matrix, coefficients)
+    jacobian: Floats = np.asarray(derivatives, np.float64).reshape(len(points), 2, -1)
+    # OpenCV's columns: rotation 3, translation 3, focal lengths 2, centre 2, distortion 5.
+    scale = jacobian[:, :, 6:8].sum(axis=2, keepdims=True)
+    return np.concatenate([scale, jacobian[:, :, 8:15]], axis=2), jacobian[:, :, :3]
 
 
 def _vector(camera: Camera) -> Floats:

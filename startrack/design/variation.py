@@ -1,0 +1,290 @@
+"""Variation: how a number of the truth differs between units, environments and in time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from startrack.core import Curve, Streams, finite, non_negative, one_of, parse, within
+from startrack.design.parameter import find, replaced_all, unit_at
+
+LAWS = ("normal", "truncated", "uniform", "lognormal", "sinusoid", "table")
+ABSOLUTE, RELATIVE = "absolute", "relative"
+TRUTH = ("instrument.", "scene.", "catalog.")
+YEAR = 365.25 * 86400  # second, the Julian year
+
+
+class Scope(StrEnum):
+    """Between which a number differs.
+
+    unit         as built
+    launch       after one step, at launch
+    environment  over orbits and seasons: temperature and what follows it
+    life         by a constant drift of each unit, per year
+    frame        from frame to frame
+    """
+
+    UNIT = "unit"
+    LAUNCH = "launch"
+    ENVIRONMENT = "environment"
+    LIFE = "life"
+    FRAME = "frame"
+
+
+@dataclass(frozen=True)
+class Variation:
+    """How one number of the truth differs by chance; the tracker does not know by how much.
+
+        value = design (1 + sum of relative differences) + sum of absolute differences
+
+    With z a standard normal number and u = Phi(z) the uniform one that belongs to it, the
+    difference d is
+
+        normal     mean + sigma z
+        truncated  as normal, given that low <= d <= high
+        uniform    low + (high - low) u
+        lognormal  exp(mean + sigma z) - 1, relative
+        sinusoid   mean + amplitude sin(2 pi u + phase): at a random time of an orbit or a season
+        table      between `values` evenly spaced over u: quantiles if they rise, else the profile
+                   over a period
+
+    name         dotted, of the truth: "instrument.optics.focal_length"; a curve over wavelength
+                 changes relatively, all values alike
+    law          see above
+    sigma, low, high, mean, amplitude  difference from the design, with a unit where it is absolute
+                 and the number has one; for scope life, per year
+    values       of the table, likewise
+    phase        1, of a sinusoid, in periods: ahead of others of its group
+    vary         "absolute" or "relative": how the difference is meant
+    per          unit, launch, environment, life or frame
+    group        variations of one group and scope share their z; "": its own
+    correlation  1, with the z of its group; a sinusoid's phase is that of its group
+    scale        1, factor on all differences from the mean: a tolerance that an optimiser may vary
+    source       where the numbers are from; it has no effect
+    """
+
+    name: str
+    law: str = "normal"
+    sigma: float | str = 0.0
+    low: float | str = 0.0
+    high: float | str = 0.0
+    mean: float | str = 0.0
+    amplitude: float | str = 0.0
+    values: tuple[float | str, ...] = ()
+    phase: float = 0.0
+    vary: str = ABSOLUTE
+    per: Scope = Scope.UNIT
+    group: str = ""
+    correlation: float = 1.0
+    scale: float = 1.0
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        one_of(LAWS, law=self.law)
+        one_of((ABSOLUTE, RELATIVE), vary=self.vary)
+        within(-1, 1, correlation=self.correlation)
+        non_negative(scale=self.scale)
+        finite(phase=self.phase)
+        if not self.name.startswith(TRUTH):
+            raise ValueError(
+                "name must begin with instrument., scene. or catalog., for only the truth varies, "
+                f"got {self.name!r}"
+            )
+        if self.law == "lognormal" and self.vary != RELATIVE:
+            raise ValueError('vary must be "relative" for law lognormal, got "absolute"')
+        if (len(self.values) >= 2) != (self.law == "table"):
+            raise ValueError(
+                f"values must be two or more for law table and none else, got {len(self.values)}"
+            )
+        if self.correlation != 1 and not self.group:
+            raise ValueError("correlation must be left out without a group")
+
+    @property
+    def stream(self) -> str:
+        """Name of the random stream of its own z."""
+        return f"variation of {self.name} per {self.per}"
+
+    @property
+    def group_stream(self) -> str:
+        """Name of the random stream of the z of its group."""
+        return f"variations of group {self.group} per {self.per}" if self.group else self.stream
+
+
+@dataclass(frozen=True)
+class Law:
+    """A variation in SI units.
+
+    variation  whose texts are read
+    """
+
+    variation: Variation
+    sigma: float
+    low: float
+    high: float
+    mean: float
+    amplitude: float
+    values: tuple[float, ...]
+
+    def difference(self, z: float) -> float:
+        """The difference from the design for a standard normal number."""
+        one = self.variation
+        match one.law:
+            case "normal":
+                return self.mean + one.scale * self.sigma * z
+            case "truncated":
+                low, high = (ndtr((end - self.mean) / self.sigma) for end in (self.low, self.high))
+                between = float(ndtri(low + (high - low) * ndtr(z)))
+                return self.mean + one.scale * self.sigma * between
+            case "uniform":
+                middle = (self.low + self.high) / 2
+                return middle + one.scale * (self.high - self.low) * (float(ndtr(z)) - 0.5)
+            case "lognormal":
+                return math.expm1(self.mean + one.scale * self.sigma * z)
+            case "sinusoid":
+                turn = 2 * math.pi * (float(ndtr(z)) + one.phase)
+                return self.mean + one.scale * self.amplitude * math.sin(turn)
+        place = np.linspace(0, 1, len(self.values))
+        return self.mean + one.scale * float(np.interp(ndtr(z), place, self.values))
+
+
+def law_of(case: Any, one: Variation) -> Law:
+    """The variation in the units of its parameter.
+
+    Raises  ValueError where the case has no such number, or a value the wrong unit or size.
+    """
+    held = find(case, one.name)
+    curve = isinstance(held, Curve)
+    if isinstance(held, bool) or not (curve or isinstance(held, int | float)):
+        raise ValueError(f"{one.name} must be a number or a curve to vary, got {held!r}")
+    if curve and one.vary != RELATIVE:
+        raise ValueError(f'{one.name}: vary must be "relative" for a curve')
+
+    def si(key: str, value: float | str) -> float:
+        unit = unit_at(case, one.name) if one.vary == ABSOLUTE and not curve else None
+        if isinstance(value, str):
+            if unit is None:
+                raise ValueError(f"{one.name}: {key} must be a number without unit, got {value!r}")
+            try:
+                return parse(value, unit.si)
+            except ValueError as error:
+                raise ValueError(f"{one.name}: {key} {error}") from None
+        if unit is not None and value:
+            raise ValueError(
+                f"{one.name}: {key} must have a unit, such as '1 {unit.shown}', got {value:g}"
+            )
+        finite(**{key: value})
+        return float(value)
+
+    sigma, low, high, mean, amplitude = (
+        si(key, getattr(one, key)) for key in ("sigma", "low", "high", "mean", "amplitude")
+    )
+    values = tuple(si("values", each) for each in one.values)
+    if sigma < 0 or (one.law in ("truncated",) and not sigma > 0):
+        raise ValueError(f"{one.name}: sigma must be positive, got {one.sigma}")
+    if one.law in ("uniform", "truncated") and not low < high:
+        raise ValueError(f"{one.name}: low must be below high, got {one.low} and {one.high}")
+    return Law(one, sigma, low, high, mean, amplitude, values)
+
+
+def check_variations(case: Any, variations: tuple[Variation, ...]) -> None:
+    """Refuse what cannot be drawn, or would be drawn twice.
+
+    Raises  ValueError that names the variation.
+    """
+    known = set[str]()
+    for one in variations:
+        law_of(case, one)
+        if one.stream in known:
+            raise ValueError(f"variation of {one.name} must be given once per {one.per}")
+        known.add(one.stream)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Which of all that vary: a unit, where and when it is.
+
+    unit         number of the unit; of -1, nothing varies
+    environment  number of the environment that it is in; -1: that of the calibration
+    frame        number of the frame in this environment; -1: none
+    age          second, since launch
+    launched     whether the steps of the launch have been
+    """
+
+    unit: int
+    environment: int = -1
+    frame: int = -1
+    age: float = 0.0
+    launched: bool = True
+
+
+def differences(case: Any, seed: int, moment: Moment) -> list[tuple[Variation, float]]:
+    """The difference of each variation of a case from the design, SI units.
+
+    Each is drawn from streams that (seed, unit, name) alone decide.
+    """
+    streams, found = Streams(seed, moment.unit), []
+    for one in case.variation:
+        at = _instance(one.per, moment)
+        if at is None:
+            continue
+        z = float(streams(one.group_stream + at).standard_normal())
+        if one.group and one.correlation != 1 and one.law != "sinusoid":
+            own = float(streams(one.stream + at).standard_normal())
+            z = one.correlation * z + math.sqrt(1 - one.correlation**2) * own
+        by = law_of(case, one).difference(z)
+        found.append((one, by * moment.age / YEAR if one.per is Scope.LIFE else by))
+    return found
+
+
+def _instance(scope: Scope, moment: Moment) -> str | None:
+    """What a stream's name ends with; None where the scope does not apply."""
+    match scope:
+        case Scope.LAUNCH if not moment.launched:
+            return None
+        case Scope.LIFE if not moment.age:
+            return None
+        case Scope.ENVIRONMENT:
+            return None if moment.environment < 0 else f" {moment.environment}"
+        case Scope.FRAME:
+            return None if moment.frame < 0 else f" {moment.environment} {moment.frame}"
+    return ""
+
+
+def unit_case(case: Any, seed: int, moment: Moment) -> Any:
+    """The case of a unit: its truth as drawn, its beliefs those of the design.
+
+    Raises  ValueError with the unit and the name, where a parameter refuses what was drawn.
+    """
+    bare = case.without_units
+    if moment.unit < 0:
+        return bare
+    factor, shift = dict[str, float](), dict[str, float]()
+    for one, by in differences(case, seed, moment):
+        where = factor if one.vary == RELATIVE else shift
+        where[one.name] = where.get(one.name, 0.0) + by
+    values = dict[str, Any]()
+    for name in factor.keys() | shift.keys():
+        held = find(case, name)
+        if isinstance(held, Curve):
+            values[name] = held.scaled(1 + factor[name])
+        else:
+            values[name] = held * (1 + factor.get(name, 0.0)) + shift.get(name, 0.0)
+    own = Streams(seed, moment.unit)
+    design = bare
+    # The maps of its pixels and its residual are those of the unit; a dark map is taken on it.
+    device = int(own("device of a unit").integers(2**62))
+    if case.tracker.detection.dark_map is not None:
+        design = replaced_all(design, {"instrument.detector.device_seed": device})
+    values["instrument.detector.device_seed"] = device
+    if bare.instrument.residual is not None:
+        values["instrument.residual.seed"] = int(own("residual of a unit").integers(2**62))
+    try:
+        truth = replaced_all(bare, values)
+    except ValueError as error:
+        raise ValueError(f"unit {moment.unit} of seed {seed}: {error}") from None
+    return truth.unit_of(design)

@@ -1,0 +1,122 @@
+"""Residual: what the places of stars differ by from any camera model, a random field of a unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated
+
+import numpy as np
+from scipy.spatial import distance
+
+from startrack.core import (
+    NODES,
+    Camera,
+    Displacement,
+    Floats,
+    Streams,
+    Unit,
+    finite,
+    node_places,
+    non_negative,
+    whole,
+    within,
+)
+
+
+@dataclass(frozen=True)
+class Residual:
+    """A smooth field of displacements over the frame, which no camera model of a tracker has.
+
+        displacement = rms f(seed) + drift temperature g(seed)
+
+    of two normal random fields f and g with the correlation exp(-(d / scale)^2 / 2) over a distance
+    d, without the part that a camera model or an attitude could take up: a turn, focal length,
+    principal point, k1, k2, p1 and p2; and of rms 1 per axis over the frame.
+
+    rms          pixel, per axis, over the frame
+    scale        1, correlation length over half the diagonal of the frame
+    drift        pixel per kelvin: rms of the change with temperature
+    temperature  kelvin above that at which the field is f alone
+    seed         of the two fields of one unit
+    """
+
+    rms: float = 0.0
+    scale: float = 0.3
+    drift: float = 0.0
+    temperature: Annotated[float, Unit("K")] = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        non_negative(rms=self.rms, drift=self.drift)
+        within(0.05, 10, scale=self.scale)
+        finite(temperature=self.temperature)
+        whole(0, 2**63 - 1, seed=self.seed)
+
+    def field(self, camera: Camera) -> Displacement | None:
+        """The displacements over a camera's frame; None where there is none.
+
+        Accuracy  numerical: between the nodes of a `Displacement`.
+        """
+        shift = self.drift * self.temperature
+        if not (self.rms or shift):
+            return None
+        value = np.zeros((2, NODES**2))
+        focal = float(f"{camera.focal_length_px:.1e}")  # so that most units share a root
+        root = _root(camera.columns, camera.rows, focal, self.scale)
+        for size, name in ((self.rms, "residual"), (shift, "residual, by temperature")):
+            if size:
+                draw = Streams(self.seed, 0)(name).standard_normal(2 * NODES**2)
+                value += size * (root @ draw).reshape(2, -1)
+        return Displacement(camera.columns, camera.rows, tuple(value.ravel().tolist()))
+
+
+@lru_cache(maxsize=8)
+def _root(columns: int, rows: int, focal: float, scale: float) -> Floats:
+    """Matrix (2 n, 2 n) from normal numbers to the field at its n nodes, all x before all y.
+
+    Of the field, the part that a camera model could take up is removed before it is scaled to an
+    expected rms of one. The nodes at the edges count by the half, and those in the corners by a
+    quarter of the area of others.
+    """
+    place = node_places(columns, rows)
+    length = scale * np.hypot(columns, rows) / 2
+    apart = distance.squareform(distance.pdist(place))
+    value, vector = np.linalg.eigh(np.exp(-((apart / length) ** 2) / 2))
+    smooth = vector * np.sqrt(np.maximum(value, 0.0))
+    root = np.kron(np.eye(2), smooth)
+    line = np.ones(NODES)
+    line[[0, -1]] = 0.5
+    weight = np.tile(np.outer(line, line).ravel(), 2)
+    model = taken_up(Camera(columns, rows, focal), place)
+    normal = model.T @ (weight[:, None] * model)
+    root = (
+        root - model @ np.linalg.lstsq(normal, model.T @ (weight[:, None] * root), rcond=1e-12)[0]
+    )
+    size = np.sqrt(weight @ (root**2).sum(axis=1) / weight.sum())
+    return np.asarray(root / size)
+
+
+def taken_up(camera: Camera, place: Floats) -> Floats:
+    """Displacements (2 n, 10) of places (n, 2) by a turn and by the parameters of a camera.
+
+    All x before all y; on any scale, of the columns 1: three turns, focal length, principal point
+    (of which two are all but turns of a narrow field), k1, k2, p1, p2.
+    """
+    half = np.hypot(camera.columns, camera.rows) / 2
+    x, y = (place - camera.centre).T / half
+    r2, none = x * x + y * y, np.zeros(len(place))
+    slope = half / camera.focal_length_px
+    columns = [
+        (1 + (slope * x) ** 2, slope**2 * x * y),
+        (slope**2 * x * y, 1 + (slope * y) ** 2),
+        (-y, x),
+        (x, y),
+        (1 + none, none),
+        (none, 1 + none),
+        (x * r2, y * r2),
+        (x * r2**2, y * r2**2),
+        (2 * x * y, r2 + 2 * y * y),
+        (r2 + 2 * x * x, 2 * x * y),
+    ]
+    return np.concatenate(np.array(columns).transpose(1, 2, 0))

@@ -1,0 +1,16 @@
+"""Units of a design: their draws, their calibrations, and fast trials over many of them.
+
+calibrate  Camera of a unit -> the camera model and alignment that its calibration finds, by running
+           the estimator or by drawing from its covariance.
+unit       Case, seed, moment -> the case of one unit, with what its tracker was calibrated to.
+nodes      Case -> plans at nodes of the numbers that vary, and the plan of any unit between them.
+trials     Units -> outcomes of trials of many units, each with its unit and environment.
+"""
+
+from startrack.population.calibrate import calibrated, drawn, left_over
+from startrack.population.nodes import UnitPlans, of_places, unit_plans
+from startrack.population.trials import UNITS, Units, unit_trials
+from startrack.population.unit import unit_of
+
+# Public; the other imports serve other rooms.
+__all__ = ["Units"]

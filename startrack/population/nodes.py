@@ -1,0 +1,210 @@
+"""Case -> plans at nodes of the numbers that vary, and the plan of any unit between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from startrack.core import Curve, Floats, local_weights
+from startrack.design import YEAR, Case, Scope, found_at, law_of, replaced
+from startrack.trial import Limits, Plan, limits_of, plan_within, refuse, through_of, view_of
+
+NODES = 9  # of each number, evenly over its range; cubic between the four nearest
+WIDEST = 3.5  # standard normal deviate, to which a range reaches; beyond, it is the last
+LOG_RANGE = 3.0  # ratio of the ends of a range, from which on nodes are spaced in the logarithm
+LOST = -50.0  # sigma below the threshold, of a star that is never measured
+SMALL = 0.02  # relative change of the focal length, below which images of stars are as designed
+FOCAL = "instrument.optics.focal_length"
+# What moves the places of stars, and nothing else of them.
+PLACES = (
+    *(f"instrument.optics.{name}" for name in ("principal_x", "principal_y")),
+    *(f"instrument.optics.{name}" for name in ("k1", "k2", "k3", "p1", "p2")),
+    *("instrument.mounting.", "instrument.residual.", "instrument.delay"),
+)
+
+
+class Axis(NamedTuple):
+    """Nodes of one number.
+
+    name   of the number
+    nodes  (k,) of its value, or of the factor of a curve; of the logarithm of these where `log`
+    """
+
+    name: str
+    nodes: Floats
+    log: bool
+
+    def weights(self, value: float) -> Floats:
+        """Weights (k,) of the values at the nodes; beyond the last, those of the last."""
+        at = np.log(max(value, 1e-300)) if self.log else value
+        inside = np.clip(np.array([at]), self.nodes[0], self.nodes[-1])
+        weight = np.zeros(len(self.nodes))
+        first, four = local_weights(self.nodes, inside)
+        weight[first[0] : first[0] + 4] = four[0]
+        return weight
+
+    def values(self) -> Floats:
+        """Values (k,) at the nodes."""
+        return np.exp(self.nodes) if self.log else self.nodes
+
+
+def of_places(case: Case, name: str) -> bool:
+    """Whether a number that varies moves the places of stars alone."""
+    if name == FOCAL:
+        low, high = range_of(case, name)
+        held = case.instrument.optics.focal_length
+        return max(high - held, held - low) <= SMALL * held
+    return name.startswith(PLACES)
+
+
+def coordinate(case: Case, design: Case, name: str) -> float:
+    """The value of a number; of a curve, its factor to that of the design."""
+    held = found_at(case, name)
+    if isinstance(held, Curve):
+        return max(held.value) / max(found_at(design, name).value)
+    return float(held)
+
+
+def range_of(case: Case, name: str) -> tuple[float, float]:
+    """Between which a number, or the factor of a curve, may lie in a lifetime."""
+    held, z = found_at(case, name), np.linspace(-WIDEST, WIDEST, 29)
+    start = 1.0 if isinstance(held, Curve) else float(held)
+    relative = np.zeros(2)
+    absolute = np.zeros(2)
+    for one in case.variation:
+        if one.name != name:
+            continue
+        law = law_of(case, one)
+        each = np.array([law.difference(float(at)) for at in z])
+        if one.per is Scope.LIFE:
+            each = np.append(each * case.lifetime / YEAR, 0.0)
+        if one.per in (Scope.ENVIRONMENT, Scope.FRAME, Scope.LAUNCH):
+            each = np.append(each, 0.0)
+        ends = np.array([each.min(), each.max()])
+        if one.vary == "relative":
+            relative += ends
+        else:
+            absolute += ends
+    low, high = start * (1 + relative) + absolute
+    return float(min(low, high, start)), float(max(low, high, start))
+
+
+@dataclass(frozen=True, eq=False)
+class UnitPlans:
+    """The plan of any unit: that of the design, and what each number changes of it.
+
+        plan = plan of the design + sum over numbers (plan at its value - plan of the design)
+
+    Between the nodes the change by each number is a cubic polynomial. Numbers that move places
+    alone change the camera, which each unit has its own.
+
+    case    the design
+    limits  the stars of all plans
+    plan    of the design
+    parts   arrays of the plan that change
+    axes    numbers that change them
+    change  of each axis: (k, ...) differences of each part from that of the design
+    """
+
+    case: Case
+    limits: Limits
+    plan: Plan
+    parts: list[Floats]
+    axes: list[Axis]
+    change: list[list[Floats]]
+
+    def of(self, unit: Case) -> Plan:
+        """The plan of a unit of this design.
+
+        Accuracy  the rms error of a unit is that of its own plan within 3 %.
+        """
+        parts = self.parts
+        for axis, change in zip(self.axes, self.change, strict=True):
+            weight = axis.weights(coordinate(unit, self.case, axis.name))
+            parts = [
+                one + np.tensordot(weight, by, 1) for one, by in zip(parts, change, strict=True)
+            ]
+        camera = unit.instrument.camera
+        return _with(self.plan, parts)._replace(
+            view=view_of(camera, self.plan.view.border), through=through_of(unit)
+        )
+
+
+@lru_cache(maxsize=2)
+def unit_plans(case: Case) -> UnitPlans:
+    """Measure the stars of a design at the nodes of all numbers that vary; kept for the 2 last.
+
+    Raises  ValueError where fidelity covariance cannot compute the design, or a number.
+    """
+    refuse(case)
+    names = list(dict.fromkeys(one.name for one in case.variation))
+    for name in names:
+        if name.startswith("catalog."):
+            raise ValueError(f"{name} must not vary in fidelity covariance; choose frame or window")
+    axes = [_axis(case, name) for name in names if not of_places(case, name)]
+    cases = [[_at(case, axis.name, value) for value in axis.values()] for axis in axes]
+    every = [limits_of(one) for one in (case, *(one for row in cases for one in row))]
+    found = max((one.found for one in every), key=len)
+    limits = Limits(min(one.faintest for one in every), max(one.brightest for one in every), found)
+    plan = plan_within(case, limits)
+    parts, change = _parts(plan), []
+    for axis, row in zip(axes, cases, strict=True):
+        nodes = [_parts(plan_within(one, limits)) for one in row]
+        stacked = [np.stack(each) for each in zip(*nodes, strict=True)]
+        weight = axis.weights(coordinate(case, case, axis.name))
+        change.append([each - np.tensordot(weight, each, 1) for each in stacked])
+    return UnitPlans(case, limits, plan, parts, axes, change)
+
+
+def _axis(case: Case, name: str) -> Axis:
+    low, high = range_of(case, name)
+    if not low < high:
+        high = low + max(abs(low), 1.0) * 1e-6
+    log = low > 0 and high > LOG_RANGE * low
+    if log:
+        low, high = np.log(low), np.log(high)
+    return Axis(name, np.linspace(low, high, NODES), log)
+
+
+def _at(case: Case, name: str, value: float) -> Case:
+    """A unit of the case with another value of a number, or another factor of a curve."""
+    held: Any = found_at(case, name)
+    new: Any = float(value)
+    if isinstance(held, Curve):
+        new = held.scaled(float(value))
+    bare = case.without_units
+    changed: Case = replaced(bare, name, new)
+    return changed.unit_of(bare)
+
+
+def _parts(plan: Plan) -> list[Floats]:
+    """The arrays of a plan that change from unit to unit, on scales on which they add."""
+    _, bias, root, light, above, kept, least = plan.response
+    return [
+        plan.field.flux, bias, root, light, np.maximum(above, LOST), kept,
+        np.nan_to_num(least), np.nan_to_num(plan.pull), np.log(np.array([plan.false + 1e-12])),
+    ]  # fmt: skip
+
+
+def _with(plan: Plan, parts: list[Floats]) -> Plan:
+    """A plan with other arrays."""
+    flux, bias, root, light, above, kept, least, pull, false = parts
+    response = plan.response._replace(
+        bias=bias,
+        root=np.where(plan.response.root != 0, root, 0.0),
+        light=np.maximum(light, 0.0),
+        above=above,
+        kept=np.clip(kept, 0.0, 1.0),
+        least=np.where(np.isnan(plan.response.least), np.nan, least),
+    )
+    brighter = float((flux - plan.field.flux).mean())
+    return plan._replace(
+        response=response,
+        pull=np.where(np.isnan(plan.pull), np.nan, pull),
+        field=plan.field._replace(flux=flux),
+        companions=plan.companions._replace(flux=plan.companions.flux + brighter),
+        false=float(np.exp(false[0])),
+    )

@@ -1,0 +1,43 @@
+"""Case, seed, moment -> the case of one unit, with what its tracker was calibrated to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+from startrack.attitude import Mounting
+from startrack.core import Camera, Streams
+from startrack.design import Case, Moment, replaced, unit_case
+from startrack.population.calibrate import alignment, calibrated, drawn
+
+
+def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
+    """The case of a unit at a moment of its life: truth as drawn, beliefs as calibrated.
+
+    moment  whose unit -1 is the unit as designed, in which nothing varies
+    run     whether its calibration is run; false: drawn from its covariance
+    Raises  ValueError with unit and name, where a parameter refuses what was drawn.
+    """
+    unit = unit_case(case, seed, moment)
+    if unit.design is None or case.tracker.calibration is None:
+        return unit
+    camera, mounting = _beliefs(case, seed, moment.unit, run)
+    return replace(unit, tracker=replace(unit.tracker, camera=camera, mounting=mounting))
+
+
+@lru_cache(maxsize=64)
+def _beliefs(case: Case, seed: int, number: int, run: bool) -> tuple[Camera, Mounting]:
+    """Camera and mounting that the calibration of a unit finds; kept for the 64 last units."""
+    settings = case.tracker.calibration
+    assert settings
+    built = unit_case(case, seed, Moment(number, launched=settings.place == "orbit"))
+    if built.instrument.residual is not None and settings.temperature:
+        warm = built.instrument.residual.temperature + settings.temperature
+        built = replaced(built, "instrument.residual.temperature", warm)
+    find = calibrated if run else drawn
+    truth, design = built.instrument.camera, built.as_designed.believed_camera
+    camera = find(truth, design, settings, Streams(seed, number))
+    # The alignment to the spacecraft is measured with the same stars.
+    turn = built.instrument.mounting.still.camera_to_body() * alignment(truth, camera).inv()
+    x, y, z = turn.as_rotvec().tolist()
+    return camera, Mounting(x, y, z)

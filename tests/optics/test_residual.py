@@ -1,0 +1,57 @@
+"""A field of displacements that no camera model holds."""
+
+import numpy as np
+import pytest
+
+from startrack.core import Camera, Displacement, node_places
+from startrack.core.displacement import NODES
+from startrack.optics import Residual
+from startrack.optics.residual import taken_up
+
+CAMERA = Camera(1024, 768, 2000.0)
+
+
+def test_the_rms_over_many_units_is_that_asked_for():
+    place = CAMERA.project(CAMERA.lattice(25))
+    square = [np.mean(Residual(0.1, seed=n).field(CAMERA)(place) ** 2) for n in range(200)]
+    assert np.sqrt(np.mean(square)) == pytest.approx(0.1, rel=0.06)
+
+
+def test_a_camera_model_takes_up_nothing_of_it():
+    place = node_places(CAMERA.columns, CAMERA.rows)
+    line = np.ones(NODES)
+    line[[0, -1]] = 0.5
+    weight = np.tile(np.outer(line, line).ravel(), 2)
+    model = taken_up(Camera(1024, 768, 2000.0), place)
+    field = Residual(0.1, seed=3).field(CAMERA)(place).T.ravel()
+    assert np.abs(model.T @ (weight * field)).max() < 1e-9
+
+
+def test_it_moves_with_temperature():
+    place = CAMERA.project(CAMERA.lattice(9))
+    cold, warm, hot = (
+        Residual(0.1, drift=0.01, temperature=kelvin, seed=3).field(CAMERA)(place)
+        for kelvin in (0.0, 5.0, 10.0)
+    )
+    assert np.allclose(hot - cold, 2 * (warm - cold))
+    assert np.sqrt(np.mean((hot - cold) ** 2)) == pytest.approx(0.1, rel=0.5)
+
+
+def test_a_camera_projects_to_displaced_places_and_back():
+    field = Residual(0.5, seed=3).field(CAMERA)
+    camera = Camera(1024, 768, 2000.0, residual=field)
+    direction = CAMERA.lattice(9)
+    ideal = CAMERA.project(direction)
+    assert np.allclose(camera.project(direction), ideal + field(ideal))
+    assert np.allclose(camera.unproject(camera.project(direction)), direction, atol=1e-9)
+    assert camera.ideal == CAMERA
+
+
+def test_a_displacement_is_cubic_between_its_nodes():
+    x, y = node_places(100, 80).T
+    cubic = Displacement(100, 80, tuple(np.concatenate([x**3 / 1e4, x * y / 1e3]).tolist()))
+    place = np.array([[12.3, 45.6], [77.0, 3.0], [np.nan, 1.0]])
+    found = cubic(place)
+    expected = np.column_stack([place[:, 0] ** 3 / 1e4, place.prod(axis=1) / 1e3])
+    assert np.allclose(found[:2], expected[:2])
+    assert np.isnan(found[2]).all()

@@ -1,0 +1,101 @@
+"""Trials of many units: the interpolated response beside whole trials, and the streams."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from startrack.attitude import Mounting
+from startrack.budget import analytic
+from startrack.design import YEAR, CameraCalibration, Fidelity, Moment, Variation, load_design
+from startrack.io import shipped
+from startrack.optics import Residual
+from startrack.population import Units, unit_of, unit_trials
+from startrack.trial import run_trials
+
+CASE = load_design(shipped("designs/nanosatellite.toml")).case
+VARIED = replace(
+    CASE,
+    instrument=replace(CASE.instrument, residual=Residual(0.05, drift=0.002)),
+    tracker=replace(CASE.tracker, calibration=CameraCalibration()),
+    lifetime=5 * YEAR,
+    variation=(
+        Variation("instrument.optics.focal_length", sigma=2e-3, vary="relative"),
+        Variation(
+            "instrument.residual.temperature", "sinusoid", amplitude="10 K", per="environment"
+        ),
+        Variation("instrument.optics.blur", "lognormal", sigma=0.1, vary="relative"),
+        Variation(
+            "instrument.detector.dark_current", "uniform", low=0.1, high=0.5, vary="relative",
+            per="life",
+        ),
+    ),
+)  # fmt: skip
+
+
+def rms(table, about=False):
+    good = table[table["solved"] & ~table["false"]]
+    if about:
+        return float(np.sqrt((good["error_z"] ** 2).mean()))
+    return float(np.sqrt(((good["error_x"] ** 2 + good["error_y"] ** 2) / 2).mean()))
+
+
+@pytest.mark.parametrize("age", [0.0, 5 * YEAR], ids=["begin", "end"])
+def test_the_interpolated_response_of_units_is_that_of_whole_trials(age):
+    """The rms error over four units within 3 %; the trials share sky and noise."""
+    units = Units(100, 1, age)
+    fast, whole = (
+        unit_trials(VARIED, 2, range(400), units, exact=exact) for exact in (False, True)
+    )
+    for about in (False, True):
+        assert rms(fast, about) == pytest.approx(rms(whole, about), rel=0.03)
+    assert fast["stars"].mean() == pytest.approx(whole["stars"].mean(), rel=0.01)
+
+
+def test_trials_do_not_depend_on_which_others_are_run():
+    units = Units(10, 5)
+    table = unit_trials(VARIED, 2, range(30), units)
+    assert (table["unit"] == np.arange(30) // 10).all()
+    assert (table["environment"] == np.arange(30) % 10 // 2).all()
+    part = unit_trials(VARIED, 2, range(13, 22), units)
+    assert (part == table[13:22]).all()
+
+
+def test_a_unit_that_nothing_varies_in_is_the_design():
+    """Only the grid of fluxes on which stars are measured may differ."""
+    case = replace(CASE, variation=())
+    table = unit_trials(case, 2, range(50), Units(50, 1))
+    alone = run_trials(CASE, 2, range(50), Fidelity.COVARIANCE)
+    assert all((table[name] == alone[name]).all() for name in alone.dtype.names)
+
+
+def test_a_residual_moves_stars_alike_in_all_fidelities_and_the_budget():
+    """Rms across; 150 trials, correlated by their sky: 15 % of each other."""
+    case = replace(VARIED, instrument=replace(VARIED.instrument, residual=Residual(0.3)))
+    unit = unit_of(case, 1, Moment(0))
+    # The alignment and the camera are calibrated together: their lines cancel.
+    unit = replace(
+        unit,
+        instrument=replace(unit.instrument, mounting=Mounting()),
+        tracker=replace(unit.tracker, camera=unit.instrument.camera.ideal, mounting=Mounting()),
+    )
+    budget = analytic(unit)
+    found = {
+        fidelity: rms(run_trials(unit, 4, range(count), fidelity))
+        for fidelity, count in (
+            (Fidelity.COVARIANCE, 300), (Fidelity.SPOTS, 150), (Fidelity.WINDOW, 150),
+        )
+    }  # fmt: skip
+    for each in found.values():
+        assert each == pytest.approx(budget.across, rel=0.15)
+    assert budget.across > 3 * analytic(CASE).across
+
+
+def test_a_frame_sees_the_residual_too():
+    """Spots of a frame and of windows lie at the same places."""
+    unit = unit_of(replace(VARIED, variation=()), 1, Moment(0))
+    unit = replace(unit, instrument=replace(unit.instrument, residual=Residual(0.3)))
+    frame, window = (
+        run_trials(unit, 4, range(3), fidelity) for fidelity in (Fidelity.FRAME, Fidelity.WINDOW)
+    )
+    assert np.allclose(frame["error_x"], window["error_x"], atol=1e-6)
