@@ -1,5 +1,7 @@
 """Real night skies: attitudes that independent solvers agree on, from images and a rough field."""
 
+import contextlib
+import io
 import json
 
 import numpy as np
@@ -67,6 +69,50 @@ def test_the_posterior_of_a_camera_is_near_an_independent_fit(outside, tmp_path,
     assert focal_length == pytest.approx((low + high) / 2, rel=5e-4)
     assert (high - low) / focal_length < 1e-3
     assert (tmp_path / "corner.png").stat().st_size > 10_000
+
+
+WIDE = [f"img_{number}.jpg" for number in range(1, 50, 2)]
+FEW = [pytest.param(WIDE[::4], id="few"), pytest.param(WIDE, id="all", marks=pytest.mark.slow)]
+
+
+@pytest.fixture(scope="module", params=FEW)
+def blind_wide(request, outside):
+    """Wide images, solved without a field of view, in one run."""
+    names = request.param
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        paths = [str(outside / "images-wide" / name) for name in names]
+        status = main(["solve", *paths, "--json"])
+    found = [json.loads(line) for line in out.getvalue().splitlines()]
+    truth = json.loads((outside / "images-wide" / "truth.json").read_text())["images"]
+    return status, found, [truth[name] for name in names]
+
+
+def test_wide_images_of_a_distorted_lens_are_solved_without_a_field(blind_wide):
+    """The reference is good to about 5 arcmin, as it says; ours agree far better."""
+    status, found, truth = blind_wide
+    assert status == 0
+    apart = []
+    for one, true in zip(found, truth, strict=True):
+        across = (one["ra_deg"] - true["ra_deg"]) * np.cos(np.radians(true["dec_deg"]))
+        apart.append(60 * np.hypot(across, one["dec_deg"] - true["dec_deg"]))
+        assert apart[-1] < 5 * np.hypot(5, one["sigma_arcsec"][0] / 60)
+    assert max(apart) < 8
+    assert np.median(apart) < 3
+    assert np.mean([one["matches"] for one in found]) > np.mean([one["matches"] for one in truth])
+
+
+def test_each_wide_image_shows_the_same_lens(blind_wide):
+    """Made by one camera: focal length, axis and distortion agree from image to image."""
+    cameras = [one["lens"]["camera"] for one in blind_wide[1]]
+    focal, x, y, k1 = (
+        np.array([camera[name] for camera in cameras])
+        for name in ("focal_length_px", "principal_x", "principal_y", "k1")
+    )
+    assert np.std(focal) / np.mean(focal) < 1e-3
+    assert np.std(x) < 1.5
+    assert np.std(y) < 1.5
+    assert np.mean(y) < -20
+    assert np.std(k1) < 0.02
 
 
 def test_a_mirrored_image_is_refused(outside, tmp_path, capsys):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
@@ -30,10 +31,18 @@ with deferred():
     from startrack.core import Camera, Estimate, Frame, Matches, Spots, Stars, positive, within
     from startrack.design import Tracker
     from startrack.detection import Detection, detect, subtract_dark
-    from startrack.identification import Identification, PatternIndexes, identify_blind
-    from startrack.io import celestial, read_image
+    from startrack.identification import (
+        Identification,
+        PatternIndexes,
+        fit_lens,
+        identify_blind,
+    )
+    from startrack.io import celestial, read_image, to_table
     from startrack.plots import draw_solution
     from startrack.trial import lost_in_space, solve_matches
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 # Sigma of the detection: an image of few faint stars is searched twice. The bound of the false
 # match probability holds for each search.
@@ -45,13 +54,14 @@ def declare(parser: argparse.ArgumentParser) -> None:
     describe(
         parser,
         "Prints the boresight of each image, its roll, its field of view and the probability of a "
-        "false match. The status is 3 if an image has no attitude, with the reason, and 1 if one "
-        "cannot be read.",
+        "false match. Without --camera the lens is unknown: its distortion is estimated where the "
+        "stars show it, and the boresight is the direction of the centre of the image. The status "
+        "is 3 if an image has no attitude, with the reason, and 1 if one cannot be read.",
     )
     add_images(parser)
     parser.add_argument(
         "--fov", type=float, metavar="DEG",
-        help="field of view across the columns, degree (default: search from 3 to 40)",
+        help="field of view across the columns, degree (default: search from 2 to 90)",
     )  # fmt: skip
     add_field_and_sky(parser)
     parser.add_argument(
@@ -83,27 +93,38 @@ def command(options: argparse.Namespace) -> int:
     stars = read_stars(options.catalog, options.epoch)
     indexes = PatternIndexes(stars)
     if options.fov is None and known is None:
-        print_message("startrack solve: no --fov, searching from 3 to 40 deg; slow the first time")
+        print_message("startrack solve: no --fov, searching from 2 to 90 deg; slow the first time")
     statuses = set()
     for path in options.images:
         try:
             frame = read_image(path)
             if dark is not None:
                 frame = subtract_dark(frame, dark)
-            spots, matches, estimate = _solve(frame, known, options.fov, indexes, identification)
+            solved = _solve(frame, known, options.fov, indexes, identification)
         except Exception as error:  # whatever is wrong with it, the others are solved
             print_failed_image(options, path, error)
             statuses.add(Exit.FAILED)
             continue
-        result = {"image": str(path), **_values(spots, matches, estimate)}
-        text = f"{path}: {_text(spots, matches, estimate)}"
+        result = {"image": str(path), **_values(solved)}
+        text = f"{path}: {_text(solved)}"
         if options.overlay:
-            result["overlay"] = str(
-                _overlay(options.overlay, path, frame, spots, matches, estimate, stars)
-            )
+            result["overlay"] = str(_overlay(options.overlay, path, frame, solved, stars))
         print_result(options, result, text)
-        statuses.add(Exit.DONE if estimate.icrs_to_camera is not None else Exit.UNSOLVED)
+        statuses.add(Exit.DONE if solved.axis is not None else Exit.UNSOLVED)
     return Exit.FAILED if Exit.FAILED in statuses else max(statuses)
+
+
+class Solved(NamedTuple):
+    """An image and what was found.
+
+    axis  the attitude whose axis is printed: of the camera where that is known, else through the
+          centre of the image; None where there is none
+    """
+
+    spots: Spots
+    matches: Matches
+    estimate: Estimate
+    axis: Rotation | None
 
 
 def _solve(
@@ -112,7 +133,7 @@ def _solve(
     fov_deg: float | None,
     indexes: PatternIndexes,
     identification: Identification,
-) -> tuple[Spots, Matches, Estimate]:
+) -> Solved:
     """The first search that finds an attitude, or the last; known and fov_deg None: unknown."""
     rows, columns = frame.image.shape
     if known and (known.rows, known.columns) != (rows, columns):
@@ -131,10 +152,28 @@ def _solve(
             spots, matches, estimate = lost_in_space(frame, camera, indexes, tracker)
         if estimate.icrs_to_camera is not None:
             break
-    return spots, matches, estimate
+    found = Solved(spots, matches, estimate, estimate.icrs_to_camera)
+    return found if known or found.axis is None else _with_lens(found, indexes, identification)
 
 
-def _values(spots: Spots, matches: Matches, estimate: Estimate) -> dict[str, Any]:
+def _with_lens(found: Solved, indexes: PatternIndexes, settings: Identification) -> Solved:
+    """The same with the distortion of the lens, where the stars show one."""
+    spots, matches, estimate, _ = found
+    lens = fit_lens(spots, matches, indexes.stars, indexes(matches.camera), settings)
+    if not lens.matches.camera.distorted:
+        return found
+    better = replace(
+        estimate,
+        icrs_to_camera=lens.matches.icrs_to_camera,
+        covariance=lens.covariance,
+        residual_rms=lens.residual_rms,
+        stars=len(lens.matches),
+    )
+    return Solved(spots, lens.matches, better, lens.icrs_to_image)
+
+
+def _values(solved: Solved) -> dict[str, Any]:
+    spots, matches, estimate, axis = solved
     result: dict[str, Any] = {
         "status": "solved" if estimate.icrs_to_camera is not None else str(estimate.status),
         "reason": estimate.reason,
@@ -145,30 +184,38 @@ def _values(spots: Spots, matches: Matches, estimate: Estimate) -> dict[str, Any
         "fov_x_deg": None,
         "spots": len(spots),
         "matches": estimate.stars,
+        "lens": None,
         "residual_rms_px": None,
         "sigma_arcsec": None,
         "false_probability": estimate.false_probability,
     }
-    if estimate.icrs_to_camera is not None:
-        ra, dec, roll = celestial(estimate.icrs_to_camera)
+    if estimate.icrs_to_camera is not None and axis is not None:
+        ra, dec, roll = celestial(axis)
         result |= {
-            "icrs_to_camera_xyzw": quaternion(estimate.icrs_to_camera),
+            "icrs_to_camera_xyzw": quaternion(axis),
             "ra_deg": ra,
             "dec_deg": dec,
             "roll_deg": roll,
             "fov_x_deg": math.degrees(matches.camera.fov_x),
+            "lens": {
+                "icrs_to_lens_xyzw": quaternion(estimate.icrs_to_camera),
+                "camera": to_table(matches.camera),
+            },
             "residual_rms_px": estimate.residual_rms,
             "sigma_arcsec": [3600 * math.degrees(v**0.5) for v in estimate.covariance.diagonal()],
         }
     return result
 
 
-def _text(spots: Spots, matches: Matches, estimate: Estimate) -> str:
-    if estimate.icrs_to_camera is None:
+def _text(solved: Solved) -> str:
+    spots, matches, estimate, axis = solved
+    if axis is None:
         return f"{estimate.status}: {estimate.reason}"
+    camera = matches.camera
+    lens = f", k1 {camera.k1:+.3f}, k2 {camera.k2:+.3f}" if camera.distorted else ""
     return (
-        f"{pointing_text(estimate.icrs_to_camera, 4, 3)}; "
-        f"field {math.degrees(matches.camera.fov_x):.3f} deg; {estimate.stars} of {len(spots)} "
+        f"{pointing_text(axis, 4, 3)}; "
+        f"field {math.degrees(camera.fov_x):.3f} deg{lens}; {estimate.stars} of {len(spots)} "
         f"spots matched, residual {estimate.residual_rms:.2f} px; "
         f"probability of a false match {estimate.false_probability:.0e}"
     )
@@ -178,12 +225,11 @@ def _overlay(
     folder: Path,
     image: Path,
     frame: Frame,
-    spots: Spots,
-    matches: Matches,
-    estimate: Estimate,
+    solved: Solved,
     stars: Stars,
 ) -> Path:
     path = folder / f"{image.stem}.solved.png"
-    title = f"{image.name}\n{_text(spots, matches, estimate)}"
+    spots, matches, estimate, _ = solved
+    title = f"{image.name}\n{_text(solved)}"
     draw_solution(path, frame, spots, matches, estimate.icrs_to_camera, stars, title)
     return path

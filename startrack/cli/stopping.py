@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import traceback
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from startrack.cli.options import Exit, WrongUse
 
 PACKAGE = Path(__file__).parents[1]
 LONGEST = 600  # characters of a message
+AGAIN = 1.0  # second, after which a signal that nothing has handled is raised again
 
 
 class Stopped(KeyboardInterrupt):
@@ -28,24 +30,57 @@ class Stopped(KeyboardInterrupt):
 
 @contextmanager
 def stopped_by_signals() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end a command as Ctrl-C does: files are closed, workers ended."""
+    """Let Ctrl-C, SIGTERM and SIGHUP end a command: files are closed, workers ended.
+
+    The signal is raised again each second until something handles it: Python discards what is
+    raised while it deletes an object, and so do libraries that call Python code.
+    """
+    asked = list[int]()
 
     def stop(number: int, _: Any) -> None:
+        asked.append(number)
+        _remind(AGAIN)
         raise Stopped(number)
 
-    kinds = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    def discarded(thing: Any) -> None:
+        if not isinstance(thing.exc_value, Stopped):
+            sys.__unraisablehook__(thing)
+
+    def stop_again(*_: Any) -> None:
+        if not _is_handled(sys.exc_info()[1]):
+            raise Stopped(asked[0])
+
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    handlers: dict[str, Any] = dict.fromkeys(("SIGINT", "SIGTERM", "SIGHUP"), stop)
+    handlers["SIGALRM"] = stop_again
+    kinds = {getattr(signal, name): one for name, one in handlers.items() if hasattr(signal, name)}
     before = {kind: signal.getsignal(kind) for kind in kinds}
     for kind, held in before.items():
         if held != signal.SIG_IGN:  # as nohup asks
-            signal.signal(kind, stop)
+            signal.signal(kind, kinds[kind])
+    hook, sys.unraisablehook = sys.unraisablehook, discarded
     try:
         yield
     finally:
+        _remind(0.0)
+        sys.unraisablehook = hook
         for kind, held in before.items():
             signal.signal(kind, held or signal.SIG_DFL)
+
+
+def _remind(seconds: float) -> None:
+    """Ask the system for SIGALRM each so many seconds; 0: no more. Nothing on Windows."""
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+
+
+def _is_handled(error: BaseException | None) -> bool:
+    """Whether a Stopped is on its way: code between here and its handler is ending."""
+    while error is not None and not isinstance(error, Stopped):
+        error = error.__context__
+    return error is not None
 
 
 def ignore_signals() -> None:
@@ -58,9 +93,11 @@ def ignore_signals() -> None:
 def told(error: BaseException) -> tuple[int, str]:
     """The exit status and the sentence of what a command raised."""
     match error:
-        case Stopped():
+        case Stopped() if error.signal != signal.SIGINT:
+            _remind(0.0)
             return 128 + error.signal, f"stopped by {error}; the files on disk are complete"
         case KeyboardInterrupt():
+            _remind(0.0)
             return Exit.INTERRUPTED, "stopped; the files on disk are complete"
         case WrongUse():
             return Exit.WRONG_USE, one_line(error)

@@ -15,6 +15,7 @@ verify       How many spots a hypothesis explains, and the bound on chance.
 search       The first accepted hypothesis from triangles of spots, brightest first.
 identify     Matches from spots, the believed camera and the catalogue.
 blind        Matches and field of view from the spots of an unknown camera.
+lens_fit     Matches of one image of an unknown lens -> its distortion, and more matches.
 track        Matches from spots and a predicted attitude.
 """
 
@@ -24,16 +25,19 @@ from startrack.identification.cache import PatternIndexes, cached_index
 from startrack.identification.identify import identify, identify_all, is_ready
 from startrack.identification.index import POINTS, PatternIndex, build_index, indexed_field
 from startrack.identification.index_stars import merged
+from startrack.identification.lens_fit import LensFit, fit_lens
 from startrack.identification.parameters import Identification
 from startrack.identification.track import track
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Identification",
+    "LensFit",
     "PatternIndex",
     "PatternIndexes",
     "build_index",
     "cached_index",
+    "fit_lens",
     "identify",
     "identify_all",
     "identify_blind",

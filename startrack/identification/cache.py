@@ -19,8 +19,8 @@ from startrack.identification.index import CodeTable, PatternIndex, build_index,
 from startrack.identification.sky import SkyGrid, VerificationStars
 
 FORMAT = 6  # grows with every change of what an index holds or how it is built
-# Files of some 10 MB; `identify_blind` needs 14. Chosen by hand: trades disk against rebuilding.
-KEPT = 24
+# Files of some 10 MB; `identify_blind` needs 30. Chosen by hand: trades disk against rebuilding.
+KEPT = 48
 HELD = 16  # of 10 MB in memory; chosen by hand, as KEPT
 
 
@@ -48,7 +48,7 @@ def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternInd
 
     A file is named by a hash of all that the index depends on. It is written atomically, and
     built again where it cannot be read, its checksum is wrong, or another user could have written
-    it. The 24 files used last are kept;
+    it. The 48 files used last are kept;
     where the folder cannot be written, nothing is kept.
 
     stars          the tracker's catalogue

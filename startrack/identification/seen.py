@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -70,16 +71,31 @@ def see(spots: Spots, chosen: Ints, camera: Camera, settings: Identification) ->
         direction = camera.unproject(np.column_stack([spots.x[chosen], spots.y[chosen]]))
         plane_x, plane_y = (direction[:, :2] / direction[:, 2:]).T.copy()
     flux, snr = (np.asarray(each[chosen], np.float64) for each in (spots.flux, spots.snr))
-    # The border of the undistorted image: distortion moves it by a few pixels, which is negligible
-    # here.
-    border = Border(
-        (-0.5 - x) / focal,
-        (-0.5 - y) / focal,
-        (camera.columns - 0.5 - x) / focal,
-        (camera.rows - 0.5 - y) / focal,
+    border = (
+        _border(camera)
+        if camera.distorted
+        else Border(
+            (-0.5 - x) / focal,
+            (-0.5 - y) / focal,
+            (camera.columns - 0.5 - x) / focal,
+            (camera.rows - 0.5 - y) / focal,
+        )
     )
     accuracy = settings.match_radius, settings.focal_tolerance, settings.verify_spots
     return _see(plane_x, plane_y, spots.covariance[chosen], flux, snr, border, focal, *accuracy)
+
+
+@lru_cache(maxsize=64)
+def _border(camera: Camera) -> Border:
+    """Around all that a distorted image holds: 16 places along each edge."""
+    share = np.linspace(0, 1, 16)
+    x, y = share * camera.columns - 0.5, share * camera.rows - 0.5
+    edges = [np.column_stack([x, 0 * x + end]) for end in (y[0], y[-1])]
+    edges += [np.column_stack([0 * y + end, y]) for end in (x[0], x[-1])]
+    direction = camera.unproject(np.concatenate(edges))
+    plane = direction[:, :2] / direction[:, 2:]
+    (left, top), (right, bottom) = plane.min(axis=0).tolist(), plane.max(axis=0).tolist()
+    return Border(left, top, right, bottom)
 
 
 @kernel

@@ -49,6 +49,33 @@ def test_a_traceback_is_printed_with_debug_only(capsys, monkeypatch, debug):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals between processes")
+@pytest.mark.parametrize(("kind", "status"), [("SIGINT", 130), ("SIGTERM", 143)])
+def test_a_signal_that_python_discards_is_raised_again(kind, status):
+    code = f"""
+import os, signal, sys, time
+from startrack.cli import keys
+from startrack.cli.main import main
+
+class Gone:
+    def __del__(self):  # what is raised here, Python discards
+        os.kill(os.getpid(), signal.{kind})
+
+def command(options):
+    Gone()
+    time.sleep(60)
+    return 0
+
+keys.command = command
+sys.argv = ["startrack", "keys"]
+sys.exit(main())
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=50)
+    assert ended.returncode == status
+    assert "stopped" in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals between processes")
 @pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM"])
 def test_a_signal_after_the_end_is_not_heard(kind):
     code = f"""

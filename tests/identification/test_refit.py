@@ -9,7 +9,7 @@ from startrack.core.units import deg
 from startrack.core.values import Matches, Status
 from startrack.identification import Identification
 from startrack.identification.agree import refit
-from startrack.identification.blind import TOLERANCE, fields
+from startrack.identification.blind import fields
 
 STAR = np.random.default_rng(1).uniform(0, 1023, (30, 2))
 TURN = Rotation.from_rotvec([0.4, -1.0, 2.0])
@@ -41,16 +41,6 @@ def test_matches_that_are_not_solved_are_refused(spots_at):
     camera = Camera(1024, 1024, 1500.0)
     with pytest.raises(ValueError, match="matches must be solved, got no match: why"):
         refit(spots_at(STAR, 0.1), matched(camera, None), camera, Identification())
-
-
-@pytest.mark.parametrize(("narrowest", "widest"), [(3, 40), (5, 5), (10, 13), (1, 90)])
-def test_the_fields_that_are_tried_leave_no_gap(narrowest, widest):
-    tried = np.sort(fields(narrowest * deg, widest * deg)) / deg
-    assert tried[0] == pytest.approx(narrowest)
-    assert tried[-1] == pytest.approx(widest)
-    assert (tried[1:] * (1 - TOLERANCE) <= tried[:-1] * (1 + TOLERANCE) * (1 + 1e-12)).all()
-    # No more of them than it takes, but for the last.
-    assert len(tried) < np.log(widest / narrowest) / np.log(1.1 / 0.9) + 2
 
 
 def test_fields_near_twelve_degrees_come_first():
