@@ -56,6 +56,8 @@ def information(
     """
     stars, each, rows, columns = star.shape
     size, shapes = len(value), each - 1
+    if stars == 1 and shapes == 2:
+        return int(_information_of_one(data, star[0], value, noise, shot, matrix, right))
     matrix[:] = 0
     right[:] = 0
     slope = np.empty(size)
@@ -83,6 +85,55 @@ def information(
     for k in range(size):
         for m in range(k):
             matrix[m, k] = matrix[k, m]
+    return count
+
+
+@kernel
+def _information_of_one(
+    data: Floats,
+    star: Floats,
+    value: Floats,
+    noise: float,
+    shot: float,
+    matrix: Floats,
+    right: Floats,
+) -> int:
+    """`information` of one star of known width, with all sums in registers: a quarter of the time.
+
+    star  (3, rows, columns);  value  x, y, flux, background
+    """
+    flux, level, square, count = value[2], value[3], noise * noise, 0
+    xx, xy, yy, xf, yf, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    x1, y1, f1, one, by_x, by_y, by_f, by_1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(data.shape[0]):
+        for i in range(data.shape[1]):
+            if np.isnan(data[j, i]):
+                continue
+            count += 1
+            f = star[0, j, i]
+            x, y = flux * star[1, j, i], flux * star[2, j, i]
+            weight = 1 / (square + shot * flux * max(f, 0.0))
+            rest = weight * (data[j, i] - (level + flux * f))
+            by_x += x * rest
+            by_y += y * rest
+            by_f += f * rest
+            by_1 += rest
+            wx, wy, wf = weight * x, weight * y, weight * f
+            xx += wx * x
+            xy += wy * x
+            yy += wy * y
+            xf += wf * x
+            yf += wf * y
+            ff += wf * f
+            x1 += weight * x
+            y1 += weight * y
+            f1 += weight * f
+            one += weight
+    matrix[0] = xx, xy, xf, x1
+    matrix[1] = xy, yy, yf, y1
+    matrix[2] = xf, yf, ff, f1
+    matrix[3] = x1, y1, f1, one
+    right[:] = by_x, by_y, by_f, by_1
     return count
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +113,7 @@ def evaluate(
     try:
         judged = campaign.judged(space.design(coordinates))
         margins = margins_of(campaign.requirements, judged[0].case)
-        expected, foreseen = forecasts(judged, objective)
+        expected, foreseen = forecasts(judged, objective, runner)
         score = _log_arcsec(expected) + (correction(coordinates) if correction else 0.0)
         hopeless = expected > 0 and score + PENALTY * missed(margins) > lead
         if hopeless or (spare and missed(margins)):
@@ -182,25 +183,46 @@ def _budget(case: Case) -> Budget[Law] | None:
         return None
 
 
+class Forecast(NamedTuple):
+    """What the analytic budget expects of a design in one condition.
+
+    error    radian, the objective; NaN where no attitude is expected
+    margins  of the requirements that need trials
+    """
+
+    error: float
+    margins: dict[str, float]
+
+
+def forecast(one: Judged, objective: Objective) -> Forecast:
+    """The objective and the margins of one condition by the analytic budget."""
+    budget = _budget(one.case)
+    if budget is None:
+        return Forecast(math.nan, blind(one.needs))
+    found = bounded(expected_margins(one.needs, budget))
+    # Errors have margins of their own here: the availability must not count them again.
+    found["availability"] = budget.availability - one.needs.min_availability
+    return Forecast(expected_error(objective, budget), found)
+
+
 def forecasts(
-    judged: Sequence[Judged], objective: Objective
+    judged: Sequence[Judged], objective: Objective, runner: TrialRunner | None = None
 ) -> tuple[float, dict[str, dict[str, float]]]:
-    """The objective (radian) by the analytic budget, and the margins of each condition by it."""
-    errors, weights, margins = [], [], {}
-    for one in judged:
-        budget = _budget(one.case)
-        if budget is None:
-            error, found = math.nan, blind(one.needs)
-        else:
-            error = expected_error(objective, budget)
-            found = bounded(expected_margins(one.needs, budget))
-            # Errors have margins of their own here: the availability must not count them again.
-            found["availability"] = budget.availability - one.needs.min_availability
-        margins[one.name] = found
-        if one.weight:
-            errors.append(error)
-            weights.append(one.weight)
-    return geometric_mean(errors, weights), margins
+    """The objective (radian) by the analytic budget, and the margins of each condition by it.
+
+    runner  whose workers compute the conditions; None: this process
+    """
+    every = (runner.map if runner else map)(partial(forecast, objective=objective), judged)
+    return _joined(judged, list(every))
+
+
+def _joined(
+    judged: Sequence[Judged], every: Sequence[Forecast]
+) -> tuple[float, dict[str, dict[str, float]]]:
+    margins = {one.name: found.margins for one, found in zip(judged, every, strict=True)}
+    weights = [one.weight for one in judged]
+    counted = [each.error for each, weight in zip(every, weights, strict=True) if weight]
+    return geometric_mean(counted, [weight for weight in weights if weight]), margins
 
 
 def bounded(margins: Mapping[str, float]) -> dict[str, float]:
@@ -247,16 +269,56 @@ def foresee(space: DesignSpace, campaign: Campaign, coordinates: Floats) -> floa
     Accuracy  model: that of the budget. The result of a search needs trials too, as an optimiser
               is drawn to designs whose error the model underestimates.
     """
+    return foresee_all(space, campaign, [coordinates])[0]
+
+
+def foresee_all(
+    space: DesignSpace,
+    campaign: Campaign,
+    points: Sequence[Floats],
+    runner: TrialRunner | None = None,
+) -> list[float]:
+    """`foresee` of several designs, in the workers of a runner."""
+    objective, designs = Objective.read(campaign.objective), list[_Foreseen | None]()
+    for coordinates in points:
+        try:
+            case = space.design(coordinates)
+            designs.append(
+                _Foreseen(margins_of(campaign.requirements, case), campaign.judged(case))
+            )
+        except ValueError:
+            designs.append(None)
+    tasks = [one for each in designs if each for one in each.judged]
+    every = iter((runner.map if runner else map)(partial(_tried, objective=objective), tasks))
+    scores = []
+    for each in designs:
+        found = [next(every) for _ in each.judged] if each else []
+        counted = [one for one in found if one is not None]
+        scores.append(_score(each, counted) if each and len(counted) == len(found) else math.nan)
+    return scores
+
+
+class _Foreseen(NamedTuple):
+    """A design in its conditions, and its margins that need no budget."""
+
+    margins: dict[str, float]
+    judged: Sequence[Judged]
+
+
+def _tried(one: Judged, objective: Objective) -> Forecast | None:
+    """`forecast`, None where the case contradicts itself."""
     try:
-        case = space.design(coordinates)
-        judged = campaign.judged(case)
-        expected, foreseen = forecasts(judged, Objective.read(campaign.objective))
-        margins = margins_of(campaign.requirements, case)
+        return forecast(one, objective)
     except ValueError:
-        return math.nan
+        return None
+
+
+def _score(design: _Foreseen, every: Sequence[Forecast]) -> float:
+    expected, foreseen = _joined(design.judged, every)
     if not expected > 0:
         return math.nan
-    for one in judged:
+    margins = dict(design.margins)
+    for one in design.judged:
         margins |= named(one.name, foreseen[one.name])
     return _log_arcsec(expected) + PENALTY * missed(margins)
 

@@ -164,7 +164,7 @@ def _better(
     space: DesignSpace, start: Floats, campaign: Campaign, runner: TrialRunner, watch: Watch
 ) -> Floats:
     """The start, or the minimum of the analytic budget, by trials the better of both."""
-    found = prospect(space, campaign, start)
+    found = prospect(space, campaign, start, runner)
     tried = [
         evaluate(space, campaign, coordinates, runner) for coordinates in (start, found.coordinates)
     ]

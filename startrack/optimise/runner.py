@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterable
+from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ from startrack.montecarlo import Serial, run
 from startrack.optimise.ledger import Ledger
 from startrack.trial import OUTCOMES, known_smear
 
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 FRESH = 10**6  # number of the first fresh trial, beyond all that tuning uses
 VERIFYING = 10**8  # number of the first trial of a verification, beyond all others
 
@@ -100,6 +102,28 @@ class TrialRunner:
 
     def _count(self, key: bytes, fidelity: Fidelity, trials: int) -> None:
         self._asked[key] = fidelity, max(trials, self._asked.get(key, (fidelity, 0))[1])
+
+    def map(self, call: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+        """A pure function of each item, in the workers; what a worker's end loses, in this process.
+
+        Raises  what a call raises.
+        """
+        every = list(items)
+        if isinstance(self._executor, Serial):
+            return [call(one) for one in every]
+        futures = [self._executor.submit(call, one) for one in every]
+        results = []
+        for one, future in zip(every, futures, strict=True):
+            try:
+                results.append(future.result())
+            except BrokenExecutor:
+                results.append(call(one))
+        return results
+
+    @property
+    def workers(self) -> int:
+        """Number of workers."""
+        return self._workers
 
     def _key(self, case: Case, fidelity: Fidelity, first: int) -> bytes:
         written = described(case)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Judged, Objective, Requirements
 from startrack.metrics import Interval
-from startrack.optimise.evaluate import Evaluation, evaluate, foresee, missed
+from startrack.optimise.evaluate import Evaluation, evaluate, foresee, foresee_all, missed
 from startrack.optimise.runner import FRESH, TrialRunner
-from startrack.optimise.search import Found, Search, least, least_of_all
+from startrack.optimise.search import Found, Search, Together, least, least_of_all
 from startrack.verification import Answer, Looks, boresights, claims_of, counted
 from startrack.verification import margins as margins_of
 
@@ -25,17 +25,28 @@ from startrack.verification import margins as margins_of
 PROSPECT_FRACTION = 0.6
 
 
-def prospect(space: DesignSpace, campaign: Campaign, start: Floats) -> Found:
+def prospect(
+    space: DesignSpace, campaign: Campaign, start: Floats, runner: TrialRunner | None = None
+) -> Found:
     """Search the whole space by DIRECT, then locally by Sbplx, without trials.
 
+    runner    whose workers compute the budgets, with the same result; None: this process
     Accuracy  model: that of `foresee`; the result is a start for a search with trials.
     """
 
     def score(coordinates: Floats) -> float:
         return foresee(space, campaign, coordinates)
 
+    def scores(points: list[Floats]) -> list[float]:
+        return foresee_all(space, campaign, points, runner)
+
     near = max(1, int((1 - PROSPECT_FRACTION) * campaign.analytic_evaluations))
-    return least_of_all(score, start, ceil(PROSPECT_FRACTION * campaign.analytic_evaluations), near)
+    far = ceil(PROSPECT_FRACTION * campaign.analytic_evaluations)
+    together = None
+    if runner and runner.workers > 1:
+        conditions = len(campaign.judged(space.design(start)))
+        together = Together(scores, runner.workers, max(1, runner.workers // conditions))
+    return least_of_all(score, start, far, near, together=together)
 
 
 # Evaluations of `reach` over the whole space, and again around the best. Chosen by hand: more find

@@ -132,6 +132,10 @@ def _reach(case: Case) -> float:
 @lru_cache(maxsize=8)
 def _pairs(catalog: Selection, resolution: float, radius: float) -> Ints:
     """All pairs (k, 2) of separable stars within a radius, radian, each in both orders."""
-    tree = cKDTree(separated(catalog, resolution).sky.stars.direction)
-    pair = tree.query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
+    pair = _tree(catalog, resolution).query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
     return np.concatenate([pair, pair[:, ::-1]])
+
+
+@lru_cache(maxsize=4)
+def _tree(catalog: Selection, resolution: float) -> cKDTree:
+    return cKDTree(separated(catalog, resolution).sky.stars.direction)

@@ -52,7 +52,7 @@ def errors(case: Case) -> Errors:
     method = mean_of(plain.offset, kept)
     # The tracker overstates the covariance of a saturated star on purpose.
     noise = mean_of(noise_covariance(case, plain), kept)
-    bare = chart(without_saturation(case), magnitude, noisy=False, believed=False)
+    bare = chart(without_saturation(case), magnitude, noisy=False, believed=False, once=True)
     shot = mean_of(bare.covariance, kept)
     random = {
         SHOT: shot,
@@ -62,12 +62,12 @@ def errors(case: Case) -> Errors:
     shape = (len(magnitude), *point_images(case).shape)
     if detector.prnu:
         gain = 1 + detector.prnu / detector.binning * pattern("photo response", shape)
-        moved = chart(case, magnitude, gain=gain).offset - plain.offset
+        moved = chart(case, magnitude, gain=gain, once=True).offset - plain.once
         random["PRNU"] = moment_of(moved, kept)
     spread = dark_residual(detector, case.tracker.detection.dark_map)
     if spread:
         extra = spread * pattern("dark current", shape)
-        moved = chart(case, magnitude, extra=extra).offset - plain.offset
+        moved = chart(case, magnitude, extra=extra, once=True).offset - plain.once
         random["DSNU"] = moment_of(moved, kept)
     stated = mean_of(plain.covariance, kept)
     return Errors(magnitude, kept.mean(axis=1), stated, random, method)

@@ -102,11 +102,13 @@ class Chart(NamedTuple):
 
     magnitude   (m,) G of a sunlike star
     offset      (m, p, 2) pixel, measured minus true; NaN where the tracker drops the star
+    once        (m, p, 2) the same of one measurement, see `measure`
     covariance  (m, p, 2, 2) pixel^2, as the tracker states it
     """
 
     magnitude: Floats
     offset: Floats
+    once: Floats
     covariance: Floats
 
 
@@ -158,6 +160,7 @@ def chart(
     point: Floats | None = None,
     place: Floats | None = None,
     believed: bool = True,
+    once: bool = False,
 ) -> Chart:
     """Measure stars without noise, as the tracker would.
 
@@ -172,6 +175,7 @@ def chart(
     place      (p, 2) pixel, their sub-pixel positions; None: `phases`
     believed   whether the tracker reads the numbers as those of its design; false: as what they
                are, so that the covariance is the true one
+    once       as of `measure`
     """
     light = scale(case).star * 10 ** (-0.4 * magnitude[:, None, None, None])
     electrons = light * (point_images(case) if point is None else point)
@@ -181,9 +185,14 @@ def chart(
         electrons = electrons + extra
     side, shape = electrons.shape[-1], electrons.shape[:2]
     every = electrons.reshape(-1, side, side)
-    found, covariance = measure(case, every, noisy, believed)
-    offset = found.reshape(*shape, 2) - (phases() if place is None else place)
-    return Chart(magnitude, offset, covariance.reshape(*shape, 2, 2))
+    place_true = phases() if place is None else place
+    found, covariances = _measurements(case, every, noisy, believed, once)
+    return Chart(
+        magnitude,
+        _mean(found).reshape(*shape, 2) - place_true,
+        found[0].reshape(*shape, 2) - place_true,
+        _mean(covariances).reshape(*shape, 2, 2),
+    )
 
 
 def kept_fraction(case: Case, plain: Chart, point: Floats | None = None) -> Floats:
@@ -245,17 +254,27 @@ def measure(
     Returns    (n, 2) pixel from the middle of the cell, (n, 2, 2) pixel^2 as stated; NaN for a
                star that the tracker drops
     """
+    places, covariances = _measurements(case, electrons, noisy, believed, once)
+    return _mean(places), _mean(covariances)
+
+
+def _measurements(
+    case: Case, electrons: Floats, noisy: bool, believed: bool, once: bool
+) -> tuple[list[Floats], list[Floats]]:
+    """What `measure` averages: places and covariances with one chessboard or with both."""
     size, detection = scale(case), case.tracker.detection
     noise = size.noise if noisy else 0.0
     ripple = math.hypot(noise, math.sqrt(size.background))
     every = replace(detection, max_spots=2**20)
     plan = detection_plan(case, every)
-    place, covariance = _measured(case, electrons, ripple, noise, plan, believed)
-    if once or not plan.method.skips_dead:
-        return place, covariance
     # A chessboard moves a fit of a narrow star, as far one way as its negative the other way.
-    other, other_covariance = _measured(case, electrons, -ripple, noise, plan, believed)
-    return (place + other) / 2, (covariance + other_covariance) / 2
+    signs = (1, -1) if plan.method.skips_dead and not once else (1,)
+    found = [_measured(case, electrons, sign * ripple, noise, plan, believed) for sign in signs]
+    return [place for place, _ in found], [covariance for _, covariance in found]
+
+
+def _mean(values: list[Floats]) -> Floats:
+    return values[0] if len(values) == 1 else (values[0] + values[1]) / 2
 
 
 def _measured(

@@ -247,7 +247,7 @@ def _charted(case: Case, magnitude: Floats, point: Floats) -> _Charted:
     # The tracker overstates the covariance of a saturated star on purpose.
     noise = mean_of(noise_covariance(case, plain, point, place), kept)
     bold = without_saturation(case)
-    bare = chart(bold, magnitude, None, None, False, point, place, believed=False)
+    bare = chart(bold, magnitude, None, None, False, point, place, False, once=True)
     shot = mean_of(bare.covariance, kept)
     return _Charted(point, plain.offset, kept, mean_of(plain.covariance, kept), shot, noise - shot)
 
