@@ -23,6 +23,7 @@ earth               `startrack earth`: geometry and images of Earth cameras over
 earth_requirements  Earth cameras in `startrack requirements`: figures of a camera, or parameters
                     for goals.
 init                `startrack init`: a design file to begin with.
+export              `startrack export`: a design as data and code for other programs.
 keys                `startrack keys`: what a design file may hold.
 lens                `startrack lens`: tables of lenses from prescriptions.
 mission             `startrack mission`: heads of a spacecraft over orbit and attitude law.

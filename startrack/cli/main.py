@@ -36,6 +36,7 @@ COMMANDS = {
     "report": "write a campaign as one self-contained HTML page",
     "sequence": "simulate a tracker in time: tracking, loss, reacquisition",
     "mission": "fly heads on a spacecraft: blinding, availability, over years",
+    "export": "write a design as data and code for other programs",
     "requirements": "compute the margins of a design to its requirements, without a trial",
     "verify": "judge each requirement of a design by trials: pass, fail or not shown",
     "optimize": "find a better design",

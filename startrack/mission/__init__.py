@@ -16,11 +16,13 @@ alignment   Attitudes of two heads in time -> their relative alignment, and how 
 engine      Mission -> Flown: what blinds each head at every step; error of the fused attitude.
 placement   Plan of a mission -> mountings of its heads that meet its requirements best.
 rendered    Plan of a mission and an instant -> the case and attitude of each head, for a trial.
+aocs        Case -> HeadModel: its error as data and C code, for simulators of attitude control.
 timeline    Plan of a mission, some of its steps -> a table with a row for each step.
 summary     Flown -> availability by number of heads, times without an attitude, verdicts.
 """
 
 from startrack.mission.alignment import RelativeAlignment, relative_alignment
+from startrack.mission.aocs import HeadModel, head_model, write_model
 from startrack.mission.bodies import PLANETS
 from startrack.mission.ccsds import read_aem, read_oem, write_aem, write_oem
 from startrack.mission.engine import Flown, Plan, fly, plan_of

@@ -83,7 +83,7 @@ def mount(head: Head, case: Case) -> Mounted:
     """
     half = case.instrument.camera.half_diagonal
     try:
-        limits = _limits(head, case, half)
+        limits = limits_of(head, case)
     except ValueError as error:
         raise ValueError(f"head {head.name}: {error}") from None
     return Mounted(head.name, head.mounting.as_matrix(), limits, _drift(head.alignment), half)
@@ -104,8 +104,12 @@ def _drift(mounting: Mounting) -> tuple[float, float]:
     return (x + y) / 2, z
 
 
-def _limits(head: Head, case: Case, half: float) -> Limits:
-    given = head.exclusion
+def limits_of(head: Head, case: Case) -> Limits:
+    """The angles at which a head is blind: its own, else of its design's baffle, else of the field.
+
+    Raises  ValueError where the baffle keeps a body out at no angle.
+    """
+    given, half = head.exclusion, case.instrument.camera.half_diagonal
     least = {"sun": half + SUN_RADIUS, "moon": half + MOON_RADIUS, "earth": half}
     missing = [name for name in least if getattr(given, name) is None]
     if missing and case.instrument.baffle is not None:

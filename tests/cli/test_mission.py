@@ -61,3 +61,13 @@ def test_wrong_missions_are_one_sentence(capsys, tmp_path, change, words):
     error = capsys.readouterr().err
     assert words in error
     assert error.count("\n") == 1
+
+
+def test_a_design_is_exported(capsys, tmp_path):
+    out = tmp_path / "export"
+    assert main(["export", "aocs", "--out", str(out), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["name"] == "nanosatellite"
+    assert {path.name for path in out.iterdir()} == {
+        "startrack_head.c", "startrack_head.h", "startrack_head_data.h", "startrack_head.json"
+    }  # fmt: skip
