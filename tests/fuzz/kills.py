@@ -140,7 +140,12 @@ def end_once(
         process.communicate(timeout=rng.uniform(0.2, 1.0) * lasted)
     except subprocess.TimeoutExpired:
         process.send_signal(kind)
-        _, words = process.communicate(timeout=PATIENCE + LONGEST)
+        try:
+            _, words = process.communicate(timeout=PATIENCE + LONGEST)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            _, words = process.communicate()
+            words += f"still there {PATIENCE + LONGEST:g} s after the signal"
         met = process.returncode not in (0, 3)
         told = [line for line in words.splitlines() if "stopped" in line]
         fine = process.returncode == ENDS[kind] and "Traceback" not in words
