@@ -18,7 +18,8 @@ from build_tables import sign
 from startrack.core import Floats
 from startrack.core.units import deg, um
 from startrack.earth.atmosphere import planck
-from startrack.earth.atmosphere.infrared import DIFFUSE, InfraredTable, save_infrared, sun_spectrum
+from startrack.earth.atmosphere.infrared import DIFFUSE, InfraredTable, save_infrared
+from startrack.earth.atmosphere.sunlight import sun_spectrum
 from startrack.io.saving import whole
 
 HERE = Path(__file__).parent

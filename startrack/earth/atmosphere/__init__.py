@@ -11,6 +11,7 @@ build     New tables by sasktran2 and pvlib: AirTable, the first of two steps, a
 bands     BandTable from AirTable and bands: every term as radiance in each band, from one
           altitude.
 look_up   Radiance of each pixel from BandTable and viewing geometry: the second of the two steps.
+sunlight  Wavelengths -> irradiance of the Sun, as measured.
 infrared  BandTable from InfraredTable and bands: thermal radiance and transmittance of the air.
 radiance  At-sensor radiance in five terms, from the viewing geometry of pixels or from Ground.
 runs      BandTable from runs of MODTRAN or libRadtran over three albedos.

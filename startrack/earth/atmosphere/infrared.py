@@ -15,8 +15,8 @@ import numpy as np
 from startrack.core import Floats, deg, positive, um
 from startrack.earth.atmosphere.bands import BandTable, require_response
 from startrack.earth.atmosphere.radiance import planck
+from startrack.earth.atmosphere.sunlight import sun_spectrum
 from startrack.io import open_checked
-from startrack.scene import AU, SUN, SUN_RADIUS
 
 FORMAT = 1  # of the file
 WARM = 300.0  # kelvin
@@ -70,9 +70,8 @@ def infrared_bands(
     Returns   BandTable with thermal radiance of the air, without scattered light
     Raises    ValueError as `in_bands`.
     Accuracy  model: a transmittance is the mean over the light of 300 K, so that of a fire of 1000
-              K in 3.4 to 4.2 micrometre comes out 4 % low. The Sun is a blackbody of 5772 K, 13 %
-              too bright at 10 micrometre, where its brightness temperature is some 5100 K and its
-              light below 1 % of a warm ground's. No scattering: 1 % at 3.5 micrometre. The ratio
+              K in 3.4 to 4.2 micrometre comes out 4 % low. No scattering: 1 % at 3.5 micrometre.
+              The ratio
               for higher ground is exact for grey air; lines that saturate make the air above 2 km
               seem too dark by up to 0.05.
     """
@@ -98,11 +97,6 @@ def infrared_bands(
         HEIGHT, angles, angles, np.array([0.0, math.pi]), np.stack([dark, dark], 3), direct,
         dark, dark, np.zeros((len(HEIGHT), len(response))), through, rise, fall,
     )  # fmt: skip
-
-
-def sun_spectrum(wavelength: Floats) -> Floats:
-    """Irradiance of the Sun as a blackbody at one astronomical unit, watt / m^2 / m."""
-    return math.pi * planck(wavelength, SUN) * (SUN_RADIUS / AU) ** 2
 
 
 def load_infrared(path: Path) -> InfraredTable:

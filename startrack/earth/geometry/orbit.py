@@ -88,7 +88,9 @@ class TwoLines:
 
         record = self.satellite()
         with installed_tables():
-            date = Time(record.jdsatepoch, record.jdsatepochF, format="jd", scale="utc")
+            date = Time(
+                record.jdsatepoch, record.jdsatepochF, format="jd", scale="utc", precision=6
+            )
             return str(date.isot)
 
     def satellite(self) -> Any:

@@ -86,3 +86,14 @@ def test_elements_that_cannot_be():
         TwoLines(FIRST[:-1] + "5", SECOND)
     with pytest.raises(ValueError, match="line 2 must be 69 characters"):
         TwoLines(FIRST, FIRST)
+
+
+def test_the_epoch_keeps_its_microseconds():
+    """A millisecond is 7.7 m of orbit; two-line elements have 0.9 ms a digit."""
+    orbit = TwoLines(FIRST, SECOND)
+    record = orbit.satellite()
+    seconds = 86400 * 0.69339541
+    hours, rest = divmod(seconds, 3600)
+    minutes, rest = divmod(rest, 60)
+    assert orbit.epoch == f"2019-12-09T{int(hours):02d}:{int(minutes):02d}:{rest:09.6f}"
+    assert record.jdsatepochF == pytest.approx(0.69339541, abs=1e-12)
