@@ -26,11 +26,13 @@ with deferred():
         Tracing,
         brightest,
         file_of,
+        holds_wavefronts,
         lens_path,
         load_lens,
         load_psf_file,
         lone_stars,
         open_psf_file,
+        psfs_of_pages,
         read_prescription,
         reconstruct,
         save_ghosts,
@@ -38,6 +40,7 @@ with deferred():
         save_psf_file,
         save_surfaces,
         surfaces_of,
+        table_of_pages,
         trace_lens,
         zernike,
     )
@@ -48,6 +51,7 @@ over field, wavelength and temperature. A design names it: lens_file = "my-lens.
 [instrument.optics].
 
   startrack lens import my-lens.zmx --field 12   trace a prescription (extra `lens`)
+  startrack lens import huygens-*.txt            PSFs that Zemax saved as text
   startrack lens measure night-*.fits            PSF of your own stars
   startrack lens show my-lens.fits               what a table holds
   startrack lens show double_gauss               a shipped one
@@ -55,17 +59,35 @@ over field, wavelength and temperature. A design names it: lens_file = "my-lens.
 Images of a point take its place where no prescription is known: psf_file = "psf.fits".
 """
 
+IMPORT = """\
+A prescription is traced to a lens table (lens_file) and needs optiland: pip install
+'startrack[lens]'. Wavefront maps become a lens table, too: their terms to Noll 37, a round pupil.
+Huygens PSFs and FITS become a file of PSFs (psf_file); catalogs/psfs/README.md describes it.
+"""
+
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Add the options of `startrack lens` and its parts."""
     parser.description = LENS
     parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
-    text = "trace a prescription: Zemax .zmx, CODE V .seq, or optiland .json"
-    part = add_part(parts, "import", text, "Needs optiland: pip install 'startrack[lens]'.")
-    part.add_argument("prescription", type=Path, metavar="PRESCRIPTION")
+    part = add_part(parts, "import", "trace a prescription, or take exported PSFs", IMPORT)
     part.add_argument(
-        "--field", type=float, required=True, metavar="DEG",
-        help="largest angle from the axis, to the corner of the detector, degree",
+        "files", type=Path, nargs="+", metavar="FILE",
+        help="prescription: Zemax .zmx, CODE V .seq, or optiland .json; or Huygens PSFs or "
+        "wavefront maps saved by Zemax as .txt, one for each wavelength and field; or PSFs .fits",
+    )  # fmt: skip
+    part.add_argument(
+        "--field", type=float, metavar="DEG",
+        help="of a prescription, needed: largest angle from the axis, to the corner of the "
+        "detector, degree",
+    )  # fmt: skip
+    part.add_argument(
+        "--focal-length", type=float, metavar="MM", help="of wavefront maps, needed: mm"
+    )
+    part.add_argument("--f-number", type=float, metavar="N", help="of wavefront maps, needed")
+    part.add_argument(
+        "--flip", action="store_true",
+        help="wavefront maps are positive where the path is shorter (default: longer)",
     )  # fmt: skip
     part.add_argument(
         "--fields", type=whole(2, 200), default=9, metavar="N",
@@ -100,7 +122,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )
     part.add_argument(
         "--out", type=Path, metavar="FILE",
-        help="lens table to write (default: name of the prescription with .fits)",
+        help="lens table to write (default: name of the first file with .fits)",
     )  # fmt: skip
     measure = add_part(
         parts, "measure", "reconstruct an oversampled PSF from images of stars",
@@ -192,7 +214,57 @@ def _measure(options: argparse.Namespace) -> int:
 
 
 def _import(options: argparse.Namespace) -> int:
-    path, tracing = options.prescription, _tracing(options)
+    kinds = {path.suffix.lower() for path in options.files}
+    if kinds <= {".txt"}:
+        return _import_pages(options)
+    if len(options.files) > 1:
+        raise WrongUse("FILE must be one prescription, one .fits, or pages .txt of Zemax")
+    return _import_images(options) if kinds <= {".fits", ".fit"} else _trace(options)
+
+
+def _import_pages(options: argparse.Namespace) -> int:
+    """Write the lens table of wavefront maps, or the PSFs of pages."""
+    paths = options.files
+    out = Path(options.out or paths[0].with_suffix(".fits").name)
+    source = options.source or f"Zemax, {', '.join(path.name for path in paths)}"
+    with as_wrong_use(ValueError, OSError):
+        if not holds_wavefronts(paths):
+            return _save_images(options, psfs_of_pages(paths, source), out)
+        if options.focal_length is None or options.f_number is None:
+            raise WrongUse("--focal-length and --f-number must be given with wavefront maps")
+        fitted = table_of_pages(
+            paths, options.focal_length * 1e-3, options.f_number, options.title or out.stem,
+            source, options.flip,
+        )  # fmt: skip
+    save_lens(out, fitted.table)
+    left = {"terms_leave_waves": float(fitted.left.max())}
+    result = summary(fitted.table) | {"table": str(out)} | left
+    print_result(options, result, _text(result))
+    return Exit.DONE
+
+
+def _import_images(options: argparse.Namespace) -> int:
+    """Check a FITS file of PSFs, and write it with checksums."""
+    path = options.files[0]
+    with as_wrong_use(ValueError, OSError):
+        found = load_psf_file(path)
+    if options.source:
+        found = replace(found, source=options.source)
+    return _save_images(options, found, Path(options.out or f"{path.stem}-psf.fits"))
+
+
+def _save_images(options: argparse.Namespace, found: PsfFile, out: Path) -> int:
+    save_psf_file(out, found)
+    result = images_summary(found) | {"psf": str(out)}
+    text = f'{_images_text(result)}\nwrote {out}, which a design takes as psf_file = "{out}"'
+    print_result(options, result, text)
+    return Exit.DONE
+
+
+def _trace(options: argparse.Namespace) -> int:
+    if options.field is None:
+        raise WrongUse("--field must be given with a prescription")
+    path, tracing = options.files[0], _tracing(options)
     out = options.out or path.with_suffix(".fits").name
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the tracer and of what it compiles

@@ -47,7 +47,7 @@ from startrack.core.field_polynomial import FieldPolynomial, monomials
 from startrack.core.field_psf import FieldPsf
 from startrack.core.interpret import interpreted
 from startrack.core.kernel import FOLDERS, UNKEPT, is_compiled, kernel
-from startrack.core.lagrange import local_weights
+from startrack.core.lagrange import lagrange_weights, local_weights
 from startrack.core.memory import (
     GIB,
     begin_limited,

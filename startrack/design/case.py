@@ -25,9 +25,11 @@ from startrack.optics import (
     Ghosts,
     Optics,
     Residual,
+    camera_of_cube,
     fit_camera,
     lens_surfaces,
     open_optics,
+    open_psf_file,
 )
 from startrack.scene import SUN, WAVELENGTH, Scene, blackbody_photons
 
@@ -117,9 +119,9 @@ class Instrument:
     def _camera_model(self) -> Camera:
         optics = self.optics
         shift_x, shift_y = self.detector.shift
-        if optics.traced:
-            return fit_camera(
-                open_optics(optics, self.lens_temperature),
+        places = bool(optics.psf_file) and open_psf_file(optics.psf_file).place is not None
+        if optics.traced or places:
+            frame = (
                 self.detector.columns,
                 self.detector.rows,
                 self.detector.pitch,
@@ -127,6 +129,9 @@ class Instrument:
                 WAVELENGTH,
                 self.detected_spectra(np.array([SUN]))[0],
             )
+            if places:
+                return camera_of_cube(optics, *frame)
+            return fit_camera(open_optics(optics, self.lens_temperature), *frame)
         return Camera(
             self.detector.columns,
             self.detector.rows,

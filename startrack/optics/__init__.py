@@ -22,6 +22,11 @@ over_field    Optics -> Psf at points of the field, where aberrations grow with 
 quality       Psf -> figures of merit: transfer at Nyquist, energies, widths.
 lens_table    LensTable: wavefront, place, pupil and area of a lens over temperature, wavelength and
               field; its file.
+field_images  Images at places and wavelengths -> the FieldPsf of a frame, and the camera of
+              places.
+zemax_text    Text that Zemax saves -> a PsfFile of Huygens PSFs, a LensTable of wavefront maps.
+psf_cube      Optics with a file of several images -> the camera that fits them, and the FieldPsf of
+              a detector.
 lens_psf      Optics with a lens table -> the camera that fits it, and the FieldPsf of a detector.
 surfaces      Surfaces: radii, spaces, glasses and clear apertures of a lens, beside its table.
 ray_trace     Prescription of a lens -> its LensTable, by rays of the program optiland (extra
@@ -35,6 +40,7 @@ baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle
 from startrack.optics.baffle import Baffle, stray_light
 from startrack.optics.choose import Choice, choose
 from startrack.optics.closed_forms import airy, blur_transfer, pixel_transfer, pupil_transfer
+from startrack.optics.field_images import COARSE
 from startrack.optics.fraunhofer import intensity, pupil_samples
 from startrack.optics.ghosts import Ghosts, add_ghosts, lens_surfaces, save_ghosts
 from startrack.optics.lens_family import (
@@ -45,7 +51,6 @@ from startrack.optics.lens_family import (
     scaled_table,
 )
 from startrack.optics.lens_psf import (
-    COARSE,
     ROOM,
     Lens,
     field_psf,
@@ -65,6 +70,7 @@ from startrack.optics.measured_psf import Stars, brightest, file_of, lone_stars,
 from startrack.optics.over_field import at_field, over_field
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import pixel_psf, pixel_response
+from startrack.optics.psf_cube import camera_of_cube, cube_psf
 from startrack.optics.psf_file import PsfFile, load_psf_file, open_psf_file, save_psf_file
 from startrack.optics.pupil import Pupil, Segment, area_weights, pupil_grid
 from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, encircled, modulation, quality
@@ -77,6 +83,7 @@ from startrack.optics.ray_trace import (
 )
 from startrack.optics.residual import Residual
 from startrack.optics.surfaces import Surfaces, load_surfaces, open_surfaces, save_surfaces
+from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_of_pages
 from startrack.optics.zernike import Aberration, zernike
 
 # Public; the other imports serve other rooms.

@@ -11,13 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from startrack.core import Camera, FieldPsf, Floats, nm
+from startrack.core import Camera, FieldPsf, Floats
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer
+from startrack.optics.field_images import (
+    BAND_NODES,
+    COARSE,
+    FEW_NODES,
+    NODES,
+    Band,
+    band_of,
+    camera_through,
+    frame_nodes,
+    images_over_frame,
+    refuse_band,
+)
 from startrack.optics.lens_family import family_table
 from startrack.optics.lens_table import LensPoints, LensTable, open_lens
 from startrack.optics.over_field import at_field
 from startrack.optics.parameters import Optics
-from startrack.optics.pixel_psf import gauss_band
+from startrack.optics.psf_file import open_psf_file
 from startrack.optics.pupil import MARGIN, soft_step
 from startrack.optics.zernike import noll_to_nm, zernike
 
@@ -25,10 +37,6 @@ Reals = NDArray[np.float64] | NDArray[np.float32]
 ROOM = 293.15  # kelvin, of a lens whose design names no temperature
 RINGS, SPOKES = 16, 24  # rays from which centroids and widths are taken
 STEP = 1e-5  # of the radius of the pupil, for slopes
-# Wavelengths of a band: errors of 0.2 % (double Gauss) and 0.7 % (Petzval) of the peak, and of 2 %
-# and 6 % with as few as suffice where the tolerance of the design is COARSE.
-BAND_NODES, FEW_NODES, COARSE = 12, 6, 0.05
-NODES = 5  # places along the longer side of the frame, at least four along the shorter
 AIRY_BOX = 6.0  # wavelength * f-number, beyond the outermost ray
 PER_SIGMA = 4.0  # samples per sigma of the core: interpolation errs by 2e-5 of the peak
 LEAST_CORE = 1 / 8  # pixel; a finer image is blurred to that
@@ -40,9 +48,7 @@ LEAST_POINTS = 320  # of a transform
 FILLED = 0.6  # of a transform, that the pupil may fill
 MOST_POINTS = 3072  # along a side of an irradiance
 MOST_NUMBERS = 60_000_000  # of all tables together
-KEPT = 4e-3  # of the norm of an image, that the left-out terms may have
 KEPT_RAYS = 2e-3  # of the light of a star, whose rays may meet the detector outside the tables
-FITTED = 48  # angles to which a camera is fitted
 
 
 class Lens(NamedTuple):
@@ -227,50 +233,6 @@ def _stars(lens: Lens, wavelength: Floats, fields: Floats, azimuth: float) -> li
     return rows
 
 
-class Band(NamedTuple):
-    """Spectra as weights of a few wavelengths.
-
-    wavelength  (n,) metre;  weight  (c, n) 1, of each spectrum, whose sum is one
-    """
-
-    wavelength: Floats
-    weight: Floats
-
-
-def band_of(wavelength: Floats, spectra: Floats, count: int = BAND_NODES) -> Band:
-    """Wavelengths whose weighted sums are those of whole spectra.
-
-    The nodes are those of a Gaussian quadrature of the mean spectrum; each spectrum is integrated
-    with the polynomial through the nodes.
-
-    wavelength  (k,) metre;  spectra  (c, k) detected photons, each on any scale
-    count       of the wavelengths
-    Accuracy    numerical: exact for polynomials of degree n - 1 in the wavelength.
-    """
-    fraction = spectra / spectra.sum(axis=1, keepdims=True)
-    nodes, _ = gauss_band(wavelength, fraction.mean(axis=0), count)
-    nodes = np.sort(nodes)
-    shape = np.ones((len(wavelength), len(nodes)))
-    for j in range(len(nodes)):
-        for i in range(len(nodes)):
-            if i != j:
-                shape[:, j] *= (wavelength - nodes[i]) / (nodes[j] - nodes[i])
-    return Band(nodes, fraction @ shape)
-
-
-def _refuse_band(lens: Lens, wavelength: Floats, spectra: Floats) -> None:
-    detected = (spectra > 1e-4 * spectra.max(axis=1, keepdims=True)).any(axis=0)
-    first, last = wavelength[detected][[0, -1]]
-    low, high = lens.table.wavelength[[0, -1]]
-    bin_width = float(np.diff(wavelength).max(initial=0.0))
-    if first < low - bin_width or last > high + bin_width:
-        raise ValueError(
-            f"lens_file must hold the wavelengths that the instrument detects, {first / nm:.0f} to "
-            f"{last / nm:.0f} nm, but that of {lens.table.name} holds {low / nm:.0f} to "
-            f"{high / nm:.0f} nm"
-        )
-
-
 def fit_camera(
     lens: Lens, columns: int, rows: int, pitch: float, principal: tuple[float, float],
     wavelength: Floats, spectrum: Floats,
@@ -285,34 +247,16 @@ def fit_camera(
     Accuracy   what the four coefficients leave is in the images of a frame: the shift of
                `field_psf`.
     """
-    _refuse_band(lens, wavelength, spectrum[None])
+    refuse_band("lens_file", lens.table.wavelength, wavelength, spectrum[None])
     band = band_of(wavelength, spectrum[None])
     plain = lens._replace(optics=replace(lens.optics, aberrations=()))
-    width, height = columns / 2 + abs(principal[0]), rows / 2 + abs(principal[1])
-    corner = math.hypot(width, height) * pitch
-
-    last = float(lens.table.field[-1])
 
     def places(angles: Floats) -> Floats:
         rows = _stars(plain, band.wavelength, angles, 0.0)
         return np.array([_centroid(stars, band, lens.optics.area)[0, 0] for stars in rows])
 
-    coarse = np.linspace(0, last, 17)
-    reached = places(coarse)
-    if reached[-1] < corner:
-        raise ValueError(
-            f"lens_file must reach the corner of the detector, {corner * 1e3:.4g} mm from the "
-            f"axis, but that of {lens.table.name} ends at {reached[-1] * 1e3:.4g} mm "
-            f"({math.degrees(last):.4g} deg)"
-        )
-    # Evenly over the area of the circle through the corner.
-    edge = float(np.interp(corner, reached, coarse))
-    angles = edge * np.sqrt((np.arange(FITTED) + 0.5) / FITTED)
-    image, tangent = places(angles), np.tan(angles)
-    powers = tangent[:, None] ** np.array([1, 3, 5, 7]) / tangent[-1] ** np.array([0, 2, 4, 6])
-    found = np.linalg.lstsq(powers, image, rcond=None)[0] / tangent[-1] ** np.array([0, 2, 4, 6])
-    k1, k2, k3 = (float(each) for each in found[1:] / found[0])
-    return Camera(columns, rows, float(found[0]) / pitch, *principal, k1=k1, k2=k2, k3=k3)
+    last = float(lens.table.field[-1])
+    return camera_through(places, last, "lens_file", columns, rows, pitch, principal)
 
 
 def _centroid(stars: list[_Star], band: Band, area: float) -> Floats:
@@ -350,103 +294,20 @@ def field_psf(
                  apertures of a vignetted lens make no exact ellipse. numerical: the error between
                  the nodes is measured at places of the largest distance from them, and returned.
     """
-    _refuse_band(lens, wavelength, spectra)
+    refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
     count = BAND_NODES if lens.optics.psf_tolerance < COARSE else FEW_NODES
     plan = _Plan(lens, camera, pitch, band_of(wavelength, spectra, count), fill_factor, diffusion)
-    x, y = _nodes(camera)
-    symmetric = plan.symmetric
-    made: dict[tuple[float, float], tuple[Floats, Floats]] = {}
-
-    def node(at_x: float, at_y: float) -> tuple[Floats, Floats]:
-        """Table (c, m, m) and centre, flux (c, 3) of an image at a place."""
-        away_x, away_y = at_x - camera.centre[0], at_y - camera.centre[1]
-        if not symmetric:
-            return plan.image(away_x, away_y)
-        first, second = sorted((abs(away_x), abs(away_y)), reverse=True)
-        key = round(first, 6), round(second, 6)
-        if key not in made:
-            made[key] = plan.image(first, second)
-        return _reflected(*made[key], away_x, away_y)
-
-    images = [[node(float(u), float(v)) for u in x] for v in y]
-    tables = np.array([[one[0] for one in row] for row in images])
-    tables = tables.reshape(len(y) * len(x) * len(colour), -1)
-    basis, coefficient = _components(tables)
-    side = plan.side
-    basis = basis.reshape(-1, side, side)
-    centre = np.array([[one[1] for one in row] for row in images])
-    coefficient = coefficient.reshape(len(y), len(x), len(colour), -1)
-    value = np.concatenate([centre, coefficient], axis=-1).transpose(2, 0, 1, 3)
-    made_of = FieldPsf(
-        basis, plan.oversampling, x, y, colour, np.ascontiguousarray(value), math.nan, math.nan
-    )
-    if lens.optics.psf_tolerance >= COARSE:
-        return made_of
-    error, place_error = _checked(made_of, plan, camera)
-    return replace(made_of, error=error, place_error=place_error)
+    return images_over_frame(plan, camera, colour, lens.optics.psf_tolerance < COARSE)
 
 
 def mirrored(optics: Optics, camera: Camera) -> bool:
-    """Whether images behind a lens table repeat eight times in a frame, by mirrors and a turn."""
+    """Whether images over the field repeat eight times in a frame, by mirrors and a turn."""
     centred = camera.principal_x == camera.principal_y == 0
+    if optics.psf_file:
+        return centred and open_psf_file(optics.psf_file).even and not (camera.p1 or camera.p2)
     constant = any(each.growth == 0 for each in optics.aberrations)
     odd = any(noll_to_nm(each.noll)[1] < 0 for each in optics.aberrations)
     return centred and not constant and not odd
-
-
-def _nodes(camera: Camera) -> tuple[Floats, Floats]:
-    """Evenly spaced places from border to border of the frame."""
-    longer = max(camera.columns, camera.rows)
-    counts = [
-        max(math.ceil((NODES - 1) * size / longer) + 1, 4) for size in (camera.columns, camera.rows)
-    ]
-    # An odd number of places has one in the middle, so that mirror images share their nodes.
-    x, y = (
-        np.linspace(-0.5, size - 0.5, count + 1 - count % 2)
-        for size, count in zip((camera.columns, camera.rows), counts, strict=True)
-    )
-    return x, y
-
-
-def _reflected(table: Floats, centre: Floats, x: float, y: float) -> tuple[Floats, Floats]:
-    """The image at (x, y) from that at the larger and the smaller of |x| and |y|, by symmetry."""
-    centre = centre.copy()
-    if abs(y) > abs(x):
-        table, centre[:, :2] = table.transpose(0, 2, 1), centre[:, 1::-1]
-    if x < 0:
-        table, centre[:, 0] = table[:, :, ::-1], -centre[:, 0]
-    if y < 0:
-        table, centre[:, 1] = table[:, ::-1], -centre[:, 1]
-    return table, centre
-
-
-def _components(tables: Floats) -> tuple[Floats, Floats]:
-    """Principal components (k, s) of tables (n, s), and their coefficients (n, k)."""
-    value, vector = np.linalg.eigh(tables @ tables.T)
-    value, vector = np.maximum(value[::-1], 0), vector[:, ::-1]
-    # What the components from each on add to an image, as a fraction of its own norm.
-    part = value * vector**2
-    rest = np.cumsum(part[:, ::-1], axis=1)[:, ::-1] / part.sum(axis=1, keepdims=True)
-    left = np.sqrt(rest.max(axis=0))
-    count = max(int((left > KEPT).sum()), 1)
-    return vector[:, :count].T @ tables, vector[:, :count]
-
-
-def _checked(psf: FieldPsf, plan: _Plan, camera: Camera) -> tuple[float, float]:
-    """Error of images between the nodes over their peak, and of their places in pixel."""
-    last_x, last_y = len(psf.x) - 1, len(psf.y) - 1
-    worst = far = 0.0
-    cells = [(0, 0), (last_x // 2, last_y // 2)]
-    for i, j in cells:
-        x = float(psf.x[i] + psf.x[min(i + 1, last_x)]) / 2
-        y = float(psf.y[j] + psf.y[min(j + 1, last_y)]) / 2
-        table, centre = plan.image(x - camera.centre[0], y - camera.centre[1])
-        many = len(psf.colour)
-        found = psf.at(np.full(many, x), np.full(many, y), psf.colour)
-        made = np.tensordot(found[:, 3:], psf.table, 1)
-        worst = max(worst, float(np.abs(made - table).max() / table.max()))
-        far = max(far, float(np.abs(found[:, :2] - centre[:, :2]).max()))
-    return worst, far
 
 
 def _about(star: _Star) -> tuple[Floats, Floats]:
@@ -472,7 +333,9 @@ class _Plan:
         self.side_of_pixel = pitch * math.sqrt(fill_factor)
         optics = lens.optics
         blur = math.hypot(optics.total_blur, diffusion)
-        corners = [(u, v) for u in _nodes(camera)[0][[0, -1]] for v in _nodes(camera)[1][[0, -1]]]
+        corners = [
+            (u, v) for u in frame_nodes(camera)[0][[0, -1]] for v in frame_nodes(camera)[1][[0, -1]]
+        ]
         away = [(x - camera.centre[0], y - camera.centre[1]) for x, y in corners]
         away += [(0.0, 0.0), (away[0][0] / 2, away[0][1] / 2)]
         stars = [star for u, v in away for star in self.stars(u, v)]

@@ -142,11 +142,11 @@ class LensTable:
         self._refuse_outside("wavelength", wavelength, self.wavelength, "m")
         self._refuse_outside("field", field, self.field, "radian")
         values, parity = self._packed
-        values = _spline(self.temperature, values, np.array([temperature]), 0)[0]
-        values = _spline(-1 / self.wavelength, values, -1 / wavelength, 0)
+        values = spline(self.temperature, values, np.array([temperature]), 0)[0]
+        values = spline(-1 / self.wavelength, values, -1 / wavelength, 0)
         mirrored = values[:, :0:-1] * parity
         nodes = np.concatenate([-self.field[:0:-1], self.field])
-        values = _spline(nodes, np.concatenate([mirrored, values], axis=1), field, 1)
+        values = spline(nodes, np.concatenate([mirrored, values], axis=1), field, 1)
         k = len(self.noll)
         return LensPoints(
             values[..., :k], values[..., k], values[..., k + 1 : k + 7], values[..., k + 7]
@@ -194,11 +194,11 @@ def _check_values(name: str, values: NDArray[np.float64], shape: tuple[int, ...]
         raise ValueError(f"{name} must hold finite numbers")
 
 
-def _spline(nodes: Floats, values: Floats, at: Floats, axis: int) -> Floats:
-    """Values at other places of an axis, by a spline of at most the fifth degree."""
+def spline(nodes: Floats, values: Floats, at: Floats, axis: int, degree: int = DEGREE) -> Floats:
+    """Values at other places of an axis, by a spline of at most that degree."""
     if len(nodes) == 1:
         return np.repeat(values, len(at), axis=axis)
-    degree = min(DEGREE, len(nodes) - 1)
+    degree = min(degree, len(nodes) - 1)
     inside = np.clip(at, nodes[0], nodes[-1])
     if degree % 2:
         return np.asarray(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ SMALLEST, LARGEST = 5, 2048  # samples along a side of an image
 MOST_NUMBERS = 20_000_000  # of all images together
 FINE = 12  # samples per pixel at least: six-point interpolation errs by less than a cubic spline
 PARTS = {"wavelength": "WAVELENGTH", "angle": "FIELD", "place": "PLACE"}
+EVEN = 1e-3  # of the peak, by which an image may differ from its mirror image
 SAME = 1e-3  # of a pixel's side, by which the pixels of a file and of a design may differ
 
 
@@ -91,6 +92,12 @@ class PsfFile:
         """Whether there is more than one image."""
         return len(self.wavelength) > 1 or len(self.angle) > 1
 
+    @cached_property
+    def even(self) -> bool:
+        """Whether all images are their own mirror images across the x axis."""
+        image = self.image[..., len(self.image[0, 0]) % 2 == 0 :, :]
+        return bool(np.abs(image - image[..., ::-1, :]).max() <= EVEN * self.image.max())
+
 
 def _check_nodes(name: str, nodes: Floats, low: float, high: float) -> None:
     if np.ndim(nodes) != 1 or not 1 <= len(nodes) <= 1000 or not np.isfinite(nodes).all():
@@ -133,7 +140,7 @@ def psf_of_file(
     if found.pixel:
         table = ndimage.gaussian_filter(table, kernel * step, mode="constant") if kernel else table
     else:
-        table = _averaged(table, step, math.sqrt(fill_factor), kernel)
+        table = averaged(table, step, math.sqrt(fill_factor), kernel)
     table = table * (found.energy * step**2 / table.sum())
     return Psf(_padded(table, step), step, found.energy)
 
@@ -150,7 +157,7 @@ def _resampled(image: Floats, size: float) -> Floats:
     )
 
 
-def _averaged(image: Floats, step: int, side: float, blur: float) -> Floats:
+def averaged(image: Floats, step: int, side: float, blur: float) -> Floats:
     """The mean over squares of `side` pixel, after a Gaussian blur, with room for both."""
     more = math.ceil((side / 2 + 5 * blur) * step)
     image = np.pad(image, more)

@@ -47,6 +47,7 @@ from startrack.motion import realise_motion, sample_jitter
 from startrack.optics import (
     Optics,
     add_ghosts,
+    cube_psf,
     field_psf,
     open_optics,
     pixel_psf,
@@ -196,10 +197,10 @@ def _computed(
     spectra = np.frombuffer(photons).reshape(len(TEMPERATURES), -1)
     colour = spectra @ WAVELENGTH / spectra.sum(axis=1)
     order = np.argsort(colour)
-    return field_psf(
-        open_optics(optics, kelvin), camera, pitch, WAVELENGTH, spectra[order], colour[order],
-        fill_factor, diffusion,
-    )  # fmt: skip
+    light = WAVELENGTH, spectra[order], colour[order], fill_factor, diffusion
+    if optics.psf_file:
+        return cube_psf(optics, camera, pitch, *light)
+    return field_psf(open_optics(optics, kelvin), camera, pitch, *light)
 
 
 def colour_range(instrument: Instrument) -> tuple[float, float]:

@@ -1,0 +1,215 @@
+"""Images at places and wavelengths -> the FieldPsf of a frame, and the camera of places."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from startrack.core import Camera, FieldPsf, Floats, lagrange_weights, nm
+from startrack.optics.pixel_psf import gauss_band
+
+# Wavelengths of a band: errors of 0.2 % (double Gauss) and 0.7 % (Petzval) of the peak, and of 2 %
+# and 6 % with as few as suffice where the tolerance of the design is COARSE.
+BAND_NODES, FEW_NODES, COARSE = 12, 6, 0.05
+NODES = 5  # places along the longer side of the frame, at least four along the shorter
+KEPT = 4e-3  # of the norm of an image, that the left-out terms may have
+FITTED = 48  # angles to which a camera is fitted
+
+
+class Plan(Protocol):
+    """What the images of all places of a frame share.
+
+    side          samples along a side of a table
+    oversampling  samples per pixel
+    symmetric     whether the images repeat eight times, by mirrors and a turn
+    """
+
+    side: int
+    oversampling: int
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the images repeat eight times."""
+        ...
+
+    def image(self, away_x: float, away_y: float) -> tuple[Floats, Floats]:
+        """Table (c, m, m) of each spectrum at a place (pixel from the axis); its shift (pixel) and
+        relative flux, (c, 3).
+        """
+        ...
+
+
+class Band(NamedTuple):
+    """Spectra as weights of a few wavelengths.
+
+    wavelength  (n,) metre;  weight  (c, n) 1, of each spectrum, whose sum is one
+    """
+
+    wavelength: Floats
+    weight: Floats
+
+
+def band_of(wavelength: Floats, spectra: Floats, count: int = BAND_NODES) -> Band:
+    """Wavelengths whose weighted sums are those of whole spectra.
+
+    The nodes are those of a Gaussian quadrature of the mean spectrum; each spectrum is integrated
+    with the polynomial through the nodes.
+
+    wavelength  (k,) metre;  spectra  (c, k) detected photons, each on any scale
+    count       of the wavelengths
+    Accuracy    numerical: exact for polynomials of degree n - 1 in the wavelength.
+    """
+    fraction = spectra / spectra.sum(axis=1, keepdims=True)
+    nodes, _ = gauss_band(wavelength, fraction.mean(axis=0), count)
+    nodes = np.sort(nodes)
+    return Band(nodes, fraction @ lagrange_weights(nodes, wavelength))
+
+
+def refuse_band(key: str, held: Floats, wavelength: Floats, spectra: Floats) -> None:
+    """Refuse detected light beyond the wavelengths (metre) that a file holds.
+
+    key  of the design that names the file
+    """
+    detected = (spectra > 1e-4 * spectra.max(axis=1, keepdims=True)).any(axis=0)
+    first, last = wavelength[detected][[0, -1]]
+    low, high = held[[0, -1]]
+    bin_width = float(np.diff(wavelength).max(initial=0.0))
+    if first < low - bin_width or last > high + bin_width:
+        raise ValueError(
+            f"{key} must hold the wavelengths that the instrument detects, {first / nm:.0f} to "
+            f"{last / nm:.0f} nm, but its file holds {low / nm:.0f} to {high / nm:.0f} nm"
+        )
+
+
+def camera_through(
+    places: Callable[[Floats], Floats], last: float, key: str, columns: int, rows: int,
+    pitch: float, principal: tuple[float, float],
+) -> Camera:  # fmt: skip
+    """The camera that fits places over the field best: focal length and three radial coefficients.
+
+    A least-squares fit over the field to the farthest corner, weighted by area.
+
+    places     function of field angles (n,) radian that returns (n,) metre from the axis
+    last       radian, largest angle
+    key        of the design that names the file
+    principal  pixel (x, y) from the centre of the array
+    Raises     ValueError where the places do not reach the corner of the frame.
+    """
+    width, height = columns / 2 + abs(principal[0]), rows / 2 + abs(principal[1])
+    corner = math.hypot(width, height) * pitch
+    coarse = np.linspace(0, last, 17)
+    reached = places(coarse)
+    if reached[-1] < corner:
+        raise ValueError(
+            f"{key} must reach the corner of the detector, {corner * 1e3:.4g} mm from the "
+            f"axis, but its file ends at {reached[-1] * 1e3:.4g} mm "
+            f"({math.degrees(last):.4g} deg)"
+        )
+    # Evenly over the area of the circle through the corner.
+    edge = float(np.interp(corner, reached, coarse))
+    angles = edge * np.sqrt((np.arange(FITTED) + 0.5) / FITTED)
+    image, tangent = places(angles), np.tan(angles)
+    powers = tangent[:, None] ** np.array([1, 3, 5, 7]) / tangent[-1] ** np.array([0, 2, 4, 6])
+    found = np.linalg.lstsq(powers, image, rcond=None)[0] / tangent[-1] ** np.array([0, 2, 4, 6])
+    k1, k2, k3 = (float(each) for each in found[1:] / found[0])
+    return Camera(columns, rows, float(found[0]) / pitch, *principal, k1=k1, k2=k2, k3=k3)
+
+
+def images_over_frame(plan: Plan, camera: Camera, colour: Floats, checked: bool = True) -> FieldPsf:
+    """The images of a plan at nodes over the frame, as sums of their principal components.
+
+    As many are kept as every image needs to within 4e-3 of its norm.
+
+    colour   (c,) metre, mean wavelength of each spectrum of the plan
+    checked  whether the error between the nodes is measured; otherwise it is NaN
+    """
+    x, y = frame_nodes(camera)
+    symmetric = plan.symmetric
+    made: dict[tuple[float, float], tuple[Floats, Floats]] = {}
+
+    def node(at_x: float, at_y: float) -> tuple[Floats, Floats]:
+        """Table (c, m, m) and centre, flux (c, 3) of an image at a place."""
+        away_x, away_y = at_x - camera.centre[0], at_y - camera.centre[1]
+        if not symmetric:
+            return plan.image(away_x, away_y)
+        first, second = sorted((abs(away_x), abs(away_y)), reverse=True)
+        key = round(first, 6), round(second, 6)
+        if key not in made:
+            made[key] = plan.image(first, second)
+        return _reflected(*made[key], away_x, away_y)
+
+    images = [[node(float(u), float(v)) for u in x] for v in y]
+    tables = np.array([[one[0] for one in row] for row in images])
+    tables = tables.reshape(len(y) * len(x) * len(colour), -1)
+    basis, coefficient = _components(tables)
+    side = plan.side
+    basis = basis.reshape(-1, side, side)
+    centre = np.array([[one[1] for one in row] for row in images])
+    coefficient = coefficient.reshape(len(y), len(x), len(colour), -1)
+    value = np.concatenate([centre, coefficient], axis=-1).transpose(2, 0, 1, 3)
+    made_of = FieldPsf(
+        basis, plan.oversampling, x, y, colour, np.ascontiguousarray(value), math.nan, math.nan
+    )
+    if not checked:
+        return made_of
+    error, place_error = _checked(made_of, plan, camera)
+    return replace(made_of, error=error, place_error=place_error)
+
+
+def frame_nodes(camera: Camera) -> tuple[Floats, Floats]:
+    """Evenly spaced places from border to border of the frame."""
+    longer = max(camera.columns, camera.rows)
+    counts = [
+        max(math.ceil((NODES - 1) * size / longer) + 1, 4) for size in (camera.columns, camera.rows)
+    ]
+    # An odd number of places has one in the middle, so that mirror images share their nodes.
+    x, y = (
+        np.linspace(-0.5, size - 0.5, count + 1 - count % 2)
+        for size, count in zip((camera.columns, camera.rows), counts, strict=True)
+    )
+    return x, y
+
+
+def _reflected(table: Floats, centre: Floats, x: float, y: float) -> tuple[Floats, Floats]:
+    """The image at (x, y) from that at the larger and the smaller of |x| and |y|, by symmetry."""
+    centre = centre.copy()
+    if abs(y) > abs(x):
+        table, centre[:, :2] = table.transpose(0, 2, 1), centre[:, 1::-1]
+    if x < 0:
+        table, centre[:, 0] = table[:, :, ::-1], -centre[:, 0]
+    if y < 0:
+        table, centre[:, 1] = table[:, ::-1], -centre[:, 1]
+    return table, centre
+
+
+def _components(tables: Floats) -> tuple[Floats, Floats]:
+    """Principal components (k, s) of tables (n, s), and their coefficients (n, k)."""
+    value, vector = np.linalg.eigh(tables @ tables.T)
+    value, vector = np.maximum(value[::-1], 0), vector[:, ::-1]
+    # What the components from each on add to an image, as a fraction of its own norm.
+    part = value * vector**2
+    rest = np.cumsum(part[:, ::-1], axis=1)[:, ::-1] / part.sum(axis=1, keepdims=True)
+    left = np.sqrt(rest.max(axis=0))
+    count = max(int((left > KEPT).sum()), 1)
+    return vector[:, :count].T @ tables, vector[:, :count]
+
+
+def _checked(psf: FieldPsf, plan: Plan, camera: Camera) -> tuple[float, float]:
+    """Error of images between the nodes over their peak, and of their places in pixel."""
+    last_x, last_y = len(psf.x) - 1, len(psf.y) - 1
+    worst = far = 0.0
+    cells = [(0, 0), (last_x // 2, last_y // 2)]
+    for i, j in cells:
+        x = float(psf.x[i] + psf.x[min(i + 1, last_x)]) / 2
+        y = float(psf.y[j] + psf.y[min(j + 1, last_y)]) / 2
+        table, centre = plan.image(x - camera.centre[0], y - camera.centre[1])
+        many = len(psf.colour)
+        found = psf.at(np.full(many, x), np.full(many, y), psf.colour)
+        made = np.tensordot(found[:, 3:], psf.table, 1)
+        worst = max(worst, float(np.abs(made - table).max() / table.max()))
+        far = max(far, float(np.abs(found[:, :2] - centre[:, :2]).max()))
+    return worst, far

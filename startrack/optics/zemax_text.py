@@ -1,0 +1,206 @@
+"""Text that Zemax saves -> a PsfFile of Huygens PSFs, a LensTable of wavefront maps."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.core import Floats, positive
+from startrack.io import read_bytes
+from startrack.optics.lens_table import LensTable
+from startrack.optics.psf_file import LARGEST, SMALLEST, PsfFile
+from startrack.optics.zernike import noll_to_nm, zernike
+
+TERMS = 37  # largest Noll index of a wavefront
+MOST_BYTES = 100_000_000
+ROOM = 293.15  # kelvin
+BAND = (300e-9, 1100e-9)  # metre, for which one wavelength stands
+WIDE = 0.1  # radian, to which one field angle stands
+NUMBER = r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
+WAVE = re.compile(rf"({NUMBER})\s*\S{{1,2}}m\s+at\s+({NUMBER}),\s*({NUMBER})\s*\(deg\)")
+SPACING = re.compile(rf"[Dd]ata spacing is\s+({NUMBER})")
+CENTRE = re.compile(rf"[Cc]enter coordinates\s*:?\s*({NUMBER}),?\s+({NUMBER})\s*[Mm]illimeters")
+POINT = re.compile(r"[Cc]enter point is:?\s*(?:row\s*)?(\d+),\s*(?:col(?:umn)?\s*)?(\d+)")
+
+
+class _Page(NamedTuple):
+    """One saved page: wavelength (metre) and field angle (radian); x runs off the axis.
+
+    data     (n, n), the middle at n // 2
+    spacing  metre, of a PSF; 0: a wavefront in waves, NaN outside of the pupil
+    place    metre from the axis of the middle; None where the page does not say it
+    """
+
+    wavelength: float
+    angle: float
+    data: Floats
+    spacing: float
+    place: float | None
+
+
+class Fitted(NamedTuple):
+    """A lens table, and the rms (w, f) in waves that the terms leave of its wavefronts."""
+
+    table: LensTable
+    left: Floats
+
+
+def holds_wavefronts(paths: Sequence[Path]) -> bool:
+    """Whether pages are wavefront maps and not PSFs. Raises as `psfs_of_pages`."""
+    return _pages(paths)[0].spacing == 0
+
+
+def psfs_of_pages(paths: Sequence[Path], source: str) -> PsfFile:
+    """Images from pages of Huygens PSFs, one for each wavelength and field (0, y).
+
+    The first row of numbers is that of the largest y.
+
+    Raises  OSError; ValueError where a page is none, or the set is not complete.
+    """
+    pages = _pages(paths)
+    waves, angles, of = _nodes(pages)
+    spacings = {page.spacing for page in pages}
+    if len(spacings) > 1 or len({page.data.shape for page in pages}) > 1:
+        raise ValueError("all pages must have one spacing and size")
+    image = np.array([[of[w, a].data for a in angles] for w in waves])
+    places = [[of[w, a].place for a in angles] for w in waves]
+    known = all(one is not None for row in places for one in row) and len(angles) > 1
+    return PsfFile(
+        source, image, spacings.pop(), False, None, 1.0, np.array(waves), np.array(angles),
+        np.array(places, float) if known else None,
+    )  # fmt: skip
+
+
+def table_of_pages(
+    paths: Sequence[Path], focal_length: float, f_number: float, name: str, source: str,
+    flipped: bool = False,
+) -> Fitted:  # fmt: skip
+    """The lens table of pages of wavefront maps, one for each wavelength and field (0, y).
+
+    Its terms to Noll 37, even across the field, are fitted by least squares over the open pupil. A
+    map is positive where the path is longer than that of the chief ray. One wavelength stands for
+    all from 300 to 1100 nm, with the same path, and one field angle for all to 0.1 radian.
+
+    focal_length, f_number  metre, 1, of the lens
+    flipped                 maps are positive where the path is shorter
+    Raises    OSError; ValueError where a page is none, or the set is not complete.
+    Accuracy  what the terms leave is returned. model: a round pupil without vignetting, distortion
+              and lateral colour, which the maps do not hold.
+    """
+    positive(focal_length=focal_length, f_number=f_number)
+    pages = _pages(paths)
+    waves, angles, of = _nodes(pages)
+    noll = [j for j in range(2, TERMS + 1) if noll_to_nm(j)[1] >= 0]
+    fits = [[_terms(of[w, a].data, noll) for a in angles] for w in waves]
+    terms = np.array([[one.terms for one in row] for row in fits]) * np.reshape(waves, (-1, 1, 1))
+    left = np.array([[one.left for one in row] for row in fits])
+    field, wavelength = np.array(angles), np.array(waves)
+    if len(field) == 1:
+        field, terms = np.array([0.0, WIDE]), np.repeat(terms, 2, axis=1)
+    if len(wavelength) == 1:
+        wavelength, terms = np.array(BAND), np.repeat(terms, 2, axis=0)
+    shape = len(wavelength), len(field)
+    place = np.broadcast_to(focal_length * np.tan(field), shape).copy()
+    half, zero = np.full(shape, 0.5 / f_number), np.zeros(shape)
+    area = np.full(shape, math.pi / 4 * (focal_length / f_number) ** 2)
+    table = LensTable(
+        name, source, focal_length, f_number, np.array([ROOM]), wavelength, field, np.array(noll),
+        (-terms if flipped else terms)[None], place[None],
+        np.stack([zero, half, half] * 2, axis=-1)[None], area[None],
+    )  # fmt: skip
+    return Fitted(table, left)
+
+
+class _Terms(NamedTuple):
+    terms: Floats
+    left: float
+
+
+def _terms(waves: Floats, noll: Sequence[int]) -> _Terms:
+    """Terms of a map of waves, and the rms that they leave."""
+    known, axis = np.isfinite(waves), np.arange(len(waves)) - len(waves) // 2
+    across, down = np.meshgrid(axis, axis)
+    radius = max(float(np.hypot(across, down)[known].max()), 1.0)
+    u, v = across[known] / radius, down[known] / radius
+    shapes = np.column_stack([np.ones_like(u), *(zernike(j, u, v) for j in noll)])
+    found = np.linalg.lstsq(shapes, waves[known], rcond=None)[0]
+    return _Terms(np.asarray(found[1:], float), float((waves[known] - shapes @ found).std()))
+
+
+def _nodes(
+    pages: Sequence[_Page],
+) -> tuple[list[float], list[float], dict[tuple[float, float], _Page]]:
+    of = {(page.wavelength, page.angle): page for page in pages}
+    waves, angles = (sorted({key[k] for key in of}) for k in (0, 1))
+    for w in waves:
+        for a in angles:
+            if (w, a) not in of:
+                raise ValueError(
+                    "a page must be given for each wavelength and field, but none is for "
+                    f"{w * 1e6:g} um at {math.degrees(a):g} deg"
+                )
+    return waves, angles, of
+
+
+def _pages(paths: Sequence[Path]) -> list[_Page]:
+    pages = [_page(path) for path in paths]
+    if len({page.spacing == 0 for page in pages}) > 1:
+        raise ValueError("all pages must be of one kind, Huygens PSFs or wavefront maps")
+    return pages
+
+
+def _page(path: Path) -> _Page:
+    raw = read_bytes(path, "text saved by Zemax", MOST_BYTES)
+    wide = raw[:2] in (b"\xff\xfe", b"\xfe\xff")
+    text = raw.decode("utf-16" if wide else "utf-8", errors="replace")
+    wave = WAVE.search(text)
+    is_psf, is_map = "Huygens PSF" in text[:2000], "avefront" in text[:2000]
+    if not wave or is_psf == is_map:
+        raise ValueError(
+            f"{path} must be a Huygens PSF or a wavefront map of one wavelength, saved by Zemax as "
+            "text, with its field in degree"
+        )
+    across, along = float(wave[2]), float(wave[3])
+    if across or along < 0:
+        raise ValueError(
+            f"{path} must have a field (0, y) with y not negative, got ({across:g}, {along:g})"
+        )
+    rows = [line.split() for line in text.splitlines() if _is_row(line)]
+    side = max((len(row) for row in rows), default=0)
+    rows = [row for row in rows if len(row) == side]
+    if len(rows) != side or not SMALLEST <= side <= LARGEST:
+        raise ValueError(
+            f"{path} must hold a square of {SMALLEST} to {LARGEST} numbers a side, got "
+            f"{len(rows)} rows of {side}"
+        )
+    data = np.array(rows, float)
+    point = POINT.search(text)
+    row, column = (int(point[1]), int(point[2])) if point else (side // 2 + 1, side // 2 + 1)
+    data = _about(data[::-1].T, column - 1, side - row)
+    angle, wavelength = math.radians(along), float(wave[1]) * 1e-6
+    if is_map:
+        return _Page(wavelength, angle, np.where(data == 0, np.nan, data), 0.0, None)
+    spacing, centre = SPACING.search(text), CENTRE.search(text)
+    if not spacing:
+        raise ValueError(f"{path} must say its data spacing")
+    place = float(centre[2]) * 1e-3 if centre else None
+    return _Page(wavelength, angle, data, float(spacing[1]) * 1e-6, place)
+
+
+def _is_row(line: str) -> bool:
+    parts = line.split()
+    return len(parts) >= SMALLEST and all(re.fullmatch(NUMBER, part) for part in parts)
+
+
+def _about(data: Floats, row: int, column: int) -> Floats:
+    """The largest odd square about a sample."""
+    side = len(data)
+    half = min(row, column, side - 1 - row, side - 1 - column)
+    if half < SMALLEST // 2:
+        raise ValueError(f"the centre point must lie within the data, got {row}, {column}")
+    return data[row - half : row + half + 1, column - half : column + half + 1]

@@ -1,0 +1,171 @@
+"""Images over field and wavelength, of files and of pages that Zemax saves, in a design."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from startrack import Fidelity, Instrument, load_design, run_random_trial, shipped
+from startrack.cli.main import main
+from startrack.core import Camera
+from startrack.optics import (
+    Optics,
+    PsfFile,
+    load_lens,
+    load_psf_file,
+    open_optics,
+    save_psf_file,
+)
+from startrack.optics.field_images import Band
+from startrack.optics.lens_psf import _Plan, _stars
+from startrack.trial.view import field_psf_of
+
+FOCAL, F_NUMBER = 0.0350, 2.8
+# As many wavelengths as the chromatic focus of this lens needs: nine err by a tenth of the peak.
+WAVES, ANGLES = np.linspace(400e-9, 1000e-9, 25), np.radians(np.linspace(0, 6.8, 6))
+SPACING, SIDE, BLUR = 0.5e-6, 221, 2e-6
+
+
+def the_instrument(optics: Optics) -> Instrument:
+    instrument = load_design(shipped("designs/nanosatellite.toml")).case.instrument
+    return replace(instrument, optics=replace(optics, transmission=instrument.optics.transmission))
+
+
+@pytest.fixture(scope="module")
+def cube(tmp_path_factory):
+    """A file of images of the double Gauss, and its optics."""
+    path = tmp_path_factory.mktemp("cube") / "cube.fits"
+    optics = Optics(FOCAL, F_NUMBER, lens_file="double_gauss", blur=BLUR, psf_tolerance=0.05)
+    lens = open_optics(optics)
+    plan = _Plan(
+        lens, Camera(8, 8, FOCAL / 11e-6), 11e-6, Band(WAVES, np.ones((1, len(WAVES)))), 1.0, 0.0
+    )
+    plan.count, plan.spacing = SIDE, SPACING
+    image, place = np.empty((len(WAVES), len(ANGLES), SIDE, SIDE)), np.empty((25, 6))
+    for f, row in enumerate(_stars(lens, WAVES, ANGLES, 0.0)):
+        for w, star in enumerate(row):
+            u = star.place + star.rays()[0].mean()
+            image[w, f], place[w, f] = plan._irradiance(star, u, 0.0), u
+    save_psf_file(path, PsfFile("", image, SPACING, False, None, 1.0, WAVES, ANGLES, place))
+    return path, optics
+
+
+def test_a_cube_of_a_lens_makes_the_stars_of_the_lens(cube):
+    """Camera, places and images over frame and colour: 1.5 % of the peak, 0.01 pixel."""
+    path, optics = cube
+    lens, file = (
+        the_instrument(optics),
+        the_instrument(Optics(FOCAL, F_NUMBER, psf_file=str(path), blur=BLUR, psf_tolerance=0.05)),
+    )
+    assert file.camera.focal_length_px == pytest.approx(lens.camera.focal_length_px, rel=1e-5)
+    wanted, made = field_psf_of(lens), field_psf_of(file)
+    for x, y in ((255.5, 255.5), (430.0, 255.5), (60.0, 90.0), (300.0, 480.0)):
+        pixel = np.array([[x, y]])
+        for colour in wanted.colour[[0, -1]]:
+            one, other = (each.image(x, y, float(colour))[0] for each in (wanted, made))
+            u, v = (
+                each.camera.project(lens.camera.unproject(pixel))[0]
+                + images.at(pixel[:, 0], pixel[:, 1], np.array([colour]))[0, :2]
+                for each, images in ((lens, wanted), (file, made))
+            )
+            assert np.abs(u - v).max() < 0.01
+            step = np.arange(-3, 4)
+            a, b = (
+                psf.table[np.ix_(*2 * [len(psf.table) // 2 + step * psf.oversampling])]
+                for psf in (one, other)
+            )
+            assert np.abs(a - b).max() < 0.015 * a.max()
+
+
+def test_a_trial_takes_a_cube(cube):
+    path, optics = cube
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    errors = []
+    for one in (optics, Optics(FOCAL, F_NUMBER, psf_file=str(path), blur=BLUR, psf_tolerance=0.05)):
+        behind = replace(case, instrument=the_instrument(one))
+        outcome = run_random_trial(behind, seed=3, number=1, fidelity=Fidelity.WINDOW)
+        errors.append((outcome.stars, outcome.error_x, outcome.error_y))
+    # The file does not say that the lens loses light towards the edge of the field.
+    assert errors[0][0] == pytest.approx(errors[1][0], abs=3)
+    assert np.hypot(*errors[1][1:]) < 3 * np.hypot(*errors[0][1:]) + 1e-5
+
+
+def page(path, data, wave, angle, kind, encoding="utf-8", extra=""):
+    """Text as Zemax saves it: the first row has the largest y."""
+    rows = "\n".join("\t".join(f"{one: .6E}" for one in row) for row in data[::-1])
+    n = len(data)
+    path.write_text(
+        f"Listing of {kind} Data\n\nFile : C:\\lens.zmx\n{wave:.4f} µm at 0.0000, {angle:.4f} "
+        f"(deg).\n{extra}Pupil grid size: 64 by 64\nCenter point is: row {n - n // 2}, column "
+        f"{n // 2 + 1}\n\n{rows}\n",
+        encoding=encoding,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_huygens_pages_become_images_whose_tail_points_off_the_axis(tmp_path, encoding, capsys):
+    down, across = np.indices((33, 33)) - 16.0
+    images = {}
+    for angle in (0.0, 4.0):
+        # A tail towards +y, the direction of the field.
+        images[angle] = np.exp(-(across**2) / 8 - (down - angle) ** 2 / 8)
+        place = f"Center coordinates  :   0.0, {angle / 10:.4f} Millimeters\n"
+        extra = f"Data spacing is 0.500 µm.\n{place}"
+        page(
+            tmp_path / f"{angle:.0f}.txt", images[angle], 0.6, angle, "Huygens PSF", encoding, extra
+        )
+    pages = [str(tmp_path / name) for name in ("0.txt", "4.txt")]
+    out = tmp_path / "psf.fits"
+    assert main(["lens", "import", *pages, "--out", str(out)]) == 0
+    assert "psf_file" in capsys.readouterr().out
+    found = load_psf_file(out)
+    assert found.spacing == pytest.approx(0.5e-6)
+    assert np.degrees(found.angle) == pytest.approx([0, 4])
+    assert found.place is not None
+    assert found.place[0] == pytest.approx([0, 0.4e-3])
+    assert found.image[0, 1] == pytest.approx(images[4.0].T, abs=1e-6)
+    assert (found.image[0, 1] @ np.ones(33)).argmax() == 16
+    assert (np.ones(33) @ found.image[0, 1]).argmax() == 20
+    assert main(["lens", "import", pages[0], str(tmp_path / "none.txt")]) == 2
+    assert main(["lens", "show", str(out)]) == 0
+
+
+def test_wavefront_pages_become_a_lens_table_with_their_image(tmp_path):
+    """Coma and defocus over a round pupil: the image of the plain PSF with the same terms."""
+    size, wave = 129, 0.6
+    v, u = (np.indices((size, size)) - size // 2) / (size // 2)
+    inside = np.hypot(u, v) <= 1
+    rho2 = u * u + v * v
+    waves = 0.12 * np.sqrt(8) * (3 * rho2 - 2) * v + 0.08 * np.sqrt(3) * (2 * rho2 - 1)
+    page(tmp_path / "w.txt", np.where(inside, waves, 0.0), wave, 0.0, "Wavefront Map")
+    out = tmp_path / "table.fits"
+    arguments = ["lens", "import", str(tmp_path / "w.txt"), "--out", str(out)]
+    assert main(arguments) == 2
+    assert main([*arguments, "--focal-length", "50", "--f-number", "4"]) == 0
+    table = load_lens(out)
+    found = dict(zip(table.noll.tolist(), table.wavefront[0, 0, 0] / (wave * 1e-6), strict=True))
+    # y of the page is x of the table, along the field.
+    assert found[8] == pytest.approx(0.12, abs=1e-4)
+    assert found[4] == pytest.approx(0.08, abs=1e-4)
+    assert max(abs(size) for j, size in found.items() if j not in (4, 8)) < 2e-3
+    assert main([*arguments, "--focal-length", "50", "--f-number", "4", "--flip"]) == 0
+    assert load_lens(out).wavefront == pytest.approx(-table.wavefront)
+
+
+def test_what_it_refuses(tmp_path, cube):
+    path, _ = cube
+    good = load_psf_file(path)
+    narrow = replace(good, image=good.image[:, :4], angle=good.angle[:4], place=good.place[:, :4])
+    save_psf_file(tmp_path / "narrow.fits", narrow)
+    with pytest.raises(ValueError, match="must reach the corner"):
+        the_instrument(Optics(FOCAL, F_NUMBER, psf_file=str(tmp_path / "narrow.fits"))).camera  # noqa: B018
+    red = replace(good, image=good.image[3:], wavelength=WAVES[3:], place=good.place[3:])
+    save_psf_file(tmp_path / "red.fits", red)
+    with pytest.raises(ValueError, match="must hold the wavelengths"):
+        the_instrument(Optics(FOCAL, F_NUMBER, psf_file=str(tmp_path / "red.fits"))).camera  # noqa: B018
+    with pytest.raises(ValueError, match="k1, k2"):
+        Optics(FOCAL, F_NUMBER, psf_file=str(path), k1=0.1)
+    (tmp_path / "x.txt").write_text("no page")
+    assert main(["lens", "import", str(tmp_path / "x.txt")]) == 2
