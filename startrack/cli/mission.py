@@ -83,7 +83,8 @@ def command(options: argparse.Namespace) -> int:
     path = options.mission or shipped("missions/sun-synchronous.toml")
     with as_wrong_use(ValueError, ImportError):
         loaded = load_mission(path, options.set)
-        plan = plan_of(loaded)
+        with progress("heads", len(loaded.designs)) as advance:
+            plan = plan_of(loaded, advance=advance)
         steps = loaded.mission.time.steps
         every = options.every or -(-steps // ROWS)
         rows = 0 if options.place else -(-steps // every)
@@ -239,6 +240,12 @@ def _text(plan: Plan, flown: Flown, found: Availability) -> str:
         f"fused attitude: {x:.2f}, {y:.2f}, {z:.2f} arcsec rms about x, y, z; by the error budget "
         "of perfect units, with the alignments of the mission file"
     )
+    if flown.worst:
+        second, error = flown.worst[0]
+        lines.append(
+            f"largest error about an axis {error / arcsec:.1f} arcsec rms, {second / 86400:.2f} d "
+            "after the begin"
+        )
     for one in _verdicts(plan, flown, found):
         size, unit = (arcsec, "arcsec") if one.name == "max_error" else (1.0, "")
         size, unit = (1.0, "s") if one.name == "max_blind" else (size, unit)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, require_memory
 from startrack.mission.bodies import PLANETS
 from startrack.mission.fusion import fused_variance
 from startrack.mission.heads import Mounted, Seen, Shadow, inside, look, mount, shadow_of
@@ -49,9 +49,12 @@ class Plan:
     stray: tuple[StrayLight | None, ...] = ()
 
 
-def plan_of(loaded: Loaded, errors: bool = True) -> Plan:
+def plan_of(
+    loaded: Loaded, errors: bool = True, advance: Callable[[int], None] = lambda _: None
+) -> Plan:
     """The plan of a mission.
 
+    advance called with 1 when a head is done
     errors  whether the errors of the heads are computed, too: one survey of the sky for each
             design, rate and background
     Raises  ValueError where a file, the elements or a head cannot be used; ImportError without
@@ -76,6 +79,7 @@ def plan_of(loaded: Loaded, errors: bool = True) -> Plan:
             except ValueError as error:
                 raise ValueError(f"head {heads[h].name}: {error}") from None
             made |= dict.fromkeys(same, found)
+        advance(1)
     return Plan(
         loaded,
         course,
@@ -211,6 +215,7 @@ def fly(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Flown:
     advance  called with the number of steps after each chunk
     """
     steps, heads = plan.loaded.mission.time.steps, len(plan.heads)
+    require_memory(steps * (2 * heads + 16), f"a mission of {steps} steps")
     shape = (SEASONS, PHASES)
     flown = Flown(
         plan.loaded.mission.time.step,

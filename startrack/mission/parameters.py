@@ -33,6 +33,8 @@ LAWS = ("nadir", "inertial", "sun", "target", "aem")
 YAWS = ("velocity", "ground", "sun")
 LOWEST = 80e3  # metre, of a perigee: below it no orbit lasts
 MOST_STEPS = 10**8
+FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
+JULIAN_YEAR = 365.25 * 86400.0  # second
 UNIT_NORM = 1e-3  # by which the norm of a quaternion in a file may differ from one
 
 
@@ -237,7 +239,9 @@ class Span:
 
     def __post_init__(self) -> None:
         positive(duration=self.duration, step=self.step)
-        utc(self.begin)
+        year = float(utc(self.begin).jyear)
+        within(FIRST_YEAR, LAST_YEAR, **{"year of begin": year})
+        within(FIRST_YEAR, LAST_YEAR, **{"year of the end": year + self.duration / JULIAN_YEAR})
         whole(1, MOST_STEPS, **{"number of steps (duration / step)": self.steps})
 
     @property

@@ -54,6 +54,8 @@ def test_heads_are_placed(capsys, tmp_path, monkeypatch):
         ("orbit.altitude=40000 km", "no orbit is Sun-synchronous"),
         ('attitude.law="aem"', "aem must be given with law"),
         ("orbits.altitude=3 km", "unknown"),
+        ("time.duration=300 yr", "year of the end must lie in [1900, 2100]"),
+        ("time.step=1 us", "number of steps (duration / step) must be"),
     ],
 )
 def test_wrong_missions_are_one_sentence(capsys, tmp_path, change, words):

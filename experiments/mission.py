@@ -1,0 +1,396 @@
+"""Is a mission right, and how fast is it?
+
+The example mission beside astropy done step by step, beside rendered frames at random instants of
+it, and beside cases whose answer is known: fusion with its covariance, heads in a cone, files that
+come back, and the exported C beside sequences of frames.
+
+    python experiments/mission.py [--json FILE] [--quick]
+
+sun_arcsec, moon_arcsec   largest difference of the apparent directions to astropy's
+limb_arcmin               of the angle to the limb, to the nearest of 20,000 points of the ellipsoid
+year_three_heads_s        CPU time of all steps of the example: a year of three heads at 10 s
+plan_s                    CPU time before that: ephemerides as tables, surrogates of the heads
+astropy_speedup           CPU time of a plain loop with astropy, per step and three heads, over that
+availability_z            attitudes of rendered frames, less those expected, in standard deviations
+rms_ratio, about_ratio    rms error of these frames over that expected, across and about
+fusion_nees               normalised squared error of two fused heads (3 where the covariance holds)
+swarm_before_arcsec       rms angle between two simulated heads on a bench that warms and cools
+swarm_after_arcsec        the same after the estimation of its drift, on times that it has not seen
+placement_deg             largest error of a zenith angle in a case with a closed form
+aem_roundtrip             radian, of attitudes that are written and read
+export_spectrum_error     of the exported C's spectral amplitude, to that of sequences of frames
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import command
+import numpy as np
+import one_thread  # noqa: F401
+from scipy.spatial.transform import Rotation
+
+from startrack import Fidelity, Streams, arcsec, deg, load_design, shipped
+from startrack.core import LIGHT_SPEED, Floats, installed_tables
+from startrack.design import KeepOut, turning
+from startrack.mission import (
+    Mission,
+    Plan,
+    fly,
+    fuse,
+    head_covariance,
+    head_model,
+    load_mission,
+    place,
+    plan_of,
+    relative_alignment,
+    scenes_at,
+    surrogate,
+    write_model,
+)
+from startrack.mission.ccsds import Attitudes, read_aem, write_aem
+from startrack.mission.engine import at
+from startrack.mission.orbit import path_of
+from startrack.mission.parameters import Needs, Orbit, mounted
+from startrack.montecarlo import Serial
+from startrack.sequence import Leg, Sequence, fly_sequences
+from startrack.trial import run_trial
+
+EXAMPLE = shipped("missions/sun-synchronous.toml")
+MAIN = """
+#include "startrack_head.h"
+#include <stdio.h>
+#include <stdlib.h>
+int main(int count, char **word)
+{
+    long heads = atol(word[1]), frames = atol(word[2]), h, f;
+    double error[3];
+    for (h = 0; h < heads && count > 4; h++) {
+        startrack_head head;
+        startrack_start(&head, (uint64_t)h);
+        for (f = 0; f < frames; f++) {
+            startrack_frame(&head, atof(word[3]), atof(word[4]), 4, 4, 4, 0, error);
+            fwrite(error, sizeof error, 1, stdout);
+        }
+    }
+    return 0;
+}
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--instants", type=int, default=10_000, help="for directions")
+    parser.add_argument("--days", type=int, default=365, help="of the mission")
+    parser.add_argument("--frames", type=int, default=300, help="that are rendered")
+    parser.add_argument("--loop", type=int, default=40, help="steps of the loop with astropy")
+    parser.add_argument("--sequences", type=int, default=30, help="of 16 frames")
+    chosen = command.read(parser, instants=20, days=2, frames=2, loop=2, sequences=2)
+    if chosen.quick:
+        surrogate.PLACES = 192
+    loaded = load_mission(EXAMPLE, [f"time.duration={chosen.days} d"])
+    begun = time.process_time()
+    plan = plan_of(loaded)
+    figures: dict[str, Any] = {"plan_s": time.process_time() - begun}
+
+    def add(**values: float | None) -> None:
+        figures.update(values)
+        for name, value in values.items():
+            print(f"{name:24} {value if value is None else f'{value:.4g}'}", flush=True)
+
+    add(plan_s=figures["plan_s"])
+    add(**directions(plan, chosen.instants))
+    add(limb_arcmin=limb(plan, min(chosen.instants, 300)))
+    add(**speed(plan, chosen.loop))
+    add(fusion_nees=fusion(20_000))
+    add(**bench(8760))
+    add(aem_roundtrip=round_trip(plan))
+    add(placement_deg=placement(loaded.mission, chosen.quick))
+    add(export_spectrum_error=exported(chosen.sequences))
+    add(**rendered(plan, chosen.frames))
+    command.save(chosen, figures)
+
+
+def directions(plan: Plan, count: int) -> dict[str, float]:
+    """Sun and Moon at random steps, by astropy's own transformations."""
+    import astropy.units as u
+    from astropy.coordinates import (
+        GCRS,
+        ICRS,
+        TEME,
+        CartesianDifferential,
+        CartesianRepresentation,
+        SkyCoord,
+        get_body_barycentric,
+    )
+    from astropy.time import Time
+
+    span = plan.loaded.mission.time
+    second = (
+        np.sort(np.random.default_rng(1).integers(8, span.steps, count)).astype(float) * span.step
+    )
+    own = [plan.course.at(float(one) - 70, 10.0, 9) for one in second]
+    with installed_tables():
+        date = Time(span.begin, scale="utc") + second * u.s
+        place, speed = path_of(plan.loaded.mission.orbit, span.begin).state(second)
+        moving = CartesianDifferential(speed * u.m / u.s)
+        teme = TEME(CartesianRepresentation(place * u.m, differentials=moving), obstime=date)
+        gcrs = teme.transform_to(GCRS(obstime=date))
+        observer = GCRS(
+            obstime=date,
+            obsgeoloc=gcrs.cartesian.without_differentials(),
+            obsgeovel=gcrs.velocity.to_cartesian(),
+        )
+        earth = get_body_barycentric("earth", date, ephemeris="builtin")
+        found = {}
+        for name in ("sun", "moon"):
+            late = 0.0 * u.s
+            for _ in range(3):
+                body = get_body_barycentric(name, date - late, ephemeris="builtin")
+                late = (body - earth).norm().to(u.m) / (LIGHT_SPEED * u.m / u.s)
+            seen = SkyCoord(ICRS(body)).transform_to(observer).cartesian.xyz.value
+            seen = seen / np.linalg.norm(seen, axis=0)
+            mine = np.stack([getattr(one, name)[:, 7] for one in own], axis=1)
+            apart = 2 * np.arcsin(np.linalg.norm(mine - seen, axis=0) / 2)
+            found[f"{name}_arcsec"] = float(apart.max()) / arcsec
+    return found
+
+
+def limb(plan: Plan, count: int) -> float:
+    """Largest difference in arcminutes to the nearest of many points of the limb."""
+    span = plan.loaded.mission.time
+    worst, flat = 0.0, 1 - 1 / 298.257223563
+    turn = np.linspace(0, math.tau, 20_000)
+    for second in np.random.default_rng(2).integers(0, span.steps, count) * span.step:
+        own = plan.course.at(float(second), 10.0, 2)
+        pole, place = own.pole[:, 0], own.place[:, 0] / 6378137.0
+        east = np.cross(pole, [1.0, 0, 0])
+        frame = np.stack([np.cross(east, pole), east, pole])
+        frame /= np.linalg.norm(frame, axis=1, keepdims=True)
+        scale = np.array([1, 1, 1 / flat])  # in which the ellipsoid is the unit sphere
+        p = scale * (frame @ place)
+        size = float(np.linalg.norm(p))
+        side = np.cross(p, [0, 0, 1.0])
+        side /= np.linalg.norm(side)
+        other = np.cross(p / size, side)
+        ring = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), other)
+        line = ((p / size**2 + math.sqrt(1 - size**-2) * ring) / scale) @ frame - place
+        line /= np.linalg.norm(line, axis=1, keepdims=True)
+        for seen in at(plan, own).seen:
+            nearest = math.acos(float((line @ seen.line[:, 0]).max()))
+            worst = max(worst, abs(abs(float(seen.limb[0])) - nearest))
+    return worst / deg * 60
+
+
+def speed(plan: Plan, steps: int) -> dict[str, float]:
+    """CPU time of the mission, best of two, and of a plain loop over some of its steps."""
+    times = []
+    for _ in range(2):
+        begun = time.process_time()
+        fly(plan)
+        times.append(time.process_time() - begun)
+    one = _loop(plan, steps) / steps
+    own = min(times) / plan.loaded.mission.time.steps
+    return {"year_three_heads_s": min(times), "astropy_speedup": one / own}
+
+
+def _loop(plan: Plan, steps: int) -> float:
+    """CPU time of a loop that asks astropy for Sun, Moon and axes at each step."""
+    import astropy.units as u
+    from astropy.coordinates import GCRS, TEME, CartesianRepresentation, get_body
+    from astropy.time import Time
+
+    span = plan.loaded.mission.time
+    path = path_of(plan.loaded.mission.orbit, span.begin)
+    with installed_tables():
+        start = Time(span.begin, scale="utc")
+        begun = 0.0
+        for k in range(-2, steps):
+            if k == 0:
+                begun = time.process_time()
+            second = np.array([span.step * k])
+            date = start + second[0] * u.s
+            place, _ = path.state(second)
+            gcrs = TEME(CartesianRepresentation(place[:, 0] * u.m), obstime=date).transform_to(
+                GCRS(obstime=date)
+            )
+            there = gcrs.cartesian.xyz.to_value(u.m)
+            bodies = []
+            for name in ("sun", "moon"):
+                line = get_body(name, date).cartesian.xyz.to_value(u.m) - there
+                bodies.append(line / np.linalg.norm(line))
+            for head in plan.heads:
+                for body in bodies:
+                    math.acos(float(np.clip(head.boresight @ body, -1, 1)))
+        return time.process_time() - begun
+
+
+def fusion(count: int) -> float:
+    """Two heads with a common error, whose first error is also drifting and estimated."""
+    draw = np.random.default_rng(5)
+    mounts = (mounted(1.0, -0.9), mounted(-1.2, -1.0, 0.5))
+    covariance = [head_covariance(one, (3 * arcsec) ** 2, (20 * arcsec) ** 2) for one in mounts]
+    shared = np.diag([4.0, 1.0, 9.0]) * arcsec**2
+
+    def error(of: Floats) -> Rotation:
+        return Rotation.from_rotvec(draw.standard_normal((count, 3)) @ np.linalg.cholesky(of).T)
+
+    truth = Rotation.from_quat(draw.standard_normal((count, 4)))
+    phase = np.linspace(0, 60 * math.pi, count)
+    features = np.stack([np.ones(count), np.cos(phase), np.sin(phase)], axis=1)
+    drift = features @ (arcsec * np.array([[20, -10, 5], [15, 8, -12], [-6, 10, 9]]))
+    common = error(shared)
+    first = common * error(covariance[0]) * truth
+    second = common * Rotation.from_rotvec(drift) * error(covariance[1]) * truth
+    model = relative_alignment(first, second, features)
+    spread = model(features)[1]
+    fused, stated = fuse(
+        [first, model.corrected(second, features)], [covariance[0], covariance[1] + spread], shared
+    )
+    wrong = (fused * truth.inv()).as_rotvec()
+    return float(np.einsum("ni,nij,nj->n", wrong, np.linalg.inv(stated), wrong).mean())
+
+
+def bench(count: int) -> dict[str, float]:
+    """A simulated pair of heads on a bench, as on Swarm: an hour between two attitudes, a year.
+
+    The bench bends with its own temperature, which lags ten hours behind the sensor's, and wanders
+    by 1.5 arcsec besides; the bend is scaled so that the angle between the heads varies by about
+    6.4 arcsec rms, as on Swarm before its estimation. The model knows the sensor's temperature and
+    its mean over half a day; it is fitted on every other fortnight, and judged on the others.
+    """
+    draw = np.random.default_rng(11)
+    hour = np.arange(count)
+    sensor = 6 * np.sin(math.tau * hour / (24 * 130)) + 2 * np.sin(math.tau * hour / 24)
+    sensor = sensor + np.cumsum(draw.standard_normal(count)) * 0.02
+    true = np.zeros(count)
+    for k in range(1, count):
+        true[k] = true[k - 1] + (sensor[k - 1] - true[k - 1]) / 10
+    wander = np.zeros(count)
+    noise = 1.5 * math.sqrt(1 - 0.98**2) * draw.standard_normal(count)
+    for k in range(1, count):
+        wander[k] = 0.98 * wander[k - 1] + noise[k]
+    bend = true * (math.sqrt(6.4**2 - 1.5**2 - 1.0) / np.std(true)) + wander
+    covariance = (arcsec / math.sqrt(2)) ** 2
+    first, second = (
+        Rotation.from_rotvec(math.sqrt(covariance) * draw.standard_normal((count, 3)))
+        for _ in range(2)
+    )
+    second = Rotation.from_rotvec(arcsec * np.outer(bend, [1.0, 0.0, 0.0])) * second
+    measured = sensor + 0.05 * draw.standard_normal(count)
+    mean = np.convolve(np.pad(measured, (11, 0), mode="edge"), np.full(12, 1 / 12), "valid")
+    features = np.stack([np.ones(count), measured, mean], axis=1)
+    learnt = (hour // (24 * 14)) % 2 == 0
+    model = relative_alignment(first[learnt], second[learnt], features[learnt])
+    left = (model.corrected(second, features) * first.inv()).as_rotvec()[~learnt, 0]
+    apart = (second * first.inv()).as_rotvec()[~learnt, 0]
+    return {
+        "swarm_before_arcsec": float(np.std(apart)) / arcsec,
+        "swarm_after_arcsec": float(np.sqrt((left**2).mean())) / arcsec,
+    }
+
+
+def round_trip(plan: Plan) -> float:
+    """Largest rotation, radian, between attitudes and the same from their file."""
+    own = plan.course.at(0.0, 10.0, 5000)
+    turn = Rotation.from_matrix(own.body.transpose(2, 0, 1))
+    epochs = tuple(
+        f"2026-03-20T{k // 3600:02d}:{k // 60 % 60:02d}:{k % 60:02d}" for k in range(5000)
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.aem"
+        write_aem(path, Attitudes(epochs, "utc", turn.as_quat()))
+        back = Rotation.from_quat(read_aem(path).quaternion)
+    return float((turn.inv() * back).magnitude().max())
+
+
+def placement(example: Mission, quick: bool) -> float:
+    """Degrees by which zenith angles miss the cone about the zenith on which the best heads lie."""
+    earth = KeepOut(sun=0.0, moon=0.0, earth=75 * deg)
+    heads = tuple(
+        dataclasses.replace(one, exclusion=earth, azimuth=a * deg, elevation=e * deg)
+        for one, (a, e) in zip(example.heads, ((-80, -70), (60, -75), (170, -80)), strict=True)
+    )
+    loaded = load_mission(EXAMPLE, ["time.duration=30 d", 'attitude.yaw="velocity"'])
+    mission = dataclasses.replace(
+        loaded.mission,
+        heads=heads,
+        orbit=Orbit(altitude=600e3, inclination=0.0),
+        requirements=Needs(availability_two=0.999),
+    )
+    if quick:
+        mission = dataclasses.replace(mission, time=dataclasses.replace(mission.time, duration=7e3))
+    found = place(plan_of(dataclasses.replace(loaded, mission=mission)))
+    known = 180 - math.asin(6378.137 / 6978.137) / deg - 75
+    lines = [head.mounting.as_matrix()[:, 2] for head in found.mission.heads]
+    return max(abs(math.acos(-line[2]) / deg - known) for line in lines)
+
+
+def exported(sequences: int) -> float | None:
+    """Largest relative error of the amplitude in two bands, of the C beside rendered frames."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        print("export_spectrum_error left out: no C compiler", flush=True)
+        return None
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    motion = case.instrument.motion
+    model, frames = head_model(case, "nanosatellite"), 16
+    leg = Leg(frames * model.period * 1.001, motion.rate_x, motion.rate_y)
+    table = fly_sequences(case, Sequence((leg,)), sequences, 1, Serial(), lambda *_: None)
+    rate = math.hypot(motion.rate_x, motion.rate_y)
+    assert turning(case, rate).instrument.motion.rate > 0
+    rendered = np.stack([table["error_x"], table["error_y"]], axis=1)
+    rendered = rendered[: len(rendered) // sequences * sequences].reshape(sequences, -1, 2)
+    rendered = rendered[:, :frames]
+    with tempfile.TemporaryDirectory() as folder:
+        write_model(Path(folder), model)
+        (Path(folder) / "main.c").write_text(MAIN)
+        build = [compiler, "-std=c99", "-O2", "main.c", "startrack_head.c", "-lm", "-o", "main"]
+        subprocess.run(build, cwd=folder, check=True)
+        run = [f"{folder}/main", "4000", str(rendered.shape[1]), repr(model.period), repr(rate)]
+        out = subprocess.run(run, capture_output=True, check=True).stdout
+    drawn = np.frombuffer(out).reshape(4000, -1, 3)[..., :2]
+    good = np.isfinite(rendered).all(axis=(1, 2))
+    powers = [np.abs(np.fft.rfft(one, axis=1)) ** 2 for one in (rendered[good], drawn)]
+    half = powers[0].shape[1] // 2
+    bands = [[float(one[:, part].mean()) for part in (slice(0, half), slice(half, None))]
+             for one in powers]  # fmt: skip
+    return max(abs(math.sqrt(b / a) - 1) for a, b in zip(*bands, strict=True))
+
+
+def rendered(plan: Plan, count: int) -> dict[str, float]:
+    """Frames of valid heads at random instants of the mission, beside what it expects."""
+    draw = np.random.default_rng(9)
+    span, errors, solved = plan.loaded.mission.time, [], []
+    expected = list[tuple[float, float, float]]()
+    while len(expected) < count:
+        scene = scenes_at(plan, float(draw.uniform(0, span.duration)))[draw.integers(3)]
+        if scene.blind:
+            continue
+        streams = Streams(seed=1, trial=len(expected))
+        outcome = run_trial(scene.case, scene.icrs_to_camera, streams, Fidelity.FRAME)
+        good = outcome.solved and not outcome.false
+        solved.append(good)
+        expected.append((scene.across, scene.about, scene.solved))
+        if good:
+            errors.append((outcome.error_x, outcome.error_y, outcome.error_z))
+    across, about, chance = np.array(expected).T
+    x, y, z = np.array(errors).T
+    spread = math.sqrt(float((chance * (1 - chance)).sum()) + 0.25)
+    return {
+        "availability_z": float(sum(solved) - chance.sum()) / spread,
+        "rms_ratio": math.sqrt(float((x**2 + y**2).mean() / 2 / (across**2).mean())),
+        "about_ratio": math.sqrt(float((z**2).mean() / (about**2).mean())),
+    }
+
+
+if __name__ == "__main__":
+    main()
