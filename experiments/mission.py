@@ -44,6 +44,7 @@ from startrack.design import KeepOut, turning
 from startrack.mission import (
     Mission,
     Plan,
+    aocs,
     fly,
     fuse,
     head_covariance,
@@ -56,6 +57,7 @@ from startrack.mission import (
     surrogate,
     write_model,
 )
+from startrack.mission import placement as placement_of_heads
 from startrack.mission.ccsds import Attitudes, read_aem, write_aem
 from startrack.mission.engine import at
 from startrack.mission.orbit import path_of
@@ -96,6 +98,8 @@ def main() -> None:
     chosen = command.read(parser, instants=20, days=2, frames=2, loop=2, sequences=2)
     if chosen.quick:
         surrogate.PLACES = 192
+        placement_of_heads.WINDOWS, placement_of_heads.GRID = 1, 40 * deg
+        aocs.SMEARS = aocs.SMEARS[:2]
     loaded = load_mission(EXAMPLE, [f"time.duration={chosen.days} d"])
     begun = time.process_time()
     plan = plan_of(loaded)

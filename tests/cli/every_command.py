@@ -45,6 +45,7 @@ calibrate frame/frame.fits --fov 9.5 --distortion none --out calibration.json
 requirements design.toml
 requirements hsrs
 keys scene
+init begun.toml
 verify design.toml --trials 4 --first 2 --out verify --workers 1
 budget dated.toml --out budget --workers 1
 montecarlo dated.toml --trials 4 --out dated --workers 1
