@@ -134,7 +134,7 @@ def _linear(case: Case) -> Case:
 
 def _calibrated(case: Case) -> Case:
     known = None if case.design is None else case.instrument.camera
-    return _believing(case, camera=known, calibrated_at=None)
+    return _believing(case, camera=known, camera_model="radial", calibrated_at=None)
 
 
 def _moved(case: Case) -> Case:

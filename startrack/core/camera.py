@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from startrack.core.arrays import Floats
 from startrack.core.checks import finite, positive, whole
 from startrack.core.displacement import Displacement
-from startrack.core.field_polynomial import FieldPolynomial
+from startrack.core.field_polynomial import FieldPolynomial, monomials
 from startrack.core.kernel import kernel
 
 NO_ROTATION = np.zeros(3)
 # Steps of the inverse of a polynomial: each makes the error smaller by the slope of the
 # polynomial, so that one of a third converges.
 MOST_STEPS = 60
+FITTED = 33  # places along each side, to which a polynomial is fitted
 SMALLEST_STEP = 1e-15  # of the plane
 ROUNDS = 100  # of the inverse of a distortion, at most
 LEAST_STEP = 1e-15  # at which its last digit no longer changes
@@ -130,6 +131,28 @@ class Camera:
     def ideal(self) -> Camera:
         """The camera without its residual: what a model of these parameters says."""
         return self if self.residual is None else replace(self, residual=None)
+
+    @property
+    def as_polynomial(self) -> Camera:
+        """The camera whose polynomial over the field is nearest to this one's distortion.
+
+        A least-squares fit over the frame: what a calibration to the third order in x and y finds
+        without noise.
+        """
+        edges = [np.linspace(-0.5, size - 0.5, FITTED) for size in (self.columns, self.rows)]
+        pixel = np.stack(np.meshgrid(*edges), axis=-1).reshape(-1, 2)
+        direction = self.unproject(pixel)
+        plane = direction[:, :2] / direction[:, 2:]
+        away = (pixel - self.centre) / self.focal_length_px - plane
+        # In units of the corner, so that all powers are of one size.
+        size = float(np.abs(plane).max())
+        found = np.linalg.lstsq(monomials(plane / size), away, rcond=None)[0]
+        x, y = (found / monomials(np.full((1, 2), size)).T).T
+        polynomial = FieldPolynomial(tuple(x.tolist()), tuple(y.tolist()))
+        return Camera(
+            self.columns, self.rows, self.focal_length_px, self.principal_x, self.principal_y,
+            polynomial=polynomial,
+        )  # fmt: skip
 
     def _model(self, direction: Floats) -> Floats:
         if not self.distorted:

@@ -168,6 +168,8 @@ class Tracker:
     """What the flight software believes and how it works.
 
     camera    its calibration; None for a perfect one, which follows the instrument's design
+    camera_model  model of that perfect calibration: "radial", focal length and three radial
+                  coefficients; "polynomial", to the third order in x and y
     catalog   its cut of the star catalogue, None for the one that the sky is made of
     mounting  mounting that it assumes, None for the true one without its swing
     delay     second that it takes off its time stamps, None for all of the delay there is
@@ -190,6 +192,7 @@ class Tracker:
     identification: Identification = field(default_factory=Identification)
     attitude: SolverSettings = field(default_factory=SolverSettings)
     camera: Camera | None = None
+    camera_model: str = "radial"
     catalog: Selection | None = None
     mounting: Mounting | None = None
     delay: Annotated[float | None, Unit("s", "ms")] = None
@@ -202,6 +205,9 @@ class Tracker:
 
     def __post_init__(self) -> None:
         one_of(("whole", "box"), acquisition=self.acquisition)
+        one_of(("radial", "polynomial"), camera_model=self.camera_model)
+        if self.camera is not None and self.camera_model != "radial":
+            raise ValueError("camera_model must be left out beside tracker.camera, which is one")
         if self.calibrated_at is not None:
             within(1, 1000, calibrated_at=self.calibrated_at)
         if self.delay is not None:
@@ -266,7 +272,13 @@ class Case:
         if self.design is None:
             return self
         own = self.design.tracker
-        tracker = replace(self.tracker, camera=own.camera, mounting=own.mounting, delay=own.delay)
+        tracker = replace(
+            self.tracker,
+            camera=own.camera,
+            camera_model=own.camera_model,
+            mounting=own.mounting,
+            delay=own.delay,
+        )
         return self.design if tracker == own else replace(self.design, tracker=tracker)
 
     @cached_property
@@ -281,7 +293,12 @@ class Case:
     @property
     def believed_camera(self) -> Camera:
         """The camera that the tracker computes with."""
-        return self.tracker.camera or self.calibrated.camera.ideal
+        return self.tracker.camera or self._perfect_camera
+
+    @cached_property
+    def _perfect_camera(self) -> Camera:
+        camera = self.calibrated.camera.ideal
+        return camera.as_polynomial if self.tracker.camera_model == "polynomial" else camera
 
     @cached_property
     def calibrated(self) -> Instrument:

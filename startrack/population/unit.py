@@ -22,7 +22,10 @@ def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
     if unit.design is None or case.tracker.calibration is None:
         return unit
     camera, mounting = _beliefs(case, seed, moment.unit, run)
-    return replace(unit, tracker=replace(unit.tracker, camera=camera, mounting=mounting))
+    return replace(
+        unit,
+        tracker=replace(unit.tracker, camera=camera, camera_model="radial", mounting=mounting),
+    )
 
 
 @lru_cache(maxsize=64)
