@@ -45,7 +45,7 @@ from startrack.core.dispatcher import COMPILED_BESIDE
 from startrack.core.displacement import NODES, Displacement, node_places
 from startrack.core.field_polynomial import FieldPolynomial, monomials
 from startrack.core.field_psf import FieldPsf
-from startrack.core.interpret import interpreted
+from startrack.core.interpret import instead_of, interpreted
 from startrack.core.kernel import FOLDERS, UNKEPT, is_compiled, kernel
 from startrack.core.lagrange import lagrange_weights, local_weights
 from startrack.core.memory import (

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from types import CellType, CodeType, FunctionType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,8 @@ LOOK = 0.2  # second between two looks whether the other process has compiled it
 
 _COMPILING: Callable[[], bool] | None = None  # whether another process compiles; None: compile here
 _TWINS = dict[FunctionType, FunctionType]()
+Stand = TypeVar("Stand", bound=Callable[..., Any])
+STAND_INS = dict[Any, Any]()  # functions of arrays that Python runs for loops of kernels
 _DEPTH = 0  # of kernels that Python runs
 
 
@@ -61,15 +63,29 @@ def interpreter(kernel: Any, is_kept: Callable[[], bool]) -> Callable[..., Any] 
     return partial(_run, kernel, is_kept)
 
 
+def instead_of(kernel: Any) -> Callable[[Stand], Stand]:
+    """Decorate a function of arrays that Python runs instead of the loops of a kernel.
+
+    It takes and gives the same. Compiled code never calls it.
+    """
+
+    def keep(function: Stand) -> Stand:
+        STAND_INS[getattr(kernel, "py_func", kernel)] = function
+        return function
+
+    return keep
+
+
 def twin(function: FunctionType, is_kernel: Callable[[Any], bool]) -> FunctionType:
     """The Python code of a kernel and of those that it calls, on numbers of numba's types."""
     if function in _TWINS:
         return _TWINS[function]
-    names = dict[str, Any]()
+    names, asked = dict[str, Any](), function
+    function = STAND_INS.get(function, function)
     cells = tuple(CellType() for _ in function.__closure__ or ())
     found = FunctionType(_strong(function.__code__), names, function.__name__, None, cells)
     found.__defaults__ = function.__defaults__ and tuple(map(_as_argument, function.__defaults__))
-    _TWINS[function] = found
+    _TWINS[asked] = found
 
     def inner(value: Any) -> Any:
         return twin(value.py_func, is_kernel) if is_kernel(value) else _as_argument(value)

@@ -51,7 +51,7 @@ from startrack.detection.box import (
     star_image,
     take,
 )
-from startrack.detection.centroid import centroid
+from startrack.detection.centroid import centroid, places
 from startrack.detection.dark_map import DarkFrames, DarkMap, correction_image
 from startrack.detection.detect import detect, detect_near
 from startrack.detection.expectation import Expectation, chance_kept, expect

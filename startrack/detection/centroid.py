@@ -33,6 +33,18 @@ def centroid(
     return Spots(*_kept(table, order, candidates.area, plan.settings.max_spots))
 
 
+def places(
+    frame: Frame, pixels: Pixels, candidates: Candidates, plan: DetectionPlan
+) -> tuple[Floats, Floats]:
+    """Centroids of every candidate, which must be different stars, in their order.
+
+    Returns  (n, 2) pixel, (n, 2, 2) pixel^2 as stated; NaN where it runs away
+    """
+    table = measured(sample(frame, pixels, candidates, plan.settings), plan)
+    table[np.isnan(table[:, FLUX])] = np.nan
+    return table[:, [X, Y]], table[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
+
+
 def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detection) -> Sample:
     """Gather it from the frame, its pixels and the settings."""
     saturation = math.inf if settings.saturation is None else settings.saturation

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Ints, kernel, median
+from startrack.core import Ints, instead_of, kernel, median
 
 Values = NDArray[np.float32]
 
@@ -63,6 +63,30 @@ def clipped(values: Values, floor: float) -> tuple[float, float]:
         shift = first / kept
         mean += np.float32(shift)
         variance = float(second / kept - shift * shift)
+        rms = max(CLIPPED_TO_SIGMA * math.sqrt(max(variance, 0.0)), floor)
+        if kept == count:
+            break
+        count = kept
+    return float(mean), rms
+
+
+@instead_of(clipped)
+def _clipped_of_arrays(values: Values, floor: float) -> tuple[float, float]:
+    sample = values[:: max(1, len(values) // SAMPLE)]
+    mean = np.float32(_median(sample))
+    deviation = float(np.abs(sample - mean).sum())
+    rms = max(DEVIATION_TO_SIGMA * deviation / len(sample), floor)
+    count = np.float32(0)
+    for _ in range(ROUNDS):
+        offset = values - mean
+        inside = np.abs(offset) <= np.float32(CLIP * rms)
+        offset *= inside
+        kept = np.float32(np.count_nonzero(inside))
+        if kept == 0:
+            break
+        shift = offset.sum() / kept
+        mean += np.float32(shift)
+        variance = float((offset * offset).sum() / kept - shift * shift)
         rms = max(CLIPPED_TO_SIGMA * math.sqrt(max(variance, 0.0)), floor)
         if kept == count:
             break
@@ -147,6 +171,22 @@ def _slopes(
     return float(gx), float(gy), float((gx * gx * xx + gy * gy * yy) / (count * rms**2))
 
 
+@instead_of(_slopes)
+def _slopes_of_arrays(
+    values: Values, dx: Values, dy: Values, mean: float, rms: float
+) -> tuple[float, float, float]:
+    offset = values - np.float32(mean)
+    inside = np.abs(offset) <= np.float32(CLIP * rms)
+    offset *= inside
+    count, zero = np.count_nonzero(inside), np.float32(0)
+    xx, yy = (dx * dx * inside).sum(), (dy * dy * inside).sum()
+    gx = (offset * dx).sum() / xx if xx > 0 else zero
+    gy = (offset * dy).sum() / yy if yy > 0 else zero
+    if count == 0 or rms == 0:
+        return 0.0, 0.0, 0.0
+    return float(gx), float(gy), float((gx * gx * xx + gy * gy * yy) / (count * rms**2))
+
+
 @kernel
 def around(
     image: Values, x: int, y: int, half: int, floor: float
@@ -190,6 +230,31 @@ def around_among(
         return float(image[y, x]), 0.0, 0.0, floor, 1
     mean, slope_x, slope_y, rms = plane(values[:count], dx[:count], dy[:count], floor)
     return mean, slope_x, slope_y, rms, count
+
+
+@instead_of(around_among)
+def _around_among_of_arrays(
+    image: Values, x: int, y: int, half: int, floor: float, others_x: Ints, others_y: Ints
+) -> tuple[float, float, float, float, int]:
+    rows, columns = image.shape
+    inner, outer = half + 2, half + 3
+    row, column = np.mgrid[
+        max(0, y - outer) : min(rows, y + outer + 1),
+        max(0, x - outer) : min(columns, x + outer + 1),
+    ]
+    ring = (np.abs(row - y) >= inner) | (np.abs(column - x) >= inner)
+    row, column = row[ring], column[ring]
+    far_x, far_y = np.abs(others_x[:, None] - column), np.abs(others_y[:, None] - row)
+    near = ((far_x <= half + 1) & (far_y <= half + 1)).any(axis=0)
+    some = np.flatnonzero(~near)
+    if np.count_nonzero(near) > MOST_LEFT_OUT * len(row):
+        some = np.append(some, np.flatnonzero(near)[::-1])
+    if len(some) == 0:
+        return float(image[y, x]), 0.0, 0.0, floor, 1
+    row, column = row[some], column[some]
+    dx, dy = (column - x).astype(np.float32), (row - y).astype(np.float32)
+    mean, slope_x, slope_y, rms = plane(image[row, column], dx, dy, floor)
+    return mean, slope_x, slope_y, rms, len(some)
 
 
 @kernel

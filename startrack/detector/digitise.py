@@ -9,6 +9,7 @@ from startrack.core import (
     Floats,
     Streams,
     bits,
+    instead_of,
     inverse_normal,
     kernel,
     key,
@@ -127,6 +128,13 @@ def _random_cells(shot, start, cells, at, rest):  # type: ignore[no-untyped-def]
         rest[column] = U32((random << np.uint64(16)) | ((random >> of_entry) & np.uint64(LOW)))
 
 
+@instead_of(_random_cells)
+def _random_cells_of_arrays(shot, start, cells, at, rest):  # type: ignore[no-untyped-def]
+    random = bits(shot, start + np.arange(len(at), dtype=np.uint64))
+    at[:] = random >> np.uint64(64 - cells)
+    rest[:] = (random << np.uint64(16)) | ((random >> np.uint64(48 - cells)) & np.uint64(LOW))
+
+
 @kernel
 def _cells_of_levels(mean, noise, tables, at, rest):  # type: ignore[no-untyped-def]
     """Move the cells of pixels to one of the two levels about their expectation, or to none.
@@ -152,6 +160,22 @@ def _cells_of_levels(mean, noise, tables, at, rest):  # type: ignore[no-untyped-
         at[column] = cell if line < count else none  # below the first, the line is a huge number
 
 
+@instead_of(_cells_of_levels)
+def _cells_of_levels_of_arrays(mean, noise, tables, at, rest):  # type: ignore[no-untyped-def]
+    none = U32(len(tables.entry) - 1)
+    size = U32((len(tables.entry) - 1) // max(tables.levels, 1))
+    first, count = U32(tables.first), U32(max(tables.levels - 1, 0))
+    steps, step, two, whole = F32(STEPS), F32(1.0 / STEPS), F32(2.0), F32(65536.0)
+    level = ((np.sqrt(mean + noise * noise) - noise) * steps).astype(np.int32)
+    low = level.astype(np.float32) * step
+    above = mean - low * (two * noise + low)
+    width = step * (two * (noise + low) + step)
+    line = level.astype(np.uint32) - first
+    upper = (rest >> U32(16)).astype(np.float32) * width < above * whole
+    cell = line * size + at + size * upper.astype(np.uint32)
+    at[:] = np.where(line < count, cell, none)
+
+
 @kernel
 def _settle(out, at, rest, other, entry, lowest):  # type: ignore[no-untyped-def]
     """Write the numbers that entries settle, and the columns of the other pixels; how many."""
@@ -165,6 +189,17 @@ def _settle(out, at, rest, other, entry, lowest):  # type: ignore[no-untyped-def
             other[many] = column
             many += 1
     return many
+
+
+@instead_of(_settle)
+def _settle_arrays(out, at, rest, other, entry, lowest):  # type: ignore[no-untyped-def]
+    found, bit = entry[at], rest & LOW
+    threshold, step = found >> U32(16), found & LOW
+    settled = (bit != threshold) & (step != LOW)
+    out[settled] = (lowest + step + (bit > threshold).astype(np.uint32))[settled]
+    columns = np.flatnonzero(~settled)
+    other[: len(columns)] = columns
+    return len(columns)
 
 
 @kernel

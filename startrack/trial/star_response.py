@@ -17,10 +17,10 @@ from startrack.detection import (
     Candidates,
     Detection,
     DetectionPlan,
-    centroid,
     chance_kept,
     filtered,
     pixels,
+    places,
 )
 from startrack.detector import (
     Detector,
@@ -290,14 +290,8 @@ def _measured(
     side = electrons.shape[-1]
     row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
     candidates = Candidates(column, row, np.ones(len(row), np.int64))
-    spots = centroid(frame, pixels(frame), candidates, plan)
-    found = np.column_stack([spots.x, spots.y])
-    cell = np.floor((found + 0.5) / side).astype(np.int64)
-    star = cell[:, 1] * across + cell[:, 0]
-    place, covariance = np.full((len(row), 2), np.nan), np.full((len(row), 2, 2), np.nan)
-    place[star] = found - np.column_stack([column, row])[star]
-    covariance[star] = spots.covariance
-    return place, covariance
+    found, covariance = places(frame, pixels(frame), candidates, plan)
+    return found - np.column_stack([column, row]), covariance
 
 
 def _in_cells(

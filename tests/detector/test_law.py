@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
+from startrack.core.interpret import twin
+from startrack.core.kernel import KernelDispatcher
 from startrack.core.streams import Streams
 from startrack.core.variates import inverse_normal, poisson_quantile
 from startrack.detector import Detector
-from startrack.detector.digitise import digitise, shot
-from startrack.detector.law import Law, law_of
+from startrack.detector.digitise import _digitise, digitise, keys, shot
+from startrack.detector.law import Law, blank, law_of
 from startrack.detector.tables import EMPTY, tables_for
 
 
@@ -161,3 +163,16 @@ def test_poisson_from_a_share_is_scipys():
         for fraction in (*rng.random(300), 1e-9, 1 - 1e-9, 1 - 1e-6):
             assert poisson_of_uniform(mean, fraction) == stats.poisson.ppf(fraction, mean)
     assert poisson_quantile(0.0, 1.0) == poisson_of_uniform(0.0, 0.9) == 0
+
+
+def test_arrays_in_python_make_the_same_numbers():
+    """Of pixels with tables, of dark ones and of those in a star."""
+    electrons = np.random.default_rng(4).uniform(15.0, 90.0, (400, 512))
+    electrons[:, 20:40], electrons[10, 50:60] = 0.0, 1e4
+    law = LAWS["sky"][1]
+    tables, image = tables_for(electrons, law), blank(electrons.shape, law)
+    assert tables.levels > 0
+    python = twin(_digitise.py_func, lambda value: isinstance(value, KernelDispatcher))
+    with np.errstate(all="ignore"):
+        python(image, electrons, *keys(law, Streams(3, 4)), law, tables)
+    np.testing.assert_array_equal(image, digitise(electrons, law, Streams(3, 4), tables))
