@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_out, as_wrong_use, describe, whole
+from startrack.cli.options import (
+    Exit,
+    WrongUse,
+    add_out,
+    add_seed,
+    as_wrong_use,
+    decimal,
+    describe,
+    whole,
+)
 
 with deferred():
     import numpy as np
 
-    from startrack.cli.terminal import finite, print_result, progress
-    from startrack.core import arcsec, deg
-    from startrack.io import save_json, shipped
+    from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
+    from startrack.core import Streams, arcsec, deg
+    from startrack.io import celestial, save_json, shipped, write_fits
     from startrack.mission import (
         EDGES,
         PLANETS,
@@ -32,11 +42,13 @@ with deferred():
         place,
         plan_of,
         save_mission,
+        scenes_at,
         timeline,
         verdicts,
     )
     from startrack.montecarlo import export
-    from startrack.plots import draw_mission, draw_placement
+    from startrack.plots import draw_frame, draw_mission, draw_placement
+    from startrack.trial import observe
 
 ROWS = 20_000  # of the table, where --every is not given
 WORST = 10  # longest times without a valid head that are listed
@@ -75,6 +87,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
         help="search for better mountings of the heads first, and compare; writes placed.toml and "
         "placement.png",
     )  # fmt: skip
+    parser.add_argument(
+        "--frame", type=decimal(0, 1e12), metavar="SECOND",
+        help="render what each head sees at this time after the begin instead: HEAD.fits, HEAD.png",
+    )  # fmt: skip
+    add_seed(parser)
     add_out(parser, "startrack-mission")
 
 
@@ -85,6 +102,8 @@ def command(options: argparse.Namespace) -> int:
         loaded = load_mission(path, options.set)
         with progress("heads", len(loaded.designs)) as advance:
             plan = plan_of(loaded, advance=advance)
+        if options.frame is not None:
+            return _render(options, path, plan)
         steps = loaded.mission.time.steps
         every = options.every or -(-steps // ROWS)
         rows = 0 if options.place else -(-steps // every)
@@ -102,6 +121,57 @@ def command(options: argparse.Namespace) -> int:
     print_result(options, result, _text(plan, flown, found))
     met = all(one.met for one in _verdicts(plan, flown, found))
     return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _render(options: argparse.Namespace, path: Path, plan: Plan) -> int:
+    """Write and print what each head sees at one time, beside the error that is expected."""
+    duration = plan.loaded.mission.time.duration
+    if options.frame > duration:
+        raise WrongUse(f"--frame must be at most {duration:g} s, got {options.frame:g}")
+    solved = True
+    for number, (head, scene) in enumerate(
+        zip(plan.heads, scenes_at(plan, options.frame), strict=True)
+    ):
+        streams = Streams(options.seed, number)
+        record = observe(scene.case, scene.icrs_to_camera, streams)
+        outcome, attitude = record.outcome, scene.icrs_to_camera
+        name = "".join(c if c.isalnum() or c in "-_" else "-" for c in head.name)
+        fits, png = (options.out / f"{number + 1}-{name}.{end}" for end in ("fits", "png"))
+        camera = None if scene.case.instrument.detector.scan else scene.case.instrument.camera
+        history = f"startrack mission {path.name}, {options.frame:g} s, head {head.name}"
+        write_fits(fits, record.frame, camera, attitude, record.stars, history)
+        causes = [str(one.name).lower() for one in Blind if scene.blind & one]
+        state = f"blind by {', '.join(causes)}" if causes else "valid"
+        title = f"{head.name} at {options.frame:g} s, {state}; {pointing_text(attitude, 3, 1)}"
+        saturation = scene.case.tracker.detection.saturation
+        draw_frame(png, record.frame, title, camera, attitude, record.stars, saturation)
+        error = math.hypot(outcome.error_x, outcome.error_y)
+        good = bool(outcome.solved and not outcome.false)
+        solved &= good
+        ra, dec, roll = celestial(attitude)
+        result = {
+            "mission": str(path), "second": options.frame, "head": head.name,
+            "blind_by": causes, "fits": str(fits), "png": str(png),
+            "icrs_to_camera_xyzw": quaternion(attitude),
+            "ra_deg": ra, "dec_deg": dec, "roll_deg": roll, "solved": good,
+            "stars": outcome.stars, "error_across_arcsec": error / arcsec,
+            "error_about_arcsec": outcome.error_z / arcsec,
+            "expected_across_rms_arcsec": scene.across / arcsec,
+            "expected_about_rms_arcsec": scene.about / arcsec,
+        }  # fmt: skip
+        found = (
+            f"{outcome.stars} stars matched; error across {error / arcsec:.2f}, about "
+            f"{outcome.error_z / arcsec:.2f} arcsec"
+            if good
+            else "no attitude"
+        )
+        print_result(
+            options,
+            result,
+            f"{title}\n  {found} (expected rms per axis {scene.across / arcsec:.2f}, "
+            f"{scene.about / arcsec:.2f}); wrote {fits} and {png}",
+        )
+    return Exit.DONE if solved else Exit.UNSOLVED
 
 
 def _place(options: argparse.Namespace, path: Path, plan: Plan, before: Flown) -> int:

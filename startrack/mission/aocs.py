@@ -16,7 +16,7 @@ from startrack.mission.heads import limits_of
 from startrack.mission.parameters import Head
 
 # Pixels that a star moves in an exposure at the rates of the table, besides 0; chosen by hand.
-SMEARS = (0.1, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)
+SMEARS: tuple[float, ...] = (0.1, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)
 LEAST = 0.5  # availability below which the table of rates ends
 # Stars' errors over a pixel repeat with it, and are unlike after a fraction of it; chosen by hand.
 PIXEL_LENGTH = 0.5  # pixel

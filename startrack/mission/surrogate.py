@@ -33,6 +33,9 @@ class Surrogate:
     Accuracy    model: that of `budget.analytic`, on which it is fitted: noise, neighbours and
                 method of a perfect unit; turning about the boresight does not smear. numerical:
                 fields of any roll count as one, and a cell of the sky (2 degrees) as its middle.
+              Beside the budget of the very fields of 1024 instants of the example mission, the
+              rms is 0.1 % off across and 0.4 % about, a single instant 14 % and 22 % (68 %),
+              and within a factor of 1.5 and 1.8 (95 %).
     """
 
     rate: Floats

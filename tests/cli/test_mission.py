@@ -65,6 +65,24 @@ def test_wrong_missions_are_one_sentence(capsys, tmp_path, change, words):
     assert error.count("\n") == 1
 
 
+def test_the_frame_of_an_instant_is_rendered(capsys, tmp_path):
+    """Its attitude is that of the timeline, its error of the size that the mission expects."""
+    days = ["--set", "time.duration=1 d"]
+    status = main(["mission", *days, "--frame", "3000", "--out", str(tmp_path / "f"), "--json"])
+    heads = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert status == 0
+    assert [one["head"] for one in heads] == ["up-left", "up-right", "up-back"]
+    main(["mission", *days, "--out", str(tmp_path / "t"), "--json"])
+    with open(tmp_path / "t" / "timeline.csv") as file:
+        row = next(row for row in csv.DictReader(file) if float(row["second"]) == 3000)
+    for one in heads:
+        assert float(row[f"{one['head']}_ra_deg"]) == pytest.approx(one["ra_deg"], abs=1e-4)
+        assert float(row[f"{one['head']}_dec_deg"]) == pytest.approx(one["dec_deg"], abs=1e-4)
+        assert one["error_across_arcsec"] < 6 * one["expected_across_rms_arcsec"]
+        assert cv2.imread(one["png"]) is not None
+    assert main(["mission", *days, "--frame", "1e6", "--out", str(tmp_path / "f")]) == 2
+
+
 def test_a_design_is_exported(capsys, tmp_path):
     out = tmp_path / "export"
     assert main(["export", "aocs", "--out", str(out), "--json"]) == 0
