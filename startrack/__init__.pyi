@@ -15,6 +15,7 @@ from . import montecarlo as montecarlo
 from . import motion as motion
 from . import optics as optics
 from . import optimise as optimise
+from . import population as population
 from . import report as report
 from . import scene as scene
 from . import sequence as sequence

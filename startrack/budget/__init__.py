@@ -12,6 +12,7 @@ survey     Case -> number of stars, availability and error over the sky.
 exclusion  Case with a baffle -> error over the angle to Sun, Moon and Earth; exclusion angles.
 indices    Simulated sequences -> the error indices of the standard, over members and times.
 measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise.
+units        Case -> error budgets of many units at an age: classes of error, levels, and yield.
 residuals  Case -> errors of single stars in trials, over their position in the field and magnitude.
 """
 
@@ -26,6 +27,7 @@ from startrack.budget.left_out import caveats, refusal
 from startrack.budget.measured import measured
 from startrack.budget.residuals import residuals
 from startrack.budget.survey import Survey, circles, survey
+from startrack.budget.units import UnitBudgets, unit_budgets
 
 # Public; the other imports serve other rooms.
 __all__ = [
@@ -40,6 +42,7 @@ __all__ = [
     "Spread",
     "Survey",
     "Term",
+    "UnitBudgets",
     "analytic",
     "causes",
     "check",
@@ -48,4 +51,5 @@ __all__ = [
     "indices_of",
     "measured",
     "survey",
+    "unit_budgets",
 ]

@@ -39,8 +39,8 @@ with deferred():
         summary_text,
         summary_values,
     )
-    from startrack.core import arcsec
-    from startrack.design import Case, Fidelity, Requirements
+    from startrack.core import arcsec, parse
+    from startrack.design import YEAR, Case, Fidelity, Requirements
     from startrack.io import regular_file, save_json
     from startrack.metrics import STATED_ALONE, Limits, summarise
     from startrack.montecarlo import (
@@ -62,10 +62,12 @@ with deferred():
         with_causes,
     )
     from startrack.plots import draw_errors
+    from startrack.population import Units, explain, per_unit
     from startrack.trial import OUTCOMES, require_fidelity
     from startrack.verification import cases, claims_of, counted
 
 STORE = "campaign.sqlite"
+UNIT_BLOCK = 2000  # trials of units that go to a worker at a time, which shares their plans
 UNREACHED = 1e-6  # without --precision: one that no campaign reaches
 
 
@@ -103,6 +105,19 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--control", action="store_true",
         help="compute each frame's linearised error as a control variate; 2 times fewer trials for "
         "the same interval, 5 times with a campaign of fidelity covariance (see `combine`)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--units", type=whole(1, 10**6), metavar="N",
+        help="N units of the design, drawn from its [[variation]] tables and calibrated, with "
+        "--trials of each; the summary has the yield and explains the worst unit",
+    )  # fmt: skip
+    parser.add_argument(
+        "--environments", type=whole(1, 10**6), default=10, metavar="N",
+        help="environments of each unit, its trials shared among them (default: 10)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--age", metavar="TIME",
+        help="age of the units, such as '5 yr' (default: the lifetime of the design)",
     )  # fmt: skip
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for store, table and picture"
@@ -170,7 +185,9 @@ def command(options: argparse.Namespace) -> int:
     precision = (
         None if options.precision is None else _precision(options, options.precision, limits)
     )
-    sampling = _sampling(options)
+    sampling = _sampling(options, case)
+    if sampling.units:
+        options.trials *= options.units
     with as_wrong_use(path=path):
         require_fidelity(case, sampling.fidelity)
         conditions, refused = cases(case, design.campaign) if design.campaign else ((), ())
@@ -189,7 +206,14 @@ def command(options: argparse.Namespace) -> int:
         ):
             advance(min(held, options.trials))
             outcomes = resume(
-                store, executor, options.workers, options.trials, precision, options.seconds, watch
+                store,
+                executor,
+                options.workers,
+                options.trials,
+                precision,
+                options.seconds,
+                watch,
+                **({"block": UNIT_BLOCK} if sampling.units else {}),
             )
         if design.campaign:
             store.keep_campaign(design.campaign)
@@ -220,6 +244,12 @@ def command(options: argparse.Namespace) -> int:
                 f"\nthis is the design's own condition alone; `startrack verify` also judges: "
                 f"{'; '.join(others)}"
             )
+    if sampling.units:
+        values, lines = _units(case, options.seed, sampling, outcomes, needs)
+        result |= {"units": values}
+        text += f"\n{lines}"
+    elif case.variation:
+        text += "\nnoise only: what differs between units is left out (--units N)"
     text += f"\n{rate:.1f} trials/s, seed {options.seed}"
     if sampling.control or options.sobol:
         values, lines = _reduced_variance(outcomes, options.sobol)
@@ -298,10 +328,55 @@ def _required(
     return result, "\n".join(lines)
 
 
-def _sampling(options: argparse.Namespace) -> Sampling:
+def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
     attitudes = "sobol" if options.sobol else "random"
     with as_wrong_use():
-        return Sampling(Fidelity(options.fidelity), attitudes, options.control)
+        units = None
+        if options.units:
+            if not case.variation:
+                raise ValueError("--units needs a design with [[variation]] tables")
+            age = case.lifetime if options.age is None else parse(options.age, "s")
+            units = Units(options.trials, min(options.environments, options.trials), age)
+        elif options.age is not None:
+            raise ValueError("--age needs --units")
+        return Sampling(Fidelity(options.fidelity), attitudes, options.control, units)
+
+
+def _units(
+    case: Case,
+    seed: int,
+    sampling: Sampling,
+    outcomes: NDArray[np.void],
+    needs: Requirements | None,
+) -> tuple[dict[str, Any], str]:
+    """The errors of the units, the yield of each accuracy that is required, and the worst unit."""
+    units, fidelity = sampling.units, sampling.fidelity
+    assert units
+    found = per_unit(outcomes)
+    years = units.age / YEAR
+    values: dict[str, Any] = {"count": len(found.unit), "age_yr": years}
+    lines = []
+    for name, each in (("across", found.across), ("about", found.about)):
+        middle, high = (float(np.nanquantile(each, part)) / arcsec for part in (0.5, 0.95))
+        values |= {f"{name}_median_arcsec": middle, f"{name}_95_arcsec": high}
+        lines.append(
+            f"of {len(found.unit)} units at {years:g} yr, rms {name}: {middle:.3f} arcsec in the "
+            f"median, {high:.3f} in 95 %"
+        )
+    for one in needs.accuracy if needs else ():
+        meets = found.meets(outcomes, one.objective, one.most)
+        values.setdefault("yield", {})[str(one.objective)] = [meets.value, meets.low, meets.high]
+        lines.append(
+            f"yield of {one.objective} at most {one.most / arcsec:g} arcsec: "
+            f"{100 * meets.value:.1f} % [{100 * meets.low:.1f}, {100 * meets.high:.1f}]"
+        )
+    worst = found.worst
+    if worst is not None and fidelity is Fidelity.COVARIANCE:
+        parts = explain(case, seed, units, worst)
+        values["worst"] = {"unit": worst, "removes": dict(parts)}
+        shown = "; ".join(f"{name} {100 * part:+.0f} %" for name, part in parts[:4])
+        lines.append(f"worst unit {worst}; as designed instead changes its rms across by: {shown}")
+    return values, "\n".join(lines)
 
 
 def _reduced_variance(outcomes: NDArray[np.void], sobol: bool) -> tuple[dict[str, Any], str]:

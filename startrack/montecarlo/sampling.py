@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Streams, one_of
-from startrack.design import Case, Fidelity
+from startrack.design import YEAR, Case, Fidelity
 from startrack.montecarlo.attitudes import at_random, by_sobol
 from startrack.montecarlo.control import control
+from startrack.population import UNITS, Units, unit_trials
 from startrack.trial import OUTCOMES, expected_electrons, observe, run_trials
 
 AXES = "xyz"
@@ -78,25 +79,36 @@ class Sampling:
     fidelity   of each trial
     attitudes  "random": independent; "sobol": scrambled points that fill the sphere evenly
     control    whether each has a control variate, which needs whole frames
+    units      how the trials go over units that differ; None: all are of the unit as designed
     """
 
     fidelity: Fidelity = Fidelity.FRAME
     attitudes: str = "random"
     control: bool = False
+    units: Units | None = None
 
     def __post_init__(self) -> None:
         one_of(ATTITUDES, attitudes=self.attitudes)
         if self.control and self.fidelity is not Fidelity.FRAME:
             raise ValueError(f"control needs fidelity frame, got {self.fidelity}")
+        if self.control and self.units:
+            raise ValueError("control must be left out where units vary")
 
     def __str__(self) -> str:
         named = [f"fidelity {self.fidelity}"]
         named += ["Sobol attitudes"] * (self.attitudes == "sobol")
+        if self.units:
+            named.append(
+                f"{self.units.trials} trials a unit in {self.units.environments} environments at "
+                f"{self.units.age / YEAR:g} yr"
+            )
         return ", ".join(named + ["control"] * self.control)
 
     @property
     def dtype(self) -> np.dtype[Any]:
         """`trial`, the fields of Outcome, and with a control its surplus (radian^2)."""
+        if self.units:
+            return UNITS
         return np.dtype(OUTCOMES.descr + SURPLUS) if self.control else OUTCOMES
 
     def attitudes_of(self, seed: int, numbers: Sequence[int]) -> Rotation:
@@ -108,6 +120,9 @@ class Sampling:
 
         Raises  as `startrack.run_trials` and `control`
         """
+        if self.units:
+            attitudes = None if self.attitudes == "random" else self.attitudes_of(seed, numbers)
+            return unit_trials(case, seed, numbers, self.units, self.fidelity, attitudes)
         if not self.control:
             attitudes = None if self.attitudes == "random" else self.attitudes_of(seed, numbers)
             return run_trials(case, seed, numbers, self.fidelity, attitudes)

@@ -9,6 +9,7 @@ import os
 import platform
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -25,6 +26,7 @@ from startrack.io import Database, Execute, FileKind, from_table, save_csv, to_t
 from startrack.io import whole as whole_file
 from startrack.montecarlo.run import FRAMES
 from startrack.montecarlo.sampling import Sampling
+from startrack.population import Units
 from startrack.trial import OUTCOMES
 
 LARGEST_TRIAL = 1024  # byte
@@ -115,6 +117,7 @@ class Store:
                 Fidelity(about["fidelity"]),
                 about.get("attitudes", "random"),
                 about.get("control", "no") == "yes",
+                Units(**json.loads(about["units"])) if "units" in about else None,
             )
             self._table = json.loads(about["case"])
             self.dtype = np.dtype([(name, kind) for name, kind in json.loads(about["fields"])])
@@ -326,6 +329,7 @@ def _begin(case: Case, seed: int, sampling: Sampling, execute: Execute) -> None:
         "fidelity": sampling.fidelity.value,
         "attitudes": sampling.attitudes,
         "control": "yes" if sampling.control else "no",
+        **({"units": json.dumps(asdict(sampling.units))} if sampling.units else {}),
         "fields": json.dumps(sampling.dtype.descr),
         "startrack": origin()["startrack"],
     }

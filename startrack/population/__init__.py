@@ -4,6 +4,7 @@ calibrate  Camera of a unit -> the camera model and alignment that its calibrati
            the estimator or by drawing from its covariance.
 unit       Case, seed, moment -> the case of one unit, with what its tracker was calibrated to.
 nodes      Case -> plans at nodes of the numbers that vary, and the plan of any unit between them.
+yields     Outcomes of trials of units -> error of each unit, yield, and what made one bad.
 trials     Units -> outcomes of trials of many units, each with its unit and environment.
 """
 
@@ -11,6 +12,7 @@ from startrack.population.calibrate import calibrated, drawn, left_over
 from startrack.population.nodes import UnitPlans, of_places, unit_plans
 from startrack.population.trials import UNITS, Units, unit_trials
 from startrack.population.unit import unit_of
+from startrack.population.yields import PerUnit, explain, per_unit
 
 # Public; the other imports serve other rooms.
 __all__ = ["Units"]

@@ -1,0 +1,98 @@
+"""Outcomes of trials of units -> error of each unit, yield, and what made one of them bad."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Floats, Ints
+from startrack.design import Case, Objective
+from startrack.metrics import Interval, fraction_interval
+from startrack.population.nodes import unit_plans
+from startrack.population.trials import Units
+from startrack.population.unit import unit_of
+from startrack.trial import outcomes as drawn_outcomes
+from startrack.trial import random_attitudes
+
+
+class PerUnit(NamedTuple):
+    """Errors of n units over their environments.
+
+    unit           (n,) number
+    across, about  (n,) radian, rms per axis of the solved trials; NaN where none is
+    """
+
+    unit: Ints
+    across: Floats
+    about: Floats
+
+    @property
+    def worst(self) -> int | None:
+        """Number of the unit of the largest rms across; None where no unit has one."""
+        if not np.isfinite(self.across).any():
+            return None
+        return int(self.unit[np.nanargmax(self.across)])
+
+    def meets(self, table: NDArray[np.void], objective: Objective, limit: float) -> Interval:
+        """Yield: share of the units whose objective is at most a limit, with its 95 % interval.
+
+        table  of the trials of these units
+        limit  radian
+        Accuracy  statistical: a unit's objective is that of its trials, whose scatter smears the
+                  limit by 1 / sqrt(2 trials) of it.
+        """
+        found = np.array([
+            float(objective.of(objective.squares(table[table["unit"] == unit])))
+            for unit in self.unit
+        ])  # fmt: skip
+        return fraction_interval(int((found <= limit).sum()), len(found))
+
+
+def per_unit(table: NDArray[np.void]) -> PerUnit:
+    """The errors of each unit in a table of `unit_trials`."""
+    units = np.unique(table["unit"])
+    across, about = Objective("across"), Objective("about")
+    rows = [table[table["unit"] == unit] for unit in units]
+    each = [
+        np.array([float(one.of(one.squares(part))) for part in rows]) for one in (across, about)
+    ]
+    return PerUnit(units, each[0], each[1])
+
+
+def explain(case: Case, seed: int, units: Units, unit: int) -> list[tuple[str, float]]:
+    """What a unit's rms across changes by if each number that varies is as designed instead.
+
+    On the same sky and noise, in fidelity covariance. The residual field counts as one.
+
+    Returns  name of each number and scope, and the relative change, the greatest gain first
+    Raises   ValueError where fidelity covariance cannot compute the design.
+    """
+    numbers = list(range(unit * units.trials, (unit + 1) * units.trials))
+    start = _rms(case, case, seed, units, numbers)
+    found = []
+    for one in case.variation:
+        rest = tuple(other for other in case.variation if other is not one)
+        name = f"{one.name} per {one.per}"
+        found.append((name, _rms(case, replace(case, variation=rest), seed, units, numbers)))
+    if case.instrument.residual is not None:
+        flat = replace(case, instrument=replace(case.instrument, residual=None))
+        kept = tuple(one for one in case.variation if ".residual." not in one.name)
+        flat = replace(flat, variation=kept)
+        found.append(("instrument.residual", _rms(case, flat, seed, units, numbers)))
+    return sorted(((name, rms / start - 1) for name, rms in found), key=lambda pair: pair[1])
+
+
+def _rms(case: Case, other: Case, seed: int, units: Units, numbers: list[int]) -> float:
+    """Radian, rms across of trials of a unit of another case, by the plans of a case."""
+    plans, across = unit_plans(case), Objective("across")
+    squares = []
+    for environment in range(units.environments):
+        some = [n for n in numbers if units.moment(case, n).environment == environment]
+        unit = unit_of(other, seed, units.moment(case, some[0]))
+        attitudes = random_attitudes(seed, some)
+        table = drawn_outcomes(unit, seed, some, attitudes, plans.of(unit))
+        squares.append(across.squares(table))
+    return float(across.of(np.concatenate(squares)))

@@ -1,0 +1,106 @@
+"""Budgets of units: classes, levels by interpretation, and the interval of a yield."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from startrack.attitude import Mounting
+from startrack.budget import Term, UnitBudgets, analytic, unit_budgets
+from startrack.core import arcsec
+from startrack.design import CameraCalibration, Variation, load_design
+from startrack.io import shipped
+from startrack.metrics import Interpretation, fraction_interval, level
+
+CASE = load_design(shipped("designs/nanosatellite.toml")).case
+ONE = np.ones
+
+
+def of(mean, sigma):
+    """Budgets of units (n, m) with the same error about all axes."""
+    shape = (*np.broadcast_shapes(np.shape(mean), np.shape(sigma)), 3)
+    weight = np.full(shape[:2], 1 / shape[1])
+    wide = [np.broadcast_to(np.asarray(each)[..., None], shape) for each in (mean, sigma)]
+    return UnitBudgets(0.0, *wide, weight, np.zeros((shape[0], 3)), {}, ONE(shape[0]))
+
+
+@pytest.mark.parametrize("fraction", [0.683, 0.954, 0.997])
+def test_levels_of_normal_errors_are_their_quantiles(fraction):
+    """Units of sigma 1 and 2: temporal is the worse, mixed the quantile of the mixture."""
+    found = of(np.zeros((2, 4)), np.array([[1.0] * 4, [2.0] * 4]))
+    quantile = stats.norm.ppf((1 + fraction) / 2)
+    assert found.level([2], fraction, Interpretation.TEMPORAL) == pytest.approx(2 * quantile)
+    mixed = found.level([2], fraction, Interpretation.MIXED)
+    inside = np.mean([2 * stats.norm.cdf(mixed / size) - 1 for size in (1, 2)])
+    assert inside == pytest.approx(fraction)
+    ensemble = found.level([2], fraction, Interpretation.ENSEMBLE)
+    assert ensemble == pytest.approx(mixed)
+
+
+@pytest.mark.parametrize("fraction", [0.683, 0.954, 0.997])
+def test_levels_of_a_swing_are_those_of_the_arcsine_law(fraction):
+    """|A sin| is below A sin(pi fraction / 2) in a fraction of the time; here at 2000 times."""
+    phase = (np.arange(2000) + 0.5) / 2000 * 2 * np.pi
+    swing = np.sin(phase)[None]
+    asked = np.sin(np.pi * fraction / 2)
+    found = of(swing, np.full(swing.shape, 1e-4))
+    assert found.level([2], fraction, Interpretation.MIXED) == pytest.approx(asked, rel=2e-3)
+    assert level(swing, fraction, Interpretation.TEMPORAL) == pytest.approx(asked, rel=2e-3)
+
+
+def test_yield_counts_the_units_within_a_limit():
+    found = of(np.zeros((10, 3)), np.arange(1.0, 11.0)[:, None] * ONE((10, 3)))
+    assert found.meets(7.5) == fraction_interval(7, 10)
+    assert found.meets(7.5, (2,)).value == 0.7
+    assert found.meets(6.0, (2,), 0.954).value == 0.3
+
+
+def test_the_interval_of_a_yield_holds_it_as_often_as_it_says():
+    """200 samples of 30 of a law with a yield of 0.8: exact intervals hold it in 95 % at least.
+
+    184 of 200 or fewer by chance: 4 %, with a fixed seed.
+    """
+    random = np.random.default_rng(5)
+    held = [
+        one.low <= 0.8 <= one.high
+        for one in (fraction_interval(int(random.binomial(30, 0.8)), 30) for _ in range(200))
+    ]
+    assert sum(held) > 184
+
+
+def test_units_without_variation_have_the_budget_of_the_design():
+    found = unit_budgets(CASE, 1, 2, environments=2, count_fields=64)
+    budget = analytic(CASE, 64)
+    assert found.across() == pytest.approx(budget.across)
+    assert found.about() == pytest.approx(budget.about)
+    assert np.abs(found.bias).max() == 0
+
+
+def test_what_turns_the_camera_is_bias_or_thermo_elastic():
+    """A misalignment as built is bias; one over orbits is thermo-elastic, A / sqrt(2) of A sin."""
+    name = "instrument.mounting.x"
+    case = replace(
+        CASE,
+        variation=(
+            Variation(name, sigma="30 arcsec"),
+            Variation(name, "sinusoid", amplitude="10 arcsec", per="environment"),
+        ),
+    )
+    found = unit_budgets(case, 1, 30, environments=8, count_fields=64)
+    bias, thermal = found.bias[:, 0], found.terms[Term.THERMO_ELASTIC][:, 0]
+    assert np.sqrt(np.mean(bias**2)) / arcsec == pytest.approx(30, rel=0.3)
+    assert np.sqrt(np.mean(thermal**2)) / arcsec == pytest.approx(10 / np.sqrt(2), rel=0.1)
+
+
+def test_calibration_and_alignment_are_one_cause():
+    """Parts of the two that cancel are in no class."""
+    case = replace(
+        CASE,
+        variation=(Variation("instrument.optics.principal_x", sigma=10.0),),
+        instrument=replace(CASE.instrument, mounting=Mounting(1e-3, 2e-3, 0.0)),
+        tracker=replace(CASE.tracker, calibration=CameraCalibration(noise=1e-3)),
+    )
+    found = unit_budgets(case, 1, 3, environments=1, count_fields=64)
+    assert np.abs(found.bias[:, :2]).max() / arcsec < 0.5
+    assert found.terms[Term.FIELD][:, :2].max() / arcsec < 0.2

@@ -1,0 +1,57 @@
+"""`startrack montecarlo --units`: errors of units, yield, and the worst unit explained."""
+
+import json
+
+import numpy as np
+import pytest
+
+from startrack.cli.main import main
+from startrack.montecarlo import Store
+
+DESIGN = """
+base = "designs/nanosatellite.toml"
+lifetime = "5 yr"
+[instrument.residual]
+rms = 0.1
+[[variation]]
+name = "instrument.optics.focal_length"
+vary = "relative"
+sigma = 0.002
+[campaign.requirements]
+max_across = "8 arcsec"
+"""
+
+
+@pytest.fixture
+def design(tmp_path):
+    path = tmp_path / "varied.toml"
+    path.write_text(DESIGN)
+    return path
+
+
+def test_units_have_a_yield_and_the_worst_is_explained(design, tmp_path, capsys):
+    command = ["montecarlo", str(design), "--units", "6", "--trials", "10", "--seed", "3"]
+    command += ["--fidelity", "covariance", "--environments", "2", "--workers", "1", "--json"]
+    main([*command, "--out", str(tmp_path / "out")])
+    found = json.loads(capsys.readouterr().out)["units"]
+    assert found["count"] == 6
+    assert found["age_yr"] == pytest.approx(5)
+    [(share, low, high)] = found["yield"].values()
+    assert low <= share <= high
+    # The focal length is not calibrated here, and makes the worst unit.
+    assert found["worst"]["removes"]["instrument.optics.focal_length per unit"] < -0.2
+    with Store(tmp_path / "out" / "campaign.sqlite") as store:
+        table = store.outcomes()
+        assert store.sampling.units.trials == 10
+    assert (table["unit"] == np.arange(60) // 10).all()
+    assert (table["environment"] == np.arange(60) % 10 // 5).all()
+
+
+def test_trials_of_the_unit_as_designed_say_what_they_leave_out(design, capsys):
+    main(["montecarlo", str(design), "--trials", "4", "--fidelity", "covariance", "--workers", "1"])
+    assert "noise only" in capsys.readouterr().out
+
+
+def test_units_of_a_design_in_which_nothing_varies_are_refused(capsys):
+    assert main(["montecarlo", "--units", "2", "--trials", "4"]) == 2
+    assert "[[variation]]" in capsys.readouterr().err
