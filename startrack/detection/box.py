@@ -24,7 +24,7 @@ CORNERS = tuple(
 )  # from the pixel right below the middle
 MIDDLE = slice(2, 6)  # of eight sorted pixels, whose mean is the background: outliers do not count
 ROUNDS = 4  # of moving the image until the star is in its middle
-FARTHEST = 0.6  # pixel, of the moment from the middle; above half a pixel, so that it settles
+FARTHEST = 0.53  # pixel, of the moment from the middle; above half a pixel, so that it settles
 IMAGE = 8  # pixel, of the largest image, about which the search needs pixels
 
 

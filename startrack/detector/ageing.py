@@ -187,8 +187,8 @@ class Age:
     interaction: Annotated[float, Unit("electron / s")] = 4000.0
     annealed: float = 0.0
     flicker: Flicker | None = None
-    sensitivity_loss: Annotated[float, Unit("1 / s", "1 / yr")] = 0.0
-    transfer_loss: Annotated[float, Unit("1 / s", "1 / yr")] = 0.0
+    sensitivity_loss: Annotated[float, Unit("s-1", "yr-1")] = 0.0
+    transfer_loss: Annotated[float, Unit("s-1", "yr-1")] = 0.0
 
     def __post_init__(self) -> None:
         one_of(FAMILIES, family=self.family)
@@ -290,17 +290,33 @@ def damage(shape: tuple[int, int], age: Age, area: float, kelvin: float, device:
     area    square metre, of a pixel
     Accuracy  model: independent interactions, one week after they happened.
     """
-    mean_rate = (
-        DAMAGE_FACTOR * NIEL * (age.fluence * age.years * YEAR * SQUARE_CM)
-        * (area * age.depleted / CUBIC_CM) * (1 - age.annealed)
-    )  # fmt: skip
-    # Both at the temperature asked for.
-    mean_rate *= growth_of(DAMAGE_ACTIVATION, kelvin, DAMAGE_KELVIN)
+    mean_rate = mean_damage(age, area, kelvin)
     each = age.interaction * growth_of(DAMAGE_ACTIVATION, kelvin, 296.0)
     number, size = device("displaced atoms").random((2, *shape))
     events = special.pdtrik(number, mean_rate / each) if mean_rate else np.zeros(shape)
     events = np.maximum(np.ceil(np.nan_to_num(events)), 0.0)
     return np.where(events > 0, each * special.gammaincinv(np.maximum(events, 1.0), size), 0.0)
+
+
+def mean_damage(age: Age, area: float, kelvin: float) -> float:
+    """Mean of `damage` over the pixels."""
+    mean = (
+        DAMAGE_FACTOR * NIEL * (age.fluence * age.years * YEAR * SQUARE_CM)
+        * (area * age.depleted / CUBIC_CM) * (1 - age.annealed)
+    )  # fmt: skip
+    return mean * growth_of(DAMAGE_ACTIVATION, kelvin, DAMAGE_KELVIN)
+
+
+def typical(base: float, age: Age, area: float, kelvin: float, to: float) -> float:
+    """Dark current of a typical pixel: the median of a tail's law, the mean of interactions.
+
+    Arguments as of `aged`.
+    """
+    law = TAILS.get(age.family)
+    if law is None:
+        return base + mean_damage(age, area, kelvin)
+    median = float(tail_currents(law, np.array([0.5]), age.years)[0])
+    return max(base, median * to * (1 - age.annealed))
 
 
 def aged(base: Floats, age: Age, area: float, kelvin: float, to: float, device: Streams) -> Floats:

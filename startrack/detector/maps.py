@@ -7,12 +7,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from startrack.core import ZERO_CELSIUS, Floats, Streams, require_memory
-from startrack.detector.ageing import TAILS, Flickering, aged
+from startrack.core import Floats, Streams, require_memory
+from startrack.detector.ageing import Flickering, aged
 from startrack.detector.nonuniformity import Defects, dark_response, photo_response
 from startrack.detector.parameters import Detector
 
-ROOM = ZERO_CELSIUS + 20  # kelvin, of a detector without a temperature
 BYTES = 40  # of a pixel of a map while it is drawn; measured
 
 
@@ -108,11 +107,7 @@ def _dark(device: Detector) -> Floats:
 def _aged(array: Floats, device: Detector, streams: Streams) -> Floats:
     """The map of an array at its age, at the reference temperature of the detector."""
     assert device.age
-    law, thermal, to = TAILS.get(device.age.family), device.thermal, 1.0
-    if law and thermal:
-        to = 1 / replace(thermal, temperature=law.kelvin).growth
-    kelvin = thermal.reference if thermal else ROOM
-    return aged(array, device.age, device.pixel_pitch**2, kelvin, to, streams)
+    return aged(array, device.age, device.pixel_pitch**2, *device.of_age, streams)
 
 
 @lru_cache(maxsize=2)

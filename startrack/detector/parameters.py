@@ -4,15 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
-from startrack.core import ALL, Curve, Unit, finite, non_negative, positive, whole, within
-from startrack.detector.ageing import Age
+from startrack.core import (
+    ALL,
+    ZERO_CELSIUS,
+    Curve,
+    Unit,
+    finite,
+    non_negative,
+    positive,
+    whole,
+    within,
+)
+from startrack.detector.ageing import TAILS, Age, typical
 from startrack.detector.hits import Hits
 from startrack.detector.lines import Scan
 from startrack.detector.nonuniformity import Defects, Pattern
 from startrack.detector.thermal import Thermal
+
+ROOM = ZERO_CELSIUS + 20  # kelvin, of a detector without a temperature
 
 
 @dataclass(frozen=True)
@@ -192,9 +204,25 @@ class Detector:
 
     @property
     def dark_rate(self) -> float:
-        """Electron / second of a pixel of the image at its temperature, without defects."""
+        """Electron / second of a pixel of the image at its temperature, without defects.
+
+        At an age, of a typical pixel.
+        """
         growth = self.thermal.growth if self.thermal else 1.0
-        return self.dark_current * growth * self.binning**2
+        current = self.dark_current
+        if self.age:
+            current = typical(current, self.age, self.pixel_pitch**2, *self.of_age)
+        return current * growth * self.binning**2
+
+    @property
+    def of_age(self) -> tuple[float, float]:
+        """Kelvin that dark currents are given at, and their ratio to those of the age's law."""
+        assert self.age
+        law, thermal = TAILS.get(self.age.family), self.thermal
+        if not thermal:
+            return ROOM, 1.0
+        to = 1 / replace(thermal, temperature=law.kelvin).growth if law else 1.0
+        return thermal.reference, to
 
     @property
     def sensitivity(self) -> float:

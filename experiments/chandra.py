@@ -1,0 +1,371 @@
+"""Chandra's aspect camera, predicted and flown: its places of stars, dark current, flicker, images,
+acquisition, centroids and boresight.
+
+    python experiments/chandra.py [--page FOLDER] [--json FILE] [--quick]
+
+The flight's figures are read from references/chandra of the folder that STARTRACK_DATA names; parts
+whose data are missing are left out. `--page` writes flight.json, flight.png and the tables of
+flight.md there; a minute of CPU.
+"""
+
+from __future__ import annotations
+
+import one_thread  # noqa: F401  # isort: skip
+
+import argparse
+import csv
+import json
+import math
+import os
+import time
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import command
+import numpy as np
+from flight_page import draw, write_page
+from scipy import stats
+
+from startrack import Frame, Streams, arcsec, load_design, shipped
+from startrack.calibration import (
+    Order,
+    assumed_array,
+    borne,
+    cross_validate_all,
+    orders_of,
+    read_star_table,
+)
+from startrack.core import ZERO_CELSIUS, Floats
+from startrack.detection import Box, DarkFrames, DarkMap, Detection, plan_detection, take
+from startrack.detector import (
+    CHANDRA_ACA,
+    Detector,
+    Flicker,
+    Flickering,
+    dark,
+    dark_frames,
+    frame_of,
+    pixels_above,
+    stamp,
+)
+from startrack.io.saving import save_json
+from startrack.trial import psf_of
+
+LAUNCH = 1999.56
+# Published: 5263 electron / s of a star of 10.32 mag (sot/chandra_aca, transform.py).
+RATE, ZERO = 5263.0, 10.32
+FAINTEST = 11.2  # mag, beyond which a box takes nothing (sot/proseco, its limit since 2019)
+WITHIN = 7.0  # arcsec from its place, at which a star counts as acquired; assumed
+SKY = 0.15  # electron / s in a pixel: 22 mag per square arcsecond; assumed
+MAGNITUDES = (9.0, 9.25, 9.5, 9.75, 10.0, 10.25, 10.5)
+WARMEST, COLDEST = 0, -13
+PUBLISHED_CENTROID = 0.06  # arcsec, of the flight's page on image reconstruction
+GUIDE = (7.0, 7.5, 8.0, 8.5, 9.0, 9.5)  # mag, of guide stars; as in validation.py
+# After the first comparison, see docs/flight.md.
+SCATTER = 0.3  # mag rms, of a star in the camera about its catalogue
+EASY = (8.0, -8)  # mag and degC: up to there, what is not acquired is lost to other causes
+# The centroids were published early in the mission.
+GUIDE_YEAR, GUIDE_CELSIUS = 2005.0, -19.0
+GUIDE_SIZE = 6  # pixel, of the images of guide stars then
+UNREPLACED = 1e9  # sigma: the dark map is subtracted, and no pixel takes its neighbours' mean
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parts = {
+        one.__name__: one
+        for one in (camera, dark_current, flicker, image, acquisition, centroid, drift)
+    }
+    parser.add_argument(
+        "parts", nargs="*", metavar="PART",
+        help=f"of {', '.join(parts)} (default: all); the page keeps the figures of the others",
+    )  # fmt: skip
+    parser.add_argument("--page", type=Path, metavar="FOLDER", help="write the page here")
+    options = command.read(parser)
+    data = flown()
+    found: dict[str, Any] = {}
+    if options.parts and options.page and (options.page / "flight.json").is_file():
+        found = json.loads((options.page / "flight.json").read_text(encoding="utf-8"))
+    for part in [parts[name] for name in options.parts or parts]:
+        before = time.process_time()
+        result = part(data, options.quick)
+        if result is None:
+            print(f"{part.__name__} left out: its data are missing", flush=True)
+            continue
+        found |= result
+        print(f"{part.__name__}: {time.process_time() - before:.0f} s of CPU", flush=True)
+    figures = {name: value for name, value in found.items() if isinstance(value, float)}
+    for name, value in figures.items():
+        print(f"{name:24} {value:.4g}")
+    command.save(options, {**figures, "parts": found})
+    if options.page:
+        save_json(options.page / "flight.json", found)
+        write_page(options.page, found)
+        draw(options.page / "flight.png", found)
+
+
+def flown() -> dict[str, Any]:
+    """What is known of the flight, by the names of the files; those of the oracle always are."""
+    oracle = Path(__file__).parents[1] / "tests/oracle/chandra_dark.json"
+    known = json.loads(oracle.read_text(encoding="utf-8"))
+    data = {"dark_histograms": known["histograms"], "flicker": known["flicker"]}
+    folder = Path(os.environ.get("STARTRACK_DATA", "")) / "references/chandra"
+    if os.environ.get("STARTRACK_DATA") and folder.is_dir():
+        data["stars"] = folder / "stars_2020.csv"
+        data["psf"] = folder / "psf.csv"
+        for name in ("acquisition_2025", "drift"):
+            data[name] = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+    return data
+
+
+# Places of stars.
+
+
+def camera(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
+    """Residuals on stars that the fit has not seen, of each order."""
+    if "stars" not in data:
+        return None
+    table = read_star_table(data["stars"])
+    array = assumed_array(table)
+    orders = orders_of(table) if not quick else (Order("3"), Order("3", True))
+    found = cross_validate_all(table, orders, *array, folds=3 if quick else 10)
+    best = borne(found)
+    y, z = (best.rms / arcsec).tolist()
+    cold = min((one for one in found if not one.order.warm), key=lambda one: one.mean_square)
+    rows = [[str(one.order), one.order.unknowns, *(one.rms / arcsec).tolist()] for one in found]
+    # 95 % by chi-square, as of independent residuals.
+    spread = math.sqrt(1 / (2 * len(table))) * 1.96
+    return {
+        "camera_y_arcsec": y, "camera_z_arcsec": z, "camera_interval": spread,
+        "camera_cold_y_arcsec": float(cold.rms[0] / arcsec),
+        "camera_cold_z_arcsec": float(cold.rms[1] / arcsec),
+        "camera_orders": rows, "camera_chosen": str(best.order), "camera_stars": len(table),
+    }  # fmt: skip
+
+
+# Dark current.
+
+
+def device(year: float, celsius: float, **changes: Any) -> Detector:
+    """The detector of the catalogue's design at a year and temperature."""
+    detector = load_design(shipped("trackers/chandra-aca.toml")).case.instrument.detector
+    assert detector.age is not None
+    assert detector.thermal is not None
+    return replace(
+        detector,
+        age=replace(detector.age, year=year),
+        thermal=replace(detector.thermal, temperature=celsius + ZERO_CELSIUS),
+        **changes,
+    )
+
+
+def dark_current(data: dict[str, Any], quick: bool) -> dict[str, Any]:
+    """Bins of the histogram by the law and in a drawn map, beside those in flight."""
+    rows, worst, warm, curves = [], 0.0, 0.0, []
+    for one in data["dark_histograms"][:: 5 if quick else 1]:
+        detector = device(one["year"], one["temperature_c"])
+        edges, pixels = np.array(one["edges_e_per_s"]), np.array(one["pixels"])
+        assert detector.thermal is not None
+        scale = (
+            detector.thermal.growth
+            / replace(detector.thermal, temperature=CHANDRA_ACA.kelvin).growth
+        )
+        above = pixels_above(CHANDRA_ACA, edges / scale, one["year"] - LAUNCH) * 2**20
+        law = above[:-1] - above[1:]
+        drawn, _ = np.histogram(dark(detector), edges)
+        inside = (edges[:-1] > 19.9) & (edges[1:] < 2010)
+        off = float(np.abs(law / pixels - 1)[inside].max())
+        hot = edges[:-1] > 99
+        share = float(above[:-1][hot][0] / pixels[hot].sum() - 1)
+        pull = (drawn - law)[inside] / np.sqrt(law[inside])
+        chance = float(stats.chi2.sf((pull**2).sum(), inside.sum()))
+        worst, warm = max(worst, off), max(warm, abs(share))
+        rows.append([one["year"], one["temperature_c"], off, share, chance])
+        curves.append([edges[:-1][inside].tolist(), pixels[inside].tolist(), law[inside].tolist()])
+    return {
+        "dark_bins_worst": worst, "warm_share_worst": warm, "dark_rows": rows,
+        "dark_curves": curves,
+    }  # fmt: skip
+
+
+def flicker(data: dict[str, Any], quick: bool) -> dict[str, Any]:
+    """Cumulative laws of jumps of drawn pixels beside those in flight."""
+    known, law = data["flicker"], Flicker()
+    step, rng = np.array(known["log10_step"]), np.random.default_rng(0)
+    count, rows, curves = 2000 if quick else 200_000, [], []
+    for low, high, flown_law in zip(
+        known["dark_from_e_per_s"], known["dark_to_e_per_s"], known["cumulative"], strict=True
+    ):
+        current = np.exp(rng.uniform(math.log(low * (1 + 1e-9)), math.log(min(high, 3000)), count))
+        state = Flickering(law, current[None], Streams(1, 0))
+        drawn = np.searchsorted(np.sort(state.step), step, side="right") / count
+        rows.append([low, high, float(np.abs(drawn - flown_law).max())])
+        curves.append([step.tolist(), list(flown_law), drawn.tolist()])
+    return {
+        "flicker_worst": max(row[2] for row in rows), "flicker_rows": rows,
+        "flicker_curves": curves,
+    }  # fmt: skip
+
+
+# Images.
+
+
+def image(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
+    """Stamps of the shipped PSF beside the 144 tables, as fractions of the peak of each."""
+    if "psf" not in data:
+        return None
+    psf = psf_of(load_design(shipped("trackers/chandra-aca.toml")).case.instrument)
+    worst = []
+    with data["psf"].open(newline="") as file:
+        for row in list(csv.reader(file))[1 : 9 if quick else None]:
+            values = np.array(row, float)
+            y, x = values[0:2].mean(), values[2:4].mean()
+            wanted, made = values[4:].reshape(8, 8), np.zeros((8, 8))
+            stamp(made, psf, np.array([x + 3.5]), np.array([y + 3.5]), np.ones(1))
+            inside = wanted > 0  # the source has no value at the rim of some tables
+            worst.append(float(np.abs(made - wanted)[inside].max() / wanted.max()))
+    return {
+        "psf_worst": max(worst),
+        "psf_median": float(np.median(worst)),
+        "psf_tables": len(worst),
+    }
+
+
+# Acquisition and centroids.
+
+
+@lru_cache(maxsize=1)
+def star_psf() -> Any:
+    return psf_of(load_design(shipped("trackers/chandra-aca.toml")).case.instrument)
+
+
+def star_field(
+    detector: Detector, magnitude: float, apart: int, seed: int, scatter: float = 0.0
+) -> tuple[Frame, Floats, float]:
+    """A frame of stars of one magnitude on a lattice: frame, places and flux in numbers.
+
+    scatter  mag rms, of the stars about it
+    """
+    streams, side = Streams(seed, 0), detector.columns
+    line = np.arange(apart / 2 + 8, side - apart / 2 - 8, apart)
+    place = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    place = place + streams("places of stars").uniform(-0.5, 0.5, place.shape)
+    electrons = RATE * 10 ** (-0.4 * (magnitude - ZERO)) * detector.exposure
+    expected = np.asarray((dark(detector) + SKY) * detector.exposure)
+    each = electrons * 10 ** (-0.4 * streams("magnitudes").normal(0, scatter, len(place)))
+    stamp(expected, star_psf(), place[:, 0], place[:, 1], each)
+    return frame_of(expected, detector, streams), place, electrons / detector.electrons_per_dn
+
+
+def acquired(
+    year: float, celsius: float, magnitude: float, half_width: float, stars: int, **changes: Any
+) -> tuple[int, int, int]:
+    """Stars that were acquired, false ones that were taken, and all."""
+    scale = load_design(shipped("trackers/chandra-aca.toml")).case.instrument.camera
+    focal = scale.focal_length_px
+    reach = math.tan(half_width * arcsec) * focal
+    box = Box(half_width * arcsec, fainter=min(1.5, FAINTEST - magnitude))
+    box = replace(box, **changes)
+    plan, good, false, total, seed = plan_detection(Detection(), star_psf()), 0, 0, 0, 0
+    while total < stars:
+        detector = device(year, celsius, device_seed=seed)
+        frame, place, flux = star_field(
+            detector, magnitude, math.ceil(2 * reach) + 14, seed, SCATTER
+        )
+        error = Streams(seed, 1)("expected attitude").normal(0, box.prior * focal, place.shape)
+        taken = take(frame, place + error, np.full(len(place), flux), reach, box, plan)
+        off = np.hypot(taken.x - place[:, 0], taken.y - place[:, 1]) / focal / arcsec
+        good, false = good + int((off < WITHIN).sum()), false + int((off >= WITHIN).sum())
+        total, seed = total + len(place), seed + 1
+    return good, false, total
+
+
+def acquisition(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
+    """Probability of acquisition over magnitude, temperature and half width, of 2025."""
+    if "acquisition_2025" not in data:
+        return None
+    rows, stars = [], 100 if quick else 500
+    easy = [
+        one["probability"] for one in data["acquisition_2025"]
+        if one["magnitude_aca"] <= EASY[0] and one["ccd_temperature_c"] <= EASY[1]
+    ]  # fmt: skip
+    other = float(np.mean(easy))
+    for one in data["acquisition_2025"]:
+        magnitude, celsius = one["magnitude_aca"], one["ccd_temperature_c"]
+        if magnitude not in MAGNITUDES or not COLDEST <= celsius <= WARMEST:
+            continue
+        if quick and (magnitude != MAGNITUDES[-1] or celsius != WARMEST):
+            continue
+        half = one["half_width_arcsec"]
+        good, false, total = acquired(2025.0, celsius, magnitude, half, stars)
+        rows.append(
+            [
+                magnitude,
+                celsius,
+                half,
+                one["probability"],
+                other * good / total,
+                false / total,
+                total,
+            ]
+        )
+    off = np.array([row[4] - row[3] for row in rows])
+    return {
+        "acquisition_worst": float(np.abs(off).max()),
+        "acquisition_rms": float(np.sqrt(np.mean(off**2))),
+        "acquisition_mean": float(off.mean()),
+        "acquisition_within": float(np.mean(np.abs(off) <= 0.05)),
+        "acquisition_other": other,
+        "acquisition_rows": rows,
+    }
+
+
+def centroid(data: dict[str, Any], quick: bool) -> dict[str, Any]:
+    """Rms error of the first moment of 8 x 8 pixels, over the magnitude of guide stars."""
+    detector = device(GUIDE_YEAR, GUIDE_CELSIUS)
+    camera = load_design(shipped("trackers/chandra-aca.toml")).case.instrument.camera
+    focal = camera.focal_length_px
+
+    def maps() -> DarkFrames:
+        return DarkFrames(*dark_frames(detector, 4 if quick else 32))
+
+    plan = plan_detection(Detection(dark_map=DarkMap(hot=UNREPLACED)), star_psf(), maps)
+    box = Box(25 * arcsec, size=GUIDE_SIZE)
+    rows = []
+    for magnitude in GUIDE[:: 3 if quick else 1]:
+        frame, place, flux = star_field(detector, magnitude, 25, 7)
+        taken = take(frame, place, np.full(len(place), flux), 5.0, box, plan)
+        off = np.column_stack([taken.x, taken.y]) - place
+        near = np.hypot(*off.T) < 1.0  # guide stars are watched: a wrong one is dropped
+        off = (off - np.median(off[near], axis=0))[near] / focal / arcsec
+        rms = np.sqrt(np.mean(off**2))
+        rows.append([magnitude, float(rms), float(near.mean()), len(place)])
+    mean = float(np.mean([row[1] for row in rows]))
+    return {
+        "centroid_mean_arcsec": mean, "centroid_ratio": mean / PUBLISHED_CENTROID,
+        "centroid_rows": rows,
+    }  # fmt: skip
+
+
+# Boresight.
+
+
+def drift(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
+    """Drift of the boresight by the flight's law: rate, growth with temperature, jumps."""
+    if "drift" not in data:
+        return None
+    rows = []
+    for axis, law in data["drift"].items():
+        sizes = np.array([size for _, size in law["jumps"]])
+        rows.append(
+            [axis, law["trend"], law["scale"], len(sizes), float(np.sqrt(np.mean(sizes**2)))]
+        )
+    return {"drift_rows": rows}
+
+
+if __name__ == "__main__":
+    main()

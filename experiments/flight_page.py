@@ -1,0 +1,132 @@
+"""What chandra.py writes and draws: the page on the flight of Chandra's aspect camera."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+
+from startrack.io.saving import save_text
+from startrack.plots import CYCLE, legend_below, picture, save_picture, styled
+
+TEMPLATE = Path(__file__).with_name("flight_page.md")
+
+
+def text_of(a: dict[str, Any], b: dict[str, Any]) -> str:
+    """The page.
+
+    a  what was found;  b  what the first run found
+    """
+    table = a["acquisition_rows"]
+    return TEMPLATE.read_text(encoding="utf-8").format(
+        a=a, b=b,
+        dark_before=100 * b["dark_bins_worst"], dark_after=100 * a["dark_bins_worst"],
+        warm_before=100 * b["warm_share_worst"], warm_after=100 * a["warm_share_worst"],
+        psf_before=100 * b["psf_worst"], psf_after=100 * a["psf_worst"],
+        psf_median=100 * a["psf_median"], acquisitions=len(table),
+        within_before=100 * b["acquisition_within"], within_after=100 * a["acquisition_within"],
+        interval=100 * a["camera_interval"], stars=min(row[6] for row in table),
+        camera_rows="\n".join(
+            f'| {name} | {unknowns} | {y:.3f}" | {z:.3f}" |'
+            for name, unknowns, y, z in a["camera_orders"]
+        ),
+        dark_rows="\n".join(
+            f"| {year:.0f} | {celsius:.0f} | {100 * off:.1f} % | {100 * share:+.2f} % "
+            f"| {chance:.2f} |"
+            for year, celsius, off, share, chance in a["dark_rows"]
+        ),
+        flicker_rows="\n".join(
+            f"| {low} to {high} | {off:.3f} |" if high < 1e5 else f"| above {low} | {off:.3f} |"
+            for low, high, off in a["flicker_rows"]
+        ),
+        acquisition_tables="\n\n".join(_acquisition(table, half) for half in (60, 120)),
+        centroid_rows="\n".join(f"| {row[0]:g} | {row[1]:.3f} |" for row in a["centroid_rows"]),
+        drift_rows="\n".join(
+            f"| {axis} | {trend:g} | {scale:g} | {jumps} | {rms:.1f} |"
+            for axis, trend, scale, jumps, rms in a["drift_rows"]
+        ),
+    )  # fmt: skip
+
+
+def _acquisition(rows: list[list[float]], half: int) -> str:
+    mine = [row for row in rows if row[2] == half]
+    magnitudes = sorted({row[0] for row in mine})
+    lines = [
+        f'Half width {half}", predicted (flown):', "",
+        "| degC | " + " | ".join(f"{one:g} mag" for one in magnitudes) + " |",
+        "|---" * (len(magnitudes) + 1) + "|",
+    ]  # fmt: skip
+    for celsius in sorted({row[1] for row in mine}):
+        cells = []
+        for magnitude in magnitudes:
+            row = next(one for one in mine if one[0] == magnitude and one[1] == celsius)
+            text = f"{row[4]:.2f} ({row[3]:.2f})"
+            cells.append(f"**{text}**" if abs(row[4] - row[3]) > 0.05 else text)
+        lines.append(f"| {celsius} | " + " | ".join(cells) + " |")
+    return "\n".join([*lines, "", "Bold: off by more than 0.05."])
+
+
+def write_page(folder: Path, found: dict[str, Any]) -> None:
+    """Write flight.md beside what the first run found (flight-before.json)."""
+    before = Path(__file__).parents[1] / "docs/flight-before.json"
+    text = text_of(found, json.loads(before.read_text(encoding="utf-8")))
+    save_text(folder / "flight.md", text)
+
+
+@styled
+def draw(path: Path, found: dict[str, Any]) -> None:
+    """Predicted (lines) beside flown (points): dark current, flicker, acquisition, centroids."""
+    figure = picture(11.0, "Chandra's aspect camera: predicted (lines) and flown (points)")
+    panels = figure.subplots(4, 1)
+    _dark(panels[0], found)
+    _flicker(panels[1], found)
+    _probability(panels[2], found)
+    _centroid(panels[3], found)
+    save_picture(path, figure)
+
+
+def _dark(axes: Axes, found: dict[str, Any]) -> None:
+    for n, (row, (edges, flown, law)) in enumerate(
+        zip(found["dark_rows"], found["dark_curves"], strict=True)
+    ):
+        colour = CYCLE[n % len(CYCLE)]
+        axes.plot(edges, law, color=colour, label=f"{row[0]:.0f}, {row[1]:.0f} °C")
+        axes.plot(edges[::2], flown[::2], ".", color=colour, markersize=4)
+    axes.set(xscale="log", yscale="log", xlabel="dark current, electron / s")
+    axes.set_ylabel("pixels in a bin")
+    legend_below(axes)
+
+
+def _flicker(axes: Axes, found: dict[str, Any]) -> None:
+    for n, (row, (step, flown, drawn)) in enumerate(
+        list(zip(found["flicker_rows"], found["flicker_curves"], strict=True))[::4]
+    ):
+        low, high = row[0], row[1]
+        name = f"{low} to {high} e-/s" if high < 1e5 else f"above {low} e-/s"
+        axes.plot(step, drawn, color=CYCLE[n], label=name)
+        axes.plot(step[::3], flown[::3], ".", color=CYCLE[n], markersize=4)
+    axes.set(xlabel="jump of a flickering pixel, decades", ylabel="cumulative probability")
+    legend_below(axes)
+
+
+def _probability(axes: Axes, found: dict[str, Any]) -> None:
+    chosen = [(60, -11), (60, -4), (60, 0), (120, -4), (120, 0)]
+    for n, (half, celsius) in enumerate(chosen):
+        mine = [row for row in found["acquisition_rows"] if (row[2], row[1]) == (half, celsius)]
+        if mine:
+            magnitude = [row[0] for row in mine]
+            label = f"{half} arcsec, {celsius} °C"
+            axes.plot(magnitude, [row[4] for row in mine], color=CYCLE[n], label=label)
+            axes.plot(magnitude, [row[3] for row in mine], ".", color=CYCLE[n], markersize=6)
+    axes.set(xlabel="magnitude", ylabel="probability of acquisition", ylim=(0, 1.02))
+    legend_below(axes)
+
+
+def _centroid(axes: Axes, found: dict[str, Any]) -> None:
+    rows = found["centroid_rows"]
+    axes.plot([row[0] for row in rows], [row[1] for row in rows], color=CYCLE[0], label="predicted")
+    axes.axhline(0.06, color=CYCLE[1], ls="--", label="published mean")
+    axes.set(xlabel="magnitude", ylabel="centroid, arcsec rms", ylim=(0, None))
+    legend_below(axes)
