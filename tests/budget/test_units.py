@@ -104,3 +104,8 @@ def test_calibration_and_alignment_are_one_cause():
     found = unit_budgets(case, 1, 3, environments=1, count_fields=64)
     assert np.abs(found.bias[:, :2]).max() / arcsec < 0.5
     assert found.terms[Term.FIELD][:, :2].max() / arcsec < 0.2
+
+
+def test_the_budget_of_the_unit_as_designed_says_what_it_leaves_out():
+    case = replace(CASE, variation=(Variation("instrument.optics.k1", sigma=0.1),))
+    assert any("between units: 1 number" in one for one in analytic(case, 64).left_out)
