@@ -58,6 +58,6 @@ def test_the_readmes_python_runs(block, capsys):
 @pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
 def test_files_that_the_pages_name_are_there(page):
     for name in re.findall(
-        r"`((?:experiments|startrack|tests|catalogs)/[\w/.]+)`?", page.read_text()
+        r"`((?:experiments|startrack|tests|catalogs)/[\w/.-]+)`?", page.read_text()
     ):
         assert (ROOT / name).exists(), name
