@@ -13,6 +13,7 @@ campaign            What the commands on campaigns share: the design, the runner
 beside              At the first run, another process compiles while this one works.
 bench               `startrack bench`: the CPU time and the error of every stage, on this machine.
 budget              `startrack budget`: the error of a design cause by cause.
+budget_units        Units in `startrack budget`: classes of error, levels, yield, both ends of life.
 calibrate           `startrack calibrate`: the camera model of images of stars, or of a table.
 calibrate_table     Tables in `startrack calibrate`: the camera of a table of stars, and the order
                     that it bears.

@@ -27,6 +27,7 @@ with deferred():
         measured,
         survey,
     )
+    from startrack.cli.budget_units import units_of
     from startrack.cli.terminal import (
         example,
         finite,
@@ -68,6 +69,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--times", type=whole(1), default=1, metavar="N",
         help="with --montecarlo: frames per attitude, to separate constant from varying errors "
         "(default: 1)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--units", type=whole(2), metavar="N",
+        help="add classes of error, levels and yield of N units of the design, drawn from its "
+        "[[variation]] tables and calibrated, at the begin and the end of its lifetime",
     )  # fmt: skip
     parser.add_argument(
         "--profile", type=Path, metavar="PROFILE.toml",
@@ -114,6 +120,10 @@ def command(options: argparse.Namespace) -> int:
     if found:
         result |= {"seed": options.seed, "measured": _values(found)}
         result |= {"members": options.montecarlo, "times": options.times}
+    if options.units:
+        required = campaign.requirements.accuracy if campaign else ()
+        result["units"], lines = units_of(case, required, options)
+        text.append(lines)
     if sequence:
         result["indices"] = _indices(case, sequence, options)
         text.append(_index_table(result["indices"], options))

@@ -55,3 +55,29 @@ def test_trials_of_the_unit_as_designed_say_what_they_leave_out(design, capsys):
 def test_units_of_a_design_in_which_nothing_varies_are_refused(capsys):
     assert main(["montecarlo", "--units", "2", "--trials", "4"]) == 2
     assert "[[variation]]" in capsys.readouterr().err
+
+
+def test_the_budget_has_both_ends_of_life(design, capsys):
+    aged = ["--set", "lifetime=10 yr", "--set", "campaign.requirements.max_about=400 arcsec"]
+    main(["budget", str(design), "--units", "3", "--json", *aged])
+    begin, end = json.loads(capsys.readouterr().out)["units"]
+    assert (begin["age_years"], end["age_years"]) == (0, pytest.approx(10))
+    # Nothing here changes with age.
+    assert begin["rms_arcsec"] == end["rms_arcsec"]
+    classes = begin["classes_rms_arcsec"]
+    # A tenth of a pixel of 65 arcsec in each star, shared by some of them, is fixed to the field.
+    assert 1 < classes["FOV spatial"]["across"] < 6.5
+    assert classes["temporal noise"]["across"] < classes["FOV spatial"]["across"]
+    for kinds in begin["levels_arcsec"].values():
+        rising = [level["across"] for level in kinds.values()]
+        assert rising == sorted(rising)
+    # The worst member of all times exceeds the mean of members and times.
+    temporal, mixed = (begin["levels_arcsec"][kind]["95.45"] for kind in ("temporal", "mixed"))
+    assert temporal["across"] >= mixed["across"]
+    shares = {one["requirement"]: one["value"] for one in begin["yields"]}
+    assert shares["rms error about the boresight"] == 1.0
+
+
+def test_the_budget_of_units_needs_something_that_varies(capsys):
+    assert main(["budget", "--units", "2"]) == 2
+    assert "[[variation]]" in capsys.readouterr().err
