@@ -78,9 +78,9 @@ def explain(case: Case, seed: int, units: Units, unit: int) -> list[tuple[str, f
         name = f"{one.name} per {one.per}"
         found.append((name, _rms(case, replace(case, variation=rest), seed, units, numbers)))
     if case.instrument.residual is not None:
-        flat = replace(case, instrument=replace(case.instrument, residual=None))
         kept = tuple(one for one in case.variation if ".residual." not in one.name)
-        flat = replace(flat, variation=kept)
+        bare = replace(case.instrument, residual=None)
+        flat = replace(case, instrument=bare, variation=kept)
         found.append(("instrument.residual", _rms(case, flat, seed, units, numbers)))
     return sorted(((name, rms / start - 1) for name, rms in found), key=lambda pair: pair[1])
 

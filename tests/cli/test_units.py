@@ -17,6 +17,11 @@ rms = 0.1
 name = "instrument.optics.focal_length"
 vary = "relative"
 sigma = 0.002
+[[variation]]
+name = "instrument.residual.temperature"
+law = "sinusoid"
+amplitude = "10 K"
+per = "environment"
 [campaign.requirements]
 max_across = "8 arcsec"
 """

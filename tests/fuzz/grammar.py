@@ -28,6 +28,7 @@ from startrack.design import Case as Design
 from startrack.earth.geometry import EarthScene
 from startrack.io import shipped
 from startrack.io.tables import fields_of
+from startrack.mission import Mission
 from startrack.montecarlo import Sampling, Serial, Store, resume
 from startrack.motion import Motion
 from startrack.optimise import Ledger
@@ -91,9 +92,54 @@ def bases() -> dict[str, dict[str, Any]]:
                 ("cells = 1024", "cells = 200"),
             ),
         ),
+        "mission": {
+            "time": {"begin": "2026-03-20T12:00:00", "duration": "0.05 d", "step": "60 s"},
+            "orbit": {"altitude": "600 km", "local_time": "10.5 h"},
+            "attitude": {"law": "nadir", "yaw": "ground"},
+            "heads": [
+                {"name": name, "design": "design.toml", "azimuth": azimuth, "elevation": "-60 deg",
+                 "exclusion": {"sun": "40 deg", "moon": "15 deg", "earth": "25 deg"}}
+                for name, azimuth in (("left", "-90 deg"), ("right", "90 deg"))
+            ],
+            "requirements": {"max_blind": "60 s", "max_error": "30 arcsec"},
+        },
         "goals": tomllib.loads((scenes / "goals.toml").read_text()),
         "sequence": {"period": "0.25 s", "legs": [{"duration": "0.5 s", "rate_x": "0.06 deg / s"}]},
     }  # fmt: skip
+
+
+@cache
+def varied() -> dict[str, Any]:
+    """A design whose units differ."""
+    table = copy.deepcopy({k: v for k, v in bases()["design"].items() if k != "campaign"})
+    table["lifetime"] = "5 yr"
+    table["instrument"]["residual"] = {"rms": 0.05, "drift": 0.002, "seed": 3}
+    table["tracker"]["calibration"] = {"place": "ground", "positions": 40, "order": 3}
+    table["variation"] = [
+        {"name": "instrument.optics.focal_length", "sigma": 0.001, "vary": "relative"},
+        {"name": "instrument.residual.temperature", "law": "sinusoid", "amplitude": "10 K",
+         "per": "environment", "group": "orbit"},
+        {"name": "instrument.mounting.x", "law": "uniform", "low": "-2 arcsec",
+         "high": "2 arcsec", "per": "launch"},
+        {"name": "instrument.detector.dark_current", "law": "lognormal", "sigma": 0.02,
+         "vary": "relative", "per": "life"},
+    ]  # fmt: skip
+    table["campaign"] = {"requirements": {"max_across": "60 arcsec"}}
+    return table
+
+
+@cache
+def aged() -> dict[str, Any]:
+    """A design with an old detector, whose tracker searches boxes."""
+    table = copy.deepcopy({k: v for k, v in bases()["design"].items() if k != "campaign"})
+    detector, tracker = table["instrument"]["detector"], table["tracker"]
+    detector["thermal"] = {"temperature": "268 K", "reference": "268 K"}
+    detector["age"] = {"time": "5 yr", "fluence": "2e9 cm-2 / yr", "flicker": {"step": 0.117}}
+    tracker["acquisition"] = "box"
+    tracker["box"] = {"half_width": "600 arcsec", "size": 6, "prior": "20 arcsec", "stars": 4}
+    tracker["detection"]["dark_map_age"] = "30 d"
+    tracker["detection"]["dark_map"] = {"frames": 8}
+    return table
 
 
 KINDS: dict[str, type] = {"design": Design, "scene": EarthScene, "sequence": Sequence}
@@ -285,6 +331,123 @@ def design_case(draw: Draw) -> Case:
 def plain() -> dict[str, bytes]:
     """A valid design."""
     return {"plain.toml": tomli_w.dumps(bases()["design"]).encode()}
+
+
+UNIT_COMMANDS = (
+    ("montecarlo", "design.toml", "--units", "2", "--trials", "2", "--fidelity", "covariance",
+     "--workers", "1"),
+    ("montecarlo", "design.toml", "--units", "2", "--trials", "1", "--fidelity", "window",
+     "--workers", "1"),
+    ("montecarlo", "design.toml", "--trials", "2", "--fidelity", "spots", "--workers", "1"),
+    ("budget", "design.toml", "--units", "2", "--workers", "1"),
+)  # fmt: skip
+
+
+def unit_case(draw: Draw) -> Case:
+    """A design whose units differ."""
+    data = toml(draw, mutated(draw, varied(), Design))
+    return Case("units", (*draw.one_of(UNIT_COMMANDS), "--json"), {"design.toml": data})
+
+
+AGED_COMMANDS = (
+    ("simulate", "design.toml", "--out", "out"),
+    ("montecarlo", "design.toml", "--trials", "1", "--fidelity", "window", "--workers", "1"),
+    ("montecarlo", "design.toml", "--trials", "1", "--fidelity", "frame", "--workers", "1"),
+    ("export", "aocs", "design.toml", "--out", "out"),
+)
+
+
+def aged_case(draw: Draw) -> Case:
+    """A design with an old detector, whose tracker searches boxes."""
+    table = mutated(draw, aged(), Design)
+    table.setdefault("campaign", {"requirements": {}})
+    command = draw.one_of(AGED_COMMANDS)
+    return Case("aged", (*command, "--json"), {"design.toml": toml(draw, table)})
+
+
+MISSION_COMMANDS = (
+    ("mission", "m.toml", "--out", "out"),
+    ("mission", "m.toml", "--out", "out", "--frame", "600"),
+    ("mission", "m.toml", "--out", "out", "--place"),
+)
+
+
+def mission_case(draw: Draw) -> Case:
+    data = toml(draw, mutated(draw, bases()["mission"], Mission))
+    design = tomli_w.dumps(bases()["design"]).encode()
+    command = draw.one_of((MISSION_COMMANDS[0], *MISSION_COMMANDS))
+    return Case("mission", (*command, "--json"), {"m.toml": data, "design.toml": design})
+
+
+@cache
+def star_table() -> bytes:
+    """Stars of a camera, by angles, pixels and temperature."""
+    rng = np.random.default_rng(5)
+    angle = rng.uniform(-4000, 4000, (60, 2))
+    warm = rng.normal(20, 3, 60)
+    pixel = angle / [-5, 5] * (1 + 1e-5 * (warm[:, None] - 20)) + rng.normal(0, 0.02, (60, 2))
+    rows = np.column_stack([angle, pixel, warm])
+    head = "y_angle_arcsec,z_angle_arcsec,row_px,column_px,camera_temperature_c\n"
+    return (head + "".join(",".join(f"{v:.5f}" for v in row) + "\n" for row in rows)).encode()
+
+
+TABLE_COMMANDS = (
+    ("calibrate", "stars.csv"),
+    ("calibrate", "stars.csv", "--distortion", "2"),
+    ("calibrate", "stars.csv", "--distortion", "full", "--temperature-terms", "linear"),
+)
+
+
+def star_table_case(draw: Draw) -> Case:
+    """A table of stars with cells, columns or bytes changed."""
+    lines = star_table().decode().splitlines()
+    for _ in range(1 + draw.below(4)):
+        row = draw.below(len(lines)) if draw.below(3) else 0
+        cells = lines[row].split(",")
+        match draw.below(4):
+            case 0:
+                cells = cells[: draw.below(len(cells) + 1)]
+            case 1:
+                cells.append(cells[draw.below(len(cells))] if cells else "x")
+            case 2 if cells:
+                cells[draw.below(len(cells))] = str(draw.one_of(NUMBERS + OTHERS))[:300]
+            case _:
+                lines = lines[: 1 + draw.below(len(lines))]
+                continue
+        lines[row] = ",".join(cells)
+    data = "\n".join(lines).encode("utf-8", "replace")
+    data = damaged(draw, data) if draw.below(6) == 0 else data
+    return Case("table", (*draw.one_of(TABLE_COMMANDS), "--json"), {"stars.csv": data})
+
+
+def zemax_page() -> str:
+    """A Huygens PSF as Zemax saves it."""
+    x, y = np.meshgrid(np.arange(-16, 16), np.arange(-16, 16))
+    image = np.exp(-(x**2 + y**2) / 18.0)
+    head = (
+        "Listing of Huygens PSF Data\n\nFile : lens.zmx\n0.5876 \u00b5m at 0.0000, 0.0000 (deg).\n"
+        "Data spacing is 0.500 \u00b5m.\nData area is 16.000 by 16.000 \u00b5m.\n"
+        "Strehl ratio: 0.8\nPupil grid size: 64 by 64\nImage grid size: 32 by 32\n"
+        "Center point is: 17, 17\n\nValues are relative to diffraction limit.\n\n"
+    )
+    return head + "\n".join("\t".join(f"{v:.6E}" for v in row) for row in image) + "\n"
+
+
+def page_case(draw: Draw) -> Case:
+    """Text of a lens program with bytes or lines changed."""
+    lines = zemax_page().splitlines()
+    for _ in range(draw.below(4)):
+        at = draw.below(16) if draw.below(2) else draw.below(len(lines))
+        if draw.below(2):
+            del lines[at % len(lines)]
+        else:
+            lines[at % len(lines)] = str(draw.one_of(NUMBERS + OTHERS))[:300]
+    text = "\n".join(lines)
+    data = text.encode(draw.one_of(("utf-16", "utf-8", "latin-1")), "replace")
+    data = damaged(draw, data) if draw.below(4) == 0 else data
+    return Case(
+        "page", ("lens", "import", "page.txt", "--out", "psf.fits", "--json"), {"page.txt": data}
+    )
 
 
 def campaign_case(draw: Draw) -> Case:
@@ -704,12 +867,22 @@ def whole_cases() -> list[Case]:
         {"s.toml": tomli_w.dumps(bases()[name]).encode()} for name in ("survey", "scene")
     )
     profile = design | {"p.toml": tomli_w.dumps(bases()["sequence"]).encode()}
+    mission = design | {"m.toml": tomli_w.dumps(bases()["mission"]).encode()}
     return [
         *(Case("whole", (*command, "--json"), design) for command in DESIGN_COMMANDS),
         Case("whole", ("sensitivity", "design.toml", "--designs", "2", "--workers", "1", "--json"),
              design),
         Case("whole", ("sequence", "design.toml", "--profile", "p.toml", "--sequences", "1",
                        "--workers", "1", "--json"), profile),
+        *(Case("whole", (*command, "--json"), {"design.toml": tomli_w.dumps(varied()).encode()})
+          for command in UNIT_COMMANDS),
+        *(Case("whole", (*command, "--json"), {"design.toml": tomli_w.dumps(aged()).encode()})
+          for command in AGED_COMMANDS),
+        *(Case("whole", (*command, "--json"), mission) for command in MISSION_COMMANDS),
+        *(Case("whole", (*command, "--json"), {"stars.csv": star_table()})
+          for command in TABLE_COMMANDS),
+        Case("whole", ("lens", "import", "page.txt", "--out", "psf.fits", "--json"),
+             {"page.txt": zemax_page().encode()}),
         Case("whole", ("earth", "geometry", "s.toml", "--json"), scene),
         Case("whole", ("earth", "render", "s.toml", "--json"), survey),
         Case("whole", ("detect", "a.png", "--overlay", "out", "--json"), image),
@@ -722,6 +895,7 @@ Kind = Callable[[Draw], Case]
 WEIGHTS: tuple[Kind, ...] = (
     *(design_case,) * 6, campaign_case, text_case, *(scene_case,) * 4, sequence_case,
     *(image_case,) * 4, *(catalog_case,) * 4, *(store_case,) * 3, camera_case, *(lens_case,) * 2,
+    *(unit_case,) * 2, *(aged_case,) * 2, mission_case, star_table_case, page_case,
 )  # fmt: skip
 
 
