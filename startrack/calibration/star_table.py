@@ -172,7 +172,10 @@ def _columns(path: Path) -> dict[str, _Column]:
             for one, values in columns.items()
             if values.dtype.kind in "iuf" and values.ndim == 1
         }
-    table = votable(path) if name.endswith((".vot", ".votable", ".xml")) else csv_table(path)
+    if name.endswith((".vot", ".votable", ".xml")):
+        table = votable(path)
+    else:  # one star with a number that was cut is an outlier
+        table = csv_table(path, ended=False)
     return {
         one: _Column(table_numbers(path, table, one), str(table[one].unit or ""))
         for one in table.colnames

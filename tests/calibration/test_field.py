@@ -194,3 +194,13 @@ def test_a_polynomial_camera_inverts_and_warms():
     x = u * radial + 1e-4 + 0.01 * u + 0.2 * u * u + 10 * (1e-6 + 1e-5 * u)
     y = v * radial - 0.02 * v
     np.testing.assert_allclose(at, [511.5 + 4000 * x, 383.5 + 4000 * y], atol=1e-9)
+
+
+def test_a_table_without_an_end_of_line_is_read(tmp_path):
+    whole, open_ended = tmp_path / "whole.csv", tmp_path / "open.csv"
+    rows = "y_angle_arcsec,z_angle_arcsec,row_px,column_px\n" + "".join(
+        f"{y},{z},{-y / 5},{z / 5}\n" for y in range(-400, 401, 200) for z in range(-400, 401, 200)
+    )
+    whole.write_text(rows)
+    open_ended.write_text(rows.rstrip("\n"))
+    assert len(read_star_table(open_ended).pixel) == len(read_star_table(whole).pixel) == 25

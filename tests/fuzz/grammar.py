@@ -415,7 +415,7 @@ def star_table_case(draw: Draw) -> Case:
                 lines = lines[: 1 + draw.below(len(lines))]
                 continue
         lines[row] = ",".join(cells)
-    data = "\n".join(lines).encode("utf-8", "replace")
+    data = ("\n".join(lines) + "\n").encode("utf-8", "replace")
     data = damaged(draw, data) if draw.below(6) == 0 else data
     return Case("table", (*draw.one_of(TABLE_COMMANDS), "--json"), {"stars.csv": data})
 
