@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Matches, Spots, Stars
@@ -107,6 +106,8 @@ class _Fit:
     """Robust least squares of attitude and camera for given matches."""
 
     def __init__(self, spots: Spots, matches: Matches, free: tuple[str, ...]) -> None:
+        from scipy.optimize import least_squares  # which a tracker's trial does without
+
         assert matches.icrs_to_camera is not None
         self.free, self.start, self.camera = free, matches.icrs_to_camera, matches.camera
         self.direction = matches.direction

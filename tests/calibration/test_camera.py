@@ -1,7 +1,6 @@
 """A camera made up, seen through frames of stars, and found again."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.core.values import Matches, Status
 from startrack.identification import Identification, build_index, identify, identify_blind
-from startrack.identification.blind import TOLERANCE, fields
 
 NOISE = 0.1
 
@@ -98,14 +96,6 @@ def test_a_distorted_camera_is_calibrated_from_skies(design):
     assert found.residual_rms < 0.1
     assert camera.focal_length_px == pytest.approx(truth.focal_length_px, rel=1e-4)
     assert camera.k1 == pytest.approx(-0.3, abs=5 * found.covariance[3, 3] ** 0.5)
-
-
-def test_fields_leave_no_gap():
-    steps = sorted(fields())
-    assert steps[0] == pytest.approx(3 * deg)
-    assert steps[-1] == pytest.approx(40 * deg)
-    for one, other in pairwise(steps):
-        assert one / (1 - TOLERANCE) >= other / (1 + TOLERANCE) * 0.999
 
 
 def test_a_camera_of_which_nothing_is_known(design):

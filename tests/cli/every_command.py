@@ -73,6 +73,7 @@ LONG = (
     "pareto",
     "sensitivity",
     "report",
+    "budget",
     "warm",
     "verify",
 )  # left out by quick

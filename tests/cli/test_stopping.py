@@ -66,6 +66,7 @@ def command(options):
     return 0
 
 keys.command = command
+signal.signal(signal.SIGINT, signal.default_int_handler)  # it may be ignored in the background
 sys.argv = ["startrack", "keys"]
 sys.exit(main())
 """

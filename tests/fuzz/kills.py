@@ -44,6 +44,10 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("earth", "render", "survey.toml", "--out", "render"),
         ("render/*.fits",),
     ),
+    "mission": (
+        ("mission", "mission.toml", "--out", "mission"),
+        ("mission/summary.json", "mission/timeline.csv"),
+    ),
     "sequence": (
         ("sequence", "design.toml", "--sequences", "2", "--workers", "2", "--out", "sequence"),
         ("sequence/frames.csv",),
@@ -66,6 +70,8 @@ def prepare(folder: Path) -> None:
     (folder / "design.toml").write_text(tomli_w.dumps(design))
     survey = dict(bases()["survey"])
     survey |= {"lines": 64, "columns": 64}
+    mission = bases()["mission"] | {"time": bases()["mission"]["time"] | {"duration": "60 d"}}
+    (folder / "mission.toml").write_text(tomli_w.dumps(mission))
     (folder / "survey.toml").write_text(tomli_w.dumps(survey))
     begin(folder, (
         "montecarlo", "design.toml", "--trials", "16", "--fidelity", "spots", "--workers", "1",

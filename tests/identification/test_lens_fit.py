@@ -53,7 +53,7 @@ def axis_of(camera, turn):
 
 def test_the_distortion_of_a_wide_lens_is_found_in_one_image():
     normalised, shares = [], []
-    for number in range(10):
+    for number in range(6):
         turn, spots, true = sky(WIDE.project, number, half=38 * deg)
         matches = identify_blind(spots, SIZE, SIZE, STARS, INDEXES, Identification())
         assert matches.icrs_to_camera is not None
@@ -66,8 +66,8 @@ def test_the_distortion_of_a_wide_lens_is_found_in_one_image():
         # Without the allowance for what the model lacks, which is nothing here.
         normalised += list(error / np.sqrt(variance - (AXIS / WIDE.focal_length_px) ** 2))
     assert np.mean(shares) > 0.95
-    # 20 values: the scatter of a right sigma lies between with 99.9 %.
-    assert 0.55 < np.sqrt(np.mean(np.square(normalised))) < 1.6
+    # 12 values: the scatter of a right sigma lies between with 99.9 %.
+    assert 0.4 < np.sqrt(np.mean(np.square(normalised))) < 1.75
 
 
 @pytest.mark.parametrize("field", [4, 12, 30, 55])
