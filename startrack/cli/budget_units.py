@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from startrack.cli.imports import deferred
@@ -15,13 +16,12 @@ with deferred():
     from startrack.cli.terminal import progress
     from startrack.core import arcsec
     from startrack.design import YEAR, Accuracy, Case
-    from startrack.metrics import LEVELS, Interpretation
-
-AXES = {"across": (0, 1), "about": (2,)}
-
+    from startrack.metrics import LEVELS, Interpretation, Interval
 
 if TYPE_CHECKING:
     from startrack.core import Floats
+
+AXES = {"across": (0, 1), "about": (2,)}
 
 
 def units_of(
@@ -35,7 +35,8 @@ def units_of(
     with progress("units", options.units * len(ages)) as advance:
         for age in ages:
             found.append(unit_budgets(case, options.seed, options.units, age, progress=advance))
-    return [_values(one, required) for one in found], _text(found, required)
+    values = [_values(one, required) for one in found]
+    return values, _text(values, required)
 
 
 def _values(found: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, Any]:
@@ -58,7 +59,7 @@ def _values(found: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, Any
         },
         "yields": [
             {"requirement": str(one.objective), "most_arcsec": one.most / arcsec}
-            | dict(zip(("value", "low", "high"), _yield(found, one), strict=True))
+            | asdict(_yield(found, one))
             for one in required
             if _is_judged(one)
         ],
@@ -86,48 +87,46 @@ def _is_judged(one: Accuracy) -> bool:
     return one.objective.fraction is None or not one.objective.radial or one.name == "about"
 
 
-def _yield(found: UnitBudgets, one: Accuracy) -> tuple[float, float, float]:
+def _yield(found: UnitBudgets, one: Accuracy) -> Interval:
     objective, axes = one.objective, AXES[one.name]
     length = len(axes) ** 0.5 if objective.radial and objective.fraction is None else 1.0
-    interval = found.meets(one.most / length, axes, objective.fraction)
-    return interval.value, interval.low, interval.high
+    return found.meets(one.most / length, axes, objective.fraction)
 
 
-def _text(found: list[UnitBudgets], required: tuple[Accuracy, ...]) -> str:
-    ages = [f"{one.age / YEAR:g} yr" for one in found]
-    heads = "".join(f"{f'{name}, {age}':>16s}" for age in ages for name in AXES)
-    lines = [f"{f'{len(found[0])} units, arcsec':36s}{heads}"]
-    classes = [{name: _pair(each) for name, each in _classes(one).items()} for one in found]
-    for name in classes[0]:
-        cells = "".join(f"{one[name][axis]:16.3f}" for one in classes for axis in AXES)
-        lines.append(f"{name + ', rms per axis':36s}{cells}")
+def _text(found: list[dict[str, Any]], required: tuple[Accuracy, ...]) -> str:
+    """The values of `_values` as a table, a pair of columns for each age."""
+    ages = [f"{one['age_years']:g} yr" for one in found]
+    lines = [_row(f"{found[0]['units']} units, arcsec",
+                  [f"{name}, {age}" for age in ages for name in AXES])]  # fmt: skip
+    for name in found[0]["classes_rms_arcsec"]:
+        pairs = [one["classes_rms_arcsec"][name] for one in found]
+        lines.append(_row(f"{name}, rms per axis", [pair[axis] for pair in pairs for axis in AXES]))
     lines.append("-" * len(lines[0]))
-    for label, of in (("median", np.median), ("worst", np.max)):
-        cells = "".join(
-            f"{float(of(each)) / arcsec:16.3f}"
-            for one in found
-            for each in (one.across(), one.about())
-        )
-        lines.append(f"{f'all but bias, rms, {label} unit':36s}{cells}")
-    for kind in Interpretation:
-        for fraction in LEVELS:
-            cells = "".join(
-                f"{one.level(axes, fraction, kind) / arcsec:16.3f}"
-                for one in found
-                for axes in AXES.values()
-            )
-            lines.append(f"{f'{100 * fraction:g} % below, {kind.value}':36s}{cells}")
-    for one in required:
-        if not _is_judged(one):
-            lines.append(
-                f"yield, {one.objective}: levels of lengths need trials: montecarlo --units"
-            )
-            continue
+    for label in ("median", "worst"):
+        cells = [one["rms_arcsec"][axis][label] for one in found for axis in AXES]
+        lines.append(_row(f"all but bias, rms, {label} unit", cells))
+    for kind, levels in found[0]["levels_arcsec"].items():
+        for level in levels:
+            pairs = [one["levels_arcsec"][kind][level] for one in found]
+            cells = [pair[axis] for pair in pairs for axis in AXES]
+            lines.append(_row(f"{level} % below, {kind}", cells))
+    for each in zip(*(one["yields"] for one in found), strict=True):
         cells = ", ".join(
-            f"{100 * value:.0f} % [{100 * low:.0f}, {100 * high:.0f}] at {age}"
-            for age, (value, low, high) in zip(ages, (_yield(b, one) for b in found), strict=True)
+            f"{100 * one['value']:.0f} % [{100 * one['low']:.0f}, {100 * one['high']:.0f}] at {age}"
+            for age, one in zip(ages, each, strict=True)
         )
-        lines.append(f"yield, {one.objective} at most {one.most / arcsec:g} arcsec: {cells}")
+        what = f"{each[0]['requirement']} at most {each[0]['most_arcsec']:g} arcsec"
+        lines.append(f"yield, {what}: {cells}")
+    lines += [
+        f"yield, {one.objective}: levels of lengths need trials: montecarlo --units"
+        for one in required
+        if not _is_judged(one)
+    ]
     return "\n".join(
         [*lines, "by the formula, per axis; a bias is constant for a unit and left out below it"]
     )
+
+
+def _row(label: str, cells: list[Any]) -> str:
+    texts = [cell if isinstance(cell, str) else f"{cell:.3f}" for cell in cells]
+    return f"{label:36s}" + "".join(f"{text:>16s}" for text in texts)
