@@ -108,15 +108,15 @@ def _text(found: list[dict[str, Any]], required: tuple[Accuracy, ...]) -> str:
     for kind, levels in found[0]["levels_arcsec"].items():
         for level in levels:
             pairs = [one["levels_arcsec"][kind][level] for one in found]
-            cells = [pair[axis] for pair in pairs for axis in AXES]
-            lines.append(_row(f"{level} % below, {kind}", cells))
+            row = [pair[axis] for pair in pairs for axis in AXES]
+            lines.append(_row(f"{level} % below, {kind}", row))
     for each in zip(*(one["yields"] for one in found), strict=True):
-        cells = ", ".join(
+        shares = ", ".join(
             f"{100 * one['value']:.0f} % [{100 * one['low']:.0f}, {100 * one['high']:.0f}] at {age}"
             for age, one in zip(ages, each, strict=True)
         )
         what = f"{each[0]['requirement']} at most {each[0]['most_arcsec']:g} arcsec"
-        lines.append(f"yield, {what}: {cells}")
+        lines.append(f"yield, {what}: {shares}")
     lines += [
         f"yield, {one.objective}: levels of lengths need trials: montecarlo --units"
         for one in required
