@@ -209,10 +209,12 @@ def robust(units: int, seed: int, every: list[Case]) -> tuple[float, float]:
     limit = float(np.quantile(errors[len(every) // 2], 0.4))
     best = int(np.argmax([(each <= limit).mean() - each.mean() / limit / 1e3 for each in errors]))
     fresh = [
-        unit_budgets(every[k], seed + 1, units, every[k].lifetime, 2).meets(limit).value
+        float(
+            (unit_budgets(every[k], seed + 1, units, every[k].lifetime, 2).across() <= limit).mean()
+        )
         for k in (best, int(np.argmin(noise)))
     ]
-    return fresh[0], fresh[1]
+    return float((fresh[0] <= limit).mean()), float((fresh[1] <= limit).mean())
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ survey     Case -> number of stars, availability and error over the sky.
 exclusion  Case with a baffle -> error over the angle to Sun, Moon and Earth; exclusion angles.
 indices    Simulated sequences -> the error indices of the standard, over members and times.
 measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise.
-units      Case -> error budgets of many units at an age: classes of error, levels, and yield.
+units      Case -> error budgets of many units at an age: classes of error and levels.
 residuals  Case -> errors of single stars in trials, over their position in the field and magnitude.
 """
 

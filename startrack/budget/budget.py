@@ -14,8 +14,6 @@ from startrack.budget.causes import Term
 from startrack.core import Floats
 from startrack.metrics import Interpretation, level
 
-ACROSS, ABOUT = (0, 1), (2,)
-
 
 class Spread(Protocol):
     """Distribution of an error about the camera's three axes."""

@@ -1,4 +1,4 @@
-"""Case -> error budgets of many units at an age: classes of error, levels, and yield."""
+"""Case -> error budgets of many units at an age: classes of error and levels."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from startrack.budget.analytic import of_fields
-from startrack.budget.budget import ABOUT, ACROSS, Law
+from startrack.budget.budget import Law
 from startrack.budget.causes import Term
 from startrack.budget.fields import attitudes, fields
 from startrack.core import Floats, whole
 from startrack.design import Case, Moment
-from startrack.metrics import Interpretation, Interval, fraction_interval
+from startrack.metrics import Interpretation
 from startrack.population import unit_of
 
 OF_THE_CAMERA = ("camera model", "mounting")  # calibrated together, so that parts of them cancel
@@ -50,6 +50,10 @@ class UnitBudgets:
     def unit(self, number: int) -> Law:
         """The error of one unit, without its bias."""
         return Law(self.mean[number], self.sigma[number], self.weight[number])
+
+    def whole(self, number: int) -> Law:
+        """The error of one unit, with its bias."""
+        return Law(self.mean[number] + self.bias[number], self.sigma[number], self.weight[number])
 
     def rms(self) -> Floats:
         """(n, 3) radian, of each unit, without its bias."""
@@ -88,19 +92,6 @@ class UnitBudgets:
         flat = [each.reshape(-1, 3) for each in (self.mean, self.sigma)]
         whole_law = Law(flat[0], flat[1], self.weight.ravel() / len(self))
         return whole_law.level(axes, fraction, Interpretation.MIXED)
-
-    def meets(
-        self, limit: float, axes: Sequence[int] = ACROSS, fraction: float | None = None
-    ) -> Interval:
-        """Yield: share of the units whose error is at most a limit (radian), with its interval.
-
-        fraction  of the time that a unit must not exceed it; None: its rms per axis
-        """
-        if fraction is not None:
-            found = self.levels(axes, fraction)
-        else:
-            found = self.about() if tuple(axes) == ABOUT else self.across()
-        return fraction_interval(int((found <= limit).sum()), len(self))
 
 
 def unit_budgets(

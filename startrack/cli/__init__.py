@@ -13,7 +13,6 @@ campaign            What the commands on campaigns share: the design, the runner
 beside              At the first run, another process compiles while this one works.
 bench               `startrack bench`: the CPU time and the error of every stage, on this machine.
 budget              `startrack budget`: the error of a design cause by cause.
-budget_units        Units in `startrack budget`: classes of error, levels, yield, both ends of life.
 calibrate           `startrack calibrate`: the camera model of images of stars, or of a table.
 calibrate_table     Tables in `startrack calibrate`: the camera of a table of stars, and the order
                     that it bears.
@@ -40,6 +39,7 @@ sensitivity         `startrack sensitivity`: which parameters the error of a des
 sequence            `startrack sequence`: a tracker in time.
 simulate            `startrack simulate`: render one frame of a design.
 solve               `startrack solve`: the attitude of images.
+units               Units in `startrack budget` and `montecarlo`: classes of error, levels, yields.
 verify              `startrack verify`: a verdict on each requirement of a design.
 warm                `startrack warm`: compile the kernels before they are needed.
 """

@@ -27,7 +27,6 @@ with deferred():
         measured,
         survey,
     )
-    from startrack.cli.budget_units import units_of
     from startrack.cli.terminal import (
         example,
         finite,
@@ -37,6 +36,7 @@ with deferred():
         read_sequence,
         summary_values,
     )
+    from startrack.cli.units import budgets_of
     from startrack.core import arcsec
     from startrack.design import Case
     from startrack.io import save_json
@@ -122,7 +122,7 @@ def command(options: argparse.Namespace) -> int:
         result |= {"members": options.montecarlo, "times": options.times}
     if options.units:
         required = campaign.requirements.accuracy if campaign else ()
-        result["units"], lines = units_of(case, required, options)
+        result["units"], lines = budgets_of(case, required, options)
         text.append(lines)
     if sequence:
         result["indices"] = _indices(case, sequence, options)

@@ -39,8 +39,9 @@ with deferred():
         summary_text,
         summary_values,
     )
+    from startrack.cli.units import require_units, trials_of
     from startrack.core import arcsec, parse
-    from startrack.design import YEAR, Case, Fidelity, Requirements
+    from startrack.design import Case, Fidelity, Requirements
     from startrack.io import regular_file, save_json
     from startrack.metrics import STATED_ALONE, Limits, summarise
     from startrack.montecarlo import (
@@ -62,12 +63,11 @@ with deferred():
         with_causes,
     )
     from startrack.plots import draw_errors
-    from startrack.population import Units, explain, per_unit
+    from startrack.population import Units
     from startrack.trial import OUTCOMES, require_fidelity
     from startrack.verification import cases, claims_of, counted
 
 STORE = "campaign.sqlite"
-UNIT_BLOCK = 2000  # trials of units that go to a worker at a time, which shares their plans
 UNREACHED = 1e-6  # without --precision: one that no campaign reaches
 
 
@@ -213,7 +213,6 @@ def command(options: argparse.Namespace) -> int:
                 precision,
                 options.seconds,
                 watch,
-                **({"block": UNIT_BLOCK} if sampling.units else {}),
             )
         if design.campaign:
             store.keep_campaign(design.campaign)
@@ -245,10 +244,11 @@ def command(options: argparse.Namespace) -> int:
                 f"{'; '.join(others)}"
             )
     if sampling.units:
-        values, lines = _units(case, options.seed, sampling, outcomes, needs)
+        required = needs.accuracy if needs else ()
+        values, lines = trials_of(case, options.seed, sampling, outcomes, required)
         result |= {"units": values}
         text += f"\n{lines}"
-    elif case.variation:
+    elif case.differs:
         text += "\nnoise only: what differs between units is left out (--units N)"
     text += f"\n{rate:.1f} trials/s, seed {options.seed}"
     if sampling.control or options.sobol:
@@ -333,50 +333,12 @@ def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
     with as_wrong_use():
         units = None
         if options.units:
-            if not case.variation:
-                raise ValueError("--units needs a design with [[variation]] tables")
-            age = case.lifetime if options.age is None else parse(options.age, "s")
+            require_units(case)
+            age = case.end_of_life if options.age is None else parse(options.age, "s")
             units = Units(options.trials, min(options.environments, options.trials), age)
         elif options.age is not None:
             raise ValueError("--age needs --units")
         return Sampling(Fidelity(options.fidelity), attitudes, options.control, units)
-
-
-def _units(
-    case: Case,
-    seed: int,
-    sampling: Sampling,
-    outcomes: NDArray[np.void],
-    needs: Requirements | None,
-) -> tuple[dict[str, Any], str]:
-    """The errors of the units, the yield of each accuracy that is required, and the worst unit."""
-    units, fidelity = sampling.units, sampling.fidelity
-    assert units
-    found = per_unit(outcomes)
-    years = units.age / YEAR
-    values: dict[str, Any] = {"count": len(found.unit), "age_yr": years}
-    lines = []
-    for name, each in (("across", found.across), ("about", found.about)):
-        middle, high = (float(np.nanquantile(each, part)) / arcsec for part in (0.5, 0.95))
-        values |= {f"{name}_median_arcsec": middle, f"{name}_95_arcsec": high}
-        lines.append(
-            f"of {len(found.unit)} units at {years:g} yr, rms {name}: {middle:.3f} arcsec in the "
-            f"median, {high:.3f} in 95 %"
-        )
-    for one in needs.accuracy if needs else ():
-        meets = found.meets(outcomes, one.objective, one.most)
-        values.setdefault("yield", {})[str(one.objective)] = [meets.value, meets.low, meets.high]
-        lines.append(
-            f"yield of {one.objective} at most {one.most / arcsec:g} arcsec: "
-            f"{100 * meets.value:.1f} % [{100 * meets.low:.1f}, {100 * meets.high:.1f}]"
-        )
-    worst = found.worst
-    if worst is not None and fidelity is Fidelity.COVARIANCE:
-        parts = explain(case, seed, units, worst)
-        values["worst"] = {"unit": worst, "removes": dict(parts)}
-        shown = "; ".join(f"{name} {100 * part:+.0f} %" for name, part in parts[:4])
-        lines.append(f"worst unit {worst}; as designed instead changes its rms across by: {shown}")
-    return values, "\n".join(lines)
 
 
 def _reduced_variance(outcomes: NDArray[np.void], sobol: bool) -> tuple[dict[str, Any], str]:

@@ -14,7 +14,7 @@ from startrack.catalog import Selection
 from startrack.core import Camera, Floats, Unit, finite, non_negative, one_of, within
 from startrack.design.calibration import CameraCalibration
 from startrack.design.epoch import believed_from, seen_from
-from startrack.design.variation import Variation, check_variations
+from startrack.design.variation import YEAR, Variation, check_variations
 from startrack.detection import Box, Detection
 from startrack.detector import Detector
 from startrack.identification import Identification
@@ -228,7 +228,7 @@ class Case:
 
     variation  what differs between units, launches, environments and in time; a trial without
                units leaves it out
-    lifetime   second, age at the end of life
+    lifetime   second, age at the end of life; 0: that of the detector, if it has one
     design     the case that this one is a unit of, whose truth differs by chance; None: it is as
                designed. No file holds it
 
@@ -280,6 +280,18 @@ class Case:
             delay=own.delay,
         )
         return self.design if tracker == own else replace(self.design, tracker=tracker)
+
+    @property
+    def differs(self) -> bool:
+        """Whether its units differ, from each other or with age."""
+        instrument = self.instrument
+        return bool(self.variation or instrument.residual or instrument.detector.age)
+
+    @property
+    def end_of_life(self) -> float:
+        """Second, its lifetime; where that is left out, the age of its detector."""
+        age = self.instrument.detector.age
+        return self.lifetime or (age.years * YEAR if age else 0.0)
 
     @cached_property
     def without_units(self) -> Case:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -258,6 +258,9 @@ def _instance(scope: Scope, moment: Moment) -> str | None:
 def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     """The case of a unit: its truth as drawn, its beliefs those of the design.
 
+    A detector with an ageing law (`detector.age`) is as old as the unit; a dark map for which the
+    tracker states no age is taken at this age, too.
+
     Raises  ValueError with the unit and the name, where a parameter refuses what was drawn.
     """
     bare = case.without_units
@@ -267,6 +270,7 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     for one, by in differences(case, seed, moment):
         where = factor if one.vary == RELATIVE else shift
         where[one.name] = where.get(one.name, 0.0) + by
+    bare = _aged(bare, moment.age)
     values = dict[str, Any]()
     for name in factor.keys() | shift.keys():
         held = find(case, name)
@@ -275,7 +279,7 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
         else:
             values[name] = held * (1 + factor.get(name, 0.0)) + shift.get(name, 0.0)
     own = Streams(seed, moment.unit)
-    design = bare
+    design = case.without_units
     # The maps of its pixels and its residual are those of the unit; a dark map is taken on it.
     device = int(own("device of a unit").integers(2**62))
     if case.tracker.detection.dark_map is not None:
@@ -288,3 +292,18 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     except ValueError as error:
         raise ValueError(f"unit {moment.unit} of seed {seed}: {error}") from None
     return truth.unit_of(design)
+
+
+def _aged(case: Any, age: float) -> Any:
+    """A case whose detector, if it has an ageing law, is `age` seconds in orbit."""
+    detector, detection = case.instrument.detector, case.tracker.detection
+    if not detector.age:
+        return case
+    older = replace(detector, age=replace(detector.age, time=age, year=None, launch=None))
+    if detection.dark_map is not None and detection.dark_map_age is None:
+        detection = replace(detection, dark_map_age=age)
+    return replace(
+        case,
+        instrument=replace(case.instrument, detector=older),
+        tracker=replace(case.tracker, detection=detection),
+    )

@@ -16,7 +16,6 @@ from startrack.montecarlo.precision import Precision
 from startrack.montecarlo.run import BLOCKS_PER_WORKER, blocks
 from startrack.montecarlo.store import Store
 
-BLOCK = 64  # trials: a second of work, 83 bytes a trial on disk; chosen by hand
 FIRST_TEST = 200  # trials, at the first test of the precision; chosen by hand
 MOST_FAILURES = 10  # blocks
 # The line of a traceback that names what was raised, as those that Python writes.
@@ -31,7 +30,7 @@ def resume(
     precision: Precision | None = None,
     seconds: float | None = None,
     progress: Callable[[int], None] | None = None,
-    block: int = BLOCK,
+    block: int | None = None,
 ) -> NDArray[np.void]:
     """The outcomes of the first trials of a store, after doing those that it lacks.
 
@@ -40,11 +39,12 @@ def resume(
                that depend on the outcomes alone.
     seconds    submit no block after this time; only this makes results depend on speed
     progress   called with the number of trials that were just done
-    block      trials that go to a worker and to disk at a time, at most
+    block      trials that go to a worker and to disk at a time, at most; None: `Sampling.block`
     Returns    (n,) structured array in order of trial, without those of blocks that failed
     Raises     ValueError where more than 10 blocks fail, or all; OSError where the disk is full.
     """
     whole(1, 10**9, trials=trials)
+    block = store.sampling.block if block is None else block
     whole(1, 10**6, block=block)
     if seconds is not None:
         positive(seconds=seconds)

@@ -68,6 +68,8 @@ def surplus(controls: NDArray[np.void], about: bool = False) -> NDArray[np.float
     return total / len(axes)
 
 
+BLOCK = 64  # trials: a second of work, 83 bytes a trial on disk; chosen by hand
+UNIT_BLOCK = 2000  # of units, which share their plans; chosen by hand
 ATTITUDES = ("random", "sobol")
 SURPLUS = [("surplus_across", float), ("surplus_about", float)]
 
@@ -103,6 +105,11 @@ class Sampling:
                 f"{self.units.age / YEAR:g} yr"
             )
         return ", ".join(named + ["control"] * self.control)
+
+    @property
+    def block(self) -> int:
+        """Trials that go to a worker and to disk at a time, at most."""
+        return UNIT_BLOCK if self.units else BLOCK
 
     @property
     def dtype(self) -> np.dtype[Any]:

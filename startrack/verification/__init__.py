@@ -16,6 +16,8 @@ from startrack.verification.accuracy import (
     expected_over,
     margin,
     measured_over,
+    units_expected,
+    yield_of,
 )
 from startrack.verification.blinded import boresights, counted
 from startrack.verification.cases import cases

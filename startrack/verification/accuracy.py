@@ -11,10 +11,10 @@ import scipy
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.budget import Budget, Law, attitudes
+from startrack.budget import Budget, Law, UnitBudgets, attitudes
 from startrack.core import Floats
-from startrack.design import AXES, Objective, Requirements
-from startrack.metrics import Interpretation
+from startrack.design import AXES, Accuracy, Objective, Requirements
+from startrack.metrics import Interpretation, Interval, fraction_interval
 from startrack.montecarlo import Regions
 
 # Whose worst counts where a requirement holds in the worst part of the sky. Chosen by hand: more
@@ -51,6 +51,16 @@ def expected_of(objective: Objective, law: Law) -> float:
 
     lowest, highest = math.log(squares.min()) - 40, math.log(squares.max()) + 10
     return math.exp(scipy.optimize.brentq(excess, lowest, highest) / 2)
+
+
+def units_expected(objective: Objective, budgets: UnitBudgets) -> Floats:
+    """`expected_error` (n,) of each of n units, radian, its bias included."""
+    return np.array([expected_of(objective, budgets.whole(k)) for k in range(len(budgets))])
+
+
+def yield_of(accuracy: Accuracy, errors: Floats) -> Interval:
+    """Share of the units whose errors (n,) meet a limit, with its interval."""
+    return fraction_interval(int((errors <= accuracy.most).sum()), len(errors))
 
 
 def expected_over(objective: Objective, budget: Budget[Law], sky: str) -> float:

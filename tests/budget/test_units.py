@@ -9,7 +9,8 @@ from scipy import stats
 from startrack.attitude import Mounting
 from startrack.budget import Term, UnitBudgets, analytic, unit_budgets
 from startrack.core import arcsec
-from startrack.design import CameraCalibration, Variation, load_design
+from startrack.design import YEAR, CameraCalibration, Variation, load_design
+from startrack.detector import Age
 from startrack.io import shipped
 from startrack.metrics import Interpretation, fraction_interval, level
 
@@ -49,13 +50,6 @@ def test_levels_of_a_swing_are_those_of_the_arcsine_law(fraction):
     assert level(swing, fraction, Interpretation.TEMPORAL) == pytest.approx(asked, rel=2e-3)
 
 
-def test_yield_counts_the_units_within_a_limit():
-    found = of(np.zeros((10, 3)), np.arange(1.0, 11.0)[:, None] * ONE((10, 3)))
-    assert found.meets(7.5) == fraction_interval(7, 10)
-    assert found.meets(7.5, (2,)).value == 0.7
-    assert found.meets(6.0, (2,), 0.954).value == 0.3
-
-
 def test_the_interval_of_a_yield_holds_it_as_often_as_it_says():
     """200 samples of 30 of a law with a yield of 0.8: exact intervals hold it in 95 % at least.
 
@@ -75,6 +69,21 @@ def test_units_without_variation_have_the_budget_of_the_design():
     assert found.across() == pytest.approx(budget.across)
     assert found.about() == pytest.approx(budget.about)
     assert np.abs(found.bias).max() == 0
+
+
+def test_a_detector_is_as_old_as_its_unit():
+    """At the begin as one without a law of age, at the end as one of that age."""
+    age = Age(time=2 * YEAR, fluence=3e4, sensitivity_loss=0.1 / YEAR)
+
+    def aged(age):
+        detector = replace(CASE.instrument.detector, age=age)
+        return replace(CASE, instrument=replace(CASE.instrument, detector=detector))
+
+    begin, end = (unit_budgets(aged(age), 1, 1, at, 1, 64) for at in (0.0, 5 * YEAR))
+    old = replace(age, time=5 * YEAR)
+    for found, same in ((begin, None), (end, old)):
+        assert found.across() == pytest.approx(analytic(aged(same), 64).across, rel=1e-3)
+    assert end.across()[0] > 1.2 * begin.across()[0]
 
 
 def test_what_turns_the_camera_is_bias_or_thermo_elastic():

@@ -40,9 +40,10 @@ def test_units_have_a_yield_and_the_worst_is_explained(design, tmp_path, capsys)
     main([*command, "--out", str(tmp_path / "out")])
     found = json.loads(capsys.readouterr().out)["units"]
     assert found["count"] == 6
-    assert found["age_yr"] == pytest.approx(5)
-    [(share, low, high)] = found["yield"].values()
-    assert low <= share <= high
+    assert found["age_years"] == pytest.approx(5)
+    [share] = found["yields"]
+    assert share["most_arcsec"] == pytest.approx(8)
+    assert share["low"] <= share["value"] <= share["high"]
     # The focal length is not calibrated here, and makes the worst unit.
     assert found["worst"]["removes"]["instrument.optics.focal_length per unit"] < -0.2
     with Store(tmp_path / "out" / "campaign.sqlite") as store:

@@ -8,10 +8,12 @@ import pytest
 from startrack.attitude import Mounting
 from startrack.budget import analytic
 from startrack.design import YEAR, CameraCalibration, Fidelity, Moment, Variation, load_design
+from startrack.detection import DarkMap
+from startrack.detector import Age, dark
 from startrack.io import shipped
 from startrack.optics import Residual
 from startrack.population import Units, unit_of, unit_trials
-from startrack.trial import run_trials
+from startrack.trial import detection_plan, run_trials
 
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
 VARIED = replace(
@@ -67,6 +69,24 @@ def test_a_unit_that_nothing_varies_in_is_the_design():
     table = unit_trials(case, 2, range(50), Units(50, 1))
     alone = run_trials(CASE, 2, range(50), Fidelity.COVARIANCE)
     assert all((table[name] == alone[name]).all() for name in alone.dtype.names)
+
+
+@pytest.mark.parametrize("stated", [None, 0.5 * YEAR], ids=["of the day", "of half a year"])
+def test_a_dark_map_is_as_old_as_the_tracker_states(stated):
+    """Pixels of 200 electrons that it does not know came after it was made."""
+    detector = replace(CASE.instrument.detector, age=Age(time=YEAR, family="chandra-aca"))
+    detection = replace(CASE.tracker.detection, dark_map=DarkMap(), dark_map_age=stated)
+    case = replace(
+        CASE,
+        instrument=replace(CASE.instrument, detector=detector),
+        tracker=replace(CASE.tracker, detection=detection),
+    )
+    unit = unit_of(case, 1, Moment(0, age=10 * YEAR))
+    assert unit.instrument.detector.age.years == pytest.approx(10)
+    known = detection_plan(unit).dark().mean - detector.offset
+    hot = dark(unit.instrument.detector) * detector.exposure / detector.electrons_per_dn
+    few = 200 / detector.electrons_per_dn
+    assert ((hot > few) & (known < few / 2)).any() == (stated is not None)
 
 
 def test_a_residual_moves_stars_alike_in_all_fidelities_and_the_budget():

@@ -1,4 +1,4 @@
-"""Units in `startrack budget`: classes of error, levels and yield at the begin and end of life."""
+"""Units in `startrack budget` and `montecarlo`: classes of error, levels, yields, worst unit."""
 
 from __future__ import annotations
 
@@ -10,13 +10,17 @@ from startrack.cli.imports import deferred
 
 with deferred():
     import numpy as np
+    from numpy.typing import NDArray
 
     from startrack.budget import Term, UnitBudgets, unit_budgets
-    from startrack.cli.options import WrongUse
+    from startrack.cli.options import as_wrong_use
     from startrack.cli.terminal import progress
     from startrack.core import arcsec
-    from startrack.design import YEAR, Accuracy, Case
+    from startrack.design import YEAR, Accuracy, Case, Fidelity
     from startrack.metrics import LEVELS, Interpretation, Interval
+    from startrack.montecarlo import Sampling
+    from startrack.population import explain, per_unit
+    from startrack.verification import units_expected, yield_of
 
 if TYPE_CHECKING:
     from startrack.core import Floats
@@ -24,19 +28,80 @@ if TYPE_CHECKING:
 AXES = {"across": (0, 1), "about": (2,)}
 
 
-def units_of(
+def require_units(case: Case) -> None:
+    """Refuse a design whose units are all alike.
+
+    Raises  ValueError that says what they could differ by.
+    """
+    if not case.differs:
+        raise ValueError(
+            "--units needs a design with [[variation]] tables, [instrument.residual] or "
+            "[instrument.detector.age]"
+        )
+
+
+def budgets_of(
     case: Case, required: tuple[Accuracy, ...], options: argparse.Namespace
 ) -> tuple[list[dict[str, Any]], str]:
     """What the budgets of some units say: values for JSON, one for each age, and their text."""
-    if not case.variation:
-        raise WrongUse("--units needs a design with [[variation]] tables")
-    ages = list(dict.fromkeys((0.0, case.lifetime)))
+    with as_wrong_use():
+        require_units(case)
+    ages = list(dict.fromkeys((0.0, case.end_of_life)))
     found = []
     with progress("units", options.units * len(ages)) as advance:
         for age in ages:
             found.append(unit_budgets(case, options.seed, options.units, age, progress=advance))
     values = [_values(one, required) for one in found]
-    return values, _text(values, required)
+    return values, _text(values)
+
+
+def trials_of(
+    case: Case,
+    seed: int,
+    sampling: Sampling,
+    outcomes: NDArray[np.void],
+    required: tuple[Accuracy, ...],
+) -> tuple[dict[str, Any], str]:
+    """What trials of units say: their errors, the yield of each accuracy, and the worst unit."""
+    units, fidelity = sampling.units, sampling.fidelity
+    assert units
+    found = per_unit(outcomes)
+    years = units.age / YEAR
+    values: dict[str, Any] = {"count": len(found.unit), "age_years": years}
+    lines = []
+    for name, each in (("across", found.across), ("about", found.about)):
+        middle, high = (float(np.nanquantile(each, part)) / arcsec for part in (0.5, 0.95))
+        values |= {f"{name}_median_arcsec": middle, f"{name}_95_arcsec": high}
+        lines.append(
+            f"of {len(found.unit)} units at {years:g} yr, rms {name}: {middle:.3f} arcsec in the "
+            f"median, {high:.3f} in 95 %"
+        )
+    values["yields"] = [
+        yield_values(one, found.meets(outcomes, one.objective, one.most)) for one in required
+    ]
+    lines += [f"{yield_name(one)}: {yield_share(one)}" for one in values["yields"]]
+    worst = found.worst
+    if worst is not None and fidelity is Fidelity.COVARIANCE:
+        parts = explain(case, seed, units, worst)
+        values["worst"] = {"unit": worst, "removes": dict(parts)}
+        shown = "; ".join(f"{name} {100 * part:+.0f} %" for name, part in parts[:4])
+        lines.append(f"worst unit {worst}; as designed instead changes its rms across by: {shown}")
+    return values, "\n".join(lines)
+
+
+def yield_values(one: Accuracy, share: Interval) -> dict[str, Any]:
+    """A yield for JSON: requirement and limit, share of the units with its 95 % interval."""
+    return {"requirement": str(one.objective), "most_arcsec": one.most / arcsec} | asdict(share)
+
+
+def yield_name(one: dict[str, Any]) -> str:
+    """Of what a yield is."""
+    return f"yield, {one['requirement']} at most {one['most_arcsec']:g} arcsec"
+
+
+def yield_share(one: dict[str, Any]) -> str:
+    """A yield in percent, with its interval."""
+    return f"{100 * one['value']:.0f} % [{100 * one['low']:.0f}, {100 * one['high']:.0f}]"
 
 
 def _values(found: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, Any]:
@@ -58,10 +123,8 @@ def _values(found: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, Any
             for kind in Interpretation
         },
         "yields": [
-            {"requirement": str(one.objective), "most_arcsec": one.most / arcsec}
-            | asdict(_yield(found, one))
+            yield_values(one, yield_of(one, units_expected(one.objective, found)))
             for one in required
-            if _is_judged(one)
         ],
     }
 
@@ -82,18 +145,7 @@ def _pair(values: Floats) -> dict[str, float]:
     }
 
 
-def _is_judged(one: Accuracy) -> bool:
-    """Whether the formula has the statistic: an rms, or a level about single axes."""
-    return one.objective.fraction is None or not one.objective.radial or one.name == "about"
-
-
-def _yield(found: UnitBudgets, one: Accuracy) -> Interval:
-    objective, axes = one.objective, AXES[one.name]
-    length = len(axes) ** 0.5 if objective.radial and objective.fraction is None else 1.0
-    return found.meets(one.most / length, axes, objective.fraction)
-
-
-def _text(found: list[dict[str, Any]], required: tuple[Accuracy, ...]) -> str:
+def _text(found: list[dict[str, Any]]) -> str:
     """The values of `_values` as a table, a pair of columns for each age."""
     ages = [f"{one['age_years']:g} yr" for one in found]
     lines = [_row(f"{found[0]['units']} units, arcsec",
@@ -112,19 +164,13 @@ def _text(found: list[dict[str, Any]], required: tuple[Accuracy, ...]) -> str:
             lines.append(_row(f"{level} % below, {kind}", row))
     for each in zip(*(one["yields"] for one in found), strict=True):
         shares = ", ".join(
-            f"{100 * one['value']:.0f} % [{100 * one['low']:.0f}, {100 * one['high']:.0f}] at {age}"
-            for age, one in zip(ages, each, strict=True)
+            f"{yield_share(one)} at {age}" for age, one in zip(ages, each, strict=True)
         )
-        what = f"{each[0]['requirement']} at most {each[0]['most_arcsec']:g} arcsec"
-        lines.append(f"yield, {what}: {shares}")
-    lines += [
-        f"yield, {one.objective}: levels of lengths need trials: montecarlo --units"
-        for one in required
-        if not _is_judged(one)
-    ]
+        lines.append(f"{yield_name(each[0])}: {shares}")
     return "\n".join(
-        [*lines, "by the formula, per axis; a bias is constant for a unit and left out below it"]
-    )
+        [*lines, "by the formula, per axis; a bias is constant for a unit, counts in yields and is "
+         "left out below it else"]
+    )  # fmt: skip
 
 
 def _row(label: str, cells: list[Any]) -> str:
