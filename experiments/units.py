@@ -209,9 +209,7 @@ def robust(units: int, seed: int, every: list[Case]) -> tuple[float, float]:
     limit = float(np.quantile(errors[len(every) // 2], 0.4))
     best = int(np.argmax([(each <= limit).mean() - each.mean() / limit / 1e3 for each in errors]))
     fresh = [
-        float(
-            (unit_budgets(every[k], seed + 1, units, every[k].lifetime, 2).across() <= limit).mean()
-        )
+        unit_budgets(every[k], seed + 1, units, every[k].lifetime, 2).across()
         for k in (best, int(np.argmin(noise)))
     ]
     return float((fresh[0] <= limit).mean()), float((fresh[1] <= limit).mean())
