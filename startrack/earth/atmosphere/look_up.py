@@ -137,22 +137,28 @@ def _single(values: Floats) -> Singles:
 
 
 def look_up(
-    table: FineTable, sight: Sight, reflectance: Reals, surroundings: Reals
+    table: FineTable,
+    sight: Sight,
+    reflectance: Reals,
+    surroundings: Reals,
+    direct: Reals | None = None,
 ) -> tuple[Singles, Singles, Singles]:
     """Reflected and scattered sunlight, in the terms of the paper.
 
-        L_dir = rho s cos(alpha) / cos(sun) D
+        L_dir = R s cos(alpha) / cos(sun) D
         L_ind = rho (V K + (D + K) B) + rho (1 - V) rho' (D + K) (1 + B)
         L_sc  = P + A (rho' + rho' B),            B = rho' S / (1 - rho' S)
 
-    with D, K, A and P the table's direct, sky, around and path terms, rho the ground's reflectance
-    and rho' that of its surroundings, which illuminate the air from below and, by 1 - V, slopes.
+    with D, K, A and P the table's direct, sky, around and path terms, rho the ground's reflectance,
+    R that for sunlight, which is rho where the ground is Lambertian, and rho' that of its
+    surroundings, which illuminate the air from below and, by 1 - V, slopes.
 
     Source: Krutz et al. (2011), eqs. (1) and (2), with transmittances and 1 / pi written out.
 
     sight         n pixels
     reflectance   (n, b) or (b,) 1
     surroundings  (b,) 1
+    direct        (n, b) 1, at least 0; None for `reflectance`
     Returns       three of (n, b) watt / m^2 / sr
     Raises        ValueError where a pixel lies outside the table, is not a number, or reflects less
                   than nothing or more than all.
@@ -161,6 +167,9 @@ def look_up(
     """
     count, bands = len(sight.height), table.backscatter.shape[1]
     rho = np.ascontiguousarray(np.broadcast_to(reflectance, (count, bands)), np.float32)
+    factor = rho if direct is None else np.ascontiguousarray(direct, np.float32)
+    if not (factor >= 0).all():
+        raise ValueError("direct must be at least 0")
     around = np.ascontiguousarray(np.broadcast_to(surroundings, (bands,)), np.float32)
     for name, values in (("reflectance", rho), ("surroundings", around)):
         if not (values >= 0).all() or not (values <= 1).all():
@@ -172,7 +181,7 @@ def look_up(
     out = np.empty((3, count, bands), np.float32)
     where = sight.height, sight.sensor, sight.sun, sight.azimuth
     view = table.path, table.ground, table.backscatter, where, table.start, table.step
-    outside = _look_up(*view, geometry, rho, around, out)
+    outside = _look_up(*view, geometry, rho, factor, around, out)
     if outside >= 0:
         raise ValueError(
             "every pixel must lie inside the reach that the table was refined for, pixel "
@@ -205,7 +214,7 @@ def _worst(values: Singles) -> float:
 
 
 @kernel(fastmath={"contract", "reassoc", "nsz", "arcp"})
-def _look_up(path, ground, backscatter, where, start, step, geometry, rho, around, out):  # type: ignore[no-untyped-def]
+def _look_up(path, ground, backscatter, where, start, step, geometry, rho, factor, around, out):  # type: ignore[no-untyped-def]
     """Fill `out`; returns the first pixel outside the table, or -1.
 
     The corners are written out, because a compiler then takes all bands in eight lanes: five
@@ -254,13 +263,13 @@ def _look_up(path, ground, backscatter, where, start, step, geometry, rho, aroun
                 )
         beam, view = geometry[0, n], geometry[1, n]
         below, above = backscatter[low[0]], backscatter[high[0]]
-        direct, indirect, reflects = out[0, n], out[1, n], rho[n]
+        direct, indirect, reflects, mirrors = out[0, n], out[1, n], rho[n], factor[n]
         for b in range(bands):
             of_beam, of_sky = white_ground[b], white_ground[bands + b]
             white = of_beam + of_sky
             bounce = one / (one - around[b] * ((one - h) * below[b] + h * above[b]))
             slopes = (one - view) * around[b] * white * bounce
-            direct[b] = reflects[b] * beam * of_beam
+            direct[b] = mirrors[b] * beam * of_beam
             indirect[b] = reflects[b] * (view * of_sky + white * (bounce - one) + slopes)
             scattered[b] += white_ground[2 * bands + b] * around[b] * bounce
     return -1

@@ -107,6 +107,7 @@ def radiance(
     heat: Heat | None = None,
     temperature: Floats | None = None,
     air_temperature: float = 275.0,
+    direct: Reals | None = None,
 ) -> Terms:
     """Radiance of n pixels of ground.
 
@@ -124,6 +125,7 @@ def radiance(
     heat             of the bands; None where thermal radiance is negligible
     temperature      (n,) kelvin, of the ground; needed with `heat`
     air_temperature  kelvin, of isothermal air, where the table has no thermal radiance
+    direct           (n, b) 1, reflectance factor for sunlight; None for `reflectance`
     Raises           ValueError as `look_up` and `Heat`; TypeError where heat has no temperature.
     Accuracy         model: isothermal air over a black ground of its own temperature gives Planck's
                      law exactly; it errs by some per cent of L_th in the windows and more in the
@@ -132,10 +134,11 @@ def radiance(
     count, bands = len(sight.height), table.backscatter.shape[1]
     out = Terms(*np.zeros((5, count, bands), np.float32))
     reflectance = np.broadcast_to(reflectance, (count, bands))
+    beam = reflectance if direct is None else direct
     for first in range(0, count, PIXELS):
         some = slice(first, first + PIXELS)
         part = Sight(*(values[some] for values in sight))
-        lit = look_up(table, part, reflectance[some], surroundings)
+        lit = look_up(table, part, reflectance[some], surroundings, beam[some])
         for term, values in zip(out, lit, strict=False):
             term[some] = values
     if heat is not None:
@@ -183,11 +186,13 @@ def at_sensor(
     surroundings: Reals,
     heat: Heat | None = None,
     temperature: Floats | None = None,
+    direct: Reals | None = None,
 ) -> Terms:
     """Radiance of n rays; those that miss the ground see a black sky.
 
     reflectance  (n, b) or (b,) 1, of the ground; without effect where a ray misses
     temperature  (n,) kelvin, likewise
+    direct       (n, b) 1, reflectance factor for sunlight, likewise; None for `reflectance`
     Returns      Terms of (n, b); finite and never negative
     Raises       those of `radiance`; ValueError where ground lies outside the table's heights, or a
                  ray grazes it beyond the table's zenith angles.
@@ -206,7 +211,8 @@ def at_sensor(
     sight = sight._replace(sun=np.minimum(sight.sun, lowest), lit=sight.lit * (weak > 0))
     here = np.broadcast_to(reflectance, (len(ground), bands))[ground.hit]
     warm = None if temperature is None else temperature[ground.hit]
-    found = radiance(_near(table, sight), sight, here, surroundings, heat, warm)
+    beam = None if direct is None else direct[ground.hit]
+    found = radiance(_near(table, sight), sight, here, surroundings, heat, warm, direct=beam)
     for name, whole, part in zip(Terms._fields, out, found, strict=True):
         lit_by_air = name in ("indirect", "scattered")
         whole[ground.hit] = part * weak[:, None] if lit_by_air else part

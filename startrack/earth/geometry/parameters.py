@@ -166,6 +166,7 @@ class MapFile:
 
     name    of the map
     file    any raster
+    band    of it, 1 the first
     exact   whether its values are classes
     absent  value where the file has none
     """
@@ -174,6 +175,10 @@ class MapFile:
     file: str
     exact: bool = False
     absent: float = math.nan
+    band: int = 1
+
+    def __post_init__(self) -> None:
+        whole(1, 2**16, band=self.band)
 
 
 @dataclass(frozen=True)
@@ -221,7 +226,7 @@ class Terrain:
         """The maps by their names."""
         return {
             one.name: Chart(
-                Mosaic((Raster(folder / one.file, exact=one.exact),)), one.exact, one.absent
+                Mosaic((Raster(folder / one.file, one.band, one.exact),)), one.exact, one.absent
             )
             for one in self.maps
         }

@@ -1,6 +1,8 @@
 """Images of Earth cameras: radiance, PSF, detector, digital numbers.
 
-land        Reflectance and temperature of ground: covers by height, texture, slopes, hot spots.
+brdf        Reflectance of land, water and snow from the directions of Sun and camera.
+land        Reflectance and temperature of ground: covers by height, maps, texture, slopes, hot
+            spots.
 parameters  Imager, its channels, and Survey (camera, land and air of an Earth image), and their
             files.
 band        BandTable and thermal radiance of one channel, weighted with its response.
@@ -14,10 +16,11 @@ files       FITS that is filled while an image is rendered; GeoTIFF with ground 
 """
 
 from startrack.earth.imager.band import Band, band_of
+from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water
 from startrack.earth.imager.figures import Figures, figures, reference
 from startrack.earth.imager.files import ABOUT, open_fits, thinned, write_geotiff
 from startrack.earth.imager.first import First, Goals, first_parameters
-from startrack.earth.imager.land import Cover, HotSpot, Land
+from startrack.earth.imager.land import Cover, HotSpot, Land, ReflectanceMap
 from startrack.earth.imager.parameters import (
     Channel,
     Imager,
@@ -31,6 +34,7 @@ from startrack.earth.imager.render import Picture, Setting, pixel_electrons, pre
 # Public; the other imports serve other rooms.
 __all__ = [
     "ABOUT",
+    "Angles",
     "Band",
     "Channel",
     "Cover",
@@ -41,8 +45,12 @@ __all__ = [
     "Imager",
     "Land",
     "Picture",
+    "ReflectanceMap",
+    "RossLi",
     "Setting",
+    "Snow",
     "Survey",
+    "Water",
     "band_of",
     "cameras",
     "figures",

@@ -1,11 +1,12 @@
-"""Reflectance and temperature of ground: covers by height, texture, slopes, hot spots."""
+"""Reflectance and temperature of ground: covers by height, maps, texture, slopes, hot spots."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Annotated
+from itertools import pairwise
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,16 @@ from startrack.core import (
     whole,
     within,
 )
+from startrack.earth.imager.brdf import (
+    Angles,
+    Law,
+    RossLi,
+    Snow,
+    Water,
+    angles_of,
+    direct_factor,
+    sky_factor,
+)
 from startrack.earth.terrain import EQUATORIAL, Ground, cartesian, fractal, up
 
 TEXELS = 1024  # along each side of the texture, which is periodic
@@ -32,18 +43,61 @@ DEPTHS = -1000.0  # metre, below all land
 class Cover:
     """Reflectance and temperature of ground above a height.
 
+    It is Lambertian, or one of `ross_li`, `water` and `snow`.
+
     above        metre above the ellipsoid
-    reflectance  1 over wavelength, Lambertian; the emissivity is 1 minus it
+    reflectance  1 over wavelength: of Lambertian ground; the isotropic weight of `ross_li`; of the
+                 light from below the surface of `water`; the white-sky albedo of `snow`. The
+                 emissivity is 1 minus it, or 1 minus the fraction of a uniform sky that is
+                 reflected
     temperature  kelvin, at the height zero
     """
 
     reflectance: Curve = GREY
     temperature: Annotated[float, Unit("K", absolute=True)] = 288.0
     above: Annotated[float, Unit("m")] = DEPTHS
+    ross_li: RossLi | None = None
+    water: Water | None = None
+    snow: Snow | None = None
 
     def __post_init__(self) -> None:
+        if sum(law is not None for law in (self.ross_li, self.water, self.snow)) > 1:
+            raise ValueError("only one of ross_li, water and snow must be given, got more")
         within(50, 3000, temperature=self.temperature)
         finite(above=self.above)
+
+    @property
+    def law(self) -> Law | None:
+        """How reflectance depends on directions; None where it does not."""
+        return self.ross_li or self.water or self.snow
+
+    def weights(self, wavelength: Floats, weight: Floats) -> tuple[float, float, float]:
+        """Of the isotropic, volumetric and geometric kernels in a band."""
+        law = self.ross_li or RossLi()
+        isotropic, volumetric, geometric = (
+            float(curve(wavelength) @ weight)
+            for curve in (self.reflectance, law.volumetric, law.geometric)
+        )
+        return isotropic, volumetric, geometric
+
+
+@dataclass(frozen=True)
+class ReflectanceMap:
+    """A map of the terrain whose values are reflectance at one wavelength.
+
+    map     its name in `terrain.maps`
+    factor  1, by which values are multiplied, such as 1e-4 for Sentinel-2
+    offset  1, then added
+    """
+
+    map: str
+    wavelength: Annotated[float, Unit("m", "nm")]
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive(wavelength=self.wavelength)
+        finite(factor=self.factor, offset=self.offset)
 
 
 @dataclass(frozen=True)
@@ -75,6 +129,8 @@ class Land:
     lapse         kelvin / metre, decrease of temperature with height
     warming       kelvin, ground that faces the Sun minus ground in shadow
     hot_spots     fires
+    maps          of reflectance, instead of that of the covers where they have values; linear
+                  between their wavelengths, constant beyond
     """
 
     covers: tuple[Cover, ...] = (Cover(),)
@@ -84,6 +140,7 @@ class Land:
     lapse: Annotated[float, Unit("K / m", "K / km")] = 6.5e-3
     warming: Annotated[float, Unit("K")] = 0.0
     hot_spots: tuple[HotSpot, ...] = field(default_factory=tuple)
+    maps: tuple[ReflectanceMap, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.covers:
@@ -91,6 +148,9 @@ class Land:
         heights = [cover.above for cover in self.covers]
         if heights != sorted(heights):
             raise ValueError(f"covers must rise in their heights above, got {heights}")
+        lengths = [one.wavelength for one in self.maps]
+        if any(b <= a for a, b in pairwise(lengths)):
+            raise ValueError(f"maps must rise in their wavelengths, got {lengths}")
         within(0, 1, texture=self.texture)
         positive(texture_cell=self.texture_cell)
         whole(0, 2**31, texture_seed=self.texture_seed)
@@ -99,16 +159,50 @@ class Land:
 
 
 def reflectance(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> Floats:
-    """Mean reflectance of n rays in one band.
+    """Mean reflectance of n rays in one band, whatever its direction.
 
     wavelength, weight  (f,) metre; (f,) 1, of the detected light; they sum to one
     Returns             (n,) 1, in [0, 1]; that of the lowest cover where a ray misses
     """
     of_cover = np.array([cover.reflectance(wavelength) @ weight for cover in land.covers])
     here = of_cover[_cover(land, ground)]
+    if land.maps:
+        mapped = _mapped(land, ground, wavelength, weight)
+        here = np.where(np.isnan(mapped), here, mapped)
     if land.texture:
         here = here * (1 + land.texture * _texture(land, ground))
     return np.clip(here, 0.0, 1.0)
+
+
+class Reflection(NamedTuple):
+    """Reflectance factors (n,) of rays in one band: for sunlight, for the sky, and the albedo."""
+
+    direct: Floats
+    sky: Floats
+    albedo: Floats
+
+
+def reflection(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> Reflection:
+    """How n rays reflect sunlight and skylight to the camera.
+
+    wavelength, weight  as for `reflectance`
+    Accuracy            model: means of reflectance over the band, before the law of directions; a
+                        surface of waves or snow lies as the terrain slopes.
+    """
+    rho = reflectance(land, ground, wavelength, weight)
+    out = Reflection(rho, rho, rho)
+    if not any(cover.law for cover in land.covers):
+        return out
+    out = Reflection(*(rho.copy() for _ in range(3)))
+    cover, angles = _cover(land, ground), angles_of(ground)
+    for n, each in enumerate(land.covers):
+        mine = np.flatnonzero(ground.hit & (cover == n))
+        if each.law and len(mine):
+            seen, weights = Angles(*(one[mine] for one in angles)), each.weights(wavelength, weight)
+            out.direct[mine] = direct_factor(each.law, rho[mine], weights, seen)
+            out.sky[mine] = sky_factor(each.law, rho[mine], weights, seen.camera)
+            out.albedo[mine] = sky_factor(each.law, rho[mine], weights, None)
+    return out
 
 
 def temperature(land: Land, ground: Ground) -> Floats:
@@ -144,6 +238,20 @@ def _cover(land: Land, ground: Ground) -> NDArray[np.int64]:
     heights = np.array([cover.above for cover in land.covers])
     found = np.searchsorted(heights, np.nan_to_num(ground.height, nan=DEPTHS), side="right") - 1
     return np.maximum(found, 0)
+
+
+def _mapped(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> Floats:
+    """(n,) reflectance of maps in a band; NaN where one has none."""
+    at = [one.wavelength for one in land.maps]
+    out = np.zeros(len(ground))
+    for n, one in enumerate(land.maps):
+        if one.map not in ground.maps:
+            known = ", ".join(ground.maps) or "none"
+            raise ValueError(f"land.maps must name maps of the terrain, {known}, got {one.map!r}")
+        share = np.interp(wavelength, at, np.eye(len(at))[n]) @ weight
+        if share:
+            out += share * (ground.maps[one.map] * one.factor + one.offset)
+    return out
 
 
 def _texture(land: Land, ground: Ground) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,6 +16,7 @@ from startrack.core import (
     Floats,
     Unit,
     finite,
+    one_of,
     positive,
     whole,
     within,
@@ -33,7 +35,7 @@ from startrack.earth.geometry import (
     ground_rate,
 )
 from startrack.earth.imager.land import Land
-from startrack.io import from_table, read_table, shipped
+from startrack.io import from_table, read_table, regular_file, shipped
 from startrack.optics import Optics
 
 UNKNOWN = {
@@ -218,6 +220,9 @@ def exposure_of(channel: Channel, period: float) -> float:
 def load_survey(path: Path) -> Survey:
     """Read a scene file; `camera = "hsrs"` is the camera of the catalogue.
 
+    A reflectance or weight of a cover may be in a file of a spectral library:
+    `reflectance = { file = "grass.csv", unit = "um", factor = 0.01 }`.
+
     Raises  ValueError, one sentence with the file, the key, the rule and the value.
     """
     path = Path(path)
@@ -226,9 +231,75 @@ def load_survey(path: Path) -> Survey:
     try:
         if isinstance(camera, str):
             table = {**table, "camera": _camera(camera, path.parent)}
+        for place, cover in enumerate(_covers(table)):
+            _read_spectra(cover, path.parent, f"land.covers[{place}]")
         return from_table(Survey, table)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def _covers(table: dict[str, Any]) -> list[dict[str, Any]]:
+    land = table.get("land")
+    covers = land.get("covers") if isinstance(land, dict) else None
+    return [one for one in covers if isinstance(one, dict)] if isinstance(covers, list) else []
+
+
+def _read_spectra(table: dict[str, Any], folder: Path, place: str) -> None:
+    """Replace curves that name a file by the values in it."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            if "file" in value:
+                file = from_table(SpectrumFile, value, f"{place}.{key}")
+                table[key] = file.read(folder)
+            else:
+                _read_spectra(value, folder, f"{place}.{key}")
+
+
+@dataclass(frozen=True)
+class SpectrumFile:
+    """A curve in a text file: a wavelength and a value in each line, and what follows.
+
+    Lines that do not begin with two numbers, and values below -1, which mark what is missing, are
+    left out. Between them may be commas, semicolons, tabs or spaces.
+
+    file    relative to the scene file
+    unit    of the wavelengths: nm or um
+    factor  1, by which values are multiplied: 0.01 for per cent
+    """
+
+    file: str
+    unit: str = "um"
+    factor: float = 1.0
+
+    def __post_init__(self) -> None:
+        one_of(("nm", "um"), unit=self.unit)
+        finite(factor=self.factor)
+
+    def read(self, folder: Path) -> dict[str, Any]:
+        """As the table of a Curve; values are put into [0, 1].
+
+        Raises  ValueError where the file is none, or has not two different wavelengths.
+        """
+        path = folder / self.file
+        regular_file(path, "a table of a spectrum")
+        found = {}
+        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+            words = re.split(r"[,;\s]+", line.strip())[:2]
+            try:
+                wavelength, value = (float(word) for word in words)
+            except ValueError:
+                continue
+            if math.isfinite(value) and value >= -1:
+                found[wavelength] = min(max(value * self.factor, 0.0), 1.0)
+        if len(found) < 2:
+            raise ValueError(
+                f"{path} must hold a wavelength and a value in each of two lines or more, got "
+                f"{len(found)}"
+            )
+        return {
+            "wavelength": [f"{each!r} {self.unit}" for each in sorted(found)],
+            "value": [found[each] for each in sorted(found)],
+        }
 
 
 def load_imager(name: str, folder: Path = Path()) -> Imager:

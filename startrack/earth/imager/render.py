@@ -25,7 +25,7 @@ from startrack.earth.geometry import (
 )
 from startrack.earth.imager.band import Band, band_of
 from startrack.earth.imager.blur import blur_strips, blur_weights
-from startrack.earth.imager.land import Land, burning_fraction, reflectance, temperature
+from startrack.earth.imager.land import Land, burning_fraction, reflection, temperature
 from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
 from startrack.earth.terrain import Ground, geodetic
 from startrack.optics import pixel_psf
@@ -192,10 +192,11 @@ def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) 
     spread  radian between rays
     """
     band = setting.band
-    rho = reflectance(land, ground, band.wavelength, band.weight)
+    seen = reflection(land, ground, band.wavelength, band.weight)
     warm = temperature(land, ground)
     around = np.array([setting.surroundings])
-    found = at_sensor(ground, band.table, rho[:, None], around, band.heat, warm)
+    direct = None if seen.direct is seen.sky else seen.direct[:, None]
+    found = at_sensor(ground, band.table, seen.sky[:, None], around, band.heat, warm, direct)
     terms = Terms(*(each[:, 0] for each in found))
     if band.heat is None or not land.hot_spots:
         return terms
@@ -225,8 +226,8 @@ def _coarse_ground(scene: EarthScene, folder: Path) -> list[Ground]:
 
 
 def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
-    seen = [reflectance(land, ground, band.wavelength, band.weight) for ground in glimpse]
-    values = np.concatenate(seen)
+    seen = [reflection(land, ground, band.wavelength, band.weight) for ground in glimpse]
+    values = np.concatenate([each.albedo for each in seen])
     return float(values.mean()) if len(values) else 0.0
 
 
