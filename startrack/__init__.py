@@ -25,6 +25,7 @@ verification     whether a design meets its requirements, by analysis and by tri
 optimise         better designs: search, Pareto front, sensitivity, tolerances
 calibration      camera and detector from data
 mission          heads on a spacecraft, its orbit and attitude law, over years
+onboard          guide stars and triangles of a design, for its flight software
 earth            Earth cameras: terrain, geometry in flight, atmosphere, imager
 plots            pictures
 report           a campaign as one page

@@ -13,6 +13,7 @@ from . import identification as identification
 from . import metrics as metrics
 from . import montecarlo as montecarlo
 from . import motion as motion
+from . import onboard as onboard
 from . import optics as optics
 from . import optimise as optimise
 from . import population as population

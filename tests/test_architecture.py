@@ -11,7 +11,7 @@ ROOMS = (
     *("catalog", "scene", "optics", "motion", "detector"),
     *("detection", "identification", "attitude", "metrics"),
     *("design", "trial", "population", "sequence", "montecarlo", "budget", "verification"),
-    *("optimise", "calibration", "mission"),
+    *("optimise", "calibration", "mission", "onboard"),
     *("earth.terrain", "earth.geometry", "earth.atmosphere", "earth.imager"),
     *("plots", "report", "benchmark", "cli"),
 )

@@ -4,14 +4,35 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_design, add_out, add_part, as_wrong_use
+from startrack.cli.options import (
+    Exit,
+    add_design,
+    add_out,
+    add_part,
+    as_wrong_use,
+    decimal,
+    positive,
+    whole,
+)
 
 with deferred():
     from startrack.cli.terminal import example, finite, print_result, read_design
     from startrack.core import arcsec, deg
     from startrack.mission import head_model, write_model
+    from startrack.onboard import (
+        DOUBLE,
+        VARIABLE,
+        GuideSettings,
+        guide_stars,
+        read_variables,
+        write_guide,
+    )
+
+if TYPE_CHECKING:
+    from startrack.design import Case
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -28,17 +49,76 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )
     add_design(aocs)
     add_out(aocs, "startrack-export")
+    catalogue = add_part(
+        parts,
+        "catalogue",
+        "write the guide stars of a design and the triangles of them, for its flight software",
+        "Writes startrack_guide.bin (layout: docs/onboard.md), the same bytes as "
+        "startrack_guide_data.h, the stars as startrack_guide.csv, and a reader in C99, "
+        "startrack_guide.c and .h: the star nearest to a direction, the stars in a cone, the "
+        "triangles like a given one, and the stars of a list of directions at an unknown attitude. "
+        "Directions are ICRS, seen from the barycentre. The same arguments give the same files.",
+    )
+    add_design(catalogue)
+    catalogue.add_argument(
+        "--limit", type=decimal(-2, 21), metavar="MAG",
+        help="magnitude of the faintest star in the band of the instrument: that of sunlike stars "
+        "is their G (default: limit_g of the tracker's catalogue)",
+    )  # fmt: skip
+    catalogue.add_argument(
+        "--epoch", type=decimal(), metavar="YEAR",
+        help="Julian year to which proper motions move the stars, such as 2031.5 (default: that of "
+        "the tracker's catalogue)",
+    )  # fmt: skip
+    catalogue.add_argument(
+        "--resolution", type=positive, metavar="ARCSEC",
+        help="stars closer than this are one star, at their centre of light (default: as the "
+        "design's identification, 1/512 of the field)",
+    )  # fmt: skip
+    for name, which in (
+        ("doubles", "stars that are several within the resolution"),
+        ("variables", "variable stars of the list"),
+    ):
+        catalogue.add_argument(
+            f"--{name}", choices=("mark", "omit"), default="mark",
+            help=f"{which}: mark them with a flag, or leave them out (default: mark)",
+        )  # fmt: skip
+    catalogue.add_argument(
+        "--variable-list", type=Path, metavar="FILE",
+        help="CSV with ra, dec (degree, J2000) of variable stars (default: 197 of the General "
+        "Catalogue of Variable Stars that vary by a magnitude or more)",
+    )  # fmt: skip
+    catalogue.add_argument(
+        "--per-field", type=whole(3, 40), default=16, metavar="N",
+        help="guide stars in the area of a field: a star with N brighter ones in the circle of "
+        "this area around it is left out (default: 16)",
+    )  # fmt: skip
+    catalogue.add_argument(
+        "--pattern-stars", type=whole(3, 40), default=9, metavar="N",
+        help="the brightest of these that form triangles (default: 9)",
+    )  # fmt: skip
+    catalogue.add_argument(
+        "--triangles", type=whole(1, 2**24), metavar="N",
+        help="approximate number of triangles (default: 100 per field of the sphere)",
+    )  # fmt: skip
+    add_out(catalogue, "startrack-export")
 
 
 def command(options: argparse.Namespace) -> int:
-    """Write the files, and print what the model holds at rest."""
+    """Write the files, and print what they hold."""
     path = options.design or example()
     case = read_design(path, options.set).case
+    part = _aocs if options.part == "aocs" else _catalogue
+    result, text = part(options, case, Path(path).stem)
+    print_result(options, {"design": str(path), **result}, text)
+    return Exit.DONE
+
+
+def _aocs(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str, Any], str]:
     with as_wrong_use():
-        model = head_model(case, Path(path).stem)
+        model = head_model(case, name)
     files = write_model(options.out, model)
-    result = {"design": str(path), **finite(model.table), "files": [str(one) for one in files]}
-    text = [f"wrote {', '.join(one.name for one in files)} to {options.out}"]
+    text = [_wrote(options, files)]
     for name in ("noise", "pixel", "field"):
         across, about = (one[0] / arcsec for one in getattr(model, name))
         text.append(f"{name:8s}{across:10.3f} across, {about:.3f} about (arcsec rms, at rest)")
@@ -47,5 +127,45 @@ def command(options: argparse.Namespace) -> int:
         f"{model.rate[-1] / deg:.3g} deg/s; Sun {model.sun / deg:.1f}, "
         f"Moon {model.moon / deg:.1f}, lit limb {model.limb / deg:.1f} deg"
     )
-    print_result(options, result, "\n".join(text))
-    return Exit.DONE
+    return {**finite(model.table), "files": [str(one) for one in files]}, "\n".join(text)
+
+
+def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str, Any], str]:
+    with as_wrong_use(ValueError, FileNotFoundError):
+        settings = GuideSettings(
+            options.limit,
+            options.epoch,
+            options.resolution and options.resolution * arcsec,
+            options.doubles,
+            options.variables,
+            options.per_field,
+            options.pattern_stars,
+            options.triangles,
+        )
+        guide = guide_stars(case, settings, read_variables(options.variable_list))
+    files = write_guide(options.out, guide)
+    size = files[0].stat().st_size
+    values = {
+        "stars": len(guide),
+        "triangles": len(guide.triangle),
+        "bytes": size,
+        "limit_mag": guide.limit,
+        "epoch": guide.epoch,
+        "field_deg": guide.field_of_view / deg,
+        "resolution_arcsec": guide.resolution / arcsec,
+        "doubles": int((guide.flags & DOUBLE > 0).sum()),
+        "variables": int((guide.flags & VARIABLE > 0).sum()),
+        "files": [str(one) for one in files],
+    }
+    text = (
+        f"{_wrote(options, files)}\n{values['stars']} guide stars to {guide.limit:g} mag in the "
+        f"band of the instrument, {values['triangles']} triangles, {size / 1000:.1f} kB\n"
+        f"field {values['field_deg']:.2f} deg, stars within {values['resolution_arcsec']:.1f} "
+        f"arcsec are one: {values['doubles']}; variable: {values['variables']}; epoch "
+        f"{guide.epoch:g}"
+    )
+    return values, text
+
+
+def _wrote(options: argparse.Namespace, files: list[Path]) -> str:
+    return f"wrote {', '.join(one.name for one in files)} to {options.out}"

@@ -23,8 +23,14 @@ from startrack.identification.agree import refit
 from startrack.identification.blind import identify_blind
 from startrack.identification.cache import PatternIndexes, cached_index
 from startrack.identification.identify import identify, identify_all, is_ready
-from startrack.identification.index import POINTS, PatternIndex, build_index, indexed_field
-from startrack.identification.index_stars import merged
+from startrack.identification.index import (
+    CELLS,
+    POINTS,
+    PatternIndex,
+    build_index,
+    indexed_field,
+)
+from startrack.identification.index_stars import local_rank, merged
 from startrack.identification.lens_fit import LensFit, fit_lens
 from startrack.identification.parameters import Identification
 from startrack.identification.track import track

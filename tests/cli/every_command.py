@@ -56,6 +56,7 @@ compare frames/campaign.sqlite covariance/campaign.sqlite
 report frames/campaign.sqlite --stars 1 --slews 1 --budget 2 --fidelity-trials 2 --worst 1
 sequence design.toml --sequences 1 --out sequence --workers 1
 export aocs design.toml --out export
+export catalogue design.toml --limit 4 --out guide
 mission --set time.duration=1d --set time.begin="2044-06-21T10:00:00" --out mission
 optimize design.toml --out optimize --workers 1
 sample design.toml --out sample --workers 1

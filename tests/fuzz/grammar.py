@@ -354,6 +354,7 @@ AGED_COMMANDS = (
     ("montecarlo", "design.toml", "--trials", "1", "--fidelity", "window", "--workers", "1"),
     ("montecarlo", "design.toml", "--trials", "1", "--fidelity", "frame", "--workers", "1"),
     ("export", "aocs", "design.toml", "--out", "out"),
+    ("export", "catalogue", "design.toml", "--out", "out"),
 )
 
 

@@ -1,0 +1,132 @@
+"""The reader in C, compiled on this machine and called with the bytes of a file."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Floats, Ints
+
+STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror")
+GOOD = 0
+REASONS = {1: "no file of guide stars", 2: "cut", 3: "damaged", 4: "of contradicting numbers"}
+MOST = 4096  # triangles that a look-up returns
+
+
+class _Struct(ctypes.Structure):
+    """startrack_guide of startrack_guide.h."""
+
+    _fields_ = [
+        ("bytes", ctypes.c_void_p),
+        *((name, ctypes.c_uint32) for name in ("stars", "triangles", "cells_x", "cells_y")),
+        *(
+            (name, ctypes.c_double)
+            for name in ("epoch", "field", "limit", "resolution", "smallest", "largest")
+        ),
+    ]
+
+
+def c_compiler() -> str | None:
+    """The C compiler of this machine, None where there is none."""
+    return next((one for one in map(shutil.which, ("cc", "gcc", "clang")) if one), None)
+
+
+class CompiledGuide:
+    """What flight software does with the bytes of startrack_guide.bin, by its own code.
+
+    data    the bytes
+    Raises  ValueError without a C compiler, and where the reader refuses the bytes.
+    """
+
+    def __init__(self, data: bytes):
+        self._c = _library()
+        self._data = data  # the reader refers to it
+        self._guide = _Struct()
+        status = self._c.startrack_guide_open(
+            ctypes.byref(self._guide), data, ctypes.c_size_t(len(data))
+        )
+        if status != GOOD:
+            raise ValueError(f"the bytes must be those of guide stars, got some {REASONS[status]}")
+
+    def star(self, number: int) -> tuple[Floats, float, int]:
+        """Direction (3,), magnitude and flags of a star."""
+        direction, magnitude, flags = np.empty(3), ctypes.c_double(), ctypes.c_uint()
+        self._c.startrack_guide_star(
+            ctypes.byref(self._guide), ctypes.c_uint32(number), _pointer(direction),
+            ctypes.byref(magnitude), ctypes.byref(flags),
+        )  # fmt: skip
+        return direction, magnitude.value, flags.value
+
+    def nearest(self, direction: Floats) -> int:
+        """As `Guide.nearest`."""
+        place = ctypes.byref(self._guide), _given(direction), None
+        return int(self._c.startrack_guide_nearest(*place))
+
+    def cone(self, direction: Floats, radius: float) -> Ints:
+        """As `Guide.cone`."""
+        found = np.empty(self._guide.stars, np.uint32)
+        count = self._c.startrack_guide_cone(
+            ctypes.byref(self._guide), _given(direction), ctypes.c_double(radius),
+            _pointer(found), ctypes.c_uint32(len(found)),
+        )  # fmt: skip
+        return found[:count].astype(np.int64)
+
+    def patterns(self, seen: Floats, error: float) -> set[tuple[tuple[int, ...], tuple[int, ...]]]:
+        """As `Guide.patterns`, by the cells."""
+        found, order = np.empty((MOST, 3), np.uint32), np.empty((MOST, 3), np.int32)
+        count = self._c.startrack_guide_patterns(
+            ctypes.byref(self._guide), _given(seen), ctypes.c_double(error), _pointer(found),
+            _pointer(order), ctypes.c_uint32(MOST),
+        )  # fmt: skip
+        if count > MOST:
+            raise ValueError(f"error must lead to at most {MOST} triangles, got {count}")
+        pairs = zip(found[:count].tolist(), order[:count].tolist(), strict=True)
+        return {(tuple(stars), tuple(names)) for stars, names in pairs}
+
+    def identify(self, seen: Floats, sigma: float, chance: float = 1e-5) -> tuple[Ints, Floats]:
+        """The star of each direction (n,), -1 for none, and the matrix (3, 3) icrs_to_camera.
+
+        seen    (n, 3) unit vectors, camera axes, brightest first
+        sigma   radian, standard deviation of these along each axis
+        chance  accepted bound on the probability that chance makes such a match
+        """
+        star, turn = np.full(len(seen), -1, np.int32), np.zeros((3, 3))
+        count = self._c.startrack_guide_identify(
+            ctypes.byref(self._guide), _given(seen), ctypes.c_int(len(seen)),
+            ctypes.c_double(sigma), ctypes.c_double(chance), _pointer(star), _pointer(turn),
+        )  # fmt: skip
+        if count == 0:
+            star[:] = -1
+        return star.astype(np.int64), turn
+
+
+def _given(array: Floats) -> ctypes.c_void_p:
+    return _pointer(np.ascontiguousarray(array, np.float64))  # the pointer keeps it
+
+
+def _pointer(array: NDArray[Any]) -> ctypes.c_void_p:
+    return array.ctypes.data_as(ctypes.c_void_p)
+
+
+@lru_cache(maxsize=1)
+def _library() -> ctypes.CDLL:
+    """The reader as a library, compiled with the strictest warnings."""
+    compiler = c_compiler()
+    if compiler is None:
+        raise ValueError("startrack_guide.c needs a C compiler, such as gcc, and there is none")
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "guide.so"
+        source = Path(__file__).with_name("startrack_guide.c")
+        command = [compiler, *STRICT, "-shared", "-fPIC", str(source), "-lm", "-o", str(path)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            raise ValueError(f"startrack_guide.c must compile, got: {done.stderr.strip()[:300]}")
+        return ctypes.CDLL(str(path))

@@ -1,0 +1,256 @@
+"""Guide stars and triangles -> the bytes of a file, its C header and reader; and back."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Floats, Ints
+from startrack.io import read_bytes, save_csv, save_text, whole
+
+MAGIC, VERSION = b"STARGUID", 1
+UNIT = 2.0**-30  # of coordinates and angles: 0.19 mas
+# Of the file, little-endian and without gaps; docs/onboard.md has the same table.
+HEADER = np.dtype(
+    [
+        ("magic", "S8"),
+        ("version", "<u4"),
+        ("size", "<u4"),
+        ("crc32", "<u4"),
+        ("stars", "<u2"),
+        ("cells_x", "u1"),
+        ("cells_y", "u1"),
+        ("triangles", "<u4"),
+        ("limit", "<u4"),
+        ("epoch", "<u4"),
+        ("field_of_view", "<u4"),
+        ("resolution", "<u4"),
+        ("smallest", "<u4"),
+        ("largest", "<u4"),
+        ("per_field", "<u2"),
+        ("reserved", "V10"),
+    ]
+)
+STAR = np.dtype([("direction", "<i4", (3,)), ("magnitude", "<u2"), ("flags", "<u2")])
+CHECKED = HEADER.fields["stars"][1]  # type: ignore[index]  # byte from which on crc32 is taken
+DOUBLE, VARIABLE, STILL = 1, 2, 4  # flags of a star
+SOURCES = ("startrack_guide.h", "startrack_guide.c")
+NAME = "startrack_guide"
+
+
+@dataclass(frozen=True, eq=False)
+class Guide:
+    """Guide stars in rising order of z, and triangles of them, as a file holds them.
+
+    direction      (n, 3) unit vectors, ICRS, from the barycentre, in steps of 2^-30
+    magnitude      (n,) in the band of the instrument, in steps of 0.001
+    flags          (n,) sum of DOUBLE, VARIABLE and STILL
+    identifier     (n,) of the star's catalogue; not in the file, 0 where it was read from one
+    triangle       (k, 3) stars A, B, C of each triangle, A and B farthest apart; by cells
+    start          (cells_x cells_y + 1,) index of the first triangle of each cell
+    cells          along x from 0 to 1/2, and along y as many below the base as above
+    epoch          Julian year of the directions
+    field_of_view  radian
+    limit          magnitude of the faintest star that was admitted
+    resolution     radian, stars closer than this are one
+    base           radian, smallest and largest of the longest side of a triangle
+    per_field      guide stars per field that the thinning leaves
+    """
+
+    direction: Floats
+    magnitude: Floats
+    flags: Ints
+    identifier: Ints
+    triangle: Ints
+    start: Ints
+    cells: tuple[int, int]
+    epoch: float
+    field_of_view: float
+    limit: float
+    resolution: float
+    base: tuple[float, float]
+    per_field: int
+
+    def __len__(self) -> int:
+        return len(self.direction)
+
+    def __bytes__(self) -> bytes:
+        stars = np.zeros(len(self), STAR)
+        stars["direction"] = np.round(self.direction / UNIT)
+        stars["magnitude"] = np.round(1000 * self.magnitude) + 2**15
+        stars["flags"] = self.flags
+        body = stars.tobytes() + self.start.astype("<u4").tobytes()
+        body += self.triangle.astype("<u2").tobytes()
+        head = np.zeros((), HEADER)
+        for name, value in (
+            ("magic", MAGIC),
+            ("version", VERSION),
+            ("size", HEADER.itemsize + len(body)),
+            ("stars", len(self)),
+            ("cells_x", self.cells[0]),
+            ("cells_y", self.cells[1]),
+            ("triangles", len(self.triangle)),
+            ("limit", round(1000 * (self.limit + 100))),
+            ("epoch", round(1e6 * self.epoch)),
+            ("field_of_view", round(self.field_of_view / UNIT)),
+            ("resolution", round(self.resolution / UNIT)),
+            ("smallest", round(self.base[0] / UNIT)),
+            ("largest", round(self.base[1] / UNIT)),
+            ("per_field", self.per_field),
+        ):
+            head[name] = value
+        head["crc32"] = zlib.crc32(head.tobytes()[CHECKED:] + body)
+        return head.tobytes() + body
+
+    def nearest(self, direction: Floats) -> int:
+        """The star nearest to a direction (3,)."""
+        return int(np.argmin(np.square(self.direction - direction).sum(axis=1)))
+
+    def cone(self, direction: Floats, radius: float) -> Ints:
+        """The stars within a radius (radian) of a direction (3,), in rising order."""
+        chord = 2 * np.sin(min(radius, np.pi) / 2)
+        return np.flatnonzero(np.square(self.direction - direction).sum(axis=1) <= chord**2)
+
+    def patterns(self, seen: Floats, error: float) -> set[tuple[tuple[int, ...], tuple[int, ...]]]:
+        """Triangles like that of three directions, on any axes.
+
+        All triangles are compared one by one, without the cells: a reference for readers.
+
+        seen     (3, 3) unit vectors
+        error    1, largest difference of the codes and of the logarithm of the longest sides
+        Returns  pairs of the stars A, B, C and of the directions that these are
+        """
+        code, base = self._codes
+        side = [_separation(seen[k], seen[(k + 1) % 3]) for k in range(3)]
+        longest = max(side)
+        alike = np.abs(np.log(longest / base)) <= error
+        found = set[tuple[tuple[int, ...], tuple[int, ...]]]()
+        for k in range(3):
+            if side[k] < longest * (1 - error):
+                continue
+            order = (k, (k + 1) % 3, (k + 2) % 3)
+            x, y = triangle_codes(*(seen[i][None] for i in order))[0]
+            for names, at, wanted in (
+                (order, (x, y), x <= 0.5 + error),
+                ((order[1], order[0], order[2]), (1 - x, -y), x >= 0.5 - error),
+            ):
+                near = np.square(code - at).sum(axis=1) <= error**2
+                rows = np.flatnonzero(near & alike & wanted)
+                found |= {(tuple(map(int, self.triangle[row])), names) for row in rows}
+        return found
+
+    @cached_property
+    def _codes(self) -> tuple[Floats, Floats]:
+        stars = [self.direction[self.triangle[:, k]] for k in range(3)]
+        return triangle_codes(*stars), _separation(stars[0], stars[1])
+
+
+def triangle_codes(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Codes (n, 2) of triangles of directions (n, 3), with A and B farthest apart."""
+    middle, base = a + b, b - a
+    across = np.cross(middle, base)
+    length, width = (np.square(one).sum(axis=1) for one in (base, middle))
+    depth = (c * middle).sum(axis=1) * length
+    x = 0.5 + 0.5 * (c * base).sum(axis=1) * width / depth
+    return np.column_stack([x, 0.5 * (c * across).sum(axis=1) * np.sqrt(width) / depth])
+
+
+def _separation(a: Floats, b: Floats) -> NDArray[np.float64]:
+    chord: Floats = np.linalg.norm(a - b, axis=-1)
+    return 2 * np.arcsin(np.minimum(chord / 2, 1))
+
+
+def write_guide(folder: Path, guide: Guide) -> list[Path]:
+    """Write a guide for flight software.
+
+    startrack_guide.bin     its bytes
+    startrack_guide_data.h  the same as an array of C
+    startrack_guide.csv     number, identifier, place, magnitude and flags of each star
+    startrack_guide.h, .c   reader in C99 that needs the C library alone
+    Returns                 the files
+    """
+    data = bytes(guide)
+    with whole(folder / f"{NAME}.bin") as draft:
+        draft.write_bytes(data)
+    save_text(folder / f"{NAME}_data.h", _array(data))
+    x, y, z = guide.direction.T
+    ra, dec = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arctan2(z, np.hypot(x, y)))
+    rows = zip(
+        range(len(guide)),
+        guide.identifier.tolist(),
+        (f"{one:.7f}" for one in ra),
+        (f"{one:.7f}" for one in dec),
+        (f"{one:.3f}" for one in guide.magnitude),
+        guide.flags.tolist(),
+        strict=True,
+    )
+    head = ["star", "identifier", "ra_deg", "dec_deg", "magnitude", "flags"]
+    save_csv(folder / f"{NAME}.csv", head, rows)
+    for name in SOURCES:
+        save_text(folder / name, (Path(__file__).parent / name).read_text(encoding="utf-8"))
+    return [folder / f"{NAME}{end}" for end in (".bin", "_data.h", ".csv", ".h", ".c")]
+
+
+def _array(data: bytes) -> str:
+    rows = [", ".join(map(str, data[k : k + 24])) for k in range(0, len(data), 24)]
+    return "\n".join(
+        [
+            "/* The bytes of startrack_guide.bin, for startrack_guide_open. */",
+            "#ifndef STARTRACK_GUIDE_DATA_H",
+            "#define STARTRACK_GUIDE_DATA_H",
+            "",
+            f"static const unsigned char startrack_guide_data[{len(data)}] = {{",
+            ",\n".join(rows),
+            "};",
+            "",
+            "#endif",
+            "",
+        ]
+    )
+
+
+def read_guide(path: Path) -> Guide:
+    """Read startrack_guide.bin.
+
+    Raises  FileNotFoundError without the file; ValueError where it is cut, damaged or no such file.
+    """
+    data = read_bytes(path, "a file of guide stars")
+    if len(data) < HEADER.itemsize or data[:8] != MAGIC:
+        raise ValueError(f"{path} must begin with {MAGIC.decode()}, got {data[:8]!r}")
+    head = np.frombuffer(data, HEADER, 1)[0]
+    if head["version"] != VERSION:
+        raise ValueError(f"{path} must be of version {VERSION}, got {head['version']}")
+    if head["size"] != len(data):
+        raise ValueError(f"{path} must have {head['size']} bytes, got {len(data)}")
+    if zlib.crc32(data[CHECKED:]) != head["crc32"]:
+        raise ValueError(f"{path} must have the checksum {head['crc32']:#010x} of its header")
+    cells = int(head["cells_x"]), int(head["cells_y"])
+    at = HEADER.itemsize
+    count, cut = int(head["stars"]), cells[0] * cells[1] + 1
+    expected = at + count * STAR.itemsize + 4 * cut + 6 * int(head["triangles"])
+    if expected != len(data):
+        raise ValueError(f"{path} must have {expected} bytes for its counts, got {len(data)}")
+    stars = np.frombuffer(data, STAR, count, at)
+    at += stars.nbytes
+    start = np.frombuffer(data, "<u4", cut, at)
+    triangle = np.frombuffer(data, "<u2", 3 * int(head["triangles"]), at + start.nbytes)
+    return Guide(
+        direction=stars["direction"] * UNIT,
+        magnitude=(stars["magnitude"].astype(float) - 2**15) / 1000,
+        flags=stars["flags"].astype(np.int64),
+        identifier=np.zeros(count, np.int64),
+        triangle=triangle.reshape(-1, 3).astype(np.int64),
+        start=start.astype(np.int64),
+        cells=cells,
+        epoch=float(head["epoch"]) / 1e6,
+        field_of_view=float(head["field_of_view"]) * UNIT,
+        limit=float(head["limit"]) / 1000 - 100,
+        resolution=float(head["resolution"]) * UNIT,
+        base=(float(head["smallest"]) * UNIT, float(head["largest"]) * UNIT),
+        per_field=int(head["per_field"]),
+    )
