@@ -39,6 +39,7 @@ from .core import Stars as Stars
 from .core import Status as Status
 from .core import StrayLightSource as StrayLightSource
 from .core import Streams as Streams
+from .core import allow_code as allow_code
 from .core import arcsec as arcsec
 from .core import deg as deg
 from .core import mm as mm

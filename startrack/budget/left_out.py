@@ -29,6 +29,8 @@ REFUSED = 0.3  # of the stars above the threshold
 def of_the_case(case: Case) -> Iterator[str]:
     """What the budget leaves out of a design, by its parameters alone."""
     detector, motion = case.instrument.detector, case.instrument.motion
+    for effect in detector.own_effects:
+        yield f"{effect} (not part of startrack)"
     if detector.hits:
         yield "cosmic rays (detector.hits)"
     if detector.lag and motion.rate:

@@ -112,6 +112,7 @@ def _run(options: argparse.Namespace) -> int:
     core = import_module("startrack.core")
     with (
         warnings.catch_warnings(),
+        core.code_of_command(getattr(options, "allow_code", False)),
         core.limited_memory(memory_of(options, core.memory_limit())),
         terminal.report_compiling(),
         terminal.claimed_out(options),

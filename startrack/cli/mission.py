@@ -11,6 +11,7 @@ from startrack.cli.imports import deferred
 from startrack.cli.options import (
     Exit,
     WrongUse,
+    add_allow_code,
     add_out,
     add_seed,
     as_wrong_use,
@@ -73,6 +74,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         help="a value over that of the mission file, such as 'time.duration=30 d'; may be given "
         "several times",
     )  # fmt: skip
+    add_allow_code(parser)
     parser.add_argument(
         "--every", type=whole(1, 10**8), metavar="N",
         help="steps between two rows of the table of the timeline (default: so that it has at "

@@ -149,6 +149,16 @@ def add_set(parser: argparse.ArgumentParser) -> None:
         help="a value over that of the design file, such as instrument.optics.f_number=2.0 or "
         "'scene.background_g=21'; may be given several times",
     )  # fmt: skip
+    add_allow_code(parser)
+
+
+def add_allow_code(parser: argparse.ArgumentParser) -> None:
+    """Add the permission to run the code that a design names."""
+    parser.add_argument(
+        "--allow-code", action="store_true",
+        help="run the code, not part of startrack, that the design names (module:function); only "
+        "for designs whose code you trust",
+    )  # fmt: skip
 
 
 def add_images(parser: argparse.ArgumentParser, more: str = "") -> None:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, as_wrong_use, describe, whole
+from startrack.cli.options import Exit, add_allow_code, as_wrong_use, describe, whole
 
 with deferred():
     from startrack.cli.terminal import print_result, progress
@@ -34,6 +34,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--title", metavar="TEXT", help="title of the page (default: the name of the campaign)"
     )
     parser.add_argument("--author", default="", metavar="NAME", help="author, for the page's head")
+    add_allow_code(parser)
     for name, least, default, text in (
         ("stars", 1, 60, "trials whose single stars are measured"),
         ("slews", 1, 60, "trials at each of seven slew rates"),
@@ -66,6 +67,7 @@ def command(options: argparse.Namespace) -> int:
             options.conditions,
         )
         store = Store(options.campaign)
+        store.require_code()
     with store, progress("trials repeated", repeated(store, depth)) as advance:
         html = write_report(store, title, depth, advance, options.author)
         trials = len(store.outcomes())

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from startrack.catalog import Selection, open_sky
 from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.cli.stopping import one_line, told
-from startrack.core import UNKEPT, Camera, Stars, arcsec
+from startrack.core import UNKEPT, Camera, Stars, arcsec, used_code
 from startrack.design import Campaign, Design, load_design
 from startrack.io import (
     celestial,
@@ -51,7 +51,10 @@ def example() -> Path:
 def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
     """The design of a file with the changes of --set; raises WrongUse where it cannot be used."""
     with as_wrong_use():
-        return load_design(path, list(changes))
+        design = load_design(path, list(changes))
+    for code in used_code():
+        print_message(f"startrack: {code}")
+    return design
 
 
 def read_campaign(path: Path, changes: Iterable[str] = ()) -> tuple[Design, Campaign]:
@@ -103,6 +106,8 @@ def print_result(options: argparse.Namespace, result: dict[str, Any], text: str)
     if options.json:
         if changes := getattr(options, "set", []):
             result = {**result, "set": changes}
+        if code := used_code():
+            result = {**result, "code": [str(one) for one in code]}
         print(json.dumps(finite(result), allow_nan=False), flush=True)
     else:
         # The name of a file may hold what its encoding cannot.

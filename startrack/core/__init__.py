@@ -10,6 +10,7 @@ memory     Bytes that a step needs -> refused, with the figure, where they excee
 streams    Seed, trial, cause -> random generator, the same for any number of workers.
 scratch    Large arrays that a plan keeps between calls: a new one costs more than a few windows
            in it.
+extension  Name of a function in a design -> that function, where its code may run, and its origin.
 curve      A dimensionless curve over wavelength, such as a transmission or a quantum efficiency.
 dispatcher Kernels -> machine code, once for each kernel that Python calls.
 interpret  Kernels that are not compiled yet -> their results by Python, for as long as it pays.
@@ -43,6 +44,24 @@ from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
 from startrack.core.dispatcher import COMPILED_BESIDE
 from startrack.core.displacement import NODES, Displacement, node_places
+from startrack.core.extension import (
+    POINTS,
+    Code,
+    allow_code,
+    call_code,
+    code_field,
+    code_in,
+    code_of_command,
+    full_name,
+    is_code,
+    one_of_or_code,
+    origin_of,
+    received,
+    require_code,
+    returned,
+    sent_with,
+    used_code,
+)
 from startrack.core.field_polynomial import FieldPolynomial, monomials
 from startrack.core.field_psf import FieldPsf
 from startrack.core.interpret import instead_of, interpreted

@@ -5,13 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
 from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
-from startrack.core import Camera, Floats, Unit, finite, non_negative, one_of, within
+from startrack.core import (
+    Camera,
+    Floats,
+    Unit,
+    code_in,
+    finite,
+    non_negative,
+    one_of,
+    received,
+    sent_with,
+    within,
+)
 from startrack.design.calibration import CameraCalibration
 from startrack.design.epoch import believed_from, seen_from
 from startrack.design.variation import YEAR, Variation, check_variations
@@ -262,6 +273,14 @@ class Case:
             object.__setattr__(self, "tracker", replace(self.tracker, catalog=believed))
         non_negative(lifetime=self.lifetime)
         check_variations(self, self.variation)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For another process, which may then run the code that is allowed here."""
+        return {**self.__dict__, "allowed code": sent_with(code_in(self))}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        received(state.pop("allowed code"))
+        self.__dict__.update(state)
 
     @cached_property
     def as_designed(self) -> Case:

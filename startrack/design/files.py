@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from startrack.core import allow_code as allowed
+from startrack.core import code_in, require_code
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case
 from startrack.design.products import with_product
@@ -25,14 +27,17 @@ class Design:
     campaign: Campaign | None = None
 
 
-def load_design(path: Path, changes: Sequence[str] = ()) -> Design:
+def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = False) -> Design:
     """Read a design file.
 
     `product = "cmv4000"` under `[instrument.detector]` takes the values of that detector from
     the catalogue; other keys of the table override them. `base = "other.toml"` and
     `include = ["a.toml"]` at the top of the file take those of other files, see `read_layers`.
 
-    changes  values over those of the file: "instrument.optics.f_number=2.0"
+    changes     values over those of the file: "instrument.optics.f_number=2.0"
+    allow_code  whether the code that the file names may run, in this process and its workers; it is
+                imported at once. False: only that which is allowed otherwise, see
+                docs/extensions.md
     Raises   ValueError, one sentence with the file that the value is from, the position in it, the
              rule and the value.
     """
@@ -41,10 +46,15 @@ def load_design(path: Path, changes: Sequence[str] = ()) -> Design:
     table = layers.table
     try:
         campaign = table.pop("campaign", None)
-        return Design(
+        design = Design(
             from_table(Case, with_product(table)),
             None if campaign is None else from_table(Campaign, campaign, "campaign"),
         )
+        named = list(code_in(design.case))
+        if allow_code:
+            allowed(*(name.partition(":")[0] for _, _, name in named))
+        require_code(named)
+        return design
     except ValueError as error:
         raise ValueError(layers.blamed(str(error), path)) from None
 

@@ -78,6 +78,7 @@ def keys_of(kind: type, place: str = "") -> Iterator[Key]:
         shown = unit.shown if unit else ""
         limits = ranges.get(name, Range())
         word = f"one of {', '.join(limits.choices)}" if limits.choices else _kind(field, inner)
+        word += ", or code" * limits.code
         yield Key(where, word, shown, _range(limits, unit), _default(field), meaning)
         if table:
             yield from keys_of(inner, where)

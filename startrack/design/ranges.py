@@ -11,9 +11,20 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any, NamedTuple
 
-from startrack.core import finite, non_negative, one_of, positive, whole, within
+from startrack.core import (
+    finite,
+    non_negative,
+    one_of,
+    one_of_or_code,
+    positive,
+    whole,
+    within,
+)
 
-CHECKS = {one.__name__: one for one in (finite, non_negative, one_of, positive, whole, within)}
+CHECKS = {
+    one.__name__: one
+    for one in (finite, non_negative, one_of, one_of_or_code, positive, whole, within)
+}
 
 
 class Range(NamedTuple):
@@ -22,12 +33,14 @@ class Range(NamedTuple):
     low, high  in SI units, included; infinite where there is no limit
     above      whether `low` itself is not allowed
     choices    the texts of which it must be one; empty where any is allowed
+    code       whether it may be code as module:function instead
     """
 
     low: float = -math.inf
     high: float = math.inf
     above: bool = False
     choices: tuple[str, ...] = ()
+    code: bool = False
 
     def holds(self, value: float) -> bool:
         """Whether a number lies within."""
@@ -74,8 +87,9 @@ def _is_field(value: ast.expr, name: str) -> bool:
 
 
 def _range(check: str, limits: list[ast.expr], module: Any) -> Range:
-    if check == "one_of":
-        return Range(choices=tuple(map(str, _value(limits[0], module) or ())))
+    if check in ("one_of", "one_of_or_code"):
+        choices = tuple(map(str, _value(limits[0], module) or ()))
+        return Range(choices=choices, code=check == "one_of_or_code")
     if check in ("positive", "non_negative"):
         return Range(0.0, above=check == "positive")
     if check == "finite":

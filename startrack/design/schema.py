@@ -96,6 +96,8 @@ def _single(kind: Any, unit: Unit | None, limits: Range, endless: bool) -> Schem
     if isinstance(kind, types.UnionType):
         return {"type": ["number", "string"]}
     if kind is str:
+        if limits.choices and limits.code:
+            return {"anyOf": [{"enum": list(limits.choices)}, {"type": "string"}]}
         return {"enum": list(limits.choices)} if limits.choices else {"type": "string"}
     if kind is bool:
         return {"type": "boolean"}

@@ -68,6 +68,13 @@ def measured(stars: Sample, plan: DetectionPlan) -> Floats:
     return plan.method.measure(stars, plan.star, settings.kernel_sigma, settings.compensation)
 
 
+def placed(stars: Sample, plan: DetectionPlan) -> Floats:
+    """As `measured`; the covariance, and sigma of the flux, may be missing."""
+    settings, method = plan.settings, plan.method
+    measure = method.place or method.measure
+    return measure(stars, plan.star, settings.kernel_sigma, settings.compensation)
+
+
 @kernel
 def _kept(table, order, area, most):  # type: ignore[no-untyped-def]
     """The columns of Spots, of the rows that `_apart` keeps."""

@@ -5,7 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from startrack.core import Unit, non_negative, one_of, positive, whole, within
+from startrack.core import (
+    Unit,
+    code_field,
+    full_name,
+    non_negative,
+    one_of,
+    one_of_or_code,
+    positive,
+    whole,
+    within,
+)
 from startrack.detection.dark_map import DarkMap
 from startrack.detection.methods import CENTROIDS
 
@@ -20,13 +30,13 @@ class Detection:
 
     centroid        "gravity": centre of gravity; "weighted": under a Gaussian weight that follows
                     the star; "gaussian": fit of a Gaussian, its width too; "likelihood": fit of
-                    the design's PSF
+                    the design's PSF; or code of one's own, see docs/extensions.md
     compensation    of "gravity" for what its window cuts off and pixels average: "none",
                     "gaussian" as for a Gaussian star of unknown width, "psf" by the design's PSF
     kernel          of the matched filter: "gaussian" of kernel_sigma, or the design's "psf"
     smear_x, _y     pixel, by which the tracker assumes that a star's image moves in the exposure:
                     they draw the PSF out and make it the kernel, and beyond a pixel "likelihood"
-                    the centroid, whatever that says. None: in a trial or a sequence that of the
+                    the centroid, unless that is code. None: in a trial or a sequence that of the
                     rates that the tracker knows, elsewhere none; 0: none
     threshold       sigma of the filtered frame, above the background, that a spot must exceed
     false_per_frame false spots that noise may make on average in what is searched; where given,
@@ -45,7 +55,7 @@ class Detection:
     dark_map_age    second in orbit at which its dark map was made; None: just before
     """
 
-    centroid: str = "gravity"
+    centroid: str = code_field("centroids", "gravity")
     compensation: str = "gaussian"
     kernel: str = "gaussian"
     smear_x: float | None = None
@@ -65,7 +75,9 @@ class Detection:
     dark_map_age: Annotated[float | None, Unit("s", "yr")] = None
 
     def __post_init__(self) -> None:
-        one_of(CENTROIDS, centroid=self.centroid)
+        centroid = full_name("centroids", CENTROIDS, self.centroid)
+        object.__setattr__(self, "centroid", centroid)
+        one_of_or_code(CENTROIDS, centroid=self.centroid)
         one_of(COMPENSATIONS, compensation=self.compensation)
         one_of(KERNELS, kernel=self.kernel)
         within(-LONGEST_STREAK, LONGEST_STREAK, smear_x=self.smear[0], smear_y=self.smear[1])

@@ -6,10 +6,11 @@ import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
-from startrack.core import Floats, Frame, Psf, Workspace
+from startrack.core import Floats, Frame, Psf, Workspace, is_code
 from startrack.detection.dark_map import Calibration, Correction, corrected, correction_of
 from startrack.detection.matched import Kernel, kernel_of
 from startrack.detection.methods import CENTROIDS, CentroidMethod
+from startrack.detection.own_centroid import method_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, pixels
 from startrack.detection.psf_table import gaussian_psf
@@ -40,7 +41,9 @@ class DetectionPlan:
     def method(self) -> CentroidMethod:
         """The centroid method: that of the settings, or the likelihood for streaks."""
         streak = math.hypot(*self.settings.smear) > STREAK
-        return CENTROIDS["likelihood" if streak else self.settings.centroid]
+        if streak and not is_code(self.settings.centroid):
+            return CENTROIDS["likelihood"]
+        return method_of(self.settings.centroid)
 
     @cached_property
     def kernel(self) -> Kernel:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Frame, Ints
-from startrack.detection.centroid import measured, sample
+from startrack.detection.centroid import measured, placed, sample
 from startrack.detection.find import Candidates
 from startrack.detection.plan import DetectionPlan, calibrated
 from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
@@ -80,9 +80,9 @@ def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan)
             pixel = y + j, x + i
             held, step = image[pixel], sigma[pixel].astype(np.float32)
             image[pixel] = held + step
-            above = measured(stars, plan)[:, [X, Y]]
+            above = placed(stars, plan)[:, [X, Y]]
             image[pixel] = held - step
-            below = measured(stars, plan)[:, [X, Y]]
+            below = placed(stars, plan)[:, [X, Y]]
             image[pixel] = held
             slope[:, :, half + j, half + i] = (above - below) / (2 * step)[:, None]
     covariance = middle[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)

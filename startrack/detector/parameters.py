@@ -12,8 +12,11 @@ from startrack.core import (
     ZERO_CELSIUS,
     Curve,
     Unit,
+    code_field,
     finite,
+    full_name,
     non_negative,
+    one_of_or_code,
     positive,
     whole,
     within,
@@ -24,6 +27,7 @@ from startrack.detector.lines import Scan
 from startrack.detector.nonuniformity import Defects, Pattern
 from startrack.detector.thermal import Thermal
 
+OWN_EFFECTS = ("charge_effects", "signal_effects", "image_effects")
 ROOM = ZERO_CELSIUS + 20  # kelvin, of a detector without a temperature
 
 
@@ -87,6 +91,10 @@ class Detector:
     gain                1, of the amplifier before the converter
     adc_inl             digital number, integral non-linearity of the converter at half scale
     scan                lines that sweep over the sky; None for a matrix
+    charge_effects      code of one's own, one after the other, that changes the charge of all
+                        pixels at the end of the exposure, see docs/extensions.md
+    signal_effects      the same of the signal at the input of the converter
+    image_effects       the same of the digital numbers
     age                 damage by radiation in orbit; None: as at launch
     """
 
@@ -129,6 +137,9 @@ class Detector:
     adc_inl: float = 0.0
     scan: Scan | None = None
     age: Age | None = None
+    charge_effects: tuple[str, ...] = code_field("charge_effects", ())
+    signal_effects: tuple[str, ...] = code_field("signal_effects", ())
+    image_effects: tuple[str, ...] = code_field("image_effects", ())
 
     def __post_init__(self) -> None:
         whole(1, 2**16, columns=self.columns, rows=self.rows)
@@ -150,6 +161,11 @@ class Detector:
         )  # beyond, more light would give less signal
         within(0, 2, read_noise_spread=self.read_noise_spread)
         finite(adc_inl=self.adc_inl)
+        for group in OWN_EFFECTS:
+            names = tuple(full_name(group, (), one) for one in getattr(self, group))
+            object.__setattr__(self, group, names)
+            for one in names:
+                one_of_or_code((), **{group: one})
         if 4 * abs(self.adc_inl) >= 2**self.bits - 1:
             raise ValueError(
                 f"adc_inl must stay under a quarter of the converter's range, got {self.adc_inl}"
@@ -228,6 +244,11 @@ class Detector:
     def sensitivity(self) -> float:
         """1, of the light that is detected, over that at launch."""
         return self.age.sensitivity if self.age else 1.0
+
+    @property
+    def own_effects(self) -> tuple[str, ...]:
+        """Keys, and names of the code that they name."""
+        return tuple(f"{group} {name}" for group in OWN_EFFECTS for name in getattr(self, group))
 
     @property
     def flickers(self) -> bool:

@@ -12,6 +12,7 @@ from startrack.detector.hits import tracks
 from startrack.detector.law import Image, Law, blank, converted, law_of, nonlinear_signal
 from startrack.detector.maps import device_streams, read_noise
 from startrack.detector.nonuniformity import offsets
+from startrack.detector.own_effects import after_effects
 from startrack.detector.parameters import Detector
 from startrack.detector.tables import Tables
 
@@ -32,8 +33,14 @@ def read_out(
     law = law_of(detector)
     if in_steps(detector):
         level = _signal(_charge(electrons, detector, streams), law, detector, streams)
+        level = after_effects("signal_effects", detector.signal_effects, level, detector, streams)
         image = blank(electrons.shape, law)
         image[...] = converted(level, law)
+        if detector.image_effects:
+            after = after_effects(
+                "image_effects", detector.image_effects, image.astype(float), detector, streams
+            )
+            image[...] = np.clip(np.rint(after), 0, 2**detector.bits - 1)
         return image
     image = digitise(electrons, law, streams, tables)
     if detector.hits:
@@ -49,6 +56,7 @@ def in_steps(detector: Detector) -> bool:
         or detector.pattern
         or detector.settling
         or detector.read_noise_spread
+        or detector.own_effects
     )
 
 
@@ -58,6 +66,7 @@ def _charge(electrons: Floats, detector: Detector, streams: Streams) -> Floats:
     if detector.hits:
         pixel, extra = _tracks(electrons, detector, streams)
         charge.ravel()[pixel] += extra
+    charge = after_effects("charge_effects", detector.charge_effects, charge, detector, streams)
     if detector.blooming:
         return bloom(charge, detector.full_well)
     return np.minimum(charge, detector.full_well)

@@ -14,6 +14,8 @@ evidence     The log-evidence for a match, from positions and from brightness.
 verify       How many spots a hypothesis explains, and the bound on chance.
 search       The first accepted hypothesis from triangles of spots, brightest first.
 identify     Matches from spots, the believed camera and the catalogue.
+own_method   Spots, the believed camera and the catalogue -> Matches, by code that is not part of
+             startrack.
 blind        Matches and field of view from the spots of an unknown camera.
 lens_fit     Matches of one image of an unknown lens -> its distortion, and more matches.
 track        Matches from spots and a predicted attitude.
@@ -32,12 +34,15 @@ from startrack.identification.index import (
 )
 from startrack.identification.index_stars import local_rank, merged
 from startrack.identification.lens_fit import LensFit, fit_lens
+from startrack.identification.own_method import IdentificationInput, IdentificationMethod
 from startrack.identification.parameters import Identification
 from startrack.identification.track import track
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Identification",
+    "IdentificationInput",
+    "IdentificationMethod",
     "LensFit",
     "PatternIndex",
     "PatternIndexes",

@@ -9,9 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Ints, Matches, Spots, Stars, Status, is_compiled, kernel
+from startrack.core import (
+    Camera,
+    Floats,
+    Ints,
+    Matches,
+    Spots,
+    Stars,
+    Status,
+    is_code,
+    is_compiled,
+    kernel,
+)
 from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
 from startrack.identification.index import CodeTable, PatternIndex
+from startrack.identification.own_method import own_matches
 from startrack.identification.parameters import Identification
 from startrack.identification.search import breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable
@@ -49,6 +61,8 @@ def identify(
             f"and {len(stars)} in the catalogue"
         )
     finite = usable(spots)
+    if is_code(settings.method):
+        return own_matches(spots, finite, camera, stars, settings)
     if len(finite) < settings.min_matches:
         return _too_few(len(finite), camera, settings)
     log_accepted = math.log(settings.max_false_probability)

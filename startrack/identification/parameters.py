@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from startrack.core import non_negative, positive, whole, within
+from startrack.core import (
+    code_field,
+    full_name,
+    non_negative,
+    one_of_or_code,
+    positive,
+    whole,
+    within,
+)
+
+METHODS = ("triangles",)
 
 
 @dataclass(frozen=True)
@@ -27,6 +37,9 @@ class Identification:
     code_tolerance         1, error of a triangle's code beyond the noise of the centroids, from
                            distortion that the camera model lacks
     max_hypotheses         number of hypotheses after which the search ends without a match
+    method                 "triangles": codes of triangles, which other spots verify; or code of
+                           one's own, see docs/extensions.md. Of the keys above it, code follows
+                           min_matches and what it reads itself
     Raises                 ValueError where a value lies outside its range.
     """
 
@@ -39,8 +52,12 @@ class Identification:
     verify_spots: int = 40
     code_tolerance: float = 0.003
     max_hypotheses: int = 4000
+    method: str = code_field("identifications", "triangles")
 
     def __post_init__(self) -> None:
+        method = full_name("identifications", METHODS, self.method)
+        object.__setattr__(self, "method", method)
+        one_of_or_code(METHODS, method=self.method)
         within(0, 0.3, focal_tolerance=self.focal_tolerance)
         positive(match_radius=self.match_radius, max_false_probability=self.max_false_probability)
         within(0, 1, max_false_probability=self.max_false_probability)

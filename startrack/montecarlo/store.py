@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import startrack
-from startrack.core import whole
+from startrack.core import Code, code_in, origin_of, whole
 from startrack.design import Campaign, Case, Fidelity
 from startrack.io import Database, Execute, FileKind, from_table, save_csv, to_table
 from startrack.io import whole as whole_file
@@ -78,6 +78,7 @@ class Store:
     case      of the trials
     seed      of all its random numbers
     sampling  of the trials
+    code      that the case names, with the files that the trials were begun with
     """
 
     def __init__(
@@ -123,6 +124,8 @@ class Store:
             self.dtype = np.dtype([(name, kind) for name, kind in json.loads(about["fields"])])
             self.startrack = about["startrack"]
             self._case = from_table(Case, self._table)
+            held_code = json.loads(about.get("code", "[]"))
+            self.code = tuple(Code(*map(str, one)) for one in held_code)
             if not set(OUTCOMES.names or ()) <= set(self.dtype.names or ()):
                 raise ValueError("its trials lack fields")
             if self.dtype.hasobject or self.dtype.itemsize > LARGEST_TRIAL:
@@ -163,6 +166,19 @@ class Store:
         other = _difference(held, asked)
         if other:
             raise ValueError(f"{self.path} holds trials of another design: {other}")
+        self.require_code()
+
+    def require_code(self) -> None:
+        """Refuse to run trials with other code than that of the trials that are held.
+
+        Raises  ValueError where a file of it differs, or where it may not run.
+        """
+        for before, now in zip(self.code, _code_of(self.case), strict=True):
+            if before != now:
+                raise ValueError(
+                    f"{self.path} holds trials with other files of {now.name}: digest "
+                    f"{before.digest[:8]} there, {now.digest[:8]} here; begin another store"
+                )
 
     @property
     def campaign(self) -> Campaign | None:
@@ -325,6 +341,7 @@ def _begin(case: Case, seed: int, sampling: Sampling, execute: Execute) -> None:
     whole(0, 2**63 - 1, seed=seed)
     about = {
         "case": json.dumps(to_table(case), sort_keys=True),
+        **({"code": json.dumps(code)} if (code := _code_of(case)) else {}),
         "seed": str(seed),
         "fidelity": sampling.fidelity.value,
         "attitudes": sampling.attitudes,
@@ -335,6 +352,11 @@ def _begin(case: Case, seed: int, sampling: Sampling, execute: Execute) -> None:
     }
     for row in about.items():
         execute("INSERT INTO about VALUES (?, ?)", row)
+
+
+def _code_of(case: Case) -> list[Code]:
+    """Where the code is from that a case names."""
+    return [origin_of(key, name) for key, _, name in code_in(case)]
 
 
 def _forget_failures(execute: Execute, numbers: range) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import startrack
+from startrack.core import POINTS, is_code, origin_of
 from startrack.design import Case, Fidelity
 from startrack.detection import STREAK
 from startrack.montecarlo import Serial, run
@@ -138,13 +139,13 @@ def described(value: Any, name: str = "") -> str:
     """All that a parameter object holds, with all digits, but for what is as by default.
 
     So that a new parameter changes no text of a design that does not name it. A file is described
-    by its content, too.
+    by its content, too, and code by its files.
 
     name  of the field that the value is of
     """
     if is_dataclass(value):
         inner = [
-            f"{each.name}={described(getattr(value, each.name), each.name)}"
+            f"{each.name}={described(getattr(value, each.name), each.name)}{_code(each, value)}"
             for each in fields(value)
             if each.init and not _is_default(each, getattr(value, each.name))
         ]
@@ -157,6 +158,16 @@ def described(value: Any, name: str = "") -> str:
             status = path.stat()
             return f"{value!r} {_digest(path, status.st_mtime_ns, status.st_size)}"
     return repr(value)
+
+
+def _code(field: Field[Any], value: Any) -> str:
+    """Packages and digests of the code that a field names; empty for none."""
+    if "code" not in field.metadata:
+        return ""
+    held, key = getattr(value, field.name), POINTS[field.metadata["code"]]
+    names = [one for one in (held if isinstance(held, tuple) else (held,)) if is_code(one)]
+    origins = [origin_of(key, name) for name in names]
+    return "".join(f" {one.package} {one.digest}" for one in origins)
 
 
 def _is_default(field: Field[Any], value: Any) -> bool:

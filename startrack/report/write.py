@@ -91,6 +91,7 @@ def write_report(
             f"{store.path} holds trials of startrack {store.startrack}, which this startrack "
             f"{version} cannot repeat"
         )
+    store.require_code()
     outcomes = store.outcomes()
     if not len(outcomes):
         raise ValueError(f"{store.path} must hold trials, but holds none")
@@ -114,7 +115,7 @@ def write_report(
         f"startrack {version}, {date}, author: {author or 'not named'}. "
         f"{len(outcomes)} trials of seed {seed}, {store.sampling}. "
         "Brackets hold the true value with 95 % confidence; a trial is one random attitude with "
-        "random noise."
+        f"random noise.{''.join(f' {one}.' for one in store.code)}"
     )
     doubt = summarise(outcomes).doubt
     if doubt:

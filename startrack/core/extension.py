@@ -1,0 +1,298 @@
+"""Name of a function in a design -> that function, where its code may run, and its origin.
+
+A design may name code that is not part of startrack, as `module:function` or by an entry point of
+an installed package. Nothing of it is imported before it is allowed to run: by `allow_code`, by
+`load_design(..., allow_code=True)`, by the option --allow-code of a command, or by its module in
+the environment variable STARTRACK_ALLOW_CODE.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import os
+import re
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module, metadata
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core.checks import shown
+
+ENVIRONMENT = "STARTRACK_ALLOW_CODE"
+FORM = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
+SOURCES = (".py", ".so", ".pyd")
+# Of each group of entry points, without its "startrack.": the key of a design that names one.
+POINTS: Mapping[str, str] = {
+    "centroids": "tracker.detection.centroid",
+    "identifications": "tracker.identification.method",
+    "charge_effects": "instrument.detector.charge_effects",
+    "signal_effects": "instrument.detector.signal_effects",
+    "image_effects": "instrument.detector.image_effects",
+}
+
+
+class Code(NamedTuple):
+    """Code that a design names.
+
+    key      of the design: "tracker.detection.centroid"
+    name     module:function
+    package  distribution that the module is installed from, with its version; "" for none
+    digest   of the files of its package, or of its single file
+    """
+
+    key: str
+    name: str
+    package: str
+    digest: str
+
+    def __str__(self) -> str:
+        version = self.package.rpartition(" ")[2] or f"(source {self.digest[:8]})"
+        label = self.key.rpartition(".")[2]
+        return f"{label}: {self.name} {version}, not part of startrack"
+
+
+class _Known(NamedTuple):
+    function: Callable[..., Any]
+    package: str
+    digest: str
+
+
+_allowed = set[str]()  # modules; "*" for all
+_expected = dict[str, str]()  # digest of each module that another process began with
+_known = dict[str, _Known]()
+_used = dict[str, None]()  # names, in the order of their first use
+
+
+def is_code(name: str) -> bool:
+    """Whether a value of a design names code: module:function."""
+    return ":" in name
+
+
+def code_field(group: str, default: Any) -> Any:
+    """Field of a parameter class whose text, or each of whose texts, may name code of a group."""
+    return dataclasses.field(default=default, metadata={"code": group})
+
+
+def full_name(group: str, built_in: Collection[str], name: Any) -> Any:
+    """The module:function of an entry point of an installed package; all else as it is."""
+    if not isinstance(name, str) or name in built_in or is_code(name):
+        return name
+    for point in metadata.entry_points(group=f"startrack.{group}", name=name):
+        return point.value.replace(" ", "")
+    return name
+
+
+def one_of_or_code(choices: Collection[str], /, **values: str) -> None:
+    """Refuse what is neither one of the choices nor the name of a function."""
+    for name, value in values.items():
+        if value not in choices and not (isinstance(value, str) and FORM.fullmatch(value)):
+            known = f"one of {', '.join(choices)}, or " if choices else ""
+            raise ValueError(
+                f"{name} must be {known}code as module:function or by the entry point of an "
+                f"installed package, got {shown(value)}"
+            )
+
+
+def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
+    """Key, group and name of all code that a parameter object names."""
+    for each in dataclasses.fields(value):
+        if not each.init or each.metadata.get("computed"):
+            continue
+        where, held = f"{place}.{each.name}" if place else each.name, getattr(value, each.name)
+        if group := each.metadata.get("code"):
+            names = held if isinstance(held, tuple) else (held,)
+            yield from ((where, group, one) for one in names if is_code(one))
+            continue
+        for one in held if isinstance(held, tuple) else (held,):
+            if dataclasses.is_dataclass(one):
+                yield from code_in(one, where)
+
+
+def allow_code(*modules: str) -> None:
+    """Let designs run the code of modules, and of the modules in them, in this process.
+
+    Its workers may then run it, too.
+    """
+    _allowed.update(modules)
+
+
+@contextmanager
+def code_of_command(allow: bool) -> Iterator[None]:
+    """Within: all code that designs name may run (where `allow`), and what runs is listed."""
+    before, used = set(_allowed), dict(_used)
+    _used.clear()
+    if allow:
+        _allowed.add("*")
+    try:
+        yield
+    finally:
+        _allowed.clear()
+        _allowed.update(before)
+        _used.update(used)
+
+
+def used_code() -> list[Code]:
+    """The code that ran, or was to run, in this process; within `code_of_command` since then."""
+    return [origin_of(*text.split(" ", 1)) for text in _used]
+
+
+def is_allowed(module: str) -> bool:
+    """Whether the code of a module may run in this process."""
+    named = [one.strip() for one in os.environ.get(ENVIRONMENT, "").split(",")]
+    return any(
+        one == "*" or one == module or module.startswith(f"{one}.")
+        for one in (*_allowed, *named)
+        if one
+    )
+
+
+def require_code(named: Iterable[tuple[str, str, str]]) -> None:
+    """Import code that a design names, where it may run.
+
+    named   as `code_in` gives it
+    Raises  ValueError with the key, the module and the options where it may not, or where it cannot
+            be imported.
+    """
+    for key, _, name in named:
+        _import(key, name)
+
+
+def function_of(group: str, name: str) -> Callable[..., Any]:
+    """The function that a design names. Raises as `require_code`."""
+    known = _known.get(name)
+    module, _, attribute = name.partition(":")
+    # A module that was loaded again has another function of that name.
+    if known is None or getattr(sys.modules.get(module), attribute, None) is not known.function:
+        known = _import(POINTS[group], name)
+    return known.function
+
+
+def origin_of(key: str, name: str) -> Code:
+    """Where code is from, after its import. Raises as `require_code`."""
+    known = _import(key, name)
+    return Code(key, name, known.package, known.digest)
+
+
+def _import(key: str, name: str) -> _Known:
+    module, _, attribute = name.partition(":")
+    if not is_allowed(module):
+        raise ValueError(
+            f"{key} names code that is not part of startrack, {shown(name)}: the module {module} "
+            f"is imported only with --allow-code, with load_design(..., allow_code=True), or with "
+            f"{ENVIRONMENT}={module}"
+        )
+    try:
+        found = import_module(module)
+        function = getattr(found, attribute)
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise ValueError(f"{key} names {name}, which cannot be imported: {reason}") from error
+    if not callable(function):
+        raise ValueError(f"{key} must name a function, got {name}, {shown(function)}")
+    _used.setdefault(f"{key} {name}")
+    known = _known.get(name)
+    if known is None or known.function is not function:
+        known = _known[name] = _Known(function, _package(module), _digest(sys.modules[_top(found)]))
+    expected = _expected.get(module, known.digest)
+    if known.digest != expected:
+        raise ValueError(
+            f"{key} names {name}, whose files differ from those where the trials were started "
+            f"(digest {known.digest[:8]} here, {expected[:8]} there): install the same on all "
+            "machines"
+        )
+    return known
+
+
+def _top(module: ModuleType) -> str:
+    return module.__name__.partition(".")[0]
+
+
+def _package(module: str) -> str:
+    """The distribution of a module and its version; else the version that its package states."""
+    top = module.partition(".")[0]
+    for one in metadata.packages_distributions().get(top, ()):
+        return f"{one} {metadata.version(one)}"
+    version = getattr(sys.modules[top], "__version__", "")
+    return f"{top} {version}" if version else ""
+
+
+def _digest(package: ModuleType) -> str:
+    """Of all Python files and compiled modules of a package; not of its data or of what it needs.
+
+    Raises  ValueError where it has no file.
+    """
+    folders = [Path(one) for one in getattr(package, "__path__", ())]
+    files = [
+        (str(path.relative_to(folder)), path)
+        for folder in folders
+        for path in sorted(folder.rglob("*"))
+        if path.suffix in SOURCES and path.is_file()
+    ]
+    if not folders and (file := getattr(package, "__file__", None)):
+        files = [(Path(file).name, Path(file))]
+    if not files:
+        raise ValueError(f"{package.__name__} must be in a file that other processes can import")
+    total = hashlib.blake2b(digest_size=16)
+    for name, path in files:
+        content = path.read_bytes()
+        total.update(f"{name}\0{len(content)}\0".encode() + content)
+    return total.hexdigest()
+
+
+def sent_with(named: Iterable[tuple[str, str, str]]) -> dict[str, str]:
+    """Digests of the modules that a design names and that may run here, for other processes."""
+    modules = {name.partition(":")[0]: (key, name) for key, _, name in named}
+    return {module: _import(*one).digest for module, one in modules.items() if is_allowed(module)}
+
+
+def received(modules: Mapping[str, str]) -> None:
+    """Allow what the process that sent a design allows; its files must be the same here."""
+    _allowed.update(modules)
+    _expected.update(modules)
+
+
+def call_code(group: str, name: str, given: Any) -> Any:
+    """What the function of a name returns for its input.
+
+    Raises  ValueError with the key, the name and the error, where it raises one.
+    """
+    function = function_of(group, name)
+    try:
+        return function(given)
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise ValueError(f"{POINTS[group]} {name} raised {reason}") from error
+
+
+def returned(
+    group: str, name: str, value: Any, shape: tuple[int | tuple[int, ...], ...], finite: bool = True
+) -> NDArray[np.float64]:
+    """What code returned, as an array of floats.
+
+    shape   lengths; several where one of them is asked for, -1 for any
+    Raises  ValueError with the key, the name and the rule where it is not an array of numbers of
+            that shape, or not finite.
+    """
+    asked = f"{POINTS[group]} {name} must return"
+    lengths = [each if isinstance(each, tuple) else (each,) for each in shape]
+    text = ", ".join(" or ".join("n" if k == -1 else str(k) for k in each) for each in lengths)
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{asked} an array ({text}) of numbers, got {shown(value)}") from None
+    right = array.ndim == len(lengths) and all(
+        -1 in each or length in each for each, length in zip(lengths, array.shape, strict=True)
+    )
+    if not right:
+        raise ValueError(f"{asked} an array of shape ({text}), got {array.shape}")
+    if finite and not np.isfinite(array).all():
+        bad = int((~np.isfinite(array)).sum())
+        raise ValueError(f"{asked} finite numbers, got {bad} of {array.size} that are not")
+    return array
