@@ -30,7 +30,7 @@ class FieldPolynomial:
     to angles (chandra_aca, transform.py); this one goes from directions to pixels.
 
     x, y               1, coefficients of m; those that are left out at the end are 0
-    x_per_kelvin, y_per_kelvin  1 / kelvin
+    x_per_kelvin, y_per_kelvin  1 / kelvin, growth of these coefficients
     temperature        kelvin, T, that the camera has
     reference          kelvin, T0, to which x and y belong
     """

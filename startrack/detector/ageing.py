@@ -103,7 +103,7 @@ class Flicker:
     down     1, fraction of the jumps below the mean
     step     1, scale of the jumps of the coldest pixels, in decades
     current  electron / second, at which the scale is half of that
-    power    1
+    power    1, exponent with which the scale falls with the current
     largest  1, decades; a longer jump ends there
     least    electron / second, of a pixel that flickers
     dwell    second, mean time between jumps

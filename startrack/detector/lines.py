@@ -16,7 +16,7 @@ class Line:
     row    pixel of the camera
     shift  pixel of the camera, of its first column
     delay  exposures, of its exposure behind that of a line without delay
-    gain   1
+    gain   1, factor on what the pixels of the line collect
     phase  number of the interleaved lines of the image to which it adds
     """
 

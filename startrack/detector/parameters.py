@@ -57,7 +57,7 @@ class Detector:
 
     columns, rows       pixel, of the image
     pixel_pitch         metre, of a pixel of the array
-    exposure            second
+    exposure            second, in which a frame collects light
     quantum_efficiency  electron / photon over wavelength
     fill_factor         1, fraction of a pixel that detects
     dark_current        electron / second

@@ -28,7 +28,7 @@ class Thermal:
     Source: EMVA 1288 release 4.0, on the dark current, for the doubling; Widenhorn et al. (2002),
     Proc. SPIE 4669, 193, for the activation energy.
 
-    temperature  kelvin
+    temperature  kelvin, of the pixels
     reference    kelvin, of the dark_current of the detector
     doubling     kelvin, in which the dark current doubles
     activation   joule, activation energy of the dark current; 0: it doubles in steps

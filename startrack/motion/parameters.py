@@ -18,7 +18,7 @@ class Tone:
 
         angle about an axis = sqrt(2) rms cos(2 pi frequency t + phase + lead),   t = 0 mid-exposure
 
-    frequency       hertz
+    frequency       hertz, of the sinusoid
     rms_x, _y, _z   radian, root mean square about each of the camera's axes
     phase           radian; None: random in each trial
     lead_y, lead_z  radian, phase of these axes ahead of x: -90 deg makes a circle

@@ -40,7 +40,7 @@ LENSES = ("aplanatic", "perfect", "parabolic")
 class Optics:
     """A lens.
 
-    focal_length     metre
+    focal_length     metre, effective, for an object at infinity
     f_number         1, focal length over the diameter of the clear aperture
     blur             metre, sigma of the Gaussian that manufacture adds to diffraction, on the
                      detector

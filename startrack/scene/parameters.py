@@ -19,7 +19,7 @@ class Orbit:
     """A circular orbit around the Earth.
 
     altitude     metre above the equator's radius
-    inclination  radian
+    inclination  radian, of the orbit to the equator
     node         radian, right ascension of the ascending node
     phase        radian from the node at the date; None: each trial draws it
     """

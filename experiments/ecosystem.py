@@ -1,0 +1,209 @@
+"""Does startrack work with what others have: their code, clusters, images, and hardware?
+
+python experiments/ecosystem.py [--json FILE] [--only PART] [--trials 64] [--quick]
+
+plugin_same         1, of the ways to run a design that names code of its own (two processes; Dask,
+                    where it is installed), those whose trials have the same bytes as in one process
+builtin_slowdown    1, CPU time of a trial of a design without such code over that of the same
+                    trial without the places where code could be named; the best of several of each
+keys_documented     1, of all keys of designs and missions, those with a meaning in the reference
+wide_blind_solved   1, of 25 photographs (half field some 30 degrees, distorted lens), those solved
+                    without a field of view
+wide_blind_wrong    1, of these solved ones, those whose centre is more than 8 arcmin off a
+                    reference that is good to 5
+A part whose data or packages are not there is left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import copy
+import importlib
+import io
+import json
+import math
+import os
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import one_thread  # noqa: F401  # isort: skip
+import command
+
+from startrack import Case, load_design, run_trials, shipped
+from startrack.cli.main import main as startrack
+from startrack.core import code_of_command
+from startrack.detection.methods import CENTROIDS
+from startrack.detection.plan import DetectionPlan
+from startrack.montecarlo import Serial, pool, run
+
+PAGE = Path(__file__).parents[1] / "docs" / "extensions.md"
+EXAMPLE = re.compile(r"in `(mylab/\w+\.py)`:\n\n```python\n(.*?)```", re.S)
+CODE = (
+    "tracker.detection.centroid=mylab.centroids:snail",
+    "tracker.identification.method=mylab.identifications:vote",
+    'instrument.detector.charge_effects=["mylab.effects:amplifier_glow"]',
+)
+EXAMPLE_DESIGN = "designs/nanosatellite.toml"
+WRONG = 8.0  # arcmin
+SEED = 3
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", choices=PARTS, help="one part alone")
+    parser.add_argument("--trials", type=int, default=64)
+    parser.add_argument("--repeats", type=int, default=5, help="of timed runs, whose best counts")
+    options = command.read(parser, trials=2, repeats=1)
+    figures: dict[str, Any] = {}
+    for name, part in PARTS.items():
+        if options.only in (None, name):
+            figures |= part(options)
+    for name, value in figures.items():
+        print(f"{name:20s} {value:.4g}" if isinstance(value, float) else f"{name:20s} {value}")
+    command.save(options, figures)
+
+
+@contextlib.contextmanager
+def examples_installed() -> Iterator[None]:
+    """The examples of the page on code of one's own, as a package that processes find."""
+    with tempfile.TemporaryDirectory() as folder, code_of_command(allow=False):
+        (Path(folder) / "mylab").mkdir()
+        (Path(folder) / "mylab" / "__init__.py").write_text('__version__ = "1.0"\n')
+        for name, code in EXAMPLE.findall(PAGE.read_text(encoding="utf-8")):
+            (Path(folder) / name).write_text(code, encoding="utf-8")
+        sys.path.insert(0, folder)
+        importlib.invalidate_caches()
+        try:
+            yield
+        finally:
+            sys.path.remove(folder)
+
+
+def own_code(options: argparse.Namespace) -> dict[str, float]:
+    """The same trials in one process, in two, and with Dask."""
+    with examples_installed():
+        case = load_design(shipped(EXAMPLE_DESIGN), CODE, allow_code=True).case
+        alone = run(case, options.trials, SEED, Serial()).tobytes()
+        # A process takes seconds to begin.
+        with contextlib.nullcontext(Serial()) if options.quick else pool(2) as executor:
+            same = [run(case, options.trials, SEED, executor, workers=2).tobytes() == alone]
+        if not options.quick and not command.missing("Dask", "distributed"):
+            from distributed import LocalCluster
+
+            from startrack.montecarlo.workers import dask_pool
+
+            with (
+                LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+                dask_pool(cluster.scheduler_address) as executor,
+            ):
+                same.append(run(case, options.trials, SEED, executor, workers=2).tobytes() == alone)
+    return {"plugin_same": sum(same) / len(same)} | slowdown(options)
+
+
+def slowdown(options: argparse.Namespace) -> dict[str, float]:
+    """Trials, and the sending of their case, with and without the places for code."""
+    case = load_design(shipped(EXAMPLE_DESIGN)).case
+    run_trials(case, SEED, range(2))
+
+    def trials() -> None:
+        run_trials(copy.copy(case), SEED, range(options.trials))
+
+    best = {True: math.inf, False: math.inf}
+    for _ in range(options.repeats):
+        for plain in best:
+            with without_places_for_code() if plain else contextlib.nullcontext():
+                best[plain] = min(best[plain], seconds(trials))
+    return {"builtin_slowdown": best[False] / best[True]}
+
+
+@contextlib.contextmanager
+def without_places_for_code() -> Iterator[None]:
+    """Take out what each frame asks: the centroid's name, effects of one's own, and the sending.
+
+    The question for the method of the identification, one comparison of a frame, stays.
+    """
+    from startrack.detector import readout
+
+    plain = property(lambda plan: CENTROIDS[plan.settings.centroid])
+    with (
+        mock.patch.object(DetectionPlan, "method", plain),
+        mock.patch.object(readout, "after_effects", lambda group, names, values, *_: values),
+        mock.patch.object(Case, "__getstate__", lambda case: case.__dict__.copy()),
+        mock.patch.object(Case, "__setstate__", lambda case, state: case.__dict__.update(state)),
+    ):
+        yield
+
+
+def seconds(call: Callable[[], Any]) -> float:
+    """CPU time of a call."""
+    began = time.process_time()
+    call()
+    return time.process_time() - began
+
+
+def documented(options: argparse.Namespace) -> dict[str, float]:
+    """Keys in the reference, with a meaning there that says more than the key itself."""
+    from startrack.design.keys import design_keys
+
+    meanings = rows_of("reference.md")
+    missions = rows_of("mission-keys.md")
+    keys = [key.name for key in design_keys() if "table" not in key.kind]
+    told = sum(bool(said(meanings.get(name, ""), name)) for name in keys)
+    told += sum(bool(said(text, name)) for name, text in missions.items())
+    return {"keys_documented": told / (len(keys) + len(missions))}
+
+
+def rows_of(page: str) -> dict[str, str]:
+    """The meaning of each key of a page, by the key's place in a file."""
+    found, table = {}, ""
+    for line in (PAGE.parent / page).read_text(encoding="utf-8").splitlines():
+        if heading := re.fullmatch(r"## `\[+([\w.]+)\]+`", line):
+            table = f"{heading[1]}."
+        if row := re.fullmatch(r"\| `(\w+)` \|.*\| (.*) \|", line):
+            found[table + row[1]] = row[2]
+    return found
+
+
+def said(meaning: str, name: str) -> str:
+    """A meaning; empty where it only repeats the name."""
+    return "" if meaning.strip() == name.rpartition(".")[2].replace("_", " ") else meaning.strip()
+
+
+def wide_images(options: argparse.Namespace) -> dict[str, float]:
+    """Photographs of a distorted wide lens, solved without a field of view."""
+    folder = Path(os.environ.get("STARTRACK_DATA", "")) / "images-wide"
+    if not (folder / "truth.json").is_file():
+        print("wide images left out: STARTRACK_DATA names no folder with images-wide", flush=True)
+        return {}
+    truth = json.loads((folder / "truth.json").read_text())["images"]
+    names = sorted(name for name in truth if (folder / name).is_file())
+    names = names[: 1 if options.quick else None]
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        startrack(["solve", *(str(folder / name) for name in names), "--json"])
+    found = [json.loads(line) for line in out.getvalue().splitlines()]
+    solved = wrong = 0
+    for one, true in zip(found, (truth[name] for name in names), strict=True):
+        if one["status"] != "solved":
+            continue
+        solved += 1
+        turn = (one["ra_deg"] - true["ra_deg"] + 180) % 360 - 180
+        across = turn * math.cos(math.radians(true["dec_deg"]))
+        wrong += 60 * math.hypot(across, one["dec_deg"] - true["dec_deg"]) > WRONG
+    return {"wide_blind_solved": solved / len(names), "wide_blind_wrong": wrong / max(solved, 1)}
+
+
+PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
+    "code": own_code,
+    "keys": documented,
+    "images": wide_images,
+}
+
+if __name__ == "__main__":
+    main()
