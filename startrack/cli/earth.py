@@ -87,7 +87,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     render.add_argument(
         "scene", nargs="?", metavar="SCENE",
-        help="scene file, or one of the catalogue: waoss, hsrs (default), mertis, ads40",
+        help="scene file, or one of the catalogue: waoss, hsrs (default), mertis, ads40, "
+        "sentinel2-msi, landsat8-oli, landsat8-tirs",
     )  # fmt: skip
     add_seed(render)
     render.add_argument(

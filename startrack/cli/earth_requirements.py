@@ -24,7 +24,9 @@ from startrack.earth.imager import (
     cameras,
     figures,
     first_parameters,
+    known,
     load_survey,
+    margins_of,
 )
 from startrack.earth.terrain import geodetic
 from startrack.io import from_table, read_table, shipped
@@ -49,16 +51,22 @@ def earth_requirements(options: argparse.Namespace) -> int | None:
 
 
 def _print_figures(options: argparse.Namespace, survey: Survey) -> int:
-    """Print the figures of each channel."""
+    """Print the figures of each channel; the status is 3 if a requirement of one is not met."""
     carrier = survey.carrier
+    met = True
     height = float(geodetic(fly(carrier, np.zeros(1)).position)[2][0])
     rate = ground_rate(carrier)
     for channel in survey.camera.channels:
-        band = band_of(channel, survey.air, height, survey.sun_distance)
+        air = None if channel.reference else survey.air  # the light is that at the lens
+        band = band_of(channel, air, height, survey.sun_distance)
         found = figures(channel, band, height, rate)
+        margins = margins_of(channel, found)
+        met = met and all(margin >= 0 for margin in margins.values())
         result: dict[str, Any] = {"channel": channel.name, "height_m": height, **asdict(found)}
+        result |= {"required": known(channel.required), "measured": known(channel.measured)}
+        result |= {"margins": margins}
         print_result(options, result, _figures_text(channel, found, height))
-    return Exit.DONE
+    return Exit.DONE if met else Exit.UNSOLVED
 
 
 def _print_parameters(options: argparse.Namespace, path: Path, goals: Goals) -> int:
@@ -71,23 +79,44 @@ def _print_parameters(options: argparse.Namespace, path: Path, goals: Goals) -> 
 def _figures_text(channel: Channel, found: Figures, height: float) -> str:
     """The result as text."""
     bits = math.log2(found.dynamics)
+    beside = {name: _beside(channel, name) for name in vars(channel.required)}
+    missed = [name for name, margin in margins_of(channel, found).items() if margin < 0]
+    step = "" if found.nedt is None else f", NEdT {1e3 * found.nedt:.4g} mK{beside['nedt']}"
     return "\n".join(
         [
             f"{channel.name} from {height / 1e3:.4g} km",
             f"  pixel on the ground  {found.gsd:.4g} m, every {found.sampling_across:.4g} m "
-            f"across and {found.sampling_along:.4g} m along",
+            f"across and {found.sampling_along:.4g} m along{beside['gsd']}",
             f"  swath                {found.swath / 1e3:.4g} km, "
             f"{math.degrees(found.field):.2f} deg",
             f"  Rayleigh             {found.rayleigh:.4g} m on the ground",
-            f"  MTF at Nyquist       {found.mtf_across:.3f} across, {found.mtf_along:.3f} along",
+            f"  MTF at Nyquist       {found.mtf_across:.3f} across, {found.mtf_along:.3f} along"
+            f"{beside['mtf']}",
             f"  SNR                  {found.snr:.4g} at {found.radiance * um:.4g} "
-            f"W / m^2 / sr / um: {found.electrons:.4g} electrons, noise {found.noise:.4g}",
+            f"W / m^2 / sr / um{beside['snr']}: {found.electrons:.4g} electrons, "
+            f"noise {found.noise:.4g}{step}",
             f"  dynamic range        {found.dynamics:.4g}, {bits:.1f} bit; saturates at "
-            f"{found.saturation * um:.4g} W / m^2 / sr / um",
+            f"{found.saturation * um:.4g} W / m^2 / sr / um{beside['saturation']}",
             f"  pixel rate           {found.clock / 1e6:.4g} Mpixel / s, a line in "
             f"{1e3 * found.period:.4g} ms; {found.data_rate / 1e6:.4g} Mbit / s",
+            *([f"  NOT MET              {', '.join(missed)}"] if missed else []),
         ]
     )
+
+
+def _beside(channel: Channel, name: str) -> str:
+    """What is required and was measured, as text behind the predicted value."""
+    unit, scale = {"saturation": ("", um), "nedt": (" mK", 1e3), "gsd": (" m", 1.0)}.get(
+        name, ("", 1.0)
+    )
+    values = {
+        kind: getattr(one, name)
+        for kind, one in (("required", channel.required), ("measured", channel.measured))
+    }
+    told = [
+        f"{kind} {value * scale:.4g}{unit}" for kind, value in values.items() if value is not None
+    ]
+    return f" ({', '.join(told)})" if told else ""
 
 
 def _first_text(first: First) -> str:

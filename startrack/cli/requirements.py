@@ -17,8 +17,9 @@ with deferred():
     from startrack.optimise import expect, expected_objective
 
 EARTH_TOO = (
-    "; or an Earth camera (waoss, hsrs, mertis, ads40 or a scene file), to print its ground "
-    "resolution, MTF, SNR, dynamic range and data rate; or a file with a table [goals] "
+    "; or an Earth camera (sentinel2-msi, landsat8-oli, landsat8-tirs, waoss, hsrs, mertis, ads40 "
+    "or a scene file), to print its ground resolution, MTF, SNR, dynamic range and data rate "
+    "beside what is required and measured; or a file with a table [goals] "
     "(catalogs/scenes/goals.toml), to compute focal length, aperture and pixel rate"
 )
 

@@ -20,7 +20,7 @@ images        Image files to frames, and frames to FITS with their WCS and their
 from startrack.io.checked_fits import open_checked, require_fits
 from startrack.io.claim import claimed_folder
 from startrack.io.images import read_image, write_fits
-from startrack.io.layers import read_layers
+from startrack.io.layers import Layers, read_layers
 from startrack.io.reading import read_bytes, regular_file, unpacked
 from startrack.io.saving import save_csv, save_figure, save_json, save_netcdf, save_text, whole
 from startrack.io.shipped import shipped

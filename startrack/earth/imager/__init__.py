@@ -17,13 +17,15 @@ files       FITS that is filled while an image is rendered; GeoTIFF with ground 
 
 from startrack.earth.imager.band import Band, band_of
 from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water
-from startrack.earth.imager.figures import Figures, figures, reference
+from startrack.earth.imager.figures import Figures, figures, known, margins_of, reference
 from startrack.earth.imager.files import ABOUT, open_fits, thinned, write_geotiff
 from startrack.earth.imager.first import First, Goals, first_parameters
 from startrack.earth.imager.land import Cover, HotSpot, Land, ReflectanceMap
 from startrack.earth.imager.parameters import (
     Channel,
     Imager,
+    Performance,
+    Reference,
     Survey,
     cameras,
     load_imager,
@@ -44,7 +46,9 @@ __all__ = [
     "HotSpot",
     "Imager",
     "Land",
+    "Performance",
     "Picture",
+    "Reference",
     "ReflectanceMap",
     "RossLi",
     "Setting",
@@ -55,8 +59,10 @@ __all__ = [
     "cameras",
     "figures",
     "first_parameters",
+    "known",
     "load_imager",
     "load_survey",
+    "margins_of",
     "open_fits",
     "pixel_electrons",
     "prepare",

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from startrack.core import deg
+from startrack.core import deg, um
 from startrack.detector import Detector
 from startrack.earth.atmosphere import Reach, Sight, radiance, refine
-from startrack.earth.imager.band import Band
-from startrack.earth.imager.parameters import Channel, exposure_of, smear
+from startrack.earth.imager.band import INFRARED, Band
+from startrack.earth.imager.parameters import Channel, Performance, exposure_of, smear
 from startrack.optics import blur_transfer, pixel_transfer, pupil_transfer
 
 GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # the scene of the reference radiance; chosen by hand
@@ -26,13 +26,16 @@ class Figures:
                       distances
     swath, field      metre; radian
     rayleigh          metre, on the ground: 1.22 lambda H / D
-    mtf_across, mtf_along  1, at half a cycle per pixel: lens, blur, pixel, smear. The Nyquist
-                      frequency of staggered lines is twice that, where the MTF of a pixel is 0
+    mtf_across, mtf_along  1, at half a cycle per pixel, or per `average` pixels: lens, blur, pixel,
+                      smear. The Nyquist frequency of staggered lines is twice that, where the
+                      MTF of a pixel is 0
     radiance          watt / m^2 / sr / m, of the SNR
     electrons, noise  electron, of this radiance
-    snr               1
+    snr               1; of the mean of `average` columns, as all that follows
     noise_radiance    watt / m^2 / sr / m, of the noise of this radiance
-    saturation        watt / m^2 / sr / m that reaches the full-well capacity
+    nedt              kelvin, the same as a difference of temperature of a blackbody of the
+                      reference temperature (300 K where there is none); None below 3 micrometre
+    saturation        watt / m^2 / sr / m that reaches the full-well capacity, or the largest number
     dynamics          1, dynamic range: full-well capacity over the noise in the dark
     period, clock     second between lines; pixel / second
     data_rate         bit / second
@@ -51,6 +54,7 @@ class Figures:
     noise: float
     snr: float
     noise_radiance: float
+    nedt: float | None
     saturation: float
     dynamics: float
     period: float
@@ -69,7 +73,7 @@ def figures(
 
     height  metre above the ground
     rate    radian / second of the ground below
-    light   watt / m^2 / sr / m; None for that of `reference`
+    light   watt / m^2 / sr / m; None for that of the channel, else that of `reference`
     Accuracy  model: flat ground; a lens without aberrations beyond its blur, at the mean
               wavelength.
     """
@@ -80,39 +84,70 @@ def figures(
     wavelength = float(band.weight @ band.wavelength)
     square = pitch / focal / rate / (2 if channel.kind == "staggered" else 1)
     period = (channel.period or square) if detector.scan else 1 / detector.update_rate
-    columns = footprint * detector.columns / channel.columns
+    columns = footprint * channel.average * detector.columns / channel.columns
     lines = period * rate * height if detector.scan else footprint
     exposure = exposure_of(channel, period)
     drift = smear(channel, period if detector.scan else 0.0, rate) * pitch
     per_radiance = channel.etendue() * exposure * band.electrons
-    light = reference(band) if light is None else light
+    light = _light(channel, band) if light is None else light
     electrons = per_radiance * light
     dark = detector.dark_rate * exposure
     noise = _noise(detector, electrons, dark)
+    mean_noise = noise / math.sqrt(channel.average)
+    numbers = 2**detector.bits - 1
+    full = detector.full_well * min(1.0, (1 - detector.offset / numbers) / detector.gain)
     return Figures(
         footprint, columns, lines, 2 * height * math.tan(half), 2 * half,
         1.22 * wavelength * height / optics.aperture,
-        sharpness(channel, wavelength, 0.0),
+        sharpness(channel, wavelength, 0.0, channel.average),
         sharpness(channel, wavelength, drift),
-        light, electrons, noise, electrons / noise, noise / per_radiance,
-        detector.full_well / per_radiance, detector.full_well / _noise(detector, 0.0, dark),
+        light, electrons, noise, electrons / mean_noise, mean_noise / per_radiance,
+        _temperature_step(channel, band, mean_noise / per_radiance), full / per_radiance,
+        detector.full_well / _noise(detector, 0.0, dark),
         period, channel.columns / period * (1 if detector.scan else detector.rows),
         channel.columns * detector.bits / period * (1 if detector.scan else detector.rows),
     )  # fmt: skip
 
 
-def sharpness(channel: Channel, wavelength: float, drift: float) -> float:
-    """MTF along one axis at half a cycle per pixel.
+def margins_of(channel: Channel, found: Figures) -> dict[str, float]:
+    """Margin of each requirement of a channel, over the requirement; met where it is 0 or more.
 
-    drift  metre on the detector, of the image in an exposure
+    Those of GSD and NEdT are limits from above.
     """
-    nyquist = np.array([0.5 / channel.detector.pitch])
+    predicted = {
+        "snr": found.snr,
+        "nedt": found.nedt,
+        "mtf": min(found.mtf_across, found.mtf_along),
+        "saturation": found.saturation,
+        "gsd": found.sampling_across,
+    }
+    margins = {}
+    for name, limit in known(channel.required).items():
+        value = predicted[name]
+        if value is None:
+            raise ValueError(f"channel {channel.name}: required.{name} must be left out below 3 um")
+        margins[name] = (value / limit - 1) * (-1 if name in ("nedt", "gsd") else 1)
+    return margins
+
+
+def known(performance: Performance) -> dict[str, float]:
+    """The values that are given, by their names."""
+    return {name: value for name, value in vars(performance).items() if value is not None}
+
+
+def sharpness(channel: Channel, wavelength: float, drift: float, merged: int = 1) -> float:
+    """MTF along one axis at half a cycle per pixel, or per `average` pixels.
+
+    drift   metre on the detector, of the image in an exposure
+    merged  pixels along this axis that are averaged
+    """
+    nyquist = np.array([0.5 / channel.detector.pitch / channel.average])
     optics, side = channel.optics, channel.detector.pitch * math.sqrt(channel.detector.fill_factor)
     lens = pupil_transfer(nyquist, wavelength, optics.working_f_number)
     blur = blur_transfer(nyquist, math.hypot(optics.total_blur, channel.detector.diffusion))
-    return float(
-        (lens * blur * np.abs(pixel_transfer(nyquist, side) * pixel_transfer(nyquist, drift)))[0]
-    )
+    mean = abs(np.mean(np.exp(1j * math.pi / channel.average * np.arange(merged))))
+    both = pixel_transfer(nyquist, side) * pixel_transfer(nyquist, drift)
+    return float((lens * blur * np.abs(both))[0] * mean)
 
 
 def reference(band: Band) -> float:
@@ -126,6 +161,30 @@ def reference(band: Band) -> float:
     sight = Sight(*(one * ones for one in (*geometry, math.cos(SUN), 1.0, 1.0)))
     grey = np.full(1, GREY)
     return float(radiance(fine, sight, grey, grey, band.heat, WARM * ones).total[0, 0])
+
+
+def _light(channel: Channel, band: Band) -> float:
+    """Watt / m^2 / sr / m for which a channel's SNR is required, else that of grey land."""
+    wanted = channel.reference
+    if wanted is None:
+        return reference(band)
+    if wanted.radiance is not None:
+        return wanted.radiance
+    if band.heat is None:
+        raise ValueError(
+            f"channel {channel.name}: reference.temperature must be left out below "
+            f"{INFRARED / 2 / um:.1f} um, got {wanted.temperature:g} K"
+        )
+    return float(band.heat(np.array([wanted.temperature]))[0, 0])
+
+
+def _temperature_step(channel: Channel, band: Band, step: float) -> float | None:
+    """Kelvin that change the radiance of a blackbody in front of the lens by `step`."""
+    if band.heat is None or float(band.weight @ band.wavelength) < INFRARED:
+        return None
+    wanted = channel.reference.temperature if channel.reference else None
+    near = (WARM if wanted is None else wanted) + np.array([-0.5, 0.5])
+    return float(step / np.diff(band.heat(near)[:, 0])[0])
 
 
 def _noise(detector: Detector, electrons: float, dark: float) -> float:

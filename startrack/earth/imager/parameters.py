@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+
 from startrack.core import (
     ALL,
     LIGHT_SPEED,
@@ -18,6 +20,7 @@ from startrack.core import (
     finite,
     one_of,
     positive,
+    shown,
     whole,
     within,
 )
@@ -35,13 +38,58 @@ from startrack.earth.geometry import (
     ground_rate,
 )
 from startrack.earth.imager.land import Land
-from startrack.io import from_table, read_table, regular_file, shipped
+from startrack.io import Layers, from_table, read_table, regular_file, shipped
 from startrack.optics import Optics
 
+FINE = 4001  # wavelengths over a response, for its mean
 UNKNOWN = {
     "optics": ("principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3"),
     "detector": ("region", "row_delay", "crosstalk", "lag"),
 }
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The light at the lens for which the SNR of a channel is required: one of the two.
+
+    radiance     watt / m^2 / sr / m
+    temperature  kelvin, of a blackbody
+    """
+
+    radiance: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)")] = None
+    temperature: Annotated[float | None, Unit("K")] = None
+
+    def __post_init__(self) -> None:
+        given = [each for each in (self.radiance, self.temperature) if each is not None]
+        if len(given) != 1:
+            raise ValueError(f"either radiance or temperature must be given, got {len(given)}")
+        if self.radiance is not None:
+            positive(radiance=self.radiance)
+        if self.temperature is not None:
+            within(100, 2000, temperature=self.temperature)
+
+
+@dataclass(frozen=True)
+class Performance:
+    """What is required of a channel, or was measured of it in orbit; None: unknown.
+
+    snr         1, at the light of `reference`
+    nedt        kelvin, noise-equivalent temperature difference, likewise
+    mtf         1, at Nyquist, the lower of both axes
+    saturation  watt / m^2 / sr / m, largest radiance that is measured
+    gsd         metre between columns
+    """
+
+    snr: float | None = None
+    nedt: Annotated[float | None, Unit("K", "mK")] = None
+    mtf: float | None = None
+    saturation: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)")] = None
+    gsd: Annotated[float | None, Unit("m")] = None
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value is not None:
+                positive(**{name: value})
 
 
 @dataclass(frozen=True)
@@ -52,8 +100,15 @@ class Channel:
     delay, residual charge and crosstalk.
 
     band      transmittance of the filter, 1 over wavelength
+    response  spectral response of the whole channel to radiance, over its peak, as it is measured;
+              None: that of band, transmission and quantum efficiency. With it `band` is left
+              out, and transmission and quantum efficiency are those at its mean wavelength
     forwards  radian ahead of the camera's axis; different for stereo lines
     period    second from line to line; None for square pixels below, exposed all the time
+    average   columns of the detector that the ground segment averages to one; counts in the
+              figures of the channel, not in its images
+    reference, required, measured  light, required and measured performance, which
+              `startrack requirements` prints beside the predicted one
     """
 
     name: str
@@ -62,11 +117,22 @@ class Channel:
     band: Curve = ALL
     forwards: Annotated[float, Unit("rad", "deg")] = 0.0
     period: Annotated[float, Unit("s", "ms")] | None = None
+    response: Curve | None = None
+    average: int = 1
+    reference: Reference | None = None
+    required: Performance = field(default_factory=Performance)
+    measured: Performance = field(default_factory=Performance)
 
     def __post_init__(self) -> None:
         finite(forwards=self.forwards)
+        whole(1, 64, average=self.average)
         if self.period is not None:
             positive(period=self.period)
+        if self.response is not None:
+            if self.band != ALL:
+                raise ValueError("band must be left out beside response")
+            if not (self.response.wavelength and any(self.response.value)):
+                raise ValueError("response must have wavelengths, and values above 0")
         if self.detector.scan and self.detector.scan.kind == "lines":
             raise ValueError("detector.scan.kind must be line, staggered or tdi, got lines")
         if not self.name or "/" in self.name:
@@ -81,7 +147,17 @@ class Channel:
 
     def photoelectrons(self, wavelength: Floats) -> Floats:
         """Electron per joule at the lens, (f,): the brackets of equation (4), tau and QE."""
-        passed = self.band(wavelength) * self.optics.transmission(wavelength)
+        if self.response is not None:
+            nodes = np.array(self.response.wavelength)
+            fine = np.linspace(nodes[0], nodes[-1], FINE)
+            relative = self.response(fine)
+            mean = np.array([relative @ fine / relative.sum()])
+            return float(self._flat(mean)[0]) * self.response(wavelength)
+        return self.band(wavelength) * self._flat(wavelength)
+
+    def _flat(self, wavelength: Floats) -> Floats:
+        """The same without filter."""
+        passed = self.optics.transmission(wavelength)
         efficiency = self.detector.quantum_efficiency(wavelength) * self.detector.fill_factor
         return wavelength / (PLANCK * LIGHT_SPEED) * passed * efficiency
 
@@ -231,6 +307,8 @@ def load_survey(path: Path) -> Survey:
     try:
         if isinstance(camera, str):
             table = {**table, "camera": _camera(camera, path.parent)}
+        elif isinstance(camera, dict):
+            table = {**table, "camera": _unshared(camera)}
         for place, cover in enumerate(_covers(table)):
             _read_spectra(cover, path.parent, f"land.covers[{place}]")
         return from_table(Survey, table)
@@ -317,10 +395,27 @@ def cameras() -> list[str]:
 
 def _camera(name: str, folder: Path) -> dict[str, Any]:
     if name in cameras():
-        return read_table(shipped(f"cameras/{name}.toml"), "a camera file")
+        return _unshared(read_table(shipped(f"cameras/{name}.toml"), "a camera file"))
     if name.endswith(".toml"):
-        return read_table(folder / name, "a camera file")
+        return _unshared(read_table(folder / name, "a camera file"))
     raise ValueError(f"camera must be one of {', '.join(cameras())} or a TOML file, got {name!r}")
+
+
+def _unshared(table: dict[str, Any]) -> dict[str, Any]:
+    """A camera's table whose channels lie over `shared`, the keys that all of them have."""
+    shared, channels = table.get("shared"), table.get("channels")
+    if shared is None or not isinstance(channels, list):
+        return table
+    if not isinstance(shared, dict):
+        raise ValueError(f"shared must be a table, got {shown(shared)}")
+    own = []
+    for each in channels:
+        layers = Layers()
+        layers.lay(shared, "")
+        if isinstance(each, dict):
+            layers.lay(each, "")
+        own.append(layers.table if isinstance(each, dict) else each)
+    return {**{key: value for key, value in table.items() if key != "shared"}, "channels": own}
 
 
 def _is_imager(path: Path) -> bool:

@@ -2,7 +2,11 @@
 
 import json
 import math
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from startrack.cli.main import main
@@ -10,7 +14,21 @@ from startrack.core.curve import Curve
 from startrack.core.units import deg, nm, um
 from startrack.design.files import load_design
 from startrack.detector import Detector, Scan
-from startrack.earth.imager import Channel, Goals, band_of, figures, first_parameters, load_imager
+from startrack.earth.atmosphere import planck
+from startrack.earth.atmosphere.sunlight import sun_spectrum
+from startrack.earth.geometry import ground_rate
+from startrack.earth.imager import (
+    Channel,
+    Goals,
+    Performance,
+    Reference,
+    band_of,
+    figures,
+    first_parameters,
+    load_imager,
+    load_survey,
+    margins_of,
+)
 from startrack.io.shipped import shipped
 from startrack.optics import Optics
 
@@ -22,6 +40,11 @@ PUBLISHED = {
     "waoss": (300e3, 96.0, 96.0, 496e3, 80.0),
     "ads40": (3e3, 0.312, 0.156, None, 64.0),
 }
+
+
+# Instruments in orbit: see the sources in the file. Light, SNR and NEdT required and measured, and
+# the Sun in the bands of Sentinel-2 that its products have.
+ORBIT = json.loads((Path(__file__).parents[2] / "oracle/earth_cameras.json").read_text("utf-8"))
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
@@ -136,3 +159,125 @@ def test_asteroidfinder_is_what_is_published():
     assert 2 * instrument.camera.fov_x / deg == pytest.approx(2.0, rel=0.01)
     assert instrument.optics.area * 1e4 == pytest.approx(400, rel=0.02)
     assert instrument.detector.em_gain > 1
+
+
+@lru_cache
+def predicted(name):
+    """Figures of each channel of a camera of the catalogue, by its name."""
+    seen = load_survey(shipped(f"scenes/{name}.toml"))
+    rate = ground_rate(seen.carrier)
+    height = seen.carrier.altitude
+    bands = {each: band_of(each, None, height, 1.0) for each in seen.camera.channels}
+    return {each: figures(each, band, height, rate) for each, band in bands.items()}
+
+
+@pytest.mark.parametrize("name", ORBIT)
+def test_instruments_in_orbit_lie_between_required_and_measured(name):
+    """Not a fit of each band: the page docs/earth-cameras.md says which parameters were moved."""
+    bands = ORBIT[name]["bands"]
+    assert [channel.name for channel in predicted(name)] == list(bands)
+    for channel, found in predicted(name).items():
+        told = bands[channel.name]
+        assert min(margins_of(channel, found).values()) >= 0, channel.name
+        if "snr_required" in told:
+            assert told["snr_required"] <= found.snr <= told["snr_measured"], channel.name
+        else:
+            assert told["nedt_required"] >= found.nedt >= told["nedt_measured"], channel.name
+
+
+@pytest.mark.parametrize("name", ORBIT)
+def test_the_catalogue_has_what_is_published(name):
+    for channel in load_imager(name).channels:
+        told = ORBIT[name]["bands"][channel.name]
+        for key, value in told.items():
+            quantity, _, kind = key.partition("_")
+            if kind in ("required", "measured"):
+                mine = getattr(getattr(channel, kind), quantity)
+                scale = um if quantity == "saturation" else 1.0
+                assert mine == value or mine * scale == pytest.approx(value), (channel.name, key)
+        if "radiance" in told:
+            assert channel.reference.radiance * um == pytest.approx(told["radiance"])
+        if "saturation_kelvin" in told:
+            nodes = np.linspace(9, 14, 5001) * um
+            weight = channel.response(nodes) / channel.response(nodes).sum()
+            black = planck(nodes, told["saturation_kelvin"]) @ weight
+            assert channel.measured.saturation == pytest.approx(black, rel=2e-3)
+
+
+def test_the_sun_in_the_bands_of_sentinel_2_is_the_published_one():
+    """Shipped responses and Sun; the products' values rest on the same measurement of the Sun."""
+    for channel in load_imager("sentinel2-msi").channels:
+        nodes = np.array(channel.response.wavelength)
+        fine = np.linspace(nodes[0], nodes[-1], 1001)
+        weight = channel.response(fine)
+        mine = weight @ sun_spectrum(fine) / weight.sum() * um
+        published = ORBIT["sentinel2-msi"]["bands"][channel.name]["irradiance"]
+        assert mine == pytest.approx(published, rel=0.01), channel.name
+
+
+def flat(**changed) -> Channel:
+    """One channel, 500 to 600 nm."""
+    edges = 500 * nm, 500.01 * nm, 599.99 * nm, 600 * nm
+    detector = Detector(
+        100, 100, 10e-6, 1e-3, Curve((), (0.5,)), read_noise=30.0, bits=24, full_well=1e6,
+        scan=Scan(), pixel_rate=1e6,
+    )  # fmt: skip
+    both = {"response": Curve(edges, (0.0, 1.0, 1.0, 0.0))} | changed
+    return Channel("one", Optics(0.1, 4.0, psf="airy"), detector, **both)
+
+
+def test_a_measured_response_counts_electrons_of_energy():
+    """A response to energy has equal electrons per joule at all wavelengths, those of 550 nm."""
+    energy = 6.62607015e-34 * 299792458.0 / (550 * nm)
+    found = flat().photoelectrons(np.array([510.0, 550.0, 590.0]) * nm)
+    assert found == pytest.approx(np.full(3, 0.5 / energy), rel=1e-6)
+
+
+def test_the_mean_of_columns():
+    """Four columns: half of the noise, four times the step, and the modulation of their mean.
+
+    At half a cycle per four pixels, the mean of four pixels is a pixel of four times the side.
+    """
+    light = Reference(100 / um)
+    one, four = flat(reference=light), flat(reference=light, average=4)
+    band = band_of(one, None, 1e3, 1.0)
+    single, mean = (figures(each, band, 600e3, 0.01) for each in (one, four))
+    large = replace(one, detector=replace(one.detector, pixel_pitch=40e-6))
+    assert mean.snr == pytest.approx(2 * single.snr)
+    assert mean.sampling_across == pytest.approx(4 * single.sampling_across)
+    assert mean.mtf_across == pytest.approx(figures(large, band, 600e3, 0.01).mtf_across)
+
+
+def test_requirements_of_a_channel(tmp_path, capsys):
+    channel = flat(
+        reference=Reference(100 / um), required=Performance(snr=1e6, gsd=60.0),
+        measured=Performance(snr=50.0),
+    )  # fmt: skip
+    found = figures(channel, band_of(channel, None, 1e3, 1.0), 600e3, 0.01)
+    assert margins_of(channel, found) == {
+        "snr": pytest.approx(found.snr / 1e6 - 1),
+        "gsd": pytest.approx(0.0, abs=1e-12),
+    }
+    text = shipped("scenes/landsat8-tirs.toml").read_text()
+    camera = shipped("cameras/landsat8-tirs.toml").read_text()
+    (tmp_path / "strict.toml").write_text(camera.replace('nedt = "0.4 K"', 'nedt = "10 mK"', 1))
+    (tmp_path / "scene.toml").write_text(text.replace('"landsat8-tirs"', '"strict.toml"'))
+    assert main(["requirements", str(tmp_path / "scene.toml")]) == 3
+    told = capsys.readouterr().out
+    assert "(required 10 mK, measured 49 mK)" in told
+    assert told.count("NOT MET") == 1
+
+
+def test_what_a_channel_must_not_say(tmp_path):
+    with pytest.raises(ValueError, match="band must be left out beside response"):
+        flat(band=Curve((), (0.5,)))
+    with pytest.raises(ValueError, match="response must have wavelengths"):
+        flat(response=Curve())
+    with pytest.raises(ValueError, match="either radiance or temperature must be given, got 2"):
+        Reference(1.0, 300.0)
+    cold = flat(reference=Reference(temperature=300.0))
+    with pytest.raises(ValueError, match=r"reference\.temperature must be left out below"):
+        figures(cold, band_of(cold, None, 1e3, 1.0), 600e3, 0.01)
+    (tmp_path / "camera.toml").write_text("shared = 3\n[[channels]]\nname = 'a'")
+    with pytest.raises(ValueError, match="shared must be a table, got 3"):
+        load_imager("camera.toml", tmp_path)
