@@ -39,9 +39,9 @@ import command
 from startrack import Case, load_design, run_trials, shipped
 from startrack.cli.main import main as startrack
 from startrack.core import code_of_command
+from startrack.detection import DetectionPlan
 from startrack.detection.methods import CENTROIDS
-from startrack.detection.plan import DetectionPlan
-from startrack.montecarlo import Serial, pool, run
+from startrack.montecarlo import Serial, dask_pool, pool, run
 
 PAGE = Path(__file__).parents[1] / "docs" / "extensions.md"
 EXAMPLE = re.compile(r"in `(mylab/\w+\.py)`:\n\n```python\n(.*?)```", re.S)
@@ -96,8 +96,6 @@ def own_code(options: argparse.Namespace) -> dict[str, float]:
             same = [run(case, options.trials, SEED, executor, workers=2).tobytes() == alone]
         if not options.quick and not command.missing("Dask", "distributed"):
             from distributed import LocalCluster
-
-            from startrack.montecarlo.workers import dask_pool
 
             with (
                 LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
