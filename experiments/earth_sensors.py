@@ -93,7 +93,7 @@ def sensors(told: dict[str, Any], quick: bool) -> dict[str, Any]:
         for channel in seen.camera.channels:
             band = band_of(channel, None, height, seen.sun_distance)
             one = figures(channel, band, height, ground_rate(seen.carrier))
-            values = {
+            values: dict[str, Any] = {
                 "snr": one.snr, "nedt": one.nedt, "mtf": min(one.mtf_across, one.mtf_along),
                 "saturation": one.saturation, "gsd": one.sampling_across,
             }  # fmt: skip
@@ -103,11 +103,9 @@ def sensors(told: dict[str, Any], quick: bool) -> dict[str, Any]:
                 if row[0] is not None or row[2] is not None:
                     scaled = [each and each * (um if kind == "saturation" else 1) for each in row]
                     found[kind].setdefault(camera, {})[channel.name] = scaled
-            ends = channel.required.snr or channel.required.nedt, (
-                channel.measured.snr or channel.measured.nedt
-            )  # fmt: skip
-            mine = one.nedt if channel.required.snr is None else one.snr
-            between.append(min(ends) <= mine <= max(ends))
+            kind = "snr" if channel.required.snr else "nedt"
+            ends = [getattr(each, kind) for each in (channel.required, channel.measured)]
+            between.append(min(ends) <= values[kind] <= max(ends))
             margins = margins_of(channel, one)
             missed += [f"{camera} {channel.name} {name}" for name in margins if margins[name] < 0]
     return {**found, "bands": len(between), "bands_between": sum(between), "not_met": missed}
