@@ -54,6 +54,8 @@ from .design import Tracker as Tracker
 from .design import load_design as load_design
 from .design import save_design as save_design
 from .identification import PatternIndexes as PatternIndexes
+from .io import FrameFiles as FrameFiles
+from .io import Layout as Layout
 from .io import camera_to_wcs as camera_to_wcs
 from .io import celestial as celestial
 from .io import pointing as pointing

@@ -33,7 +33,14 @@ with deferred():
         sample_camera,
     )
     from startrack.cli.calibrate_table import calibrate_table
-    from startrack.cli.terminal import finite, print_message, print_result, read_stars, save_camera
+    from startrack.cli.terminal import (
+        finite,
+        layout_of,
+        print_message,
+        print_result,
+        read_stars,
+        save_camera,
+    )
     from startrack.core import Camera, Frame, Matches, Spots, within
     from startrack.design import Tracker
     from startrack.detection import Detection, subtract_dark
@@ -152,8 +159,9 @@ def command(options: argparse.Namespace) -> int:
             k1=0.0 if options.distortion == "none" else 1.0,
             tangential=0.01 if options.distortion == "full" else 0.0,
         )
-        dark = read_image(options.dark) if options.dark else None
-        frames = [read_image(path) for path in options.images]
+        layout = layout_of(options)
+        dark = read_image(options.dark, layout) if options.dark else None
+        frames = [read_image(path, layout) for path in options.images]
         if dark is not None:
             frames = [subtract_dark(frame, dark) for frame in frames]
     indexes = PatternIndexes(read_stars(options.catalog, options.epoch))

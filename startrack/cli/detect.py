@@ -11,7 +11,7 @@ from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, WrongUse, add_images, add_set, as_wrong_use, describe
 
 with deferred():
-    from startrack.cli.terminal import print_failed_image, print_result, read_design
+    from startrack.cli.terminal import layout_of, print_failed_image, print_result, read_design
     from startrack.core import Frame, Psf, Spots
     from startrack.detection import (
         Detection,
@@ -72,12 +72,13 @@ def command(options: argparse.Namespace) -> int:
     """Search each image; one that cannot be read does not stop the others."""
     with as_wrong_use(ValueError, TypeError, OSError):
         plan = plan_detection(*_settings(options))
-        dark = read_image(options.dark) if options.dark else None
-        flat = read_image(options.flat) if options.flat else None
+        layout = layout_of(options)
+        dark = read_image(options.dark, layout) if options.dark else None
+        flat = read_image(options.flat, layout) if options.flat else None
     status = Exit.DONE
     for path in options.images:
         try:
-            frame = read_image(path)
+            frame = read_image(path, layout)
             if dark is not None:
                 frame = subtract_dark(frame, dark)
             if flat is not None:

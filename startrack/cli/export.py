@@ -94,12 +94,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "this area around it is left out (default: 16)",
     )  # fmt: skip
     catalogue.add_argument(
-        "--pattern-stars", type=whole(3, 40), default=9, metavar="N",
-        help="the brightest of these that form triangles (default: 9)",
-    )  # fmt: skip
-    catalogue.add_argument(
-        "--triangles", type=whole(1, 2**24), metavar="N",
-        help="approximate number of triangles (default: 100 per field of the sphere)",
+        "--pattern-stars", type=whole(3, 12), default=6, metavar="N",
+        help="the brightest of any circle that fits into a field, which form triangles (default: "
+        "5); an index of more of them is larger and finds skies with more false spots",
     )  # fmt: skip
     add_out(catalogue, "startrack-export")
 
@@ -140,7 +137,6 @@ def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict
             options.variables,
             options.per_field,
             options.pattern_stars,
-            options.triangles,
         )
         guide = guide_stars(case, settings, read_variables(options.variable_list))
     files = write_guide(options.out, guide)

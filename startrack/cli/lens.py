@@ -16,7 +16,7 @@ from startrack.cli.options import Exit, WrongUse, add_images, add_part, as_wrong
 with deferred():
     import numpy as np
 
-    from startrack.cli.terminal import print_result, progress
+    from startrack.cli.terminal import layout_of, print_result, progress
     from startrack.core import ZERO_CELSIUS, deg, nm, um
     from startrack.detection import Detection, detect, plan_detection
     from startrack.io import read_image
@@ -184,10 +184,10 @@ def _opened(name: str) -> LensTable | PsfFile:
 def _measure(options: argparse.Namespace) -> int:
     if not 0 < options.saturation <= 1:
         raise WrongUse(f"--saturation must lie in (0, 1], got {options.saturation:g}")
-    found = []
+    found, layout = [], layout_of(options)
     with progress("reading", len(options.images)) as advance, as_wrong_use(ValueError, OSError):
         for path in options.images:
-            frame = read_image(path)
+            frame = read_image(path, layout)
             spots = detect(frame, plan_detection(Detection()))
             found.append(lone_stars(frame.image, spots, options.half, options.saturation))
             advance(1)

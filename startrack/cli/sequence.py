@@ -25,7 +25,7 @@ with deferred():
     from startrack.metrics import Interval
     from startrack.montecarlo import export, pool
     from startrack.plots import draw_sequence
-    from startrack.sequence import Tracking, fly_sequences, summarise_sequences
+    from startrack.sequence import Recording, Tracking, fly_sequences, summarise_sequences
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -46,6 +46,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--sequences", type=whole(1), default=8, metavar="N",
         help="number of sequences, from random attitudes (default: 8)",
     )  # fmt: skip
+    parser.add_argument(
+        "--frames", choices=("fits", "png", "ser", "raw"),
+        help="keep the frames of all sequences in the folder frames: FITS with WCS, 16-bit PNG, "
+        "SER or raw, and a table of their times and true attitudes for each sequence",
+    )  # fmt: skip
     add_seed(parser)
     add_workers(parser)
     add_out(parser, "startrack-sequence")
@@ -56,11 +61,14 @@ def command(options: argparse.Namespace) -> int:
     design = options.design or example()
     profile = options.profile or shipped("sequences/slew.toml")
     case, sequence = read_design(design, options.set).case, read_sequence(profile)
+    recording = Recording(options.out / "frames", options.frames) if options.frames else None
     with (
         pool(min(options.workers, options.sequences)) as executor,
         progress("sequences", options.sequences) as advance,
     ):
-        table = fly_sequences(case, sequence, options.sequences, options.seed, executor, advance)
+        table = fly_sequences(
+            case, sequence, options.sequences, options.seed, executor, advance, recording
+        )
     tracking = summarise_sequences(table)
     result = {"design": str(design), "profile": str(profile), "seed": options.seed}
     result |= _values(tracking) | {"frames": len(table), "out": str(options.out)}

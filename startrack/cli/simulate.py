@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
+from datetime import timedelta
+from pathlib import Path
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
@@ -12,6 +14,7 @@ from startrack.cli.options import (
     add_design,
     add_out,
     add_seed,
+    as_wrong_use,
     decimal,
     describe,
     whole,
@@ -20,8 +23,9 @@ from startrack.cli.options import (
 with deferred():
     from startrack.cli.terminal import example, pointing_text, print_result, quaternion, read_design
     from startrack.core import Streams
-    from startrack.io import celestial, pointing, write_fits
+    from startrack.io import FrameFiles, celestial, pointing, write_fits
     from startrack.plots import draw_frame
+    from startrack.scene import date_of
     from startrack.trial import observe, random_attitude
 
 
@@ -52,6 +56,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--trial", type=whole(0, LARGEST_SEED), default=0, metavar="N",
         help="number of the trial within the seed (default: 0)",
     )  # fmt: skip
+    parser.add_argument(
+        "--pixels", choices=("png", "ser", "raw"),
+        help="write the image also as pixels.png of 16 bits, pixels.ser or pixels-*.raw, with time "
+        "and true attitude in pixels.csv",
+    )  # fmt: skip
     add_out(parser, "startrack-simulate")
 
 
@@ -70,7 +79,15 @@ def command(options: argparse.Namespace) -> int:
     fits, png = options.out / "frame.fits", options.out / "frame.png"
     history = f"startrack simulate, seed {options.seed}, trial {options.trial}"
     matrix = None if case.instrument.detector.scan else camera
-    write_fits(fits, record.frame, matrix, attitude, record.stars, history)
+    middle = date_of(case.scene, case.catalog.year, streams)
+    begun = middle - timedelta(seconds=record.frame.exposure / 2)
+    write_fits(fits, record.frame, matrix, attitude, record.stars, history, begun)
+    pixels: list[Path] = []
+    if options.pixels:
+        with as_wrong_use():
+            files = FrameFiles(options.out, "pixels", options.pixels, middle)
+            files.add(record.frame, 0.0, attitude)
+            pixels = files.close()
     title = (
         f"{pointing_text(attitude, 3, 1)}; field {math.degrees(camera.fov_x):.2f} "
         f"deg; exposure {1e3 * record.frame.exposure:g} ms"
@@ -80,6 +97,7 @@ def command(options: argparse.Namespace) -> int:
     result = {
         "fits": str(fits),
         "png": str(png),
+        "pixels": [str(one) for one in pixels],
         "icrs_to_camera_xyzw": quaternion(attitude),
         "ra_deg": ra,
         "dec_deg": dec,
@@ -93,6 +111,7 @@ def command(options: argparse.Namespace) -> int:
         options,
         result,
         f"{title}\nthe tracker finds {record.outcome.spots} spots, matches "
-        f"{record.outcome.stars}: {record.estimate.status}\nwrote {fits} and {png}",
+        f"{record.outcome.stars}: {record.estimate.status}\nwrote "
+        f"{', '.join(map(str, [fits, *pixels]))} and {png}",
     )
     return Exit.DONE

@@ -20,6 +20,7 @@ from startrack.cli.options import (
 
 with deferred():
     from startrack.cli.terminal import (
+        layout_of,
         pointing_text,
         print_failed_image,
         print_message,
@@ -89,7 +90,8 @@ def command(options: argparse.Namespace) -> int:
         identification = Identification(
             focal_tolerance=min(tolerance, KNOWN) if known else tolerance
         )
-        dark = read_image(options.dark) if options.dark else None
+        layout = layout_of(options)
+        dark = read_image(options.dark, layout) if options.dark else None
     stars = read_stars(options.catalog, options.epoch)
     indexes = PatternIndexes(stars)
     if options.fov is None and known is None:
@@ -97,7 +99,7 @@ def command(options: argparse.Namespace) -> int:
     statuses = set()
     for path in options.images:
         try:
-            frame = read_image(path)
+            frame = read_image(path, layout)
             if dark is not None:
                 frame = subtract_dark(frame, dark)
             solved = _solve(frame, known, options.fov, indexes, identification)

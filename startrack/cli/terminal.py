@@ -23,6 +23,7 @@ from startrack.cli.stopping import one_line, told
 from startrack.core import UNKEPT, Camera, Stars, arcsec, used_code
 from startrack.design import Campaign, Design, load_design
 from startrack.io import (
+    Layout,
     celestial,
     claimed_folder,
     from_table,
@@ -86,6 +87,12 @@ def read_camera(path: Path) -> Camera:
 def save_camera(path: Path, camera: Camera) -> None:
     """Write a camera that `read_camera` reads back to an equal one."""
     save_text(path, tomli_w.dumps({"tracker": {"camera": to_table(camera)}}))
+
+
+def layout_of(options: argparse.Namespace) -> Layout:
+    """What the options say of the image files; raises WrongUse where it is none."""
+    with as_wrong_use():
+        return Layout(options.plane, options.bayer, options.colour, options.raw)
 
 
 def read_stars(catalog: str, epoch: float) -> Stars:

@@ -26,7 +26,6 @@ from startrack.identification.blind import identify_blind
 from startrack.identification.cache import PatternIndexes, cached_index
 from startrack.identification.identify import identify, identify_all, is_ready
 from startrack.identification.index import (
-    CELLS,
     POINTS,
     PatternIndex,
     build_index,

@@ -62,7 +62,6 @@ STRETCH = 0.02  # ln of the ratio of the bases of two neighbouring cells, as CEL
 SMALLEST = 0.2  # of the field: the noise of a code grows as the inverse of the base
 LARGEST = 1.2  # of the field: few longer ones fit into the diagonal, sqrt(2)
 CELLS_BASE = math.ceil(math.log(LARGEST / SMALLEST) / STRETCH)  # cells along the length of the base
-CELLS = CELLS_X, CELLS_Y, CELLS_BASE
 POINTS = 512  # resolved across a field: two pixels of 1024; chosen by hand for common cameras
 VOTING_RANK = 40  # stars per field that verify hypotheses; chosen by hand: trades time and memory
 # Error of a star's magnitude in an unknown passband. Chosen by hand: larger ones make brightness

@@ -14,14 +14,18 @@ checked_fits  FITS file -> its parts with verified checksums, or a sentence that
 wcs           Camera and attitude as a FITS world coordinate system, and back to pixels by any
               reader.
 picture_size  Bytes of a PNG, JPEG or TIFF file -> its size, without decoding it.
+recordings    SER and raw files -> images; Bayer mosaics -> images of one colour or of all.
 images        Image files to frames, and frames to FITS with their WCS and their truth.
+frame_files   Frames, their times and attitudes -> FITS, PNG, SER or raw files, and a table.
 """
 
 from startrack.io.checked_fits import open_checked, require_fits
 from startrack.io.claim import claimed_folder
+from startrack.io.frame_files import FORMATS, FrameFiles
 from startrack.io.images import read_image, write_fits
 from startrack.io.layers import Layers, read_layers
 from startrack.io.reading import read_bytes, regular_file, unpacked
+from startrack.io.recordings import COLOURS, PATTERNS, Layout
 from startrack.io.saving import save_csv, save_figure, save_json, save_netcdf, save_text, whole
 from startrack.io.shipped import shipped
 from startrack.io.sqlite import Database, Execute, FileKind

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import warnings
+from datetime import UTC, datetime
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Camera, Frame, Stars, require_memory
 from startrack.io.checked_fits import require_fits
 from startrack.io.picture_size import picture_size
-from startrack.io.reading import read_bytes, unpacked
+from startrack.io.reading import read_bytes, regular_file, unpacked
+from startrack.io.recordings import Layout, read_raw, read_ser
 from startrack.io.saving import whole
 from startrack.io.wcs import camera_to_wcs
 
@@ -22,24 +24,40 @@ FITS = {".fits", ".fit", ".fts"}
 SEARCHED = 24  # bytes that the detection takes for each pixel of an image; measured: 20 at most
 
 
-def read_image(path: Path) -> Frame:
-    """Read a FITS, TIFF, PNG or JPEG file as one frame.
+def read_image(path: Path, layout: Layout | None = None) -> Frame:
+    """Read a FITS, TIFF, PNG, JPEG, SER or raw file as one frame.
 
     Of a colour image the largest of the three channels is taken, because a star is bright in
-    at least one. What the file does not say of its detector stays NaN.
+    at least one. A mosaic of colours, which the layout or the header (BAYERPAT of FITS, ColorID of
+    SER) names, becomes an image of half the size. What the file does not say of its detector stays
+    NaN.
 
+    layout  what the file may not say of itself
     Raises  ValueError, in one sentence with the path, where the file is missing, empty, cut, no
             image, or holds no finite number.
     """
-    path = Path(path)
+    path, layout = Path(path), layout or Layout()
     try:
+        if layout.raw:
+            return Frame(layout.one_image(path, read_raw(path, layout), None))
+        regular_file(path)
+        if path.suffix.lower() == ".ser":
+            image, said = read_ser(path, layout.plane)
+            return Frame(layout.one_image(path, image, said))
         data = read_bytes(path, "a file")
     except FileNotFoundError as error:
         raise ValueError(str(error)) from None
     if not data:
         raise ValueError(f"{path} must hold an image, but it is empty")
-    is_fits = bool(FITS & {suffix.lower() for suffix in path.suffixes})
-    frame = _read_fits(path, data) if is_fits else Frame(_read_picture(path, data))
+    if FITS & {suffix.lower() for suffix in path.suffixes}:
+        frame = _read_fits(path, data, layout)
+    else:
+        if layout.plane:
+            raise ValueError(
+                f"{path} must be a FITS cube or a SER to have the plane {layout.plane}"
+            )
+        mosaic = layout.bayer not in (None, "none")
+        frame = Frame(layout.one_image(path, _read_picture(path, data, mosaic), None))
     if frame.image.size == 0 or not np.isfinite(frame.image).any():
         raise ValueError(f"{path} must hold finite pixel values, but it has none")
     return frame
@@ -64,8 +82,11 @@ def write_fits(
     icrs_to_camera: Rotation,
     stars: Stars | None = None,
     history: str = "",
+    begun: datetime | None = None,
 ) -> None:
     """Save a frame with the WCS of its true attitude, and its stars as the table TRUTH.
+
+    begun   start of the exposure, as DATE-OBS; None: not known, and not written
 
     An image without a camera, such as that of lines that scan, gets neither.
 
@@ -85,6 +106,9 @@ def write_fits(
         "RDNOISE": (frame.read_noise, "[electron] rms"),
         "PEDESTAL": (frame.offset, "[DN] of an empty pixel"),
     }
+    if begun is not None:
+        cards["TIMESYS"] = ("UTC", "of DATE-OBS")
+        cards["DATE-OBS"] = (date_text(begun), "start of the exposure")
     for name, (number, comment) in numbers.items():
         if np.isfinite(number):
             cards[name] = (number, comment)
@@ -97,6 +121,11 @@ def write_fits(
             # astropy's own comment is the time of writing: equal frames would be unequal files.
             part.add_checksum(when="of this header and its data")
         parts.writeto(draft)
+
+
+def date_text(date: datetime) -> str:
+    """A date as FITS has it, UTC, to the microsecond."""
+    return date.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds")
 
 
 def _truth(camera: Camera, icrs_to_camera: Rotation, stars: Stars):  # type: ignore[no-untyped-def]
@@ -119,7 +148,7 @@ def _truth(camera: Camera, icrs_to_camera: Rotation, stars: Stars):  # type: ign
     return fits.BinTableHDU.from_columns(columns, name="TRUTH")
 
 
-def _read_fits(path: Path, data: bytes) -> Frame:
+def _read_fits(path: Path, data: bytes, layout: Layout) -> Frame:
     from astropy.io import fits
 
     data = unpacked(path, data, 2)
@@ -136,6 +165,7 @@ def _read_fits(path: Path, data: bytes) -> Frame:
                 image, header = np.asarray(unit.data), unit.header
                 known = [_number(header, key) for key in ("EXPTIME", "GAIN", "RDNOISE")]
                 offset = _number(header, "PEDESTAL", 0.0)
+                said = _pattern(header)
     except StopIteration:
         raise ValueError(f"{path} must hold an image of two axes, but it has none") from None
     except MemoryError:
@@ -148,10 +178,27 @@ def _read_fits(path: Path, data: bytes) -> Frame:
         raise ValueError(f"{path} must be a whole FITS file: {missing}") from None
     image = np.squeeze(image)
     if image.ndim == 3:
-        image = image.max(axis=0)
+        planes = len(image)
+        if (layout.plane or 0) >= planes:
+            raise ValueError(f"{path}: plane must lie in [0, {planes - 1}], got {layout.plane}")
+        image = image.max(axis=0) if layout.plane is None else image[layout.plane]
+    elif layout.plane:
+        raise ValueError(f"{path} must be a cube to have the plane {layout.plane}")
     if image.ndim != 2:
         raise ValueError(f"{path} must hold an image of two axes, got shape {image.shape}")
-    return Frame(image.astype(image.dtype.newbyteorder("=")), known[0], known[1], offset, known[2])
+    image = layout.one_image(path, image.astype(image.dtype.newbyteorder("=")), said)
+    return Frame(image, known[0], known[1], offset, known[2])
+
+
+def _pattern(header) -> str | None:  # type: ignore[no-untyped-def]
+    """The Bayer pattern of a header, shifted by the offsets of the image in the detector."""
+    said = header.get("BAYERPAT") or header.get("COLORTYP")
+    if not isinstance(said, str) or len(said.strip()) != 4:
+        return None
+    pattern = said.strip().upper()
+    shift_x, shift_y = (_number(header, key, 0.0) % 2 >= 1 for key in ("XBAYROFF", "YBAYROFF"))
+    rows = [pattern[:2], pattern[2:]][:: -1 if shift_y else 1]
+    return "".join(row[:: -1 if shift_x else 1] for row in rows)
 
 
 class _TooLarge(Exception):
@@ -175,7 +222,8 @@ def _number(header, key: str, otherwise: float = float("nan")) -> float:  # type
     return float(value) if isinstance(value, int | float) else otherwise
 
 
-def _read_picture(path: Path, data: bytes) -> np.ndarray:
+def _read_picture(path: Path, data: bytes, mosaic: bool = False) -> np.ndarray:
+    """The pixels; a mosaic that was saved in three equal channels is one of these."""
     size = picture_size(data)
     if size is None:
         raise ValueError(f"{path} must be a whole FITS, TIFF, PNG or JPEG image")
@@ -187,4 +235,6 @@ def _read_picture(path: Path, data: bytes) -> np.ndarray:
         raise ValueError(f"{path} must be readable as an image: {reason}") from None
     if image is None:
         raise ValueError(f"{path} must be a whole FITS, TIFF, PNG or JPEG image")
+    if mosaic and image.ndim == 3 and (image[:, :, :3] != image[:, :, :1]).any():
+        raise ValueError(f"{path} must have one channel to be a mosaic of colours, got three")
     return image if image.ndim == 2 else image[:, :, :3].max(axis=2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,17 +12,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.catalog import LIMITS, Sky, csv_table, open_sky, table_numbers
-from startrack.core import Floats, Ints, Stars, arcsec, non_negative, one_of, whole, within
+from startrack.core import (
+    GOLDEN_ANGLE,
+    Floats,
+    Ints,
+    Stars,
+    arcsec,
+    non_negative,
+    one_of,
+    whole,
+    within,
+)
 from startrack.design import Case
-from startrack.identification import CELLS, PatternIndex, build_index, local_rank, merged
+from startrack.identification import local_rank, merged
 from startrack.io import shipped
-from startrack.onboard.layout import DOUBLE, STILL, UNIT, VARIABLE, Guide
+from startrack.onboard.layout import DOUBLE, STILL, UNIT, VARIABLE, Guide, triangle_codes
 from startrack.trial import colour_correction, index_resolution
 
 NEAR = 20 * arcsec  # of a variable star's place in its list, at J2000
 CHOICES = ("mark", "omit")
 MOST_STARS = 2**16 - 1  # their numbers have 16 bits
-FAINTER = 2.0  # magnitude below the limit of stars that make others double: a sixth of the light
+FAINTER = 4.0  # magnitude below the limit of stars that make others double: 2.5 % of the light
+SMALLEST = 0.2  # of the field, longest side of a triangle: its code's noise grows as the inverse
+CIRCLE = 0.45  # of the field, radius of the circles that give triangles
+# Chosen by hand, as the number of stars of a circle: more find more skies, and make a larger index.
+CENTRES = 8  # circles per field of the sphere, a third of the field apart
+CELLS_X, CELLS_Y = 25, 88  # of codes, 0.02 wide: x to 1/2, and y to sqrt(3) / 2 on either side
 SHARE = 0.01  # of a star's light, from which on others within the resolution make it double
 
 
@@ -46,8 +62,7 @@ class GuideSettings:
     variables       the same for stars of the list
     per_field       guide stars in the area of a field: a star with as many brighter ones in the
                     circle of this area around it is left out
-    pattern_stars   the brightest of these that form triangles
-    triangles       approximate number of triangles; None: 100 per field of the sphere
+    pattern_stars   the brightest of any circle that fits into a field, which form triangles
     """
 
     limit: float | None = None
@@ -56,8 +71,7 @@ class GuideSettings:
     doubles: str = "mark"
     variables: str = "mark"
     per_field: int = 16
-    pattern_stars: int = 9
-    triangles: int | None = None
+    pattern_stars: int = 5
 
     def __post_init__(self) -> None:
         if self.limit is not None:
@@ -66,9 +80,7 @@ class GuideSettings:
             non_negative(resolution=self.resolution)
         one_of(CHOICES, doubles=self.doubles, variables=self.variables)
         whole(3, 40, per_field=self.per_field)
-        whole(3, 40, pattern_stars=self.pattern_stars)
-        if self.triangles is not None:
-            whole(1, 2**24, triangles=self.triangles)
+        whole(3, 12, pattern_stars=self.pattern_stars)
 
 
 def read_variables(path: Path | None = None) -> list[Variable]:
@@ -185,11 +197,9 @@ def _with_triangles(
     direction: Floats = np.round(stars.direction / UNIT) * UNIT  # as the file has them
     order = np.lexsort((*direction.T[:2], direction[:, 2]))
     stars, flags, direction = stars[order], flags[order], direction[order]
-    triangles = settings.triangles
-    if triangles is None:
-        triangles = math.ceil(100 * 4 * math.pi / field**2)
-    index = build_index(stars, field, settings.pattern_stars, triangles, 0.0)
-    triangle, start = _by_cells(index)
+    base = SMALLEST * field, field
+    triangle = _canonical(direction, _triangles(stars, field, settings.pattern_stars, base))
+    triangle, start = _by_cells(direction, triangle)
     return Guide(
         direction,
         np.round(stars.magnitude_g, 3),
@@ -197,19 +207,53 @@ def _with_triangles(
         stars.identifier,
         triangle,
         start,
-        CELLS[:2],
+        (CELLS_X, CELLS_Y),
         epoch,
         field,
         limit,
         resolution,
-        (index.table.smallest, index.table.largest),
+        base,
         settings.per_field,
     )
 
 
-def _by_cells(index: PatternIndex) -> tuple[Ints, Ints]:
-    """Triangles of stars, sorted by the cells of their codes alone."""
-    table = index.table
-    star = index.bright.sky.member[table.sky.member]
-    triangle = star[table.triangle.astype(np.int64)].astype(np.int64)
-    return triangle, table.start[:: CELLS[2]].astype(np.int64)
+def _triangles(stars: Stars, field: float, count: int, base: tuple[float, float]) -> Ints:
+    """Triangles (k, 3) of the brightest stars of all circles that fit into a field.
+
+    Every image holds such a circle, nearly, and so has triangles wherever it looks.
+
+    count  stars of a circle
+    base   radian, smallest and largest of the longest side
+    """
+    sky = Sky(stars)
+    centres = round(CENTRES * 4 * math.pi / field**2)
+    z = 1 - (2 * np.arange(centres) + 1) / centres
+    turn, across = GOLDEN_ANGLE * np.arange(centres), np.sqrt(1 - z**2)
+    places = np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
+    found = set[tuple[int, ...]]()
+    for place in places:
+        brightest = np.sort(sky.cone(place, CIRCLE * field)[:count]).tolist()
+        found.update(combinations(brightest, 3))
+    triangle = np.array(sorted(found), np.int64).reshape(-1, 3)
+    side = [stars.direction[triangle[:, k]] - stars.direction[triangle[:, k - 1]] for k in range(3)]
+    longest = 2 * np.arcsin(np.linalg.norm(side, axis=2).max(axis=0) / 2)
+    return triangle[(longest >= base[0]) & (longest <= base[1])]
+
+
+def _canonical(direction: Floats, triangle: Ints) -> Ints:
+    """The stars of each triangle in the order A, B, C: A and B farthest apart, C nearer to A."""
+    turns = np.stack([np.roll(triangle, k, axis=1) for k in range(3)])
+    base = np.linalg.norm(direction[turns[..., 0]] - direction[turns[..., 1]], axis=2)
+    chosen = turns[base.argmax(axis=0), np.arange(len(triangle))]
+    far = triangle_codes(*(direction[chosen[:, k]] for k in range(3)))[:, 0] > 0.5
+    return np.where(far[:, None], chosen[:, [1, 0, 2]], chosen)
+
+
+def _by_cells(direction: Floats, triangle: Ints) -> tuple[Ints, Ints]:
+    """Triangles sorted by the cells of their codes, and the first of each cell."""
+    a, b, c = (direction[triangle[:, k]] for k in range(3))
+    size = 0.5 / CELLS_X
+    x, y = np.floor(triangle_codes(a, b, c) / size).astype(int).T
+    cell = np.clip(x, 0, CELLS_X - 1) * CELLS_Y + np.clip(y + CELLS_Y // 2, 0, CELLS_Y - 1)
+    order = np.lexsort((np.linalg.norm(a - b, axis=1), cell))
+    return triangle[order], np.searchsorted(cell[order], np.arange(CELLS_X * CELLS_Y + 1))

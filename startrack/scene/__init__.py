@@ -18,7 +18,7 @@ illuminate  Stars -> Light: photons at the entrance pupil.
 
 from startrack.scene.angles import BODIES, body_angles
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
-from startrack.scene.ephemeris import AU, EARTH_RADIUS, orbital_velocity
+from startrack.scene.ephemeris import AU, EARTH_RADIUS, date_of, orbital_velocity
 from startrack.scene.illuminate import Sight, illuminate
 from startrack.scene.limb import Limb, load_limb, save_limb
 from startrack.scene.parameters import Orbit, Scene

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from functools import lru_cache
 
 import numpy as np
 
 from startrack.core import LIGHT_SPEED, Floats, Streams, installed_tables
-from startrack.scene.parameters import Orbit, Scene
+from startrack.scene.parameters import J2000 as J2000_UTC
+from startrack.scene.parameters import JULIAN_YEAR, Orbit, Scene
 
 AU = 149_597_870_700.0  # metre, IAU 2012
 EARTH_RADIUS = 6_378_137.0  # metre, WGS 84 at the equator
@@ -134,6 +136,17 @@ def _start_day(scene: Scene) -> float:
 
     with installed_tables():
         return float(Time(scene.start.replace(tzinfo=None), scale="utc").tdb.jd)
+
+
+def date_of(scene: Scene, year: float, streams: Streams | None = None) -> datetime:
+    """UTC of a trial: that of its scene, or of the Julian year that the sky is seen in.
+
+    streams  of the trial; needed only where the scene draws a date
+    """
+    if scene.date is None:
+        return J2000_UTC + (year - 2000) * JULIAN_YEAR
+    days = scene.days * _draw(streams, "date") if scene.days else 0.0
+    return scene.start + timedelta(days=days)
 
 
 @lru_cache(maxsize=256)

@@ -8,7 +8,7 @@ summary     Tables of sequences -> accuracy, losses of track and reacquisitions,
 """
 
 from startrack.sequence.parameters import Gyro, Leg, Sequence, load_sequence
-from startrack.sequence.run import FRAMES, Mode, fly_sequences, run
+from startrack.sequence.run import FRAMES, Mode, Recording, fly_sequences, run
 from startrack.sequence.summary import Tracking, summarise_sequences
 
 # Public; the other imports serve other rooms.
@@ -17,6 +17,7 @@ __all__ = [
     "Gyro",
     "Leg",
     "Mode",
+    "Recording",
     "Sequence",
     "Tracking",
     "fly_sequences",

@@ -6,8 +6,10 @@ import math
 import typing
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +17,26 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import State
 from startrack.catalog import open_sky
-from startrack.core import Camera, Estimate, Floats, Frame, Matches, Spots, Status, Streams, whole
+from startrack.core import (
+    Camera,
+    Estimate,
+    Floats,
+    Frame,
+    Matches,
+    Spots,
+    Stars,
+    Status,
+    Streams,
+    whole,
+)
 from startrack.design import Case, Tracker
 from startrack.detection import detect
 from startrack.detector import Exposure, expected, flickering, frame_of
 from startrack.identification import identify, track
+from startrack.io import FrameFiles
 from startrack.metrics import Outcome, judge
 from startrack.motion import trace
+from startrack.scene import date_of
 from startrack.sequence.flight import Flight, exposure_rates, flight, gyro_rates
 from startrack.sequence.follow import TrackerState, known_rate, predict_state, update_state
 from startrack.sequence.parameters import Sequence
@@ -78,23 +93,41 @@ def fly_sequences(
     seed: int,
     executor: Executor,
     progress: Callable[[int], None] | None = None,
+    recording: Recording | None = None,
 ) -> NDArray[np.void]:
     """Many sequences over workers, one after the other in the table, as `run`.
 
-    progress  called with 1 for each sequence that ended
+    progress   called with 1 for each sequence that ended
+    recording  where the frames are kept; None: nowhere
     """
     whole(1, 10**6, sequences=sequences)
     tables = []
-    for table in executor.map(partial(run, case, sequence, seed), range(sequences)):
+    one = partial(run, case, sequence, seed, recording=recording)
+    for table in executor.map(one, range(sequences)):
         tables.append(table)
         if progress:
             progress(1)
     return np.concatenate(tables)
 
 
-def run(case: Case, sequence: Sequence, seed: int, number: int) -> NDArray[np.void]:
+@dataclass(frozen=True)
+class Recording:
+    """Files that keep the frames of sequences, with their times and true attitudes.
+
+    folder  of sequence-0001.csv and so on, and of the frames
+    format  one of FORMATS of `startrack.io`
+    """
+
+    folder: Path
+    format: str
+
+
+def run(
+    case: Case, sequence: Sequence, seed: int, number: int, recording: Recording | None = None
+) -> NDArray[np.void]:
     """One sequence from a random attitude, by a tracker without an attitude at its start.
 
+    recording  where the frames are kept; None: nowhere
     Returns  (frames,) structured array: number of the sequence, time (second), true rate
              (radian / second), Mode, the fields of Outcome for the frame alone, and error and
              stated sigma (radian, camera axes) of the filter after it; NaN where there is none
@@ -110,7 +143,7 @@ def run(case: Case, sequence: Sequence, seed: int, number: int) -> NDArray[np.vo
     seen = None if rates is None else exposure_rates(true, rates)
     table = np.empty(len(true.time), FRAMES)
     known, camera = TrackerState(), case.believed_camera
-    for k, frame in enumerate(_frames(case, true, seed, number)):
+    for k, frame in enumerate(_kept(case, true, seed, number, recording)):
         if k:
             step = float(true.time[k] - true.time[k - 1])
             known = predict_state(known, None if rates is None else rates[k - 1], step, sequence)
@@ -131,7 +164,28 @@ def run(case: Case, sequence: Sequence, seed: int, number: int) -> NDArray[np.vo
     return table
 
 
-def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]:
+def _kept(
+    case: Case, true: Flight, seed: int, number: int, recording: Recording | None
+) -> Iterator[Frame]:
+    """The frames of a flight, each written before it is used where they are kept."""
+    if recording is None:
+        yield from (frame for frame, _ in _frames(case, true, seed, number))
+        return
+    name, streams = f"sequence-{number + 1:04d}", Streams(seed, number)
+    begin = date_of(case.scene, case.catalog.year, streams)
+    files = FrameFiles(recording.folder, name, recording.format, begin)
+    camera = None if case.instrument.detector.scan else case.instrument.camera
+    try:
+        for k, (frame, stars) in enumerate(_frames(case, true, seed, number)):
+            history = f"startrack sequence, seed {seed}, {name}, frame {k + 1}"
+            files.add(frame, float(true.time[k]), true.attitude[k], camera, stars, history)
+            yield frame
+        files.close()
+    finally:
+        files.drop()
+
+
+def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[tuple[Frame, Stars]]:
     """The frames of a flight, each with other noise, and residual charge of the one before."""
     instrument, camera = case.instrument, case.instrument.camera
     detector, before = instrument.detector, None
@@ -154,9 +208,8 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[Frame]
         before = electrons if detector.lag else None
         if state and k:
             state.later(float(true.time[k] - true.time[k - 1]))
-        yield frame_of(
-            electrons, detector, Streams(seed, number * NUMBER_OF_FRAMES + k), state=state
-        )
+        noise = Streams(seed, number * NUMBER_OF_FRAMES + k)
+        yield frame_of(electrons, detector, noise, state=state), stars
 
 
 def _see(

@@ -1,9 +1,11 @@
 """A tracker in time: acquisition, tracking, loss and reacquisition."""
 
 import dataclasses
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
+from astropy.io import fits
 from scipy import stats
 
 from startrack.core.units import arcsec, deg
@@ -14,6 +16,7 @@ from startrack.sequence import (
     Gyro,
     Leg,
     Mode,
+    Recording,
     Sequence,
     fly_sequences,
     run,
@@ -34,8 +37,22 @@ def lost(small):
     return fly_sequences(small.case, sequence, 4, 7, Serial())
 
 
-def test_a_calm_sequence_is_acquired_once_and_then_tracked(small):
+def test_a_calm_sequence_is_acquired_once_and_then_tracked(small, tmp_path):
     table = run(small.case, Sequence((CALM,), period=0.2), 3, 0)
+    short = Sequence((CALM,), period=0.8)
+    plain = run(small.case, short, 3, 0)
+    kept = run(small.case, short, 3, 0, Recording(tmp_path, "fits"))
+    assert kept.tobytes() == plain.tobytes()
+    for k, time in enumerate(plain["time"]):
+        path = tmp_path / f"sequence-0001-{k + 1:05d}.fits"
+        begun = datetime.fromisoformat(fits.getheader(path)["DATE-OBS"])
+        middle = begun + timedelta(seconds=small.case.instrument.detector.exposure / 2)
+        assert (middle - datetime(2026, 1, 1)).total_seconds() == pytest.approx(time, abs=2e-6)
+    # The stars of the true table are where the frame is bright.
+    truth, image = fits.getdata(path, "TRUTH"), fits.getdata(path)
+    brightest = truth[np.argmin(truth["G"])]
+    x, y = round(float(brightest["X"])), round(float(brightest["Y"]))
+    assert image[max(y - 2, 0) : y + 3, max(x - 2, 0) : x + 3].max() > 5 * np.median(image)
     assert table["mode"].tolist() == [Mode.ACQUIRED] + [Mode.TRACKED] * 9
     np.testing.assert_allclose(np.diff(table["time"]), 0.2)
     np.testing.assert_allclose(table["rate"], 0.05 * deg)

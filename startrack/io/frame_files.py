@@ -1,0 +1,155 @@
+"""Frames, their times and attitudes -> FITS, PNG, SER or raw files, and a table beside them."""
+
+from __future__ import annotations
+
+import os
+import struct
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Camera, Frame, Stars, one_of
+from startrack.io.images import date_text, write_fits
+from startrack.io.recordings import SER_HEADER, SER_MAGIC
+from startrack.io.saving import save_csv, whole
+from startrack.io.wcs import celestial
+
+FORMATS = ("fits", "png", "ser", "raw")
+YEAR_1 = datetime(1, 1, 1, tzinfo=UTC)
+MICROSECOND = timedelta(microseconds=1)
+
+
+class FrameFiles:
+    """Frames of a sequence that are written one after the other, and a table of them.
+
+    fits, png   a file for each frame: NAME-00001.fits, with WCS, times and true attitude;
+                NAME-00001.png of 16 bits
+    ser, raw    one file of all frames: NAME.ser, with times; NAME-COLUMNSxROWS-TYPE.raw
+    The table NAME.csv has a row for each frame: file, number in it, time, date, attitude.
+
+    folder  of the files
+    name    how their names begin
+    format  one of FORMATS
+    start   UTC of the time 0
+    """
+
+    def __init__(self, folder: Path, name: str, format: str, start: datetime):
+        one_of(FORMATS, format=format)
+        self._folder, self._name, self._format, self._start = folder, name, format, start
+        self._rows = list[list[Any]]()
+        self._dates = list[datetime]()
+        self._shape: tuple[tuple[int, ...], str] | None = None
+        self._stream: BinaryIO | None = None
+        self._path = folder / f"{name}.{format}"
+
+    def add(
+        self,
+        frame: Frame,
+        time: float,
+        icrs_to_camera: Rotation,
+        camera: Camera | None = None,
+        stars: Stars | None = None,
+        history: str = "",
+    ) -> None:
+        """Write the next frame.
+
+        time            second, of the middle of its exposure
+        icrs_to_camera  true attitude then
+        camera, stars   for the WCS and the true stars of a FITS file; None: without
+        Raises          ValueError where the format does not hold such pixels.
+        """
+        middle = self._start + timedelta(seconds=time)
+        exposure = frame.exposure if np.isfinite(frame.exposure) else 0.0
+        begun = middle - timedelta(seconds=exposure / 2)
+        number = len(self._rows)
+        if self._format == "fits":
+            path = self._folder / f"{self._name}-{number + 1:05d}.fits"
+            write_fits(path, frame, camera, icrs_to_camera, stars, history, begun)
+        elif self._format == "png":
+            path = self._folder / f"{self._name}-{number + 1:05d}.png"
+            with whole(path) as draft:
+                # Little compression: it would take ten times as long and save a tenth.
+                image = _whole_numbers(frame.image, "png")
+                cv2.imwrite(str(draft), image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        else:
+            self._append(_whole_numbers(frame.image, self._format))
+            path = self._path
+        self._dates.append(begun)
+        place = number if self._format in ("ser", "raw") else 0
+        self._rows.append(
+            [
+                *(path.name, place, repr(float(time)), date_text(begun), repr(float(exposure))),
+                *(repr(float(one)) for one in icrs_to_camera.as_quat(canonical=True)),
+                *(f"{one:.9f}" for one in celestial(icrs_to_camera)),
+            ]
+        )
+
+    def _append(self, image: NDArray[Any]) -> None:
+        kind = image.dtype.name
+        if self._stream is None:
+            self._shape = (image.shape, kind)
+            if self._format == "raw":
+                rows, columns = image.shape
+                self._path = self._folder / f"{self._name}-{columns}x{rows}-{kind}.raw"
+            self._folder.mkdir(parents=True, exist_ok=True)
+            self._stream = self._draft.open("wb")
+            if self._format == "ser":
+                self._stream.write(bytes(SER_HEADER.size))
+        if self._shape != (image.shape, kind):
+            raise ValueError(f"all frames of {self._path} must have one size and type of pixel")
+        self._stream.write(image.astype(image.dtype.newbyteorder("<"), copy=False).tobytes())
+
+    @property
+    def _draft(self) -> Path:
+        return self._folder / f".{self._name}.{self._format}.part{os.getpid()}"
+
+    def close(self) -> list[Path]:
+        """End the files and write the table; returns the files."""
+        if self._stream is not None and self._shape is not None:
+            if self._format == "ser":
+                self._end_ser(self._stream, *self._shape)
+            self._stream.close()
+            self._draft.replace(self._path)
+        save_csv(
+            self._folder / f"{self._name}.csv",
+            ["file", "number", "time_s", "date_obs", "exposure_s"]
+            + [f"icrs_to_camera_{axis}" for axis in "xyzw"]
+            + ["ra_deg", "dec_deg", "roll_deg"],
+            self._rows,
+        )
+        names = dict.fromkeys(row[0] for row in self._rows)
+        return [*(self._folder / name for name in names), self._folder / f"{self._name}.csv"]
+
+    def _end_ser(self, file: BinaryIO, shape: tuple[int, ...], kind: str) -> None:
+        ticks = [(date - YEAR_1) // MICROSECOND * 10 for date in self._dates]
+        file.write(struct.pack(f"<{len(ticks)}q", *ticks))
+        rows, columns = shape
+        file.seek(0)
+        texts = b"", b"startrack", b""
+        depth = 8 * np.dtype(kind).itemsize
+        numbers = (0, 0, 0, columns, rows, depth, len(ticks))
+        file.write(SER_HEADER.pack(SER_MAGIC, *numbers, *texts, ticks[0], ticks[0]))
+
+    def drop(self) -> None:
+        """Remove what is not ended."""
+        if self._stream is not None:
+            self._stream.close()
+            self._draft.unlink(missing_ok=True)
+
+
+def _whole_numbers(image: NDArray[Any], format: str) -> NDArray[Any]:
+    """The image in 8 or 16 bits without a sign."""
+    if image.dtype in (np.uint8, np.uint16):
+        return image
+    whole = image.size > 0 and np.issubdtype(image.dtype, np.integer)
+    if whole and image.min() >= 0 and image.max() < 2**16:
+        return image.astype(np.uint16)
+    raise ValueError(
+        f"a frame must have whole numbers from 0 to 65535 to be written as {format}, got "
+        f"{image.dtype} from {image.min()} to {image.max()}; fits takes any"
+    )

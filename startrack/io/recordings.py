@@ -1,0 +1,172 @@
+"""SER and raw files -> images; Bayer mosaics -> images of one colour or of all.
+
+SER is what cameras of the amateur sky write: a header of 178 bytes, frames, and a time for each.
+Source: Heiko Wilkens and Grischa Hahn, SER format description, version 3 (2014).
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import one_of, require_memory, whole
+from startrack.io.reading import regular_file
+
+PATTERNS = ("RGGB", "GRBG", "GBRG", "BGGR")
+COLOURS = ("superpixel", "red", "green", "blue")
+RAW_TYPES = ("uint8", "uint16", "uint16be", "float32")
+SER_HEADER = struct.Struct("<14s7i40s40s40s2q")
+SER_MAGIC = b"LUCAM-RECORDER"
+SER_PATTERNS = dict(zip((8, 9, 10, 11), PATTERNS, strict=True))
+SER_RGB = (100, 101)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a file of an image may not say of itself.
+
+    plane   number from 0 of the plane of a cube or a SER; None: the largest value of all planes of
+            a cube, the first frame of a SER
+    bayer   pattern of the colours of the first two pixels of the first two rows, such as "RGGB";
+            None: that of the file's header, if it has one; "none": no pattern, whatever it says
+    colour  what a mosaic becomes: "superpixel", the mean of each two by two pixels; "red", "green"
+            or "blue", these pixels alone; an image of half as many columns and rows
+    raw     "COLUMNSxROWS:TYPE" of a file without a header, with a type of RAW_TYPES
+    """
+
+    plane: int | None = None
+    bayer: str | None = None
+    colour: str = "superpixel"
+    raw: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.plane is not None:
+            whole(0, 2**31, plane=self.plane)
+        if self.bayer is not None:
+            one_of((*PATTERNS, "none"), bayer=self.bayer)
+        one_of(COLOURS, colour=self.colour)
+        if self.raw is not None:
+            _raw_shape(self.raw)
+
+    def one_image(self, path: Path, image: NDArray[Any], said: str | None) -> NDArray[Any]:
+        """The image of a mosaic, or of an image that is none.
+
+        said  pattern in the header of the file, None where it has none
+        """
+        pattern = said if self.bayer is None else self.bayer
+        if pattern in (None, "none"):
+            return image
+        if pattern not in PATTERNS:
+            raise ValueError(
+                f"{path}: Bayer pattern must be one of {', '.join(PATTERNS)}, got {pattern!r}"
+            )
+        return debayer(image, pattern, self.colour)
+
+
+def debayer(image: NDArray[Any], pattern: str, colour: str) -> NDArray[np.float32]:
+    """A mosaic (rows, columns) as an image of half the size.
+
+    Accuracy  a star's flux is the sum over its pixels of the chosen colours; of "red" or "blue" a
+              quarter of the area is sampled, so that sharp stars' centroids are worse.
+    """
+    one_of(PATTERNS, pattern=pattern)
+    one_of(COLOURS, colour=colour)
+    rows, columns = (size // 2 * 2 for size in image.shape)
+    if min(rows, columns) < 2:
+        raise ValueError(f"a mosaic must have two rows and columns, got shape {image.shape}")
+    cells = [image[k // 2 : rows : 2, k % 2 : columns : 2] for k in range(4)]
+    letters = "RGB" if colour == "superpixel" else colour[0].upper()
+    chosen = [cell for cell, letter in zip(cells, pattern, strict=True) if letter in letters]
+    total = np.zeros(cells[0].shape, np.float32)
+    for cell in chosen:
+        total += cell
+    return total / np.float32(len(chosen))
+
+
+def _raw_shape(text: str) -> tuple[int, int, str]:
+    """Rows, columns and type of "COLUMNSxROWS:TYPE"."""
+    size, _, kind = text.partition(":")
+    columns, _, rows = size.partition("x")
+    kind = kind or "uint16"
+    if kind not in RAW_TYPES or not (columns.isdecimal() and rows.isdecimal()):
+        raise ValueError(
+            f"raw must be COLUMNSxROWS:TYPE with a type of {', '.join(RAW_TYPES)}, such as "
+            f"1024x768:uint16, got {text!r}"
+        )
+    whole(1, 2**16, **{"columns of raw": int(columns), "rows of raw": int(rows)})
+    return int(rows), int(columns), kind
+
+
+def read_raw(path: Path, layout: Layout) -> NDArray[Any]:
+    """One frame of a file of pixels without a header, row by row.
+
+    Raises  ValueError where the file does not hold whole frames of this size, or not this plane.
+    """
+    rows, columns, kind = _raw_shape(layout.raw or "")
+    form = np.dtype(kind.removesuffix("be")).newbyteorder(">" if kind.endswith("be") else "<")
+    size = rows * columns * form.itemsize
+    total = os.stat(regular_file(path, "an image")).st_size
+    if total == 0 or total % size:
+        raise ValueError(
+            f"{path} must hold whole frames of {size} bytes for {layout.raw}, got {total} bytes"
+        )
+    at = _frame_of(path, layout.plane, total // size)
+    with path.open("rb") as file:
+        image = _pixels(path, file, at * size, form, (rows, columns))
+    return image.astype(form.newbyteorder("="))
+
+
+def _frame_of(path: Path, plane: int | None, count: int) -> int:
+    if (plane or 0) >= count:
+        raise ValueError(f"{path}: plane must lie in [0, {count - 1}], got {plane}")
+    return plane or 0
+
+
+def _pixels(
+    path: Path, file: BinaryIO, offset: int, form: np.dtype[Any], shape: tuple[int, ...]
+) -> NDArray[Any]:
+    count = int(np.prod(shape))
+    require_memory(count * form.itemsize, f"{path}, an image of shape {shape},")
+    file.seek(offset)
+    data = file.read(count * form.itemsize)
+    if len(data) < count * form.itemsize:
+        raise ValueError(f"{path} must hold all of its frames, but it is cut")
+    return np.frombuffer(data, form).reshape(shape)
+
+
+def read_ser(path: Path, plane: int | None) -> tuple[NDArray[Any], str | None]:
+    """One frame of a SER, and its Bayer pattern.
+
+    Pixels of 16 bits are little-endian where the header's LittleEndian is 0, as programs have it;
+    the description says the opposite.
+
+    Raises  ValueError where the file is cut or no SER, or has no such frame.
+    """
+    total = os.stat(path).st_size
+    with path.open("rb") as file:
+        head = file.read(SER_HEADER.size)
+        if len(head) < SER_HEADER.size or not head.startswith(SER_MAGIC):
+            raise ValueError(f"{path} must be a whole SER file")
+        _, _, kind, big, columns, rows, depth, count, *_ = SER_HEADER.unpack(head)
+        if not (0 < columns <= 2**16 and 0 < rows <= 2**16 and 1 <= depth <= 16 and count > 0):
+            raise ValueError(
+                f"{path} must hold frames of 1 to 16 bits, got {count} of {columns} x {rows} "
+                f"pixels of {depth} bits"
+            )
+        if kind != 0 and kind not in SER_PATTERNS and kind not in SER_RGB:
+            raise ValueError(f"{path}: colour must be mono, Bayer or RGB, got number {kind}")
+        form = np.dtype("u1" if depth <= 8 else ">u2" if big else "<u2")
+        shape = (rows, columns, 3) if kind in SER_RGB else (rows, columns)
+        size = int(np.prod(shape)) * form.itemsize
+        if total < SER_HEADER.size + count * size:
+            raise ValueError(f"{path} must hold {count} frames of {size} bytes, but it is cut")
+        at = _frame_of(path, plane, count)
+        image = _pixels(path, file, SER_HEADER.size + at * size, form, shape)
+    image = image.astype(form.newbyteorder("="))
+    return (image.max(axis=2) if image.ndim == 3 else image), SER_PATTERNS.get(kind)
