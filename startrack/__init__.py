@@ -26,7 +26,7 @@ optimise         better designs: search, Pareto front, sensitivity, tolerances
 calibration      camera and detector from data
 mission          heads on a spacecraft, its orbit and attitude law, over years
 onboard          guide stars and triangles of a design, for its flight software
-earth            Earth cameras: terrain, geometry in flight, atmosphere, imager
+earth            Earth cameras: terrain, geometry in flight, atmosphere, imager, products
 plots            pictures
 report           a campaign as one page
 benchmark        CPU time and error of every stage

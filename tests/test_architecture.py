@@ -12,7 +12,7 @@ ROOMS = (
     *("detection", "identification", "attitude", "metrics"),
     *("design", "trial", "population", "sequence", "montecarlo", "budget", "verification"),
     *("optimise", "calibration", "mission", "onboard"),
-    *("earth.terrain", "earth.geometry", "earth.atmosphere", "earth.imager"),
+    *("earth.terrain", "earth.geometry", "earth.atmosphere", "earth.imager", "earth.product"),
     *("plots", "report", "benchmark", "cli"),
 )
 # From catalog to metrics: strangers to each other, which meet only in `core`.

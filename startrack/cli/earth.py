@@ -1,4 +1,4 @@
-"""`startrack earth`: geometry and images of Earth cameras over terrain."""
+"""`startrack earth`: geometry, images and products of Earth cameras over terrain."""
 
 from __future__ import annotations
 
@@ -28,10 +28,25 @@ with deferred():
         thinned,
         write_geotiff,
     )
+    from startrack.earth.product import (
+        QUALITY,
+        Product,
+        Settings,
+        against_truth,
+        calibrate,
+        camera_id,
+        make_product,
+        read_calibration,
+        read_raw,
+        save_calibration,
+        write_product,
+        write_quality,
+    )
+    from startrack.earth.product import UNITS as PRODUCT_UNITS
     from startrack.earth.terrain import EQUATORIAL, Raster
     from startrack.io import from_table, read_table, save_netcdf, shipped, whole
     from startrack.motion import Motion, realise_motion
-    from startrack.plots import draw_geometry, draw_picture
+    from startrack.plots import draw_geometry, draw_picture, draw_product
 
 EARTH = """\
 A scene file gives an orbit (or tle), a sensor, a pointing and the terrain. The default is the
@@ -41,6 +56,7 @@ GeoTIFF files of any resolution, such as tiles of the Copernicus DEM or of SRTM,
   startrack earth terrain 'dem/*.tif'         what they cover, and the table [terrain] to copy
   startrack earth geometry SCENE.toml         what each pixel sees
   startrack earth render SCENE.toml           the image, in digital numbers
+  startrack earth process SCENE.toml          radiance and reflectance, on a map
 
 A scene to render also gives a camera (of the catalogue, or in the file), the land and the air;
 catalogs/scenes/hsrs.toml is an example. Heights of both kinds of tiles are above a geoid, whose
@@ -49,6 +65,7 @@ grid is the key `geoid`. Where files overlap, the finest is used. For the geomet
 """
 
 
+LEVELS = 6  # of light of calibration frames, from none to too much
 PANEL = 1500  # lines and columns of a preview, at most
 
 # Unit and meaning of each map that is written.
@@ -94,7 +111,41 @@ def declare(parser: argparse.ArgumentParser) -> None:
     render.add_argument(
         "--geotiff", action="store_true", help="also write GeoTIFF files (extra `earth`)"
     )
+    render.add_argument(
+        "--calibration", type=int, nargs="?", const=0, metavar="EXPOSURES",
+        help="also write dark and flat frames, for `process`: means of so many exposures "
+        "(default: 256 lines of a scanner, 16 frames of a matrix)",
+    )  # fmt: skip
     add_out(render, "startrack-earth")
+    process = add_part(
+        parts, "process", "turn raw images into radiance, reflectance and maps on the terrain",
+        "Reads CHANNEL.fits and CHANNEL-calibration.fits, as `render --calibration` writes them. "
+        "Writes CHANNEL-map.tif and CHANNEL-quality.tif (GeoTIFF; extra `earth`) and "
+        "CHANNEL-map.png. Camera, flight and terrain are those of the scene file; of its land "
+        "nothing is used.",
+    )  # fmt: skip
+    process.add_argument(
+        "scene", nargs="?", metavar="SCENE",
+        help="scene file, or one of the catalogue (default: hsrs), that was rendered",
+    )  # fmt: skip
+    process.add_argument(
+        "--raw", type=Path, metavar="DIR", default=Path("startrack-earth"),
+        help="folder of the images and frames (default: startrack-earth)",
+    )  # fmt: skip
+    process.add_argument(
+        "--projection", choices=("utm", "geographic"), default="utm",
+        help="of the map: UTM in the zone of the image's middle (default), or longitude and "
+        "latitude; on WGS84",
+    )  # fmt: skip
+    process.add_argument(
+        "--cell", type=float, metavar="METRE",
+        help="size of a cell (default: of a pixel in the middle of the image, rounded)",
+    )  # fmt: skip
+    process.add_argument(
+        "--resampling", choices=("bilinear", "nearest", "cubic"), default="bilinear",
+        help="how values between pixels are found (default: bilinear)",
+    )  # fmt: skip
+    add_out(process, "startrack-earth")
     terrain = add_part(
         parts, "terrain", "print the area of height files, and the table that a scene needs"
     )
@@ -108,7 +159,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def command(options: argparse.Namespace) -> int:
     """Run one part of the command."""
-    return {"geometry": geometry, "render": rendered, "terrain": terrain}[options.part](options)
+    run = {"geometry": geometry, "render": rendered, "process": processed, "terrain": terrain}
+    return run[options.part](options)
 
 
 def geometry(options: argparse.Namespace) -> int:
@@ -154,15 +206,27 @@ def rendered(options: argparse.Namespace) -> int:
         lines, columns = channel.detector.rows, channel.columns
         start = options.out / channel.name
         fits, png = start.with_suffix(".fits"), start.with_suffix(".png")
-        cards = {"SCENE": path.name, "CHANNEL": channel.name, "SEED": options.seed}
+        cards = {
+            "SCENE": path.name, "CHANNEL": channel.name, "SEED": options.seed,
+            "CAMERA": (camera_id(channel), "parameters of the channel"),
+        }  # fmt: skip
         with whole(fits) as draft, progress(channel.name, lines) as advance:
             picture = open_fits(draft, lines, columns, cards)
             setting = render(survey, channel, path.parent, options.seed, picture, advance)
             if options.geotiff:
                 write_geotiff(start.with_suffix(".tif"), picture)
+        frames = {}
+        if options.calibration is not None:
+            saved = start.with_name(f"{channel.name}-calibration.fits")
+            with progress(f"{channel.name}: calibration", LEVELS) as advance, as_wrong_use():
+                exposures = options.calibration or None
+                found = calibrate(survey, channel, setting, options.seed, exposures, advance)
+            save_calibration(saved, found, channel)
+            frames = {"calibration": str(saved), "electrons_per_number": found.electrons}
         small = {name: thinned(each, PANEL) for name, each in picture.terms._asdict().items()}
         draw_picture(png, thinned(picture.numbers, PANEL), small, f"{path.stem}: {channel.name}")
         result = _picture_values(channel, picture, setting) | {"fits": str(fits), "png": str(png)}
+        result |= frames
         print_result(options, result, _picture_text(result))
     return Exit.DONE
 
@@ -207,6 +271,90 @@ def _picture_text(result: dict[str, Any]) -> str:
             f"saturated; {result['electrons_per_radiance']:.4g} electrons for 1 W / m^2 / sr / um",
             f"exposure  {1e3 * result['exposure_s']:.4g} ms, smear {result['smear_px']:.2f} pixel",
             f"wrote {result['fits']} and {result['png']}",
+            *([f"wrote {result['calibration']}"] if "calibration" in result else []),
+        ]
+    )
+
+
+def processed(options: argparse.Namespace) -> int:
+    """Write a map, its quality and a picture of each channel; print a summary."""
+    path = _scene_path(options.scene or "hsrs")
+    with as_wrong_use():
+        survey = load_survey(path)
+        settings = Settings(options.projection, options.cell, options.resampling)
+    for channel in survey.channels:
+        with as_wrong_use(ValueError, FileNotFoundError):
+            raw = read_raw(options.raw / f"{channel.name}.fits", channel)
+            frames = read_calibration(options.raw / f"{channel.name}-calibration.fits", channel)
+        with progress(channel.name, 1) as advance:
+            product = make_product(
+                survey, channel, path.parent, raw.numbers, frames, settings, advance
+            )
+        start = options.out / f"{channel.name}-map"
+        quality = options.out / f"{channel.name}-quality.tif"
+        tags = {
+            "CHANNEL": channel.name, "SCENE": path.name, "RESAMPLING": settings.resampling,
+            "CAMERA": camera_id(channel),
+        }  # fmt: skip
+        write_product(start.with_suffix(".tif"), product.layers, PRODUCT_UNITS, product.grid, tags)
+        write_quality(quality, product.quality, product.grid)
+        shown = {name: thinned(each, PANEL) for name, each in product.layers.items()}
+        draw_product(
+            start.with_suffix(".png"), shown, PRODUCT_UNITS, thinned(product.quality, PANEL),
+            QUALITY, f"{path.stem}: {channel.name}, {_grid_text(product)}",
+        )  # fmt: skip
+        result = _product_values(channel.name, product, settings, raw.truth) | {
+            "map": str(start.with_suffix(".tif")), "quality": str(quality),
+            "png": str(start.with_suffix(".png")),
+        }  # fmt: skip
+        print_result(options, result, _product_text(result, product))
+    return Exit.DONE
+
+
+def _product_values(
+    name: str, product: Product, settings: Settings, truth: Floats | None
+) -> dict[str, Any]:
+    error, rms = (math.nan, math.nan) if truth is None else against_truth(product, truth)
+    grid = product.grid
+    return {
+        "channel": name, "projection": grid.system, "columns": grid.columns, "rows": grid.rows,
+        "cell": [grid.step_x, grid.step_y], "resampling": settings.resampling,
+        "mean": {layer: _mean(values) for layer, values in product.layers.items()},
+        "flagged": {
+            word: float((product.quality & bit > 0).mean()) for word, bit in QUALITY.items()
+        },
+        "surroundings": product.surroundings, "radiance_error": error, "radiance_rms": rms,
+    }  # fmt: skip
+
+
+def _grid_text(product: Product) -> str:
+    grid = product.grid
+    unit = "m" if not grid.system.endswith(":4326") else "deg"
+    return (
+        f"{grid.columns} x {grid.rows} cells of {grid.step_x:.4g} x {grid.step_y:.4g} {unit}, "
+        f"{grid.system}"
+    )
+
+
+def _product_text(result: dict[str, Any], product: Product) -> str:
+    layers = ", ".join(
+        f"{name} {value:.4g}{'' if PRODUCT_UNITS[name] == '1' else f' {PRODUCT_UNITS[name]}'}"
+        for name, value in result["mean"].items()
+    )
+    flags = ", ".join(f"{word} {100 * part:.1f} %" for word, part in result["flagged"].items())
+    truth = []
+    if math.isfinite(result["radiance_error"]):
+        truth = [
+            f"truth     mean radiance {100 * result['radiance_error']:+.2f} %, pixels "
+            f"{100 * result['radiance_rms']:.1f} % rms (noise, and edges that the lens blurs)"
+        ]
+    return "\n".join(
+        [
+            f"{result['channel']}: {_grid_text(product)}, {result['resampling']}",
+            f"mean      {layers}",
+            f"quality   {flags}",
+            *truth,
+            f"wrote {result['map']}, {result['quality']} and {result['png']}",
         ]
     )
 

@@ -4,11 +4,12 @@ terrain     intersections of rays and terrain on the WGS84 ellipsoid
 geometry    a camera in flight: orbit or aircraft, sensor and pointing; what each pixel sees
 atmosphere  radiance at a sensor from tables of radiative transfer
 imager      images of Earth cameras: radiance, PSF, detector, digital numbers
+product     products of raw numbers: radiance, reflectance, maps on the terrain
 """
 
 import lazy_loader
 
 # A star tracker needs none of these: each is loaded when it is first used.
 __getattr__, __dir__, __all__ = lazy_loader.attach(
-    __name__, submodules=["terrain", "geometry", "atmosphere", "imager"]
+    __name__, submodules=["terrain", "geometry", "atmosphere", "imager", "product"]
 )

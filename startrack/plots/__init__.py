@@ -25,7 +25,7 @@ from startrack.plots.curves import (
     slew_rates,
     slewing,
 )
-from startrack.plots.earth import draw_geometry, draw_picture
+from startrack.plots.earth import draw_geometry, draw_picture, draw_product
 from startrack.plots.errors import draw_errors
 from startrack.plots.frames import draw_frame, draw_solution, draw_spots
 from startrack.plots.mission import draw_mission, draw_placement

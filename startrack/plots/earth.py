@@ -7,11 +7,15 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from numpy.typing import NDArray
 
 from startrack.core import Floats
 from startrack.plots.style import (
+    BLUE,
+    ORANGE,
+    PURPLE,
+    RED,
     colour_bar,
     colour_limits,
     picture,
@@ -22,6 +26,7 @@ from startrack.plots.style import (
 
 SKY_COLOUR = "#c8d8e8"
 BRIGHTEST = 0.998  # of the pixels have a colour of their own
+FLAGS = (RED, BLUE, ORANGE, PURPLE)  # of quality, after that of no data
 BETWEEN = (0.01, 0.99)  # of the pixels, the image's contrast
 
 
@@ -60,6 +65,54 @@ def draw_picture(
         values = term.astype(np.float64)
         _panel(each, values, label, "inferno", colour_limits(values, BRIGHTEST, 0.0))
     save_picture(path, figure)
+
+
+@styled
+def draw_product(
+    path: Path,
+    layers: Mapping[str, Floats],
+    units: Mapping[str, str],
+    quality: NDArray[np.uint8],
+    names: Mapping[str, int],
+    title: str,
+) -> None:
+    """Write the layers of a product on its map, and the quality of its cells.
+
+    layers   (rows, columns) each; NaN where there is nothing
+    units    of each layer, "1" for none
+    quality  (rows, columns) bits
+    names    the meaning of each bit; a cell has the colour of its highest one
+    """
+    rows = -(-(len(layers) + 1) // 2)
+    tall = min(quality.shape[0] / quality.shape[1], 1.5)
+    figure = picture(0.4 + rows * (1.15 + 2.6 * tall), title)
+    axes = figure.subplots(rows, 2, squeeze=False).ravel()
+    for each, (name, values) in zip(axes, layers.items(), strict=False):
+        label = name if units[name] == "1" else f"{name} ({units[name]})"
+        known = values[np.isfinite(values)]
+        limits = tuple(np.quantile(known, BETWEEN)) if len(known) else None
+        _panel(each, values, label, "gray", limits if limits and limits[0] < limits[1] else None)
+    _flags(axes[len(layers)], quality, names)
+    for each in axes[: len(layers) + 1]:
+        each.set(xlabel="column (cell)", ylabel="row (cell)")
+    for each in axes[len(layers) + 1 :]:
+        each.set_visible(False)
+    save_picture(path, figure)
+
+
+def _flags(axes: Axes, quality: NDArray[np.uint8], names: Mapping[str, int]) -> None:
+    colours = ["white", "0.8", *FLAGS][: len(names) + 1]
+    shown = np.zeros(quality.shape)
+    for n, bit in enumerate(names.values(), 1):
+        shown[quality & bit > 0] = n
+    norm = BoundaryNorm(np.arange(-0.5, len(names) + 1), len(names) + 1)
+    image = axes.imshow(shown, cmap=ListedColormap(colours), norm=norm, interpolation="nearest")
+    _axes(axes)
+    bar = colour_bar(
+        image, axes, shown, "quality", ticks=range(len(names) + 1), orientation="horizontal",
+        aspect=22,
+    )  # fmt: skip
+    bar.set_ticklabels(["good", *names], rotation=30, ha="right")
 
 
 def _panel(

@@ -63,7 +63,8 @@ sample design.toml --out sample --workers 1
 pareto design.toml --points 2 --out pareto --workers 1
 sensitivity design.toml --designs 2 --out sensitivity --workers 1
 earth geometry mountains.toml --out geometry
-earth render hsrs.toml --out render
+earth render hsrs.toml --calibration 8 --out render
+earth process hsrs.toml --raw render --out render
 earth terrain dem.tif
 warm --json
 bench psf --out bench

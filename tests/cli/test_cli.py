@@ -21,7 +21,7 @@ from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store
 
 EXAMPLE = shipped("designs/nanosatellite.toml")
-PARTS = ("earth geometry", "earth render", "earth terrain")
+PARTS = ("earth geometry", "earth render", "earth process", "earth terrain")
 
 
 @pytest.fixture

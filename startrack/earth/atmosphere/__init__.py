@@ -38,6 +38,7 @@ from startrack.earth.atmosphere.radiance import (
     sight_of,
 )
 from startrack.earth.atmosphere.solver import TOP, solve_radiance
+from startrack.earth.atmosphere.sunlight import sun_spectrum
 from startrack.earth.atmosphere.table import Air, AirTable, load_table, save_table
 
 # Public; the other imports serve other rooms.
@@ -67,5 +68,6 @@ __all__ = [
     "save_infrared",
     "save_table",
     "sight_of",
+    "sun_spectrum",
     "vacuum",
 ]

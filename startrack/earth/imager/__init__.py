@@ -15,10 +15,10 @@ render      An image from Survey and Channel: radiance at the sensor in five ter
 files       FITS that is filled while an image is rendered; GeoTIFF with ground control points.
 """
 
-from startrack.earth.imager.band import Band, band_of
+from startrack.earth.imager.band import INFRARED, Band, band_of
 from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water
 from startrack.earth.imager.figures import Figures, figures, known, margins_of, reference
-from startrack.earth.imager.files import ABOUT, open_fits, thinned, write_geotiff
+from startrack.earth.imager.files import ABOUT, RADIANCE, open_fits, thinned, write_geotiff
 from startrack.earth.imager.first import First, Goals, first_parameters
 from startrack.earth.imager.land import Cover, HotSpot, Land, ReflectanceMap
 from startrack.earth.imager.parameters import (
@@ -31,7 +31,15 @@ from startrack.earth.imager.parameters import (
     load_imager,
     load_survey,
 )
-from startrack.earth.imager.render import Picture, Setting, pixel_electrons, prepare, render
+from startrack.earth.imager.render import (
+    MOST_LINES,
+    Picture,
+    Setting,
+    as_matrix,
+    pixel_electrons,
+    prepare,
+    render,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = [

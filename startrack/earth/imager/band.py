@@ -19,6 +19,7 @@ from startrack.earth.atmosphere import (
     infrared_bands,
     load_infrared,
     load_table,
+    sun_spectrum,
     vacuum,
 )
 from startrack.earth.imager.parameters import Channel
@@ -38,6 +39,7 @@ class Band(NamedTuple):
                         joule
     table               its one band is a mean spectral radiance, watt / m^2 / sr / m
     heat                of a blackbody, likewise
+    irradiance          watt / m^2 / m, mean spectral irradiance of the Sun above the air
     """
 
     wavelength: Floats
@@ -45,6 +47,7 @@ class Band(NamedTuple):
     electrons: float
     table: BandTable
     heat: Heat | None
+    irradiance: float
 
 
 def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: float) -> Band:
@@ -77,11 +80,14 @@ def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: fl
     electrons = float(response @ step)
     flat = (response / electrons)[None]
     if isinstance(table, AirTable):
-        bands = in_bands(table, flat, altitude, sun_distance)
+        bands, sun = in_bands(table, flat, altitude, sun_distance), table.irradiance
     else:
         bands = infrared_bands(table, flat, altitude, sun_distance)
+        sun = sun_spectrum(table.spectrum)
     warm = heat_of(table.spectrum, flat) if middle > INFRARED / 2 else None
-    return Band(table.spectrum, flat[0] * step, electrons, bands, warm)
+    weight = flat[0] * step
+    irradiance = float(weight @ sun) / sun_distance**2
+    return Band(table.spectrum, weight, electrons, bands, warm, irradiance)
 
 
 def _in_cells(channel: Channel, spectrum: Floats) -> Floats:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from startrack.core import gib
 from startrack.earth.atmosphere import Terms
 from startrack.earth.imager.render import Picture
+from startrack.earth.terrain import require_rasterio
 from startrack.io import whole
 
 BLOCK = 2880  # bytes, to which a part of a FITS file is filled up
@@ -77,16 +78,10 @@ def write_geotiff(path: Path, picture: Picture) -> None:
 
     Raises  ImportError without rasterio; ValueError where too little ground is seen.
     """
-    try:
-        import rasterio
-        from rasterio.control import GroundControlPoint
-    except ImportError:
-        raise ImportError(
-            "rasterio must be installed to write GeoTIFF: pip install 'startrack[earth]'"
-        ) from None
+    rasterio = require_rasterio("to write GeoTIFF")
     lines, columns = picture.numbers.shape
     points = [
-        GroundControlPoint(j + 0.5, i + 0.5, *_place(picture, j, i))
+        rasterio.control.GroundControlPoint(j + 0.5, i + 0.5, *_place(picture, j, i))
         for j in np.linspace(0, lines - 1, POINTS).round().astype(int)
         for i in np.linspace(0, columns - 1, POINTS).round().astype(int)
         if np.isfinite(picture.longitude[j, i])

@@ -141,7 +141,7 @@ def render(
     for light in blur_strips(strips, weights):
         electrons = pixel_electrons(channel, setting, light)
         streams = Streams(seed, offset + first)
-        numbers = read_out(electrons, _as_matrix(channel, len(light)), streams)
+        numbers = read_out(electrons, as_matrix(channel, len(light)), streams)
         picture.numbers[first : first + len(light)] = numbers
         first += len(light)
     return setting
@@ -154,7 +154,7 @@ def pixel_electrons(channel: Channel, setting: Setting, light: NDArray[np.floati
     Returns  (lines, columns)
     """
     scan = channel.detector.scan
-    device = _as_matrix(channel, _stages(channel) if scan else channel.detector.rows)
+    device = as_matrix(channel, _stages(channel) if scan else channel.detector.rows)
     gain, current = response(device), np.asarray(dark(device), float)
     if scan:  # a column of the image averages its stages
         gain = None if gain is None else gain.mean(0)
@@ -259,6 +259,6 @@ def _stages(channel: Channel) -> int:
     return scan.stages if scan and scan.kind == "tdi" else 1
 
 
-def _as_matrix(channel: Channel, rows: int) -> Detector:
+def as_matrix(channel: Channel, rows: int) -> Detector:
     """A matrix detector with the lines of an image as its rows."""
     return replace(channel.detector, scan=None, rows=rows, columns=channel.columns)

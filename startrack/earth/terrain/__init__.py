@@ -28,11 +28,11 @@ survey           Ground from rays: what each ray meets, its illumination by the 
 from startrack.earth.terrain.chart import Chart, read_charts
 from startrack.earth.terrain.constant_height import ConstantHeight
 from startrack.earth.terrain.ellipsoid import EQUATORIAL, cartesian, geodetic, up
-from startrack.earth.terrain.ground import Ground, Rays
+from startrack.earth.terrain.ground import Ground, Rays, between
 from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.pyramid import Pyramid, Relief
 from startrack.earth.terrain.scan import Scan
-from startrack.earth.terrain.sources import Array, Raster, Source, fractal
+from startrack.earth.terrain.sources import Array, Raster, Source, fractal, require_rasterio
 from startrack.earth.terrain.surface import Grid, Surface, index
 from startrack.earth.terrain.survey import Intersector, survey
 from startrack.earth.terrain.trace import trace

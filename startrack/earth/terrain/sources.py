@@ -44,7 +44,7 @@ class Raster:
     @cached_property
     def grid(self) -> Grid:
         """Pixel centres, of the file itself where its axes are longitude and latitude."""
-        rasterio = _rasterio()
+        rasterio = require_rasterio("to read terrain files")
         with _open(self.path) as file:
             if file.crs is None or file.transform.is_identity:
                 raise ValueError(f"{self.path} must have a georeference, but has none")
@@ -79,7 +79,7 @@ class Raster:
         return out
 
     def _warp(self, grid: Grid, west: float) -> Singles:
-        rasterio = _rasterio()
+        rasterio = require_rasterio("to read terrain files")
         across, down = math.degrees(grid.step_x), math.degrees(grid.step_y)
         transform = rasterio.Affine(
             across,
@@ -103,7 +103,7 @@ class Raster:
 
 
 def _open(path: Path) -> Any:
-    rasterio = _rasterio()
+    rasterio = require_rasterio("to read terrain files")
     regular_file(path, "a raster file")  # GDAL would wait for a FIFO, and read a network
     try:
         return rasterio.open(path)
@@ -111,15 +111,22 @@ def _open(path: Path) -> Any:
         raise OSError(f"{path} must be a raster file that GDAL reads: {error}") from None
 
 
-def _rasterio() -> Any:
+def require_rasterio(purpose: str) -> Any:
+    """The package, with its warping.
+
+    purpose  of it, for the message: "to read terrain files"
+    Raises   ImportError where it is missing.
+    """
     try:
         import rasterio
         import rasterio._err  # what GDAL says has no public name
+        import rasterio.control
         import rasterio.enums
         import rasterio.vrt
+        import rasterio.warp
     except ImportError:
         raise ImportError(
-            "rasterio must be installed to read terrain files: pip install 'startrack[earth]'"
+            f"rasterio must be installed {purpose}: pip install 'startrack[earth]'"
         ) from None
     return rasterio
 

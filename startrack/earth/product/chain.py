@@ -1,0 +1,176 @@
+"""A product of a channel from its raw image and its calibration frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+
+from startrack.core import Floats, one_of, positive, require_memory
+from startrack.earth.geometry import observe_earth
+from startrack.earth.imager import Channel, Setting, Survey, prepare
+from startrack.earth.product.calibration import Calibration, to_radiance
+from startrack.earth.product.ortho import (
+    NO_DATA,
+    PROJECTIONS,
+    RESAMPLING,
+    SATURATED,
+    Bytes,
+    MapGrid,
+    grid_of,
+    place_cells,
+    resample,
+    touched,
+)
+from startrack.earth.product.retrieval import mean_reflectance, retrieve
+from startrack.earth.terrain import Ground
+
+PIXEL_BYTES = 400  # of geometry and layers
+SPREAD = 3  # pixel to which a lens spreads light that matters; chosen by hand
+UNITS = {
+    "radiance": "W m-2 sr-1 um-1",
+    "reflectance": "1",
+    "surface reflectance": "1",
+    "brightness temperature": "K",
+}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a product is put on a map.
+
+    projection  utm or geographic
+    cell        metre; None for the pixel's size in the middle of the image
+    resampling  nearest, bilinear or cubic
+    """
+
+    projection: str = "utm"
+    cell: float | None = None
+    resampling: str = "bilinear"
+
+    def __post_init__(self) -> None:
+        one_of(PROJECTIONS, projection=self.projection)
+        one_of(tuple(RESAMPLING), resampling=self.resampling)
+        if self.cell is not None:
+            positive(cell=self.cell)
+
+
+class Product(NamedTuple):
+    """Layers of one channel, in the image and on the map.
+
+    image         name to (lines, columns): radiance in watt / m^2 / sr / um; reflectance at the top
+                  of the atmosphere and of the surface, or brightness temperature in kelvin
+    saturated     (lines, columns)
+    grid          of the map
+    layers        name to (rows, columns), likewise; NaN where there is nothing
+    quality       (rows, columns) bits of QUALITY
+    surroundings  1, mean reflectance that was found; NaN for thermal radiance
+    """
+
+    image: dict[str, Floats]
+    saturated: NDArray[np.bool_]
+    grid: MapGrid
+    layers: dict[str, Floats]
+    quality: Bytes
+    surroundings: float
+
+
+def make_product(
+    survey: Survey,
+    channel: Channel,
+    folder: Path,
+    numbers: NDArray[np.integer],
+    calibration: Calibration,
+    settings: Settings = Settings(),
+    advance: Callable[[float], None] = lambda part: None,
+) -> Product:
+    """Radiance, reflectance or temperature, and their map on the terrain.
+
+    The geometry is that of the scene file; of its land nothing is used.
+
+    folder   from which files are sought
+    advance  called with parts of the work, of sum one
+    Raises   ValueError where frames do not fit, or no ground is seen; ImportError without rasterio.
+    Accuracy model: flight, pointing and terrain are known exactly; a pixel's ground is where its
+             middle ray meets it.
+    """
+    lines, columns = numbers.shape
+    require_memory(PIXEL_BYTES * lines * columns, f"a product of {columns} x {lines} pixels")
+    survey = replace(survey, rays=1, surroundings=survey.surroundings or 0.0)
+    setting = prepare(survey, channel, folder)
+    radiance = to_radiance(numbers, calibration)
+    saturated = numbers >= calibration.saturation
+    scene = survey.scene(channel)
+    grounds = []
+    for strip in observe_earth(scene, folder):
+        which = np.arange(len(strip.ground)).reshape(strip.shape)[..., strip.shape[2] // 2]
+        grounds.append(strip.ground[which.ravel()])
+        advance(0.3 * strip.shape[0] / lines)
+    image, around = _layers(radiance, grounds, setting)
+    distance = np.concatenate([one.distance for one in grounds]).reshape(lines, columns)
+    longitude, latitude = (
+        np.concatenate([getattr(one, name) for one in grounds])
+        for name in ("longitude", "latitude")
+    )
+    size = float(np.nanmedian(distance)) * channel.detector.pitch / channel.optics.image_distance
+    cell = settings.cell or _rounded(size / (channel.columns / channel.detector.columns))
+    grid = grid_of(longitude, latitude, settings.projection, cell)
+    require_memory(40 * grid.rows * grid.columns, f"a map of {grid.columns} x {grid.rows} cells")
+    layers = {name: np.full((grid.rows, grid.columns), math.nan) for name in image}
+    quality = np.zeros((grid.rows, grid.columns), np.uint8)
+    for part in place_cells(scene, folder, grid, distance, size):
+        bits = part.quality | np.where(touched(saturated, part.pixel), SATURATED, 0)
+        for name, values in image.items():
+            found = resample(values, part.pixel, settings.resampling)
+            layers[name][part.rows] = np.where(bits & NO_DATA, math.nan, found)
+        lost = np.isnan(layers["radiance"][part.rows])
+        quality[part.rows] = np.where(lost, NO_DATA, bits)
+        advance(0.7 * (part.rows.stop - part.rows.start) / grid.rows)
+    return Product(image, saturated, grid, layers, quality, around)
+
+
+def _layers(
+    radiance: Floats, grounds: list[Ground], setting: Setting
+) -> tuple[dict[str, Floats], float]:
+    """Layers (lines, columns) in the image, and the mean reflectance of the ground."""
+    ends = np.cumsum([len(one) for one in grounds])[:-1]
+    parts = np.split(radiance.ravel(), ends)
+    around = mean_reflectance(parts, grounds, setting)
+    here = setting._replace(surroundings=0.0 if math.isnan(around) else around)
+    found = [retrieve(one, ground, here) for one, ground in zip(parts, grounds, strict=True)]
+    image = {"radiance": radiance}
+    for name, values in zip(
+        ("reflectance", "surface reflectance", "brightness temperature"),
+        zip(*found, strict=True), strict=True,
+    ):  # fmt: skip
+        if values[0] is not None:
+            image[name] = np.concatenate(values).reshape(radiance.shape)
+    return image, around
+
+
+def _rounded(size: float) -> float:
+    """Two digits of a size."""
+    return float(f"{size:.2g}")
+
+
+def against_truth(product: Product, truth: Floats) -> tuple[float, float]:
+    """Error of the mean radiance over the image, and rms of the differences, relative.
+
+    truth  (lines, columns) watt / m^2 / sr / um, before the lens: edges that the lens blurs are
+           part of the rms
+    Saturated pixels are left out, with those around, whose light the lens has spread.
+    """
+    radiance = product.image["radiance"]
+    near = maximum_filter(product.saturated, 2 * SPREAD + 1)
+    good = np.isfinite(radiance) & ~near & (truth > 0)
+    if not good.any():
+        return math.nan, math.nan
+    mean = float(truth[good].mean())
+    error = radiance[good] - truth[good]
+    return float(error.mean()) / mean, float(np.sqrt((error**2).mean())) / mean

@@ -1,0 +1,164 @@
+"""FITS of raw images and calibration frames; GeoTIFF of products."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Floats
+from startrack.earth.imager import ABOUT, RADIANCE, Channel
+from startrack.earth.product.calibration import Calibration
+from startrack.earth.product.ortho import QUALITY, Bytes, MapGrid
+from startrack.earth.terrain import require_rasterio
+from startrack.io import open_checked, regular_file, whole
+
+FORMAT = 1  # of the file of calibration frames
+
+
+class RawImage(NamedTuple):
+    """The image of a channel as `startrack earth render` leaves it.
+
+    numbers  (lines, columns) digital number
+    truth    (lines, columns) watt / m^2 / sr / um, the five terms together; None without them
+    """
+
+    numbers: NDArray[np.integer]
+    truth: Floats | None
+
+
+def camera_id(channel: Channel) -> str:
+    """A short name of a channel with all its parameters; the lines of a scanner have no part."""
+    if channel.detector.scan:
+        channel = replace(channel, detector=replace(channel.detector, rows=1))
+    return hashlib.sha256(repr(channel).encode()).hexdigest()[:16]
+
+
+def read_raw(path: Path, channel: Channel) -> RawImage:
+    """The raw image of a channel.
+
+    Raises  FileNotFoundError; ValueError where it is something else, damaged, of another camera or
+            of another size.
+    """
+    with _opened(path, "a raw image of startrack earth render") as parts:
+        first = parts[0]
+        _require_camera(path, first.header, channel)
+        shape = channel.detector.rows, channel.columns
+        if first.data is None or first.data.shape != shape:
+            found = None if first.data is None else first.data.shape
+            raise ValueError(
+                f"{path} must have {shape[1]} x {shape[0]} pixel, as the scene says, got "
+                f"{'none' if found is None else ' x '.join(map(str, found[::-1]))}"
+            )
+        names = {part.name.lower() for part in parts}
+        truth = None
+        if set(ABOUT) <= names:
+            truth = sum(parts[name].data.astype(np.float64) for name in ABOUT)
+        return RawImage(first.data.astype(np.int32), truth)
+
+
+def save_calibration(path: Path, calibration: Calibration, channel: Channel) -> None:
+    """Write calibration frames as FITS with checksums."""
+    from astropy.io import fits
+
+    first = fits.PrimaryHDU()
+    cards: dict[str, Any] = {
+        "EARTHCAL": (FORMAT, "format of these calibration frames"),
+        "CHANNEL": channel.name,
+        "CAMERA": (camera_id(channel), "parameters of the channel"),
+        "EPERDN": (calibration.electrons, "electron / digital number, photon transfer"),
+        "FRAMES": (calibration.exposures, "exposures in each mean"),
+    }
+    for key, value in cards.items():
+        first.header[key] = value
+    parts = [first]
+    for name, values, unit in (
+        ("DARK", calibration.dark, "adu"), ("FLAT", calibration.flat, "adu"),
+        ("SATURATION", calibration.saturation, "adu"), ("RADIANCE", calibration.radiance, RADIANCE),
+        ("GAIN", calibration.gain, ""),
+    ):  # fmt: skip
+        parts.append(fits.ImageHDU(values, name=name))
+        if unit:
+            parts[-1].header["BUNIT"] = unit
+    parts[-1].header.add_comment(f"digital number for 1 {RADIANCE}")
+    with whole(path) as draft:
+        fits.HDUList(parts).writeto(draft, checksum=True)
+
+
+def read_calibration(path: Path, channel: Channel) -> Calibration:
+    """Calibration frames of a channel.
+
+    Raises  as `read_raw`.
+    """
+    with open_checked(path, "EARTHCAL", FORMAT, "calibration frames") as parts:
+        head = parts[0].header
+        _require_camera(path, head, channel)
+        dark, flat, light, gain, saturation = (
+            parts[name].data.astype(np.float64)
+            for name in ("DARK", "FLAT", "RADIANCE", "GAIN", "SATURATION")
+        )
+        return Calibration(
+            dark, flat, light, gain, float(head["EPERDN"]), saturation, int(head["FRAMES"])
+        )
+
+
+def _require_camera(path: Path, header: Any, channel: Channel) -> None:
+    wanted, found = camera_id(channel), header.get("CAMERA")
+    name = header.get("CHANNEL", "no channel")
+    if name != channel.name or found != wanted:
+        raise ValueError(
+            f"{path} must be of channel {channel.name} with the parameters in the scene "
+            f"({wanted}), got {name} ({found or 'no parameters: rendered by an earlier version'})"
+        )
+
+
+@contextmanager
+def _opened(path: Path, what: str) -> Iterator[Any]:
+    from astropy.io import fits
+
+    regular_file(path, what)
+    try:
+        with fits.open(path, memmap=False) as parts:
+            yield parts
+    except FileNotFoundError:
+        raise
+    except (OSError, KeyError, AttributeError, TypeError) as error:
+        raise ValueError(f"{path} must be {what}, whole, got: {error}") from None
+
+
+def write_product(
+    path: Path, layers: Mapping[str, Floats], units: Mapping[str, str], grid: MapGrid,
+    tags: Mapping[str, Any],
+) -> None:  # fmt: skip
+    """Layers of a product as bands of a GeoTIFF, 32-bit floats, NaN where there is nothing."""
+    _write(path, dict(layers), "float32", np.nan, grid, dict(tags), dict(units))
+
+
+def write_quality(path: Path, quality: Bytes, grid: MapGrid) -> None:
+    """Quality of each cell as a GeoTIFF of bits; its tags name them."""
+    tags = {f"BIT_{bit}": name for name, bit in QUALITY.items()}
+    _write(path, {"quality": quality}, "uint8", None, grid, tags, {"quality": "bits"})
+
+
+def _write(
+    path: Path, layers: dict[str, Any], kind: str, nodata: float | None, grid: MapGrid,
+    tags: dict[str, Any], units: dict[str, str],
+) -> None:  # fmt: skip
+    rasterio = require_rasterio("to write GeoTIFF")
+    options: dict[str, Any] = {
+        "driver": "GTiff", "height": grid.rows, "width": grid.columns, "count": len(layers),
+        "dtype": kind, "crs": grid.system, "nodata": nodata, "compress": "deflate", "tiled": True,
+        "transform": rasterio.Affine(grid.step_x, 0, grid.west, 0, -grid.step_y, grid.north),
+    }  # fmt: skip
+    with whole(path) as draft, rasterio.open(draft, "w", **options) as file:
+        file.update_tags(**tags)
+        for n, (name, values) in enumerate(layers.items(), 1):
+            file.set_band_description(n, name)
+            file.set_band_unit(n, units[name])
+            file.write(np.asarray(values, kind), n)

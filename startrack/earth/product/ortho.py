@@ -1,0 +1,207 @@
+"""An image on a grid of a map projection, with the quality of each cell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, maximum_filter
+
+from startrack.core import Floats, deg, one_of, positive
+from startrack.earth.geometry import EarthScene, sun_direction
+from startrack.earth.product.locate import Locator
+from startrack.earth.terrain import (
+    EQUATORIAL,
+    Ground,
+    Rays,
+    between,
+    cartesian,
+    require_rasterio,
+    survey,
+    up,
+)
+
+Bytes = NDArray[np.uint8]
+
+NO_DATA, SATURATED, SHADOW, STEEP, HIDDEN = 1, 2, 4, 8, 16
+QUALITY = {
+    "no data": NO_DATA, "saturated": SATURATED, "shadow": SHADOW, "steep": STEEP, "hidden": HIDDEN,
+}  # fmt: skip
+PROJECTIONS = "utm", "geographic"
+RESAMPLING = {"nearest": 0, "bilinear": 1, "cubic": 3}  # order of the spline
+STEEPEST = 60 * deg  # between a slope's normal and the camera; chosen by hand
+ABOVE = 20e3  # metre from which a ray looks down on each cell
+CELLS = 2**17  # at a time, which limits the memory
+SLACK = 0.5  # pixel on the ground by which a hidden point lies behind the one that is seen
+
+
+@dataclass(frozen=True)
+class MapGrid:
+    """Cells of a map, from the north-west corner.
+
+    system        coordinate system, such as EPSG:32632
+    west, north   outer corner of the first cell: metre, or degree in a geographic system
+    step_x, step_y  size of a cell, in the same unit
+    columns, rows
+    """
+
+    system: str
+    west: float
+    north: float
+    step_x: float
+    step_y: float
+    columns: int
+    rows: int
+
+    def places(self, rows: slice) -> tuple[Floats, Floats]:
+        """Longitude and latitude (n,) radian of the middles of the cells of some rows."""
+        y = self.north - (np.arange(rows.start, rows.stop) + 0.5) * self.step_y
+        x = self.west + (np.arange(self.columns) + 0.5) * self.step_x
+        x, y = (each.ravel() for each in np.meshgrid(x, y))
+        return transformed(x, y, self.system, GEOGRAPHIC, 1.0, deg)
+
+
+GEOGRAPHIC = "EPSG:4326"
+
+
+def transformed(
+    x: Floats, y: Floats, system: str, other: str, unit: float, other_unit: float
+) -> tuple[Floats, Floats]:
+    """Coordinates (n,) in another system; `unit` is what they are multiples of."""
+    if system == other:
+        return x * (other_unit / unit), y * (other_unit / unit)
+    warp = require_rasterio("to project maps").warp
+    found = warp.transform(system, other, x / unit, y / unit)
+    return np.array(found[0]) * other_unit, np.array(found[1]) * other_unit
+
+
+def grid_of(longitude: Floats, latitude: Floats, projection: str, cell: float) -> MapGrid:
+    """The cells that hold all points; their corner is a multiple of their size.
+
+    longitude, latitude  (n,) radian, at least one; NaN is left out
+    projection           utm, in the zone of the middle; or geographic, cells of as many metre
+                         east and north in the middle
+    cell                 metre
+    """
+    one_of(PROJECTIONS, projection=projection)
+    positive(cell=cell)
+    known = np.isfinite(longitude)
+    if not known.any():
+        raise ValueError("an image must show the ground to be put on a map, but shows only sky")
+    longitude, latitude = longitude[known], latitude[known]
+    # Around the first point, so that no image ends at the date line.
+    longitude = longitude[0] + (longitude - longitude[0] + math.pi) % (2 * math.pi) - math.pi
+    east, north = (float(np.median(each)) / deg for each in (longitude, latitude))
+    if projection == "utm":
+        zone = int((east + 180) % 360 // 6) + 1
+        system = f"EPSG:{(32600 if north >= 0 else 32700) + zone}"
+        step_x = step_y = cell
+        x, y = transformed(longitude, latitude, GEOGRAPHIC, system, deg, 1.0)
+    else:
+        system, x, y = GEOGRAPHIC, longitude / deg, latitude / deg
+        step_y = cell / EQUATORIAL / deg
+        step_x = step_y / math.cos(north * deg)
+    west, top = math.floor(x.min() / step_x) * step_x, math.ceil(y.max() / step_y) * step_y
+    columns = max(math.ceil((x.max() - west) / step_x), 1)
+    rows = max(math.ceil((top - y.min()) / step_y), 1)
+    return MapGrid(system, west, top, step_x, step_y, columns, rows)
+
+
+class Part(NamedTuple):
+    """Some rows of a map: where the image shows each cell, and the quality of that place.
+
+    rows     of the grid
+    pixel    (rows, columns, 2) line and column of the image
+    quality  (rows, columns) bits, of geometry alone
+    """
+
+    rows: slice
+    pixel: Floats
+    quality: Bytes
+
+
+def place_cells(
+    scene: EarthScene, folder: Path, grid: MapGrid, distance: Floats, spread: float
+) -> Iterator[Part]:
+    """Where the image shows the terrain of each cell, some rows at a time.
+
+    distance  (lines, columns) metre from the camera to the ground of each pixel; NaN for the sky
+    spread    metre on the ground between rays of the image, which set the terrain's level
+    """
+    terrain, locator = scene.terrain.open(folder), Locator(scene)
+    sun = sun_direction(scene.carrier.epoch, scene.sensor.delay)
+    # The farthest of the pixels around, so that slopes are not taken for hidden.
+    farthest = maximum_filter(np.nan_to_num(distance, nan=0.0), 3)
+    step = max(1, CELLS // grid.columns)
+    for first in range(0, grid.rows, step):
+        rows = slice(first, min(first + step, grid.rows))
+        place = grid.places(rows)
+        above, rise = cartesian(*place, np.full(len(place[0]), ABOVE)), up(*place)
+        rays = Rays(above, -rise, np.full(len(above), spread / ABOVE))
+        ground = survey(terrain, rays, sun)
+        pixel = np.full((len(above), 2), math.nan)
+        hit = ground.hit
+        pixel[hit] = locator.locate(ground.point[hit])
+        quality = _quality(ground, locator, pixel, farthest, spread * SLACK)
+        shape = rows.stop - rows.start, grid.columns
+        yield Part(rows, pixel[:, ::-1].reshape(*shape, 2), quality.reshape(shape))
+
+
+def _quality(
+    ground: Ground, locator: Locator, pixel: Floats, farthest: Floats, slack: float
+) -> Bytes:
+    lines, columns = farthest.shape
+    x, y = pixel.T
+    with np.errstate(invalid="ignore"):
+        inside = (x > -0.5) & (x < columns - 0.5) & (y > -0.5) & (y < lines - 0.5)
+    out = np.where(inside, 0, NO_DATA).astype(np.uint8)
+    seen = np.flatnonzero(inside)
+    sight = locator.camera(pixel[seen, 1]) - ground.point[seen]
+    away = np.linalg.norm(sight, axis=1)
+    near = np.rint(pixel[seen]).astype(np.int64)
+    there = farthest[near[:, 1], near[:, 0]]
+    steep = between(ground.normal[seen], sight / away[:, None]) > STEEPEST
+    out[seen] |= np.where(steep, STEEP, 0).astype(np.uint8)
+    out[seen] |= np.where(ground.shadow[seen], SHADOW, 0).astype(np.uint8)
+    out[seen] |= np.where(away > there + slack, HIDDEN, 0).astype(np.uint8)
+    return out
+
+
+def resample(values: Floats, pixel: Floats, method: str) -> Floats:
+    """Values of an image at places between its pixels.
+
+    values   (lines, columns); NaN is no value
+    pixel    (..., 2) line and column
+    method   nearest, bilinear, cubic (a spline through the pixels)
+    Returns  (...); NaN outside, and beside pixels without a value
+    """
+    one_of(tuple(RESAMPLING), resampling=method)
+    order = RESAMPLING[method]
+    lines, columns = values.shape
+    with np.errstate(invalid="ignore"):
+        inside = (pixel > -0.5).all(-1) & (pixel < np.array([lines - 0.5, columns - 0.5])).all(-1)
+    out = np.full(pixel.shape[:-1], math.nan)
+    known = np.isfinite(values)
+    if not known.any() or not inside.any():
+        return out
+    # Half a pixel beyond the middles of the outermost ones, which are repeated there.
+    at = np.clip(pixel[inside], 0, np.array([lines - 1, columns - 1])).T
+    filled = np.where(known, values, values[known].mean())
+    found = map_coordinates(filled, at, order=order, mode="nearest")
+    lost = map_coordinates((~known).astype(float), at, order=min(order, 1), mode="nearest")
+    out[inside] = np.where(lost > 1e-6, math.nan, found)
+    return out
+
+
+def touched(flags: NDArray[np.bool_], pixel: Floats) -> NDArray[np.bool_]:
+    """Which places (..., 2) of line and column have a flagged pixel among the four around."""
+    out = np.zeros(pixel.shape[:-1], np.bool_)
+    known = np.isfinite(pixel).all(-1)
+    at = pixel[known].T
+    out[known] = map_coordinates(flags.astype(float), at, order=1, mode="constant") > 1e-6
+    return out

@@ -1,0 +1,303 @@
+"""Products against the truth of their scenes: radiance, reflectance, place, quality, command."""
+
+import json
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy.io import fits
+
+from startrack.cli.main import main
+from startrack.core.curve import Curve
+from startrack.core.units import deg, nm, um
+from startrack.detector import Detector, Scan
+from startrack.earth.atmosphere import Air
+from startrack.earth.geometry import (
+    Aircraft,
+    EarthScene,
+    Fractal,
+    Pointing,
+    Sensor,
+    Terrain,
+    observe_earth,
+)
+from startrack.earth.imager import (
+    Channel,
+    Cover,
+    Imager,
+    Land,
+    Picture,
+    Survey,
+    band_of,
+    prepare,
+    render,
+)  # fmt: skip
+from startrack.earth.product import (
+    HIDDEN,
+    NO_DATA,
+    SATURATED,
+    Locator,
+    apparent_reflectance,
+    brightness_temperature,
+    calibrate,
+    make_product,
+    to_radiance,
+)  # fmt: skip
+from startrack.earth.product.calibration import Calibration
+from startrack.earth.product.ortho import grid_of, place_cells, resample
+from startrack.earth.terrain import Rays, cartesian, survey, up
+from startrack.optics import Optics
+
+sys.path.append(str(Path(__file__).parents[3] / "experiments"))
+HILLS = Terrain(fractal=Fractal(10 * deg, 47 * deg, 10.0, 256, 600.0), highest=700, lowest=-10)
+PLANE = Aircraft("2026-06-21T10:00:00", 10 * deg, 47 * deg, 3e3, speed=100.0)
+SCAN = Detector(
+    40, 40, 40e-6, 1e-3, Curve((), (0.5,)), full_well=1e6, bits=14, offset=20, prnu=0.02,
+    dark_current=1e6, read_noise=50.0, nonlinearity=0.02, pixel_rate=1e6, scan=Scan(),
+)  # fmt: skip
+GREY = Land()
+GREEN = Curve((519 * nm, 520 * nm, 560 * nm, 561 * nm), (0.0, 1.0, 1.0, 0.0))
+
+
+def flown(detector: Detector = SCAN, band: Curve = GREEN, land: Land = GREY, **rest) -> Survey:
+    channel = Channel("one", Optics(0.05, 4.0, blur=3e-6, psf="airy"), detector, band)
+    return Survey(Imager((channel,)), HILLS, aircraft=PLANE, land=land, air=Air(), rays=1, **rest)
+
+
+def made(one: Survey):
+    channel = one.channels[0]
+    picture = Picture.blank(channel.detector.rows, channel.columns)
+    setting = render(one, channel, Path(), 1, picture)
+    frames = calibrate(one, channel, setting, 1)
+    return make_product(one, channel, Path(), picture.numbers, frames), picture, setting
+
+
+def test_the_mean_radiance_and_the_place_of_fires_come_back():
+    """The experiment's figures on a smaller image; 0.003 % and 0.06 pixel on its own."""
+    from earth_loop import loop_place_px, loop_radiance_error
+
+    error, noise = loop_radiance_error(48)
+    assert error < 0.001
+    assert noise == pytest.approx(1, abs=0.05)  # 2,304 pixels: 3.4 sigma of their scatter
+    assert loop_place_px(48, 2) < 0.1
+
+
+def test_ground_has_the_reflectance_that_it_was_given():
+    """Hills in sun and shade, through air, with a non-linear detector: to the noise of 1,600."""
+    product, _, setting = made(flown(land=Land((Cover(Curve((), (0.3,))),))))
+    surface = product.image["surface reflectance"]
+    assert np.nanmean(surface) == pytest.approx(0.3, abs=0.001)
+    assert product.surroundings == pytest.approx(setting.surroundings, abs=0.003)
+    assert np.nanmean(product.layers["surface reflectance"]) == pytest.approx(0.3, abs=0.003)
+
+
+def test_apparent_reflectance_of_a_white_plain_without_air_is_one():
+    """Irradiance of the Sun at 540 nm by Thuillier et al. (2003): 1.86 W / m^2 / nm to 2 %."""
+    band = band_of(flown().camera.channels[0], None, 3e3, 1.0)
+    assert band.irradiance * nm == pytest.approx(1.86, rel=0.02)
+    radiance = np.array([band.irradiance * math.cos(1.0) / math.pi * um])
+    assert apparent_reflectance(radiance, np.array([1.0]), band) == pytest.approx(1)
+
+
+def test_a_blackbody_has_its_own_brightness_temperature():
+    warm = Curve((9.99 * um, 10 * um, 10.2 * um, 10.21 * um), (0.0, 1.0, 1.0, 0.0))
+    band = band_of(flown(band=warm).camera.channels[0], None, 3e3, 1.0)
+    # Radiation constants of CODATA 2018: 1.191042972e8 W um^4 / m^2 / sr and 14387.7688 um K.
+    radiance = 1.191042972e8 / 10.1**5 / (math.exp(14387.7688 / 10.1 / 300) - 1)
+    assert brightness_temperature(np.array([radiance]), band)[0] == pytest.approx(300, abs=0.05)
+    assert np.isnan(brightness_temperature(np.array([-1.0, 0.0]), band)).all()
+
+
+@pytest.mark.parametrize("kind", ["line", "tdi", "matrix"])
+def test_a_point_is_found_in_the_pixel_that_sees_it(kind):
+    """Two ways through the same optics: rays to terrain, and terrain to pixels."""
+    sensor = Sensor(kind, 30, 30, 0.05, 40e-6, stages=5)
+    scene = EarthScene(HILLS, sensor, aircraft=PLANE, pointing=Pointing(0.2, 0.1, 0.3))
+    (strip,) = observe_earth(scene, Path())
+    which = np.arange(len(strip.ground)).reshape(strip.shape)[..., strip.shape[2] // 2].ravel()
+    found = Locator(scene).locate(strip.ground.point[which])
+    line, column = np.divmod(np.arange(900), 30)
+    np.testing.assert_allclose(found, np.stack([column, line], 1), atol=1e-5)
+
+
+def test_what_hills_hide_is_marked():
+    """Against rays from the camera to each cell, which end before hidden ones."""
+    sensor = Sensor("matrix", 60, 60, 0.05, 160e-6)
+    low = replace(PLANE, altitude=900.0)
+    scene = EarthScene(HILLS, sensor, aircraft=low, pointing=Pointing(pitch=1.0))
+    (strip,) = observe_earth(scene, Path())
+    ground, size = strip.ground, 20.0
+    grid = grid_of(ground.longitude, ground.latitude, "utm", size)
+    distance = ground.distance.reshape(60, 60)
+    parts = list(place_cells(scene, Path(), grid, distance, size))
+    quality = np.concatenate([one.quality for one in parts]).ravel()
+    inside = np.flatnonzero(quality & NO_DATA == 0)
+    lon, lat = grid.places(slice(0, grid.rows))
+    terrain = scene.terrain.open(Path())
+    height = survey(
+        terrain, _down(lon[inside], lat[inside]), ground.sun
+    ).height  # fmt: skip
+    point = cartesian(lon[inside], lat[inside], height)
+    eye = Locator(scene).camera(np.zeros(1))
+    away = np.linalg.norm(point - eye, axis=1)
+    rays = Rays(
+        np.broadcast_to(eye, point.shape).copy(),
+        (point - eye) / away[:, None],
+        np.zeros(len(point)),
+    )
+    first = terrain.meet(rays)[0].distance
+    hidden, marked = first < away - size, quality[inside] & HIDDEN > 0
+    assert 0.05 < hidden.mean() < 0.6
+    assert (hidden == marked).mean() > 0.9
+
+
+def _down(longitude, latitude) -> Rays:
+    rise = up(longitude, latitude)
+    high = cartesian(longitude, latitude, np.full(len(longitude), 2e4))
+    return Rays(high, -rise, np.zeros(len(high)))
+
+
+def test_radiance_follows_the_flats_of_each_pixel():
+    dark = np.array([[10.0, 20.0, 5.0]])
+    flat = np.stack([dark + np.array([[100, 200, 0]]), dark + np.array([[190, 400, 0]])])
+    frames = Calibration(dark, flat, np.array([1.0, 2.0]), flat[0], 1.0, 0 * dark, 2)
+    numbers = np.array([[110, 120, 7], [200, 620, 7]])
+    found = to_radiance(numbers, frames)
+    np.testing.assert_allclose(found[:, :2], [[1.0, 0.5], [2.0, 3.0]])
+    assert np.isnan(found[:, 2]).all()  # a dead pixel
+    with pytest.raises(ValueError, match=r"must have the 2 columns of the image .*, got 3 x 1"):
+        to_radiance(numbers[:, :2], frames)
+
+
+@pytest.mark.parametrize("projection", ["utm", "geographic"])
+def test_a_map_holds_the_image_across_the_date_line(projection):
+    longitude, latitude = np.array([179.99, -179.99, 179.98]) * deg, np.array([10, 10.01, 10]) * deg
+    grid = grid_of(longitude, latitude, projection, 30.0)
+    assert grid.columns == pytest.approx(0.03 * 111.3e3 * math.cos(10 * deg) / 30, abs=4)
+    lon, lat = grid.places(slice(0, grid.rows))
+    for x, y in zip(longitude, latitude, strict=True):
+        apart = np.hypot((lon - x + math.pi) % (2 * math.pi) - math.pi, lat - y) * 6.37e6
+        assert apart.min() < 30
+
+
+def test_resampling_between_pixels():
+    line, column = np.indices((8, 9)).astype(float)
+    values = 3 * line - column
+    place = np.array([[2.3, 4.6], [-0.4, 3.0], [-0.6, 3.0], [math.nan, 1.0]])
+    for method in ("bilinear", "cubic"):
+        found = resample(values, place, method)
+        assert found[0] == pytest.approx(2.3, abs=0.05)
+        assert found[1] == pytest.approx(-3)
+        assert np.isnan(found[2:]).all()
+    assert resample(values, place, "nearest")[0] == 3 * 2 - 5
+    values[2, 5] = math.nan
+    assert np.isnan(resample(values, place, "bilinear")[0])
+
+
+SCENE = """
+camera = "small.toml"
+lines = 30
+columns = 24
+[aircraft]
+epoch = "2026-06-21T10:00:00"
+longitude = "10 deg"
+latitude = "47 deg"
+[air]
+[terrain]
+highest = "500 m"
+[terrain.fractal]
+longitude = "10 deg"
+latitude = "47 deg"
+cell = "5 m"
+cells = 128
+relief = "100 m"
+[land]
+texture = 0.3
+"""
+CAMERA = """
+[[channels]]
+name = "green"
+[channels.optics]
+focal_length = "50 mm"
+f_number = 4
+psf = "airy"
+[channels.band]
+wavelength = ["520 nm", "525 nm", "575 nm", "580 nm"]
+value = [0.0, 1.0, 1.0, 0.0]
+[channels.detector]
+columns = 512
+rows = 30
+pixel_pitch = "20 um"
+exposure = "1 ms"
+full_well = "500e3 electron"
+[channels.detector.scan]
+kind = "line"
+"""
+
+
+def test_the_command_maps_what_was_rendered_and_refuses_the_rest(tmp_path, capsys):
+    rasterio = pytest.importorskip("rasterio")
+    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "small.toml").write_text(CAMERA)
+    scene, raw = str(tmp_path / "scene.toml"), tmp_path / "raw"
+    process = ["earth", "process", scene, "--raw", str(raw), "--out", str(tmp_path / "out")]
+
+    def refused(sentence: str) -> None:
+        assert main(process) == 2
+        assert sentence in capsys.readouterr().err
+
+    refused("green.fits must be a raw image of startrack earth render, but there is none")
+    assert main(["earth", "render", scene, "--out", str(raw), "--calibration", "64"]) == 0
+    capsys.readouterr()
+    frames = (raw / "green-calibration.fits").rename(tmp_path / "frames.fits")
+    refused("green-calibration.fits must be calibration frames, but there is none")
+    frames.rename(raw / "green-calibration.fits")
+    assert main([*process, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert abs(told["radiance_error"]) < 0.005
+    assert told["projection"] == "EPSG:32632"
+    with rasterio.open(told["map"]) as file, rasterio.open(told["quality"]) as bits:
+        assert file.descriptions == ("radiance", "reflectance", "surface reflectance")
+        assert file.shape == bits.shape == (told["rows"], told["columns"])
+        lost = bits.read(1) & NO_DATA > 0
+        assert (np.isnan(file.read(1)) == lost).all()
+        assert lost.mean() == pytest.approx(told["flagged"]["no data"])
+        middle = file.lnglat()
+        assert middle == pytest.approx((10, 47), abs=0.01)
+    assert Path(told["png"]).stat().st_size > 20_000
+    with fits.open(raw / "green-calibration.fits") as parts:
+        assert parts["FLAT"].data.shape == (4, 1, 24)
+        assert parts[0].header["FRAMES"] == 64
+    (tmp_path / "small.toml").write_text(CAMERA.replace("50 mm", "51 mm"))
+    refused("green.fits must be of channel green with the parameters in the scene")
+    (tmp_path / "small.toml").write_text(CAMERA)
+    (tmp_path / "scene.toml").write_text(SCENE.replace("lines = 30", "lines = 31"))
+    refused("green.fits must have 24 x 31 pixel, as the scene says, got 24 x 30")
+    (tmp_path / "scene.toml").write_text(SCENE)
+    (raw / "green.fits").write_bytes(b"SIMPLE  = nonsense")
+    refused("green.fits must be a raw image of startrack earth render, whole, got")
+
+
+def test_saturated_pixels_are_marked_on_the_map():
+    dim = replace(SCAN, full_well=2e4)
+    product, picture, _ = made(flown(dim, land=Land((Cover(Curve((), (0.3,))),))))
+    assert product.saturated.any()
+    assert (product.quality & SATURATED > 0).sum() >= product.saturated.sum() / 2
+    assert (picture.numbers[product.saturated] > 0.97 * 2**14).all()  # 2 % are non-linear
+    assert (picture.numbers[~product.saturated] < 0.98 * 2**14).all()
+
+
+def test_a_matrix_has_frames_of_its_own_size():
+    one = flown(replace(SCAN, scan=None, rows=12))
+    channel = one.channels[0]
+    setting = prepare(one, channel, Path())
+    frames = calibrate(one, channel, setting, 1, 40)
+    assert frames.dark.shape == (12, 40)
+    # Photon transfer: 480 pixels of 40 frames each know a variance to 0.7 %.
+    linear = 1e6 / (2**14 - 1)
+    assert frames.electrons == pytest.approx(linear, rel=0.08)
+    again = calibrate(one, channel, setting, 1, 40)
+    np.testing.assert_array_equal(frames.flat, again.flat)
