@@ -26,7 +26,8 @@ from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Star, centre_of_gravity_error
 from startrack.optimise import Evaluation, Ledger, Search, TrialRunner, evaluate, least
-from startrack.optimise.evaluate import LOST, PENALTY, expected_objective, measured, missed
+from startrack.optimise.evaluate import LOST, PENALTY, measured, missed
+from startrack.optimise.forecast import expected_objective
 from startrack.optimise.runner import FRESH
 from startrack.optimise.steps import assure, correct, prospect, refine
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled

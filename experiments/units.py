@@ -153,9 +153,10 @@ def calibration_ratio(units: int, seed: int, case: Case) -> float:
 
 def response_error(units: int, trials: int, seed: int, case: Case) -> float:
     """Largest relative difference of a unit's rms, interpolated against its own whole trials."""
-    how = Units(trials, 1, case.lifetime)
     fast, whole = (
-        per_unit(unit_trials(case, seed, range(units * trials), how, exact=exact))
+        per_unit(
+            unit_trials(case, seed, range(units * trials), Units(trials, 1, case.lifetime, exact))
+        )
         for exact in (False, True)
     )
     apart = [np.abs(one / other - 1) for one, other in zip(fast[1:], whole[1:], strict=True)]

@@ -27,7 +27,7 @@ from startrack.budget.left_out import caveats, refusal
 from startrack.budget.measured import measured
 from startrack.budget.residuals import residuals
 from startrack.budget.survey import Survey, circles, survey
-from startrack.budget.units import UnitBudgets, unit_budgets
+from startrack.budget.units import UnitBudgets, joined, unit_budgets
 
 # Public; the other imports serve other rooms.
 __all__ = [

@@ -121,17 +121,24 @@ def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[Law] | None:
     return None if found is None else found[0]
 
 
-def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes] | None:
-    """The budget over some fields, and the errors in each of them; None where none is solved."""
+def of_fields(
+    case: Case, view: Fields, like: Case | None = None
+) -> tuple[Budget[Law], Attitudes] | None:
+    """The budget over some fields, and the errors in each of them; None where none is solved.
+
+    like  a case that differs in the places of its stars alone, whose response to single stars is
+          that of this one; None: it is measured
+    """
     refuse_scans(case)
-    star, gate = errors(case), case.tracker.attitude.gate
-    table, random = response(case, star)
+    same = like or case
+    star, gate = errors(same), case.tracker.attitude.gate
+    table, random = response(same, star)
     if not table.fraction.any():
         return None
-    faint = colour_correction(case, view.sky.stars.colour)
+    faint = colour_correction(same, view.sky.stars.colour)
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), faint)
-    systematic = systematic_variance_of(case, view.sky.stars)[view.star[inside]]
-    near, lens = displaced(case, view, inside), through_lens(case, view, inside)
+    systematic = systematic_variance_of(same, view.sky.stars)[view.star[inside]]
+    near, lens = displaced(same, view, inside), through_lens(case, view, inside)
     magnitude = magnitude + lens.fainter
     # A star that its neighbours or the lens move by more than the gate is left out, with the
     # probability of that.
@@ -179,7 +186,7 @@ def of_fields(case: Case, view: Fields) -> tuple[Budget[Law], Attitudes] | None:
     whole = Law(np.sum([line.spread.mean for line in lines], axis=0), sigma, weight)
     whole_line = Line("end to end", None, whole)
     fraction = total / len(weight)
-    refused = _refused(case, star, magnitude)
+    refused = _refused(same, star, magnitude)
     wrong = np.stack(displacement[2:]).sum(axis=0) if fixed else near
     moved_rms = float(np.sqrt((wrong**2).mean())) if fixed else 0.0
     left_out = (*of_the_case(case), *of_the_sky(case, found.stars, refused, moved_rms))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,9 +13,9 @@ from startrack.budget.budget import Law
 from startrack.budget.causes import Term
 from startrack.budget.fields import attitudes, fields
 from startrack.core import Floats, whole
-from startrack.design import Case, Moment
+from startrack.design import Case, Moment, Scope
 from startrack.metrics import Interpretation
-from startrack.population import unit_of
+from startrack.population import of_places, unit_of
 
 OF_THE_CAMERA = ("camera model", "mounting")  # calibrated together, so that parts of them cancel
 FIELDS = 64  # of each unit in each environment
@@ -50,6 +51,24 @@ class UnitBudgets:
     def unit(self, number: int) -> Law:
         """The error of one unit, without its bias."""
         return Law(self.mean[number], self.sigma[number], self.weight[number])
+
+    def first(self, count: int) -> UnitBudgets:
+        """The budgets of the first of these units."""
+        return replace(
+            self,
+            mean=self.mean[:count],
+            sigma=self.sigma[:count],
+            weight=self.weight[:count],
+            bias=self.bias[:count],
+            terms={term: values[:count] for term, values in self.terms.items()},
+            availability=self.availability[:count],
+        )
+
+    def all(self) -> Law:
+        """The error of all units together, with their biases."""
+        mean = self.mean + self.bias[:, None]
+        flat = [each.reshape(-1, 3) for each in (mean, self.sigma)]
+        return Law(flat[0], flat[1], self.weight.ravel() / len(self))
 
     def whole(self, number: int) -> Law:
         """The error of one unit, with its bias."""
@@ -102,20 +121,25 @@ def unit_budgets(
     environments: int = ENVIRONMENTS,
     count_fields: int = FIELDS,
     progress: Callable[[int], None] | None = None,
+    first: int = 0,
+    apart: bool = True,
 ) -> UnitBudgets:
-    """The analytic budget of each of the first units of a seed.
+    """The analytic budget of each of some units of a seed.
 
     age           second
     environments  of each unit
     progress      called with 1 for each unit
+    first         number of the first unit
+    apart         whether biases are apart; False: they are in the means, in a third less time
     Raises    as `analytic`; ValueError where a unit cannot be solved in any field.
     Accuracy  that of `analytic`; 10 % of a unit's rms for 64 fields in 3 environments.
     """
     whole(1, 10**6, count=count)
     whole(1, 1000, environments=environments)
+    settings = _Settings(age, range(-1 if apart else 0, environments), count_fields, _alike(case))
     parts = []
-    for unit in range(count):
-        parts.append(_of_unit(case, seed, unit, age, environments, count_fields))
+    for unit in range(first, first + count):
+        parts.append(_of_unit(case, seed, unit, settings))
         if progress:
             progress(1)
     mean, sigma, weight, bias, available = (
@@ -129,18 +153,53 @@ def unit_budgets(
     return UnitBudgets(age, mean, sigma, weight, bias, terms, available)
 
 
+def joined(parts: Sequence[UnitBudgets]) -> UnitBudgets:
+    """Budgets of units of one age that were computed apart, in their order."""
+    mean, sigma, weight, bias, available = (
+        np.concatenate([getattr(one, name) for one in parts])
+        for name in ("mean", "sigma", "weight", "bias", "availability")
+    )
+    terms = {
+        term: np.concatenate([one.terms.get(term, np.zeros((len(one), 3))) for one in parts])
+        for term in Term
+        if any(term in one.terms for one in parts)
+    }
+    return UnitBudgets(parts[0].age, mean, sigma, weight, bias, terms, available)
+
+
+class _Settings(NamedTuple):
+    """How the budget of each unit is made.
+
+    environments  numbers; with -1 first, that of its calibration, its bias is apart
+    alike         whether stars are measured alike in all environments of a unit
+    """
+
+    age: float
+    environments: range
+    fields: int
+    alike: bool
+
+
+def _alike(case: Case) -> bool:
+    """Whether what varies from environment to environment moves the places of stars alone."""
+    changing = (Scope.ENVIRONMENT, Scope.FRAME)
+    return all(of_places(case, one.name) for one in case.variation if one.per in changing)
+
+
 def _of_unit(
-    case: Case, seed: int, unit: int, age: float, environments: int, count: int
+    case: Case, seed: int, unit: int, settings: _Settings
 ) -> tuple[Floats, Floats, Floats, Floats, Floats, dict[Term, Floats]]:
     """Mean, sigma (m, 3), weight (m,), bias (3,), availability, classes of one unit."""
     means, sigmas, weights = (list[Floats]() for _ in range(3))
     squares, available, bias = dict[Term, list[Floats]](), list[float](), np.zeros(3)
-    for environment in range(-1, environments):
-        one = unit_of(case, seed, Moment(unit, environment, environment, age))
-        view = fields(one.catalog, one.instrument.camera, attitudes, count)
-        found = of_fields(one, view)
+    like: Case | None = None
+    for environment in settings.environments:
+        one = unit_of(case, seed, Moment(unit, environment, environment, settings.age))
+        view = fields(one.catalog, one.instrument.camera, attitudes, settings.fields)
+        found = of_fields(one, view, like)
         if found is None:
             raise ValueError(f"unit {unit} of seed {seed} must see enough stars somewhere")
+        like = one if settings.alike and like is None else like
         budget, _ = found
         law = budget.whole.spread
         camera = sum(
@@ -163,7 +222,7 @@ def _of_unit(
         available.append(budget.availability)
         means.append(law.mean)
         sigmas.append(law.sigma)
-        weights.append(law.weight / environments)
+        weights.append(law.weight / settings.environments.stop)
     terms = {term: np.sqrt(np.mean(values, axis=0)) for term, values in squares.items()}
     return (
         np.concatenate(means) - bias, np.concatenate(sigmas), np.concatenate(weights), bias,

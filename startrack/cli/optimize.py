@@ -18,6 +18,7 @@ with deferred():
         comparison,
         optimize,
         optimum_caveats,
+        units_values,
         write_evaluations,
     )
     from startrack.plots import draw_convergence
@@ -83,4 +84,5 @@ def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
         "trials": optimum.trials,
         "feasible": optimum.feasible,
         "ending": optimum.ending,
+        **({"units": units_values(optimum.units)} if optimum.units else {}),
     }

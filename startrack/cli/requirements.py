@@ -14,7 +14,7 @@ with deferred():
     from startrack.cli.terminal import example, print_result, read_design
     from startrack.core import arcsec
     from startrack.design import Objective
-    from startrack.optimise import expect, expected_objective
+    from startrack.optimise import expect, expected_objective, units_text
 
 EARTH_TOO = (
     "; or an Earth camera (sentinel2-msi, landsat8-oli, landsat8-tirs, waoss, hsrs, mertis, ads40 "
@@ -45,7 +45,8 @@ def command(options: argparse.Namespace) -> int:
     if campaign is None:
         raise WrongUse(f"{path} must have a table [campaign] with requirements")
     budget, margins = expect(design.case, campaign)
-    objective = Objective.read(campaign.objective)
+    over = campaign.over_units(design.case)
+    objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
     error = expected_objective(design.case, campaign) / arcsec
     # No requirement is met by what is no number.
     met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())
@@ -58,7 +59,7 @@ def command(options: argparse.Namespace) -> int:
         "cost": needs.cost(design.case),
     }
     result = {"design": str(path), "met": met, "margins": margins, **costs}
-    result |= {"objective": str(objective), "expected_arcsec": error, "stars": budget.stars}
+    result |= {"objective": objective, "expected_arcsec": error, "stars": budget.stars}
     result |= {"not_counted": budget.left_out, "refused_as_hot_pixels": budget.refused}
     limits = {
         one.name: {"limit_arcsec": one.most / arcsec, "statistic": str(one.objective)}

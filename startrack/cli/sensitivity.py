@@ -13,7 +13,7 @@ with deferred():
     from startrack.cli.terminal import finite, print_result
     from startrack.design import DesignSpace, Objective
     from startrack.io import save_json, save_text
-    from startrack.optimise import Sensitivity, sensitivities
+    from startrack.optimise import Sensitivity, sensitivities, units_text
     from startrack.plots import draw_tornado
 
 
@@ -37,7 +37,8 @@ def command(options: argparse.Namespace) -> int:
     with open_campaign(options, "computing the sensitivities of") as (case, campaign, _, out):
         space = DesignSpace(case, campaign.variables, campaign.links)
         found = sensitivities(space, campaign, options.seed, options.designs)
-    objective = str(Objective.read(campaign.objective))
+    over = campaign.over_units(case)
+    objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
     table = _table(found, objective)
     save_text(out / "sensitivity.md", table + "\n")
     draw_tornado(out / "tornado.png", found, objective)

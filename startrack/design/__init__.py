@@ -25,7 +25,7 @@ files         Design files: a case, and optionally a campaign on it, as TOML wit
 """
 
 from startrack.design.calibration import CameraCalibration
-from startrack.design.campaign import Campaign
+from startrack.design.campaign import Campaign, fewest_trials_beyond
 from startrack.design.case import Case, Fidelity, Instrument, Temperatures, Tracker
 from startrack.design.choice import Choice, branches
 from startrack.design.conditions import (
@@ -35,6 +35,7 @@ from startrack.design.conditions import (
     Change,
     Condition,
     Judged,
+    OverUnits,
     judged,
     turning,
 )
@@ -73,6 +74,7 @@ __all__ = [
     "KeepOut",
     "Link",
     "Objective",
+    "OverUnits",
     "Requirements",
     "Scope",
     "Variable",

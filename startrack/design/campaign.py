@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from startrack.core import positive, whole, within
+from startrack.core import non_negative, parse, positive, whole, within
 from startrack.design.case import Case, Fidelity
 from startrack.design.choice import Choice
-from startrack.design.conditions import Condition, Judged, judged
+from startrack.design.conditions import Condition, Judged, OverUnits, judged
 from startrack.design.objective import Objective
-from startrack.design.requirements import Requirements
+from startrack.design.requirements import Accuracy, Requirements
 from startrack.design.variables import Link, Variable
+
+AGES = ("begin", "end")
+UNIT_TRIALS = 20  # of each fresh unit: its rms is known to 11 %; chosen by hand
+
+
+def fewest_trials_beyond(objective: Objective) -> int:
+    """Trials, of which one is beyond the level of an objective; 2 for an rms."""
+    if objective.fraction is None:
+        return 2
+    return max(2, math.ceil(1 / (1 - objective.fraction) - 1e-9))
 
 
 @dataclass(frozen=True)
@@ -28,6 +39,14 @@ class Campaign:
                    percent, as in "across-99.73", the error that so many trials do not exceed by its
                    length; as in "across-99.73 per axis", that so many errors about single axes do
                    not exceed. Of several conditions, the geometric mean by their weights
+    units          fraction of the units of the design, such as 0.95, that must be as good: the
+                   objective is then the error that this fraction does not exceed, and a limit on
+                   an error must hold for it; None: of the unit as designed alone
+    age            of these units: "begin" or "end" of life, or a time such as "3 yr"
+    unit_count     units that the analytic budget of each design is computed for
+    fresh_units    units on which start and best are compared at the end
+    unit_trials    trials of each of these; None: 20, or so many that the level of the objective or
+                   of a requirement has one trial beyond it
     fidelity       of the trials that a search is done with; the winner is verified on frames
     trials         of each design at first
     most_trials    of each design at last; the number doubles between
@@ -49,6 +68,11 @@ class Campaign:
     requirements: Requirements = field(default_factory=Requirements)
     conditions: tuple[Condition, ...] = ()
     objective: str = "across"
+    units: float | None = None
+    age: str = "end"
+    unit_count: int = 20
+    fresh_units: int = 60
+    unit_trials: int | None = None
     fidelity: Fidelity = Fidelity.WINDOW
     trials: int = 50
     most_trials: int = 200
@@ -68,7 +92,78 @@ class Campaign:
         whole(0, 10**6, analytic_evaluations=self.analytic_evaluations)
         positive(margin=self.margin)
         within(0.001, 0.5, span=self.span)
+        self._check_units()
+
+    def _check_units(self) -> None:
+        whole(2, 1000, unit_count=self.unit_count)
+        whole(2, 10**5, fresh_units=self.fresh_units)
+        if self.age not in AGES:
+            try:
+                non_negative(age=parse(self.age, "s"))
+            except ValueError:
+                raise ValueError(
+                    f"age must be begin, end or a time such as 3 yr, got {self.age!r}"
+                ) from None
+        if self.unit_trials is not None:
+            whole(2, 10**4, unit_trials=self.unit_trials)
+        if self.units is None:
+            return
+        if not 0 < self.units < 1:
+            raise ValueError(f"units must lie in (0, 1), such as 0.95, got {self.units}")
+        if self.requirements.sky == "worst":
+            raise ValueError("units must be left out where requirements.sky is worst")
+        if self.unit_trials is not None and self.unit_trials < self.trials_of_level:
+            raise ValueError(
+                f"unit_trials must be at least {self.trials_of_level}, so that one is beyond the "
+                f"level that is asked, got {self.unit_trials}"
+            )
+
+    @property
+    def trials_of_level(self) -> int:
+        """Trials of a unit, of which one is beyond the largest level that is asked; 2 without."""
+        objectives = [Objective.read(self.objective), *(one.objective for one in self.limited)]
+        return max(fewest_trials_beyond(one) for one in objectives)
+
+    @property
+    def limited(self) -> tuple[Accuracy, ...]:
+        """The errors that are limited, in any condition."""
+        needs = [
+            self.requirements,
+            *(one.requirements(self.requirements) for one in self.conditions),
+        ]
+        return tuple(each for one in needs for each in one.accuracy)
+
+    @property
+    def trials_per_unit(self) -> int:
+        """Trials of each fresh unit."""
+        return self.unit_trials or max(UNIT_TRIALS, self.trials_of_level)
+
+    def over_units(self, case: Case) -> OverUnits | None:
+        """Over which units of a design it is judged; None: it is judged as designed.
+
+        Raises  ValueError where units are asked and those of the design are all alike.
+        """
+        if self.units is None:
+            return None
+        if not case.differs:
+            raise ValueError(
+                "campaign.units needs a design with [[variation]] tables, [instrument.residual] or "
+                "[instrument.detector.age]"
+            )
+        ends = {"begin": 0.0, "end": case.end_of_life}
+        age = ends[self.age] if self.age in ends else parse(self.age, "s")
+        each = math.ceil(self.most_trials / self.unit_count)
+        return OverUnits(self.units, age, self.unit_count, each)
 
     def judged(self, case: Case) -> tuple[Judged, ...]:
-        """A design in all conditions in which it is judged; see `startrack.design.judged`."""
-        return judged(case, self.requirements, self.conditions)
+        """A design in all conditions in which it is judged; see `startrack.design.judged`.
+
+        Where units are asked, conditions without a weight in the objective and without a limit on
+        an error are those of the unit as designed.
+        """
+        units, every = self.over_units(case), judged(case, self.requirements, self.conditions)
+        if units is None:
+            return every
+        return tuple(
+            one._replace(units=units) if one.weight or one.needs.accuracy else one for one in every
+        )

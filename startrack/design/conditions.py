@@ -94,6 +94,22 @@ class Condition:
         return replace(needs, **own) if own else needs
 
 
+@dataclass(frozen=True)
+class OverUnits:
+    """Over which units of a design its errors are judged.
+
+    fraction  1, of the units, whose errors must not be larger
+    age       second, of all units
+    count     units of the analytic budget
+    trials    of each of them, in a search
+    """
+
+    fraction: float
+    age: float
+    count: int
+    trials: int
+
+
 class Judged(NamedTuple):
     """A case in which a design is judged.
 
@@ -101,12 +117,14 @@ class Judged(NamedTuple):
     case    the design in it
     needs   what it must meet there
     weight  1, of its error in the objective
+    units   over which its errors are judged; None: they are those of the unit as designed
     """
 
     name: str
     case: Case
     needs: Requirements
     weight: float
+    units: OverUnits | None = None
 
 
 def turning(case: Case, rate: float) -> Case:

@@ -27,6 +27,7 @@ from startrack.metrics.levels import (
     level,
     level_interval,
     levels,
+    quantile_of_few,
 )
 from startrack.metrics.summary import Interval, Summary, fraction_interval, rms_interval, summarise
 

@@ -14,6 +14,7 @@ from startrack.core import whole
 from startrack.design import Case, Fidelity
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.workers import Serial, one_thread, pool
+from startrack.population import Units
 from startrack.trial import OUTCOMES
 
 __all__ = ["OUTCOMES", "Block", "Serial", "blocks", "one_thread", "pool", "run", "warm"]
@@ -44,23 +45,29 @@ def run(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
     fidelity: Fidelity = Fidelity.FRAME,
+    units: Units | None = None,
 ) -> NDArray[np.void]:
     """The outcomes of trials first ... first + trials - 1.
 
     progress  called with the number of trials that just ended
+    units     how the trials go over units; None: all are of the unit as designed
     Returns   (trials,) structured array: `trial` and the fields of Outcome, in order of trial
     Accuracy  what a trial raises, which a sky that cannot be solved does not; BrokenExecutor where
               a block of trials kills its worker each time.
     """
     whole(1, 10**9, trials=trials)
     size = -(-trials // (workers * BLOCKS_PER_WORKER))
+    if units:  # a unit is made once
+        size = -(-size // units.trials) * units.trials
     end = first + trials
     plan = [range(at, min(at + size, end)) for at in range(first, end, size)]
     outcomes = np.empty(trials, OUTCOMES)
-    for numbers, result in blocks(case, seed, plan, executor, workers, 1, Sampling(fidelity)):
+    for numbers, result in blocks(
+        case, seed, plan, executor, workers, 1, Sampling(fidelity, units=units)
+    ):
         if isinstance(result, Exception):
             raise result
-        outcomes[numbers.start - first : numbers.stop - first] = result
+        outcomes[numbers.start - first : numbers.stop - first] = result[list(OUTCOMES.names or ())]
         if progress:
             progress(len(numbers))
     return outcomes

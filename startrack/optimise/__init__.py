@@ -3,8 +3,10 @@
 search       Function over the unit cube -> the point of its least value (nlopt).
 ledger       One SQLite file with the outcomes of all trials, so that no trial is repeated.
 runner       TrialRunner: trials of any design; it keeps each outcome, so that no trial is repeated.
+forecast     Case -> what the analytic budget expects of it, as designed or over its units.
 evaluate     Point of a DesignSpace -> the score of its design.
 steps        The steps of the optimiser: prospect, reach, correction, refine, race, assure.
+units        Fresh units of a design -> the level that a fraction of them keeps, and yields.
 optimise     Campaign, TrialRunner -> the best design that was found, and how good it is.
 pareto       DesignSpace, two objectives -> the designs that no other design beats in both.
 sensitivity  DesignSpace -> how much the error depends on each variable, alone and together with
@@ -15,7 +17,8 @@ tables       The results of studies as CSV, JSON lines and Markdown.
 """
 
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
-from startrack.optimise.evaluate import Evaluation, evaluate, expect, expected_objective, foresee
+from startrack.optimise.evaluate import Evaluation, evaluate, foresee
+from startrack.optimise.forecast import expect, expected_objective
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, optimize
 from startrack.optimise.pareto import UNITS, Goals, Point, front
@@ -30,15 +33,19 @@ from startrack.optimise.tables import (
     optimum_caveats,
     tolerance_table,
     tolerance_values,
+    units_text,
+    units_values,
     write_evaluations,
     write_samples,
 )
 from startrack.optimise.tolerance import Tolerance, designs_needed, sample
+from startrack.optimise.units import ComparedUnits, UnitYield
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Algorithm",
     "Chains",
+    "ComparedUnits",
     "Ensembles",
     "Evaluation",
     "Found",
@@ -50,6 +57,7 @@ __all__ = [
     "Sensitivity",
     "Tolerance",
     "TrialRunner",
+    "UnitYield",
     "comparison",
     "evaluate",
     "front",

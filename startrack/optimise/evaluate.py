@@ -4,32 +4,39 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.budget import Budget, Law, analytic
 from startrack.core import Floats, arcsec
 from startrack.design import (
     NOMINAL,
     Campaign,
-    Case,
     DesignSpace,
+    Fidelity,
     Judged,
     Objective,
-    Requirements,
 )
 from startrack.metrics import Summary, summarise
-from startrack.optics import COARSE
+from startrack.optimise.forecast import (
+    ENVIRONMENTS,
+    Forecast,
+    bounded,
+    combined_forecasts,
+    forecast,
+    forecasts,
+    geometric_mean,
+    named,
+    over_units,
+)
 from startrack.optimise.runner import TrialRunner
+from startrack.population import Units
 from startrack.verification import (
     boresights,
     counted,
-    expected_error,
-    expected_margins,
     margin,
     measured_over,
 )
@@ -38,9 +45,6 @@ from startrack.verification import margins as margins_of
 # ln(error) for each unit of a margin that is missed. Chosen by hand: it must exceed the slope of
 # ln(error) along every margin; a larger one makes the valley along a limit narrower.
 PENALTY = 10.0
-# Amount by which an error may miss its limit in a score; beyond, ln(error) alone drives the search.
-# Chosen by hand: an error of ten times the limit.
-MOST_MISSED = 9.0
 LOST = 20.0  # ln(arcsec) of a design that no trial solves; chosen by hand: far above any error
 
 
@@ -95,10 +99,12 @@ def evaluate(
     The budget gives the differences between designs without noise. Trials, with the same attitudes
     and random streams for every design, give what the budget neglects: the correction, and how
     often an attitude is found. Of several conditions, `expected` is the geometric mean by their
-    weights; those of weight 0 have no trials here, and their margins are the budget's. An L1
-    penalty has the same minimum as the constrained problem where
-    PENALTY exceeds the slope of ln(error) along the margin (Fletcher 1987, Practical Methods of
-    Optimization, 14.3).
+    weights; those of weight 0 have no trials here, and their margins are the budget's. Over units,
+    `expected` is the level that the asked fraction of them does not exceed by their budgets, with
+    the same units for every design; trials of these units give the correction, as the error of all
+    of them together over what the budgets expect of it. An L1 penalty has the same minimum as the
+    constrained problem where PENALTY exceeds the slope of ln(error) along the margin (Fletcher
+    1987, Practical Methods of Optimization, 14.3).
 
     trials      None for the campaign's first number
     correction  ln(error / expected) at unit-cube coordinates, None for zero
@@ -120,7 +126,7 @@ def evaluate(
             tried = {}
         else:
             tried = {
-                one.name: runner.run(one.case, trials or campaign.trials, campaign.fidelity)
+                one.name: try_out(one, trials or campaign.trials, campaign.fidelity, runner)
                 for one in judged
                 if one.weight
             }
@@ -132,144 +138,55 @@ def evaluate(
     summary = summarise(tried[NOMINAL], campaign.requirements.limits) if tried else None
     for one in judged if tried else ():
         by_trials = tried.get(one.name)
-        found = foreseen[one.name] if by_trials is None else measured(one, by_trials, runner.seed)
+        known = foreseen[one.name]
+        found = known.margins
+        if by_trials is not None:
+            found = measured(one, by_trials, runner.seed, known)
         margins |= named(one.name, found)
-    error = combined(judged, tried, objective)
+    error = combined(judged, tried, objective, foreseen)
     if not expected > 0:
         score = _log_arcsec(error) + (correction(coordinates) if correction else 0.0)
     score += PENALTY * missed(margins)
     return Evaluation(tuple(coordinates), values, error, expected, score, margins, summary, "")
 
 
-def named(condition: str, margins: Mapping[str, float]) -> dict[str, float]:
-    """Margins with the name of their condition, except those of the design's own."""
-    if condition == NOMINAL:
-        return dict(margins)
-    return {f"{name} ({condition})": margin for name, margin in margins.items()}
-
-
-def geometric_mean(errors: Sequence[float], weights: Sequence[float]) -> float:
-    """Mean of errors by their weights; NaN where there is none, or one is NaN or zero."""
-    if not errors or not all(error > 0 for error in errors):
-        return math.nan
-    if len(errors) == 1:
-        return errors[0]
-    logs = [weight * math.log(error) for error, weight in zip(errors, weights, strict=True)]
-    return math.exp(math.fsum(logs) / math.fsum(weights))
+def try_out(one: Judged, trials: int, fidelity: Fidelity, runner: TrialRunner) -> NDArray[np.void]:
+    """The outcomes of the first trials of a case, over its units where it is judged over these."""
+    if one.units is None:
+        return runner.run(one.case, trials, fidelity)
+    each = one.units.trials
+    how = Units(each, min(ENVIRONMENTS, each), one.units.age, exact=True)
+    count = min(math.ceil(trials / each), one.units.count)
+    return runner.run(one.case, count * each, fidelity, units=how)
 
 
 def combined(
-    judged: Sequence[Judged], tried: Mapping[str, NDArray[np.void]], objective: Objective
+    judged: Sequence[Judged],
+    tried: Mapping[str, NDArray[np.void]],
+    objective: Objective,
+    foreseen: Mapping[str, Forecast],
 ) -> float:
-    """The objective (radian) over the trials of all conditions that have a weight."""
+    """The objective (radian) over the trials of all conditions that have a weight.
+
+    foreseen  of each condition, whose budgets say how the level over units is from all trials
+    """
     counted = [one for one in judged if one.weight and one.name in tried]
-    errors = [float(objective.of(objective.squares(tried[one.name]))) for one in counted]
+    errors = [
+        float(objective.of(objective.squares(tried[one.name])))
+        * over_units(one, tried[one.name], objective, foreseen[one.name])
+        for one in counted
+    ]
     return geometric_mean(errors, [one.weight for one in counted]) if counted else math.nan
 
 
-@lru_cache(maxsize=16)
-def _budget(case: Case) -> Budget[Law] | None:
-    """The analytic budget, None where it expects no attitude anywhere; of the 16 last cases.
-
-    Behind a lens table from images of few wavelengths, because each design needs its own.
-    """
-    optics = case.instrument.optics
-    if optics.tabulated and optics.psf_tolerance < COARSE:
-        instrument = replace(case.instrument, optics=replace(optics, psf_tolerance=COARSE))
-        case = replace(case, instrument=instrument)
-    try:
-        return analytic(case)
-    except ValueError:
-        return None
-
-
-class Forecast(NamedTuple):
-    """What the analytic budget expects of a design in one condition.
-
-    error    radian, the objective; NaN where no attitude is expected
-    margins  of the requirements that need trials
-    """
-
-    error: float
-    margins: dict[str, float]
-
-
-def forecast(one: Judged, objective: Objective) -> Forecast:
-    """The objective and the margins of one condition by the analytic budget."""
-    budget = _budget(one.case)
-    if budget is None:
-        return Forecast(math.nan, blind(one.needs))
-    found = bounded(expected_margins(one.needs, budget))
-    # Errors have margins of their own here: the availability must not count them again.
-    found["availability"] = budget.availability - one.needs.min_availability
-    return Forecast(expected_error(objective, budget), found)
-
-
-def forecasts(
-    judged: Sequence[Judged], objective: Objective, runner: TrialRunner | None = None
-) -> tuple[float, dict[str, dict[str, float]]]:
-    """The objective (radian) by the analytic budget, and the margins of each condition by it.
-
-    runner  whose workers compute the conditions; None: this process
-    """
-    every = (runner.map if runner else map)(partial(forecast, objective=objective), judged)
-    return _joined(judged, list(every))
-
-
-def _joined(
-    judged: Sequence[Judged], every: Sequence[Forecast]
-) -> tuple[float, dict[str, dict[str, float]]]:
-    margins = {one.name: found.margins for one, found in zip(judged, every, strict=True)}
-    weights = [one.weight for one in judged]
-    counted = [each.error for each, weight in zip(every, weights, strict=True) if weight]
-    return geometric_mean(counted, [weight for weight in weights if weight]), margins
-
-
-def bounded(margins: Mapping[str, float]) -> dict[str, float]:
-    """The margins, of which none misses by more than MOST_MISSED, so that a score stays finite."""
-    return {name: max(found, -MOST_MISSED) for name, found in margins.items()}
-
-
-def blind(needs: Requirements) -> dict[str, float]:
-    """The margins where no attitude is expected: all missed by the most."""
-    return {
-        **{one.name: -MOST_MISSED for one in needs.accuracy},
-        "availability": -needs.min_availability,
-    }
-
-
-def expect(case: Case, campaign: Campaign) -> tuple[Budget[Law], dict[str, float]]:
-    """The analytic budget of a design in its own condition, and all its margins without a trial.
-
-    Raises  ValueError where the budget expects no attitude anywhere, or a condition does not fit.
-    """
-    judged = campaign.judged(case)
-    budget = _budget(case) or analytic(case)  # which says why there is none
-    margins = margins_of(campaign.requirements, case)
-    margins |= expected_margins(campaign.requirements, budget)
-    for one in judged[1:]:
-        there = _budget(one.case)
-        found = expected_margins(one.needs, there) if there else blind(one.needs)
-        margins |= named(one.name, found)
-    return budget, margins
-
-
-def expected_objective(case: Case, campaign: Campaign, text: str | None = None) -> float:
-    """An objective (radian) by the analytic budget, over all conditions that have a weight.
-
-    text  the objective; None for the campaign's
-    """
-    objective = Objective.read(text or campaign.objective)
-    return forecasts([one for one in campaign.judged(case) if one.weight], objective)[0]
-
-
-def foresee(space: DesignSpace, campaign: Campaign, coordinates: Floats) -> float:
+def foresee(space: DesignSpace, campaign: Campaign, coordinates: Floats, seed: int = 1) -> float:
     """The score of a design without a trial; NaN where it cannot be built.
 
+    seed      of the units, where it is judged over units
     Accuracy  model: that of the budget. The result of a search needs trials too, as an optimiser
               is drawn to designs whose error the model underestimates.
     """
-    return foresee_all(space, campaign, [coordinates])[0]
+    return foresee_all(space, campaign, [coordinates], seed=seed)[0]
 
 
 def foresee_all(
@@ -277,8 +194,10 @@ def foresee_all(
     campaign: Campaign,
     points: Sequence[Floats],
     runner: TrialRunner | None = None,
+    seed: int = 1,
 ) -> list[float]:
     """`foresee` of several designs, in the workers of a runner."""
+    seed = runner.seed if runner else seed
     objective, designs = Objective.read(campaign.objective), list[_Foreseen | None]()
     for coordinates in points:
         try:
@@ -289,7 +208,9 @@ def foresee_all(
         except ValueError:
             designs.append(None)
     tasks = [one for each in designs if each for one in each.judged]
-    every = iter((runner.map if runner else map)(partial(_tried, objective=objective), tasks))
+    every = iter(
+        (runner.map if runner else map)(partial(_tried, objective=objective, seed=seed), tasks)
+    )
     scores = []
     for each in designs:
         found = [next(every) for _ in each.judged] if each else []
@@ -305,21 +226,21 @@ class _Foreseen(NamedTuple):
     judged: Sequence[Judged]
 
 
-def _tried(one: Judged, objective: Objective) -> Forecast | None:
+def _tried(one: Judged, objective: Objective, seed: int) -> Forecast | None:
     """`forecast`, None where the case contradicts itself."""
     try:
-        return forecast(one, objective)
+        return forecast(one, objective, seed)._replace(units=None)
     except ValueError:
         return None
 
 
 def _score(design: _Foreseen, every: Sequence[Forecast]) -> float:
-    expected, foreseen = _joined(design.judged, every)
+    expected, foreseen = combined_forecasts(design.judged, every)
     if not expected > 0:
         return math.nan
     margins = dict(design.margins)
     for one in design.judged:
-        margins |= named(one.name, foreseen[one.name])
+        margins |= named(one.name, foreseen[one.name].margins)
     return _log_arcsec(expected) + PENALTY * missed(margins)
 
 
@@ -327,14 +248,24 @@ def _log_arcsec(angle: float) -> float:
     return math.log(angle / arcsec) if angle > 0 else LOST
 
 
-def measured(one: Judged, outcomes: NDArray[np.void], seed: int) -> dict[str, float]:
-    """The margins that need trials, as these found them, without regard to their interval."""
-    needs, outcomes = one.needs, counted(one.needs, one.case, seed, outcomes)
+def measured(
+    one: Judged, outcomes: NDArray[np.void], seed: int, found: Forecast | None = None
+) -> dict[str, float]:
+    """The margins that need trials, as these found them, without regard to their interval.
+
+    found  what is expected of the case, where it is judged over units
+    """
+    needs, every = one.needs, outcomes
+    outcomes = counted(one.needs, one.case, seed, outcomes)
     summary = summarise(outcomes, needs.limits)
     worst = needs.sky == "worst" and needs.accuracy
     boresight = boresights(seed, outcomes) if worst else np.empty((0, 3))
     errors = {
-        each.name: margin(each.most, measured_over(each.objective, outcomes, boresight, needs.sky))
+        each.name: margin(
+            each.most,
+            measured_over(each.objective, outcomes, boresight, needs.sky)
+            * (over_units(one, every, each.objective, found) if found else 1.0),
+        )
         for each in needs.accuracy
     }
     return bounded(errors) | {

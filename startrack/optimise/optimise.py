@@ -22,9 +22,11 @@ from startrack.design import (
     branches,
 )
 from startrack.metrics import Interval, Summary, summarise
-from startrack.optimise.evaluate import Evaluation, evaluate, measured_score, named
+from startrack.optimise.evaluate import Evaluation, evaluate, measured_score, try_out
+from startrack.optimise.forecast import named
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.steps import Watch, assure, prospect, race, reach, refine
+from startrack.optimise.units import ComparedUnits, compare_units, fresh_units
 from startrack.trial import OUTCOMES
 
 # Designs at most that are judged on fresh frames, until one meets the requirements there. Chosen by
@@ -48,6 +50,7 @@ class Optimum:
     margins       of the best; those of errors and availability are of the bounds that must hold
     ending        one sentence: why the search stopped
     trials        number that were done, per fidelity, before an interruption too
+    units         start and best over fresh units; None: they are judged as designed
     """
 
     space: DesignSpace
@@ -63,6 +66,7 @@ class Optimum:
     margins: dict[str, float]
     ending: str
     trials: dict[str, int]
+    units: ComparedUnits | None = None
 
     @property
     def feasible(self) -> bool:
@@ -90,7 +94,7 @@ def optimize(
     case itself if trials show a lower error there. Designs are compared by the budget, corrected by
     trials, whose number doubles from pass to pass. Where there are choices, their branches race
     first. The winner is judged on frames that no tuning used, its availability by a bound with
-    95 % confidence.
+    95 % confidence; over units, on units that no tuning used, in the campaign's fidelity.
 
     watch        called with each evaluation
     watch_fresh  called with the number of fresh trials just done
@@ -132,9 +136,17 @@ def optimize(
     counted = [one for one in campaign.judged(winner) if one.weight]
     weights = [one.weight for one in counted]
     tuning = {
-        one.name: runner.run(one.case, best.trials, campaign.fidelity) if best.trials else after
+        one.name: try_out(one, best.trials, campaign.fidelity, runner) if best.trials else after
         for one, after in zip(counted, second.values(), strict=True)
     }
+    began = [one for one in campaign.judged(case) if one.weight]
+    units = compare_units(
+        campaign,
+        (began, list(first.values())),
+        (counted, list(second.values())),
+        best.error,
+        runner.seed,
+    )
     before, after, tuned = (
         [objective.squares(each) for each in trials.values()] for trials in (first, second, tuning)
     )
@@ -145,13 +157,16 @@ def optimize(
         winner,
         tuple(tried),
         (summarise(first[NOMINAL], needs.limits), summarise(second[NOMINAL], needs.limits)),
-        objective.ratio_of_means(before, after, weights, runner.seed),
+        units.factor if units else objective.ratio_of_means(before, after, weights, runner.seed),
         best.error,
-        objective.ratio_of_means(after, tuned, weights, runner.seed, paired=False),
+        units.optimism
+        if units
+        else objective.ratio_of_means(after, tuned, weights, runner.seed, paired=False),
         assured.availability,
         best.margins | assured.margins,
         ending,
         {fidelity.value: count for fidelity, count in runner.tried.items()},
+        units,
     )
 
 
@@ -215,7 +230,10 @@ def _shown(
         outcomes = fresh.get(one.name)
         if outcomes is None:
             try:
-                outcomes = runner.run(one.case, campaign.fresh_trials, campaign.fidelity, FRESH)
+                if one.units is not None:
+                    outcomes = fresh_units(one, campaign, runner)
+                else:
+                    outcomes = runner.run(one.case, campaign.fresh_trials, campaign.fidelity, FRESH)
             except ValueError:
                 outcomes = np.empty(0, OUTCOMES)
         found = assure(one, campaign, runner, outcomes)
@@ -244,7 +262,10 @@ def _fresh(
         if not one.weight:
             continue
         try:
-            made = runner.run(one.case, campaign.fresh_trials, Fidelity.FRAME, FRESH, watch)
+            if one.units is not None:
+                made = fresh_units(one, campaign, runner, watch=watch)
+            else:
+                made = runner.run(one.case, campaign.fresh_trials, Fidelity.FRAME, FRESH, watch)
         except ValueError:
             made = np.empty(0, OUTCOMES)
         outcomes[one.name] = made

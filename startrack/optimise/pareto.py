@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, arcsec, one_of, whole
-from startrack.design import Campaign, DesignSpace, Judged, Objective
+from startrack.design import Campaign, DesignSpace, Judged, Objective, fewest_trials_beyond
 from startrack.metrics import Interval
-from startrack.optimise.evaluate import PENALTY, combined, expect, expected_objective, missed
+from startrack.optimise.evaluate import PENALTY, combined, missed
+from startrack.optimise.forecast import Forecast, expect, expected_objective
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import least_of_all
+from startrack.optimise.units import errors_of, fresh_units, level_interval_of_units
 
 METHODS = ("epsilon", "weighted")
 UNITS = {"mass": "kg", "power": "W", "data rate": "bit / s", "volume": "m3", "cost": "1"}
@@ -81,7 +83,9 @@ def front(
     """
     whole(2, 1000, points=points)
     one_of(METHODS, method=method)
-    forecasts = _Forecasts(space, campaign, goals)
+    if campaign.units is not None:
+        _check_levels(goals, campaign)
+    forecasts = _Forecasts(space, campaign, goals, runner.seed)
     first, second = (
         forecasts.least(partial(_weighted, fraction), space.start) for fraction in (1.0, 0.0)
     )
@@ -106,6 +110,16 @@ def front(
         if watch:
             watch(result[-1])
     return result
+
+
+def _check_levels(goals: Goals, campaign: Campaign) -> None:
+    for goal in (goals.first, goals.second):
+        fewest = 0 if goal in UNITS else fewest_trials_beyond(Objective.read(goal))
+        if campaign.trials_per_unit < fewest:
+            raise ValueError(
+                f"campaign.unit_trials must be at least {fewest} for the goal {goal} over units, "
+                f"got {campaign.trials_per_unit}"
+            )
 
 
 def _limited(limit: float, pair: Floats) -> float:
@@ -145,8 +159,8 @@ def cost_of(campaign: Campaign, goal: str) -> Callable[..., float] | None:
 class _Forecasts:
     """Logarithms of both goals by the budget, computed once for each design."""
 
-    def __init__(self, space: DesignSpace, campaign: Campaign, goals: Goals) -> None:
-        self._space, self._campaign = space, campaign
+    def __init__(self, space: DesignSpace, campaign: Campaign, goals: Goals, seed: int) -> None:
+        self._space, self._campaign, self._seed = space, campaign, seed
         self._goals = (goals.first, goals.second)
         self._known = dict[bytes, tuple[Floats, float]]()
 
@@ -162,14 +176,16 @@ class _Forecasts:
     def _new(self, coordinates: Floats) -> tuple[Floats, float]:
         try:
             case = self._space.design(coordinates)
-            _, margins = expect(case, self._campaign)
+            _, margins = expect(case, self._campaign, self._seed)
         except ValueError:
             return np.full(2, math.nan), math.nan
         pair = []
         for goal in self._goals:
             model = cost_of(self._campaign, goal)
             pair.append(
-                model(case) if model else expected_objective(case, self._campaign, goal) / arcsec
+                model(case)
+                if model
+                else expected_objective(case, self._campaign, goal, self._seed) / arcsec
             )
         return np.log(pair), missed(margins)
 
@@ -203,7 +219,9 @@ def _measured(
 ) -> Point:
     judged = campaign.judged(space.design(coordinates))
     tried = {
-        one.name: runner.run(one.case, campaign.most_trials, campaign.fidelity, FRESH)
+        one.name: fresh_units(one, campaign, runner)
+        if one.units is not None
+        else runner.run(one.case, campaign.most_trials, campaign.fidelity, FRESH)
         for one in judged
         if one.weight
     }
@@ -211,12 +229,31 @@ def _measured(
     for goal, known in zip((goals.first, goals.second), np.exp(expected), strict=True):
         if cost_of(campaign, goal):
             found.append(Interval(*[float(known)] * 3))
+        elif campaign.units is not None:
+            found.append(_over_units(judged, tried, Objective.read(goal), campaign, runner.seed))
         else:
             found.append(_interval(judged, tried, Objective.read(goal), runner.seed))
     both = (float(np.exp(expected[0])), float(np.exp(expected[1])))
     measured = found[0].value, found[1].value
     point = tuple(coordinates), space.values(coordinates), both, measured
     return Point(*point, (found[0], found[1]))
+
+
+def _over_units(
+    judged: Sequence[Judged],
+    tried: Mapping[str, NDArray[np.void]],
+    objective: Objective,
+    campaign: Campaign,
+    seed: int,
+) -> Interval:
+    """Arcsec, the level of the objective over the fresh units in all conditions of a weight."""
+    counted = [one for one in judged if one.name in tried and one.units is not None]
+    errors = [
+        errors_of(objective, tried[one.name], one.units, campaign) for one in counted if one.units
+    ]
+    weights, fraction = [one.weight for one in counted], campaign.units or 0.5
+    found = level_interval_of_units(errors, weights, fraction, seed)
+    return Interval(*(each / arcsec for each in (found.value, found.low, found.high)))
 
 
 def _interval(
@@ -229,5 +266,6 @@ def _interval(
     unit = [np.full_like(one, arcsec**2) for one in squares]
     ratio = objective.ratio_of_means(squares, unit, [one.weight for one in counted], seed)
     scale = float(objective.of(unit[0])) / arcsec
-    value = combined(judged, tried, objective) / arcsec
+    nothing = {one.name: Forecast(np.nan, {}) for one in counted}
+    value = combined(judged, tried, objective, nothing) / arcsec
     return Interval(value, ratio.low * scale, ratio.high * scale)

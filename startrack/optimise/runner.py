@@ -20,12 +20,15 @@ from startrack.design import Case, Fidelity
 from startrack.detection import STREAK
 from startrack.montecarlo import Serial, run
 from startrack.optimise.ledger import Ledger
+from startrack.population import Units
 from startrack.trial import OUTCOMES, known_smear
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 FRESH = 10**6  # number of the first fresh trial, beyond all that tuning uses
 VERIFYING = 10**8  # number of the first trial of a verification, beyond all others
+FRESH_UNIT = 10**5  # number of the first fresh unit, beyond all that tuning uses
+VERIFYING_UNIT = 10**7  # number of the first unit of a verification, beyond all others
 
 
 class TrialRunner:
@@ -69,13 +72,15 @@ class TrialRunner:
         fidelity: Fidelity = Fidelity.FRAME,
         first: int = 0,
         progress: Callable[[int], None] | None = None,
+        units: Units | None = None,
     ) -> NDArray[np.void]:
         """The outcomes of trials first ... first + trials - 1 of a design.
 
+        units     how these go over its units; None: all are of the unit as designed
         progress  called with the number of trials that were just done
         Raises    ValueError where the design cannot be built or rendered, also on each later call.
         """
-        key = self._key(case, fidelity, first)
+        key = self._key(case, fidelity, first, units)
         if reason := self.ledger.refusal(key):
             raise ValueError(reason)
         held = self.ledger.held(key)
@@ -93,6 +98,7 @@ class TrialRunner:
                 self._workers,
                 progress,
                 fidelity,
+                units,
             )
         except ValueError as error:
             self.ledger.keep_refusal(key, str(error))
@@ -126,12 +132,14 @@ class TrialRunner:
         """Number of workers."""
         return self._workers
 
-    def _key(self, case: Case, fidelity: Fidelity, first: int) -> bytes:
+    def _key(self, case: Case, fidelity: Fidelity, first: int, units: Units | None = None) -> bytes:
         written = described(case)
         if not math.hypot(*known_smear(case)) > STREAK:  # trials are as without a known smear
             detection = replace(case.tracker.detection, smear_x=0.0, smear_y=0.0)
             written = described(replace(case, tracker=replace(case.tracker, detection=detection)))
         text = f"{startrack.__version__} {self.seed} {fidelity} {first} {written}"
+        if units:
+            text += f" {units}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()
 
 

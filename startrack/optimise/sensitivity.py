@@ -12,7 +12,7 @@ import scipy
 from startrack.core import Floats, arcsec, whole
 from startrack.design import Campaign, DesignSpace
 from startrack.metrics import Interval
-from startrack.optimise.evaluate import expected_objective
+from startrack.optimise.forecast import expected_objective
 
 STEP = 0.01  # of each range, for derivatives; chosen by hand: the budget is smooth over it
 # Base designs of the Sobol indices, a power of two; each needs d + 2 budgets. Chosen by hand: more
@@ -66,7 +66,8 @@ def sensitivities(
 
     def log_error(coordinates: Floats) -> float:
         try:
-            error = expected_objective(space.design(np.clip(coordinates, 0, 1)), campaign)
+            case = space.design(np.clip(coordinates, 0, 1))
+            error = expected_objective(case, campaign, seed=seed)
         except ValueError:
             return math.nan
         return math.log(error / arcsec) if error > 0 else math.nan

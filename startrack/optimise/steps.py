@@ -14,10 +14,18 @@ from numpy.typing import NDArray
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Judged, Objective, Requirements
 from startrack.metrics import Interval
-from startrack.optimise.evaluate import Evaluation, evaluate, foresee, foresee_all, missed
+from startrack.optimise.evaluate import (
+    Evaluation,
+    evaluate,
+    foresee,
+    foresee_all,
+    missed,
+    try_out,
+)
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import Found, Search, Together, least, least_of_all
-from startrack.verification import Answer, Looks, boresights, claims_of, counted
+from startrack.optimise.units import errors_of, fresh_units
+from startrack.verification import Answer, Looks, YieldClaim, boresights, claims_of, counted
 from startrack.verification import margins as margins_of
 
 # Of the evaluations of `prospect` that DIRECT has over the whole space; the rest refine its best.
@@ -35,7 +43,7 @@ def prospect(
     """
 
     def score(coordinates: Floats) -> float:
-        return foresee(space, campaign, coordinates)
+        return foresee(space, campaign, coordinates, runner.seed if runner else 1)
 
     def scores(points: list[Floats]) -> list[float]:
         return foresee_all(space, campaign, points, runner)
@@ -318,7 +326,12 @@ def _beaten(one: _Branch, leader: _Branch, campaign: Campaign, runner: TrialRunn
     rms = Objective(Objective.read(campaign.objective).axes)
     mine, theirs = (
         rms.squares(
-            runner.run(each.space.design(each.coordinates), campaign.trials, campaign.fidelity)
+            try_out(
+                campaign.judged(each.space.design(each.coordinates))[0],
+                campaign.trials,
+                campaign.fidelity,
+                runner,
+            )
         )
         for each in (one, leader)
     )
@@ -326,6 +339,7 @@ def _beaten(one: _Branch, leader: _Branch, campaign: Campaign, runner: TrialRunn
 
 
 LOOKS = 4  # at 1, 2, 4 and 8 times the fresh trials; chosen by hand: trials against a decision
+UNIT_LOOKS = 2  # at 1 and 2 times the fresh units, each of which needs plans of its own
 
 
 def assure(
@@ -336,24 +350,39 @@ def assure(
     While a requirement is undecided, the trials are doubled, up to three times, with the campaign's
     own fidelity, which has the distribution of frames in less time. The bounds are those of `Claim`
     with a tail of 0.05 / 4 (one minus the confidence of the requirements, over four looks), so that
-    at most 5 % of the designs have a wrong bound at any of the looks (Bonferroni).
+    at most 5 % of the designs have a wrong bound at any of the looks (Bonferroni). Over
+    units, an error is shown by the share of them that keep its limit, in two looks.
 
     outcomes  of the fresh frames that exist already
     Returns   the value over all trials, its bounds and its margin by the bound that must hold
     """
-    looks = Looks(2, 2**LOOKS, 1 - one.needs.confidence)  # LOOKS of them; sizes are not used
+    units = one.units
+    most = LOOKS if units is None else UNIT_LOOKS
+    looks = Looks(2, 2**most, 1 - one.needs.confidence)  # so many of them; sizes are not used
     tails = looks.tails(1)
     first, claims, found = FRESH + len(outcomes), claims_of(one.needs), dict[str, Assured]()
-    for look in range(LOOKS if len(outcomes) else 0):
+    for look in range(most if len(outcomes) else 0):
         judged = counted(one.needs, one.case, runner.seed, outcomes)
         boresight = boresights(runner.seed, judged)
         for claim in claims:
+            if units is not None and claim.accuracy:
+                asked = YieldClaim(claim.accuracy, units.fraction)
+                errors = errors_of(claim.accuracy.objective, judged, units, campaign)
+                bounds = asked.bounds(errors, *tails)
+                decided = asked.answer(bounds) is not Answer.NOT_SHOWN
+                found[claim.name] = Assured(bounds, asked.margin(bounds.low), decided)
+                continue
             bounds = claim.bounds(judged, boresight, *tails)
             shown = bounds.high if claim.accuracy else bounds.low
             decided = claim.answer(bounds) is not Answer.NOT_SHOWN
             found[claim.name] = Assured(bounds, claim.margin(shown), decided)
-        if all(each.decided for each in found.values()) or look == LOOKS - 1:
+        if all(each.decided for each in found.values()) or look == most - 1:
             break
+        if units is not None:
+            done = len(outcomes) // campaign.trials_per_unit
+            more = fresh_units(one, campaign, runner, done, done)
+            outcomes = np.concatenate([outcomes, more])
+            continue
         # Repeated numbers would repeat the attitudes.
         more = runner.run(one.case, len(outcomes), campaign.fidelity, first)
         first, outcomes = first + len(more), np.concatenate([outcomes, more])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,14 @@ import numpy as np
 
 from startrack.budget import analytic, caveats, differences
 from startrack.core import arcsec
-from startrack.design import Campaign, Objective
+from startrack.design import YEAR, Campaign, Objective, OverUnits
 from startrack.io import save_csv
 from startrack.metrics import Interval
 from startrack.optimise.ensemble import Chains
 from startrack.optimise.evaluate import Evaluation
 from startrack.optimise.optimise import Optimum
 from startrack.optimise.tolerance import Tolerance
+from startrack.optimise.units import ComparedUnits
 from startrack.verification import margins as margins_of
 
 FRACTIONS = (0.025, 0.16, 0.5, 0.84, 0.975)
@@ -52,6 +54,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     lines += ["| | start | best |", "|---|---|---|"]
     lines += [f"| {name.split('.', 1)[1]} | {before[name]} | {after[name]} |" for name in before]
     start, best = optimum.fresh
+    lines += _units_rows(optimum, campaign)
     for name in ("across", "about"):
         lines.append(
             f"| rms error {name} the boresight (arcsec) "
@@ -81,12 +84,18 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     factor, optimism, fraction = optimum.factor, optimum.optimism, optimum.availability
     designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
     tuning = optimum.tuning_error / arcsec
+    fresh, tuned = f"{start.trials} fresh frames, paired", "error on the tuning trials was"
+    what, later = f"{Objective.read(campaign.objective)}", "fresh frames show"
+    if optimum.units:
+        fresh = f"{optimum.units.count} fresh units, the same of both designs"
+        what, later = units_text(optimum.units.over, campaign), "fresh units show"
+        tuned = "level that the search expected was"
     lines += [
         "",
         f"Better by a factor of {factor.value:.2f} [{factor.low:.2f}, {factor.high:.2f}] in the "
-        f"{Objective.read(campaign.objective)}, on {start.trials} fresh frames, paired. {designs} "
+        f"{what}, on {fresh}. {designs} "
         f"designs were evaluated, {campaign.trials} to {campaign.most_trials} trials each. The "
-        f"error on the tuning trials was {tuning:.{_digits(tuning)}f} arcsec; fresh frames show "
+        f"{tuned} {tuning:.{_digits(tuning)}f} arcsec; {later} "
         f"{optimism.value:.3f} [{optimism.low:.3f}, {optimism.high:.3f}] of that. {trials} trials "
         f"were done in all. The availability is at least {100 * fraction.low:.2f} % "
         f"(required: {100 * needs.min_availability:g} %); at most {100 * best.false.high:.2f} % of "
@@ -119,14 +128,68 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     return "\n".join(lines)
 
 
+def units_text(over: OverUnits, campaign: Campaign) -> str:
+    """What is minimised over units, in words."""
+    return (
+        f"{Objective.read(campaign.objective)} that {100 * over.fraction:g} % of units at "
+        f"{over.age / YEAR:g} yr do not exceed"
+    )
+
+
+def _units_rows(optimum: Optimum, campaign: Campaign) -> list[str]:
+    """Rows of the level over fresh units, and of the yields; none where designs are judged."""
+    units = optimum.units
+    if units is None:
+        return []
+    lines = [
+        f"| {units_text(units.over, campaign)} (arcsec) | {_written(units.start)} "
+        f"| {_written(units.best)} |"
+    ]
+    for one in units.yields:
+        most = one.accuracy.most / arcsec
+        lines.append(
+            f"| yield: {one.accuracy.objective} at most {most:.{_digits(most)}f} arcsec (%) "
+            f"| {_written(one.start, 0.01)} | {_written(one.best, 0.01)} |"
+        )
+    return lines
+
+
+def units_values(units: ComparedUnits) -> dict[str, Any]:
+    """Start and best over fresh units, for JSON; yields as of other commands."""
+    return {
+        "fraction": units.over.fraction,
+        "age_years": units.over.age / YEAR,
+        "count": units.count,
+        "trials_each": units.trials,
+        "predicted_level_arcsec": units.predicted / arcsec,
+        **{
+            name: {
+                "level_arcsec": level.value / arcsec,
+                "level_arcsec_95": [level.low / arcsec, level.high / arcsec],
+                "yields": [
+                    {
+                        "requirement": str(one.accuracy.objective),
+                        "most_arcsec": one.accuracy.most / arcsec,
+                        **asdict(getattr(one, name)),
+                    }
+                    for one in units.yields
+                ],
+            }
+            for name, level in (("start", units.start), ("best", units.best))
+        },
+    }
+
+
 def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
     """Where formula and fresh trials of the best differ, why, and what the formula leaves out."""
     best, summary = optimum.best, optimum.fresh[1]
     try:
-        budget = analytic(best)
+        budget = analytic(best.without_units if optimum.units else best)
     except ValueError as reason:
         return [f"there is no analytic budget of the best design: {reason}"]
-    found = [f"formula and trials differ: {one}" for one in differences(budget, summary)]
+    # The budget is that of the unit as designed.
+    apart = () if optimum.units else differences(budget, summary)
+    found = [f"formula and trials differ: {one}" for one in apart]
     if summary.availability.value < campaign.requirements.min_availability:
         found.append(
             f"attitudes are lost with {budget.stars:.1f} stars expected on average in the sky "

@@ -30,11 +30,15 @@ class Units:
     trials        of each unit
     environments  that each unit meets, its trials shared among them
     age           second, of all units
+    exact         whether each unit's stars are measured anew in fidelity covariance; false: their
+                  response is interpolated between nodes, see `UnitPlans`, which is quicker from
+                  some hundred units on
     """
 
     trials: int
     environments: int = ENVIRONMENTS
     age: float = 0.0
+    exact: bool = False
 
     def __post_init__(self) -> None:
         whole(1, 10**6, trials=self.trials)
@@ -56,18 +60,15 @@ def unit_trials(
     units: Units,
     fidelity: Fidelity = Fidelity.COVARIANCE,
     icrs_to_camera: Rotation | None = None,
-    exact: bool = False,
 ) -> NDArray[np.void]:
     """The outcomes of some trials of a seed, each of a unit drawn from the design's variations.
 
     icrs_to_camera  a true attitude for each; None: random ones
-    exact           whether each unit's stars are measured anew in fidelity covariance; false: their
-                    response is interpolated between nodes, see `UnitPlans`
     Returns  (n,) structured array: the fields of `run_trials`, the unit, and its environment
     Raises   as `run_trials`; ValueError where a parameter refuses what was drawn for a unit.
     """
     table = np.empty(len(numbers), UNITS)
-    fast = fidelity is Fidelity.COVARIANCE and not exact
+    fast = fidelity is Fidelity.COVARIANCE and not units.exact
     plans = unit_plans(case) if fast else None
     attitudes = random_attitudes(seed, numbers) if icrs_to_camera is None else icrs_to_camera
     for moment, each in groupby(range(len(numbers)), lambda n: units.moment(case, numbers[n])):

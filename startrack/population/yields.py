@@ -44,22 +44,27 @@ class PerUnit(NamedTuple):
         Accuracy  statistical: a unit's objective is that of its trials, whose scatter smears the
                   limit by 1 / sqrt(2 trials) of it.
         """
-        found = np.array([
-            float(objective.of(objective.squares(table[table["unit"] == unit])))
-            for unit in self.unit
-        ])  # fmt: skip
+        found = unit_errors(objective, table, table["unit"])
         return fraction_interval(int((found <= limit).sum()), len(found))
+
+
+def unit_errors(objective: Objective, outcomes: NDArray[np.void], unit: Ints) -> Floats:
+    """The objective of each unit over its trials, radian; NaN where none is solved.
+
+    unit     (n,) of each trial
+    Returns  in order of the units' numbers
+    """
+    squares, (_, place) = objective.squares(outcomes), np.unique(unit, return_inverse=True)
+    order = np.argsort(place, kind="stable")
+    parts = np.split(squares[order], np.cumsum(np.bincount(place))[:-1])
+    return np.array([float(objective.of(one)) for one in parts])
 
 
 def per_unit(table: NDArray[np.void]) -> PerUnit:
     """The errors of each unit in a table of `unit_trials`."""
-    units = np.unique(table["unit"])
-    across, about = Objective("across"), Objective("about")
-    rows = [table[table["unit"] == unit] for unit in units]
-    each = [
-        np.array([float(one.of(one.squares(part))) for part in rows]) for one in (across, about)
-    ]
-    return PerUnit(units, each[0], each[1])
+    unit = table["unit"]
+    across, about = (unit_errors(Objective(axes), table, unit) for axes in ("across", "about"))
+    return PerUnit(np.unique(unit), across, about)
 
 
 def explain(case: Case, seed: int, units: Units, unit: int) -> list[tuple[str, float]]:

@@ -12,6 +12,7 @@ table     Verification -> the table of its verdicts as texts, and the sentences 
 from startrack.verification.accuracy import (
     REGIONS,
     expected_error,
+    expected_in_all,
     expected_margins,
     expected_over,
     margin,
@@ -21,7 +22,7 @@ from startrack.verification.accuracy import (
 )
 from startrack.verification.blinded import boresights, counted
 from startrack.verification.cases import cases
-from startrack.verification.decide import Answer, Claim, Looks, claims_of, mean_bounds
+from startrack.verification.decide import Answer, Claim, Looks, YieldClaim, claims_of, mean_bounds
 from startrack.verification.margins import limiting_magnitude, margins, needed_magnitude
 from startrack.verification.table import HEAD as VERDICT_HEAD
 from startrack.verification.table import notes as verdict_notes

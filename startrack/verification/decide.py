@@ -169,6 +169,47 @@ class Claim:
         return None if found is None or found * more > MOST else math.ceil(found * more)
 
 
+@dataclass(frozen=True)
+class YieldClaim:
+    """That a fraction of the units of a design keeps a limit on an error.
+
+    accuracy  the limit
+    least     1, of the units
+    """
+
+    accuracy: Accuracy
+    least: float
+
+    @property
+    def name(self) -> str:
+        """ "across" or "about"."""
+        return self.accuracy.name
+
+    def bounds(self, errors: Floats, passing: float, failing: float) -> Interval:
+        """The yield of n units, the bound that can fail it, and the one that can pass it.
+
+        errors            (n,) radian, of the units
+        passing, failing  probabilities that each bound does not hold
+        Accuracy          exact; where a unit's error is that of few trials, of the yield with it
+        """
+        hits, n = int((errors <= self.accuracy.most).sum()), len(errors)
+        low = fraction_interval(hits, n, 1 - 2 * passing).low
+        return Interval(hits / n, low, fraction_interval(hits, n, 1 - 2 * failing).high)
+
+    def answer(self, bounds: Interval) -> Answer:
+        """What the bounds decide."""
+        passes, fails = bounds.low >= self.least, bounds.high < self.least
+        return Answer.PASS if passes else Answer.FAIL if fails else Answer.NOT_SHOWN
+
+    def margin(self, value: float) -> float:
+        """Of a yield to what is asked."""
+        return value - self.least
+
+    def needed(self, share: float, passing: float, failing: float) -> int | None:
+        """Number of units that would decide it, if further ones are like these; None: no number."""
+        return _needed_hits(share, self.least, passing, failing)
+
+
 def claims_of(needs: Requirements) -> list[Claim]:
     """What trials can show of some requirements: the errors that are limited, the availability."""
     errors = [Claim(each, 0.0, needs.limits, needs.sky) for each in needs.accuracy]

@@ -5,8 +5,8 @@ import pytest
 
 from startrack.budget import Budget, Law, Line
 from startrack.design.objective import Objective
-from startrack.optimise.evaluate import expected_error
 from startrack.trial.chain import OUTCOMES
+from startrack.verification import expected_error
 
 RMS = Objective()
 

@@ -17,7 +17,7 @@ def test_a_power_law_has_known_slopes_and_indices(small, monkeypatch):
     focal, exposure = small.campaign.variables[0], small.campaign.variables[3]
     space = DesignSpace(small.case, (focal, exposure))
 
-    def law(case, _):
+    def law(case, _, seed):
         return case.instrument.optics.focal_length**2 / math.sqrt(case.instrument.detector.exposure)
 
     monkeypatch.setattr(module, "expected_objective", law)
@@ -63,7 +63,7 @@ def test_the_same_seed_has_the_same_intervals_and_another_one_others(small, monk
     """The points are of the seed, and so are the resamples; the indices are those of scipy."""
     space = DesignSpace(small.case, small.campaign.variables[:2])
 
-    def law(case, _=None):
+    def law(case, _=None, seed=1):
         return case.instrument.optics.focal_length * math.sqrt(case.instrument.optics.f_number)
 
     monkeypatch.setattr(module, "expected_objective", law)

@@ -45,9 +45,8 @@ def rms(table, about=False):
 @pytest.mark.parametrize("age", [0.0, 5 * YEAR], ids=["begin", "end"])
 def test_the_interpolated_response_of_units_is_that_of_whole_trials(age):
     """The rms error over four units within 3 %; the trials share sky and noise."""
-    units = Units(100, 1, age)
     fast, whole = (
-        unit_trials(VARIED, 2, range(400), units, exact=exact) for exact in (False, True)
+        unit_trials(VARIED, 2, range(400), Units(100, 1, age, exact)) for exact in (False, True)
     )
     for about in (False, True):
         assert rms(fast, about) == pytest.approx(rms(whole, about), rel=0.03)

@@ -1,0 +1,253 @@
+"""Case -> what the analytic budget expects of it in each condition, as designed or over units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.budget import Budget, Law, UnitBudgets, analytic, joined, unit_budgets
+from startrack.design import NOMINAL, Campaign, Case, Judged, Objective, Requirements
+from startrack.metrics import quantile_of_few
+from startrack.optics import COARSE
+from startrack.optimise.runner import TrialRunner
+from startrack.verification import (
+    expected_error,
+    expected_in_all,
+    expected_margins,
+    margin,
+    units_expected,
+)
+from startrack.verification import margins as margins_of
+
+# Amount by which an error may miss its limit in a score; beyond, ln(error) alone drives the search.
+# Chosen by hand: an error of ten times the limit.
+MOST_MISSED = 9.0
+
+
+def geometric_mean(errors: Sequence[float], weights: Sequence[float]) -> float:
+    """Mean of errors by their weights; NaN where there is none, or one is NaN or zero."""
+    if not errors or not all(error > 0 for error in errors):
+        return math.nan
+    if len(errors) == 1:
+        return errors[0]
+    logs = [weight * math.log(error) for error, weight in zip(errors, weights, strict=True)]
+    return math.exp(math.fsum(logs) / math.fsum(weights))
+
+
+def named(condition: str, margins: Mapping[str, float]) -> dict[str, float]:
+    """Margins with the name of their condition, except those of the design's own."""
+    if condition == NOMINAL:
+        return dict(margins)
+    return {f"{name} ({condition})": margin for name, margin in margins.items()}
+
+
+def bounded(margins: Mapping[str, float]) -> dict[str, float]:
+    """The margins, of which none misses by more than MOST_MISSED, so that a score stays finite."""
+    return {name: max(found, -MOST_MISSED) for name, found in margins.items()}
+
+
+def blind(needs: Requirements) -> dict[str, float]:
+    """The margins where no attitude is expected: all missed by the most."""
+    return {
+        **{one.name: -MOST_MISSED for one in needs.accuracy},
+        "availability": -needs.min_availability,
+    }
+
+
+def _coarse(case: Case) -> Case:
+    optics = case.instrument.optics
+    if not (optics.tabulated and optics.psf_tolerance < COARSE):
+        return case
+    instrument = replace(case.instrument, optics=replace(optics, psf_tolerance=COARSE))
+    return replace(case, instrument=instrument)
+
+
+@lru_cache(maxsize=16)
+def _budget(case: Case) -> Budget[Law] | None:
+    """The analytic budget, None where it expects no attitude anywhere; of the 16 last cases.
+
+    Behind a lens table from images of few wavelengths, because each design needs its own.
+    """
+    try:
+        return analytic(_coarse(case))
+    except ValueError:
+        return None
+
+
+ENVIRONMENTS = 2  # of each unit, in a search; chosen by hand: time against the rms of a unit
+
+
+@lru_cache(maxsize=16)
+def _unit_budgets(case: Case, seed: int, age: float, first: int, count: int) -> UnitBudgets | None:
+    """The analytic budgets of some units, None where one has no attitude; of the 16 last cases."""
+    try:
+        return unit_budgets(_coarse(case), seed, count, age, ENVIRONMENTS, first=first, apart=False)
+    except ValueError:
+        return None
+
+
+class Forecast(NamedTuple):
+    """What the analytic budget expects of a design in one condition.
+
+    error    radian, the objective; NaN where no attitude is expected
+    margins  of the requirements that need trials
+    units    the budgets of the units that it is judged over; None: it is judged as designed
+    """
+
+    error: float
+    margins: dict[str, float]
+    units: UnitBudgets | None = None
+
+
+def level_over_units(objective: Objective, units: UnitBudgets, fraction: float) -> float:
+    """Radian, the objective that a fraction of the units does not exceed, by their budgets."""
+    return float(quantile_of_few(units_expected(objective, units), fraction))
+
+
+def over_units(
+    one: Judged, outcomes: NDArray[np.void], objective: Objective, found: Forecast
+) -> float:
+    """The level over units over the error of all those together that were tried, by the budgets."""
+    if one.units is None or found.units is None:
+        return 1.0
+    tried = found.units.first(math.ceil(len(outcomes) / one.units.trials))
+    level = level_over_units(objective, found.units, one.units.fraction)
+    return level / expected_in_all(objective, tried)
+
+
+def forecast(one: Judged, objective: Objective, seed: int = 1) -> Forecast:
+    """The objective and the margins of one condition by the analytic budget.
+
+    seed  of the units
+    """
+    if one.units is not None:
+        units = one.units
+        return _forecast_units(
+            one, objective, [_unit_budgets(one.case, seed, units.age, 0, units.count)]
+        )
+    budget = _budget(one.case)
+    if budget is None:
+        return Forecast(math.nan, blind(one.needs))
+    found = bounded(expected_margins(one.needs, budget))
+    # Errors have margins of their own here: the availability must not count them again.
+    found["availability"] = budget.availability - one.needs.min_availability
+    return Forecast(expected_error(objective, budget), found)
+
+
+def _forecast_units(
+    one: Judged, objective: Objective, parts: Sequence[UnitBudgets | None]
+) -> Forecast:
+    """`forecast` from the budgets of units, in parts."""
+    known = [part for part in parts if part is not None]
+    if one.units is None or len(known) < len(parts):
+        return Forecast(math.nan, blind(one.needs))
+    units, fraction = joined(known), one.units.fraction
+    margins = bounded({
+        each.name: margin(each.most, level_over_units(each.objective, units, fraction))
+        for each in one.needs.accuracy
+    })  # fmt: skip
+    margins["availability"] = float(units.availability.mean()) - one.needs.min_availability
+    return Forecast(level_over_units(objective, units, fraction), margins, units)
+
+
+class _Task(NamedTuple):
+    """What a worker computes of a condition: its forecast, or the budgets of some of its units."""
+
+    one: Judged
+    units: range | None
+
+
+def _tasks(one: Judged, workers: int) -> list[_Task]:
+    if one.units is None:
+        return [_Task(one, None)]
+    count = one.units.count
+    size = math.ceil(count / workers)
+    return [_Task(one, range(at, min(at + size, count))) for at in range(0, count, size)]
+
+
+def _done(task: _Task, objective: Objective, seed: int) -> Forecast | UnitBudgets | None:
+    one, units = task
+    if one.units is None or units is None:
+        return forecast(one, objective)
+    return _unit_budgets(one.case, seed, one.units.age, units.start, len(units))
+
+
+def forecasts(
+    judged: Sequence[Judged],
+    objective: Objective,
+    runner: TrialRunner | None = None,
+    seed: int = 1,
+) -> tuple[float, dict[str, Forecast]]:
+    """The objective (radian) by the analytic budget, and what it expects of each condition.
+
+    runner  whose workers compute the conditions and units; None: this process
+    seed    of the units, without a runner
+    """
+    seed, workers = (runner.seed, runner.workers) if runner else (seed, 1)
+    tasks = [_tasks(one, workers) for one in judged]
+    every = iter(
+        (runner.map if runner else map)(
+            partial(_done, objective=objective, seed=seed), [one for each in tasks for one in each]
+        )
+    )
+    found = list[Forecast]()
+    for one, each in zip(judged, tasks, strict=True):
+        parts = [next(every) for _ in each]
+        if isinstance(parts[0], Forecast):
+            found.append(parts[0])
+        else:
+            known = [part if isinstance(part, UnitBudgets) else None for part in parts]
+            found.append(_forecast_units(one, objective, known))
+    return combined_forecasts(judged, found)
+
+
+def combined_forecasts(
+    judged: Sequence[Judged], every: Sequence[Forecast]
+) -> tuple[float, dict[str, Forecast]]:
+    """The objective (radian) of all conditions by their weights, and each of them by its name."""
+    found = {one.name: each for one, each in zip(judged, every, strict=True)}
+    weights = [one.weight for one in judged]
+    counted = [each.error for each, weight in zip(every, weights, strict=True) if weight]
+    return geometric_mean(counted, [weight for weight in weights if weight]), found
+
+
+def expect(case: Case, campaign: Campaign, seed: int = 1) -> tuple[Budget[Law], dict[str, float]]:
+    """The analytic budget of a design in its own condition, and all its margins without a trial.
+
+    seed    of the units, where it is judged over units; the budget is of the unit as designed
+    Raises  ValueError where the budget expects no attitude anywhere, or a condition does not fit.
+    """
+    judged = campaign.judged(case)
+    budget = _budget(case) or analytic(case)  # which says why there is none
+    margins = margins_of(campaign.requirements, case)
+    if judged[0].units is None:
+        margins |= expected_margins(campaign.requirements, budget)
+    else:
+        margins |= forecast(judged[0], Objective(), seed).margins
+    for one in judged[1:]:
+        if one.units is not None:
+            margins |= named(one.name, forecast(one, Objective(), seed).margins)
+            continue
+        there = _budget(one.case)
+        found = expected_margins(one.needs, there) if there else blind(one.needs)
+        margins |= named(one.name, found)
+    return budget, margins
+
+
+def expected_objective(
+    case: Case, campaign: Campaign, text: str | None = None, seed: int = 1
+) -> float:
+    """An objective (radian) by the analytic budget, over all conditions that have a weight.
+
+    text  the objective; None for the campaign's
+    seed  of the units, where it is judged over units
+    """
+    objective = Objective.read(text or campaign.objective)
+    judged = [one for one in campaign.judged(case) if one.weight]
+    return forecasts(judged, objective, seed=seed)[0]

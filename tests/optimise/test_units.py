@@ -1,0 +1,126 @@
+"""Designs judged by their units: the level over units, what is refused, and fresh units."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats.mstats import hdquantiles
+
+from startrack.core import arcsec
+from startrack.design import (
+    YEAR,
+    Campaign,
+    DesignSpace,
+    Fidelity,
+    Moment,
+    Requirements,
+    Variable,
+    Variation,
+    load_design,
+    unit_case,
+)
+from startrack.io import shipped
+from startrack.metrics import quantile_of_few
+from startrack.optimise import TrialRunner, evaluate, expected_objective, optimize
+from startrack.optimise.units import compare_units
+from startrack.trial import OUTCOMES
+
+CASE = load_design(shipped("designs/nanosatellite.toml")).case
+TURNED = replace(
+    CASE, variation=(Variation("instrument.mounting.x", sigma="60 arcsec"),), lifetime=3 * YEAR
+)
+BLUR = Variable("instrument.optics.blur", "4 um", "8 um")
+CAMPAIGN = Campaign(
+    (BLUR,), units=0.9, unit_count=6, trials=6, most_trials=12, fidelity=Fidelity.COVARIANCE
+)
+
+
+@pytest.mark.parametrize("count", [4, 20])
+def test_the_quantile_of_few_is_that_of_harrell_and_davis(count):
+    values = np.random.default_rng(count).lognormal(size=(3, count))
+    for fraction in (0.5, 0.95):
+        expected = [float(hdquantiles(row, [fraction])[0]) for row in values]
+        assert quantile_of_few(values, fraction) == pytest.approx(expected)
+
+
+def test_the_level_over_units_is_that_of_their_misalignments():
+    """Of 60 arcsec about x alone, beside 0.3 arcsec of noise: the rms per axis is |x| / sqrt(2)."""
+    turned = [
+        abs(unit_case(TURNED, 7, Moment(unit, age=YEAR)).instrument.mounting.x) / np.sqrt(2)
+        for unit in range(6)
+    ]
+    found = expected_objective(TURNED, CAMPAIGN, seed=7)
+    assert found == pytest.approx(float(hdquantiles(turned, [0.9])[0]), rel=0.02)
+
+
+def test_trials_of_the_units_correct_the_level():
+    """The units of the trials are those of the budgets, so that few trials find the same level."""
+    space = DesignSpace(TURNED, CAMPAIGN.variables)
+    limited = replace(CAMPAIGN, requirements=Requirements(max_across=200 * arcsec))
+    done = evaluate(space, limited, space.start, TrialRunner(7))
+    assert done.error == pytest.approx(done.expected, rel=0.05)
+    assert done.margins["across"] == pytest.approx(1 - done.error / (200 * arcsec))
+    assert done.trials == 6
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"units": 1.5}, r"units must lie in \(0, 1\), such as 0.95, got 1.5"),
+        ({"age": "old"}, "age must be begin, end or a time such as 3 yr, got 'old'"),
+        ({"requirements": Requirements(sky="worst")}, "units must be left out where"),
+        ({"objective": "across-99", "unit_trials": 50}, "unit_trials must be at least 100"),
+    ],
+    ids=["fraction", "age", "worst sky", "trials"],
+)
+def test_what_cannot_be_judged_over_units_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(CAMPAIGN, **change)
+
+
+def test_units_that_are_all_alike_are_refused():
+    with pytest.raises(ValueError, match=r"campaign\.units needs a design with"):
+        CAMPAIGN.judged(CASE)
+
+
+def test_ages_are_those_of_the_case():
+    ages = [replace(CAMPAIGN, age=age).over_units(TURNED).age for age in ("begin", "end", "2 yr")]
+    assert ages == pytest.approx([0, 3 * YEAR, 2 * YEAR])
+
+
+def outcomes(errors, each):
+    """Trials of units of some errors about x, radian."""
+    table = np.zeros(len(errors) * each, OUTCOMES)
+    table["trial"] = np.arange(len(table))
+    table["solved"] = True
+    table["error_x"] = np.repeat(errors, each) * np.sqrt(2)
+    return table
+
+
+def test_start_and_best_are_compared_over_the_same_units():
+    """Units of 1 to 40 microradian, and of half of that: half the level, and twice the yield."""
+    errors = np.arange(1, 41) * 1e-6
+    campaign = replace(CAMPAIGN, fresh_units=40, unit_trials=3)
+    judged = campaign.judged(TURNED)[:1]
+    start, best = (outcomes(factor * errors, 3) for factor in (1.0, 0.5))
+    found = compare_units(campaign, (judged, [start]), (judged, [best]), 10e-6, 1)
+    assert found.start.value == pytest.approx(float(hdquantiles(errors, [0.9])[0]))
+    assert (found.factor.low, found.factor.high) == pytest.approx((2, 2))
+    [share] = found.yields
+    assert (share.start.value, share.best.value) == (0.25, 0.5)
+    assert found.best.low < found.best.value < found.best.high
+    assert found.optimism.value == pytest.approx(found.best.value / 10e-6)
+
+
+@pytest.mark.slow
+def test_the_best_design_for_its_units_is_found():
+    """Of units whose blur differs by 30 %, on units that took no part in the search."""
+    blur = Variation("instrument.optics.blur", "lognormal", sigma=0.3, vary="relative")
+    case = replace(CASE, variation=(blur,), lifetime=YEAR)
+    campaign = replace(
+        CAMPAIGN, evaluations=12, analytic_evaluations=20, fresh_units=20, unit_trials=10
+    )
+    found = optimize(case, campaign, TrialRunner(3))
+    assert found.units.factor.high > 1
+    assert found.units.count == 20
+    assert found.units.best.value <= 1.1 * found.units.start.value
