@@ -8,6 +8,8 @@ come back, and the exported C beside sequences of frames.
 
 sun_arcsec, moon_arcsec   largest difference of the apparent directions to astropy's
 limb_arcmin               of the angle to the limb, to the nearest of 20,000 points of the ellipsoid
+events                    begins and ends of eclipses and blindings, six half days, both programs
+events_alone              of these, without a partner of astropy's and sgp4's within one step
 year_three_heads_s        CPU time of all steps of the example: a year of three heads at 10 s
 plan_s                    CPU time before that: ephemerides as tables, surrogates of the heads
 astropy_speedup           CPU time of a plain loop with astropy, per step and three heads, over that
@@ -28,6 +30,7 @@ import dataclasses
 import math
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -42,6 +45,7 @@ from startrack import Fidelity, Streams, arcsec, deg, load_design, shipped
 from startrack.core import LIGHT_SPEED, Floats, installed_tables
 from startrack.design import KeepOut, turning
 from startrack.mission import (
+    Blind,
     Mission,
     Plan,
     aocs,
@@ -65,6 +69,9 @@ from startrack.mission.parameters import Needs, Orbit, mounted
 from startrack.montecarlo import Serial
 from startrack.sequence import Leg, Sequence, fly_sequences
 from startrack.trial import run_trial
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.mission import independent
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")
 MAIN = """
@@ -113,6 +120,7 @@ def main() -> None:
     add(plan_s=figures["plan_s"])
     add(**directions(plan, chosen.instants))
     add(limb_arcmin=limb(plan, min(chosen.instants, 300)))
+    add(**events(1 if chosen.quick else 6))
     add(**speed(plan, chosen.loop))
     add(fusion_nees=fusion(20_000))
     add(**bench(8760))
@@ -192,6 +200,27 @@ def limb(plan: Plan, count: int) -> float:
             nearest = math.acos(float((line @ seen.line[:, 0]).max()))
             worst = max(worst, abs(abs(float(seen.limb[0])) - nearest))
     return worst / deg * 60
+
+
+def events(days: int) -> dict[str, float]:
+    """Eclipses and blindings of three low heads on the space station, beside another program."""
+    plan = independent.low_heads()
+    count = alone = 0
+    for day in range(days):
+        steps = 300 if days == 1 else 4320
+        own = at(plan, plan.course.at((3 * day + 1) * 86400.0, 10.0, steps))
+        eclipse, heads = independent.blinded(
+            [one.boresight for one in plan.heads],
+            [one.limits for one in plan.heads],
+            own.instants.second,
+        )
+        pairs = [(own.shadow.sun, eclipse)]
+        for seen, other in zip(own.seen, heads, strict=True):
+            pairs += [((seen.blind & Blind[name.upper()]) > 0, one) for name, one in other.items()]
+        for pair in pairs:
+            total, missing, _ = independent.events(*pair)
+            count, alone = count + total, alone + missing
+    return {"events": count, "events_alone": alone}
 
 
 def speed(plan: Plan, steps: int) -> dict[str, float]:

@@ -32,11 +32,13 @@ with deferred():
         PLANETS,
         Availability,
         Blind,
+        Checked,
         Flown,
         Plan,
         Verdict,
         angles_of,
         availability_of,
+        checked,
         fly,
         load_mission,
         map_of,
@@ -53,6 +55,7 @@ with deferred():
     from startrack.trial import observe
 
 ROWS = 20_000  # of the table, where --every is not given
+YEAR = 365.25 * 86400  # second
 WORST = 10  # longest times without a valid head that are listed
 
 
@@ -105,6 +108,8 @@ def command(options: argparse.Namespace) -> int:
         loaded = load_mission(path, options.set)
         with progress("heads", len(loaded.designs)) as advance:
             plan = plan_of(loaded, advance=advance)
+        with progress("trials", loaded.mission.check.trials) as advance:
+            plan, checks = checked(plan, advance)
         if options.frame is not None:
             return _render(options, path, plan)
         steps = loaded.mission.time.steps
@@ -115,13 +120,16 @@ def command(options: argparse.Namespace) -> int:
             table = timeline(plan, every, advance) if rows else None
     found = availability_of(flown)
     if options.place:
-        return _place(options, path, plan, flown)
-    result = {"mission": str(path), **_values(plan, flown, found), "out": str(options.out)}
+        return _place(options, path, plan, flown, checks)
+    result = {
+        "mission": str(path), **_values(plan, flown, found), "check": _checks(plan, checks),
+        "out": str(options.out),
+    }  # fmt: skip
     assert table is not None
     export(options.out / f"timeline.{options.table}", table)
     draw_mission(options.out / "mission.png", plan, flown, found, f"{Path(path).stem}")
     save_json(options.out / "summary.json", finite(result))
-    print_result(options, result, _text(plan, flown, found))
+    print_result(options, result, "\n".join([_text(plan, flown, found), *_told(plan, checks)]))
     met = all(one.met for one in _verdicts(plan, flown, found))
     return Exit.DONE if met else Exit.UNSOLVED
 
@@ -179,7 +187,9 @@ def _render(options: argparse.Namespace, path: Path, plan: Plan) -> int:
     return Exit.DONE if solved else Exit.UNSOLVED
 
 
-def _place(options: argparse.Namespace, path: Path, plan: Plan, before: Flown) -> int:
+def _place(
+    options: argparse.Namespace, path: Path, plan: Plan, before: Flown, checks: tuple[Checked, ...]
+) -> int:
     """Search for mountings, and print the whole mission with the file's and with the best."""
     with progress("mountings", 5000) as advance:
         placement = place(plan, advance)
@@ -202,6 +212,7 @@ def _place(options: argparse.Namespace, path: Path, plan: Plan, before: Flown) -
             for name, (azimuth, elevation) in zip(heads, angles["after"], strict=True)
         ],
         **{name: _values(one, flown, found[name]) for name, (one, flown) in pairs.items()},
+        "check": _checks(plan, checks),
         "out": str(options.out),
     }
     save_mission(options.out / "placed.toml", placement.mission, f"{path.name}, heads placed anew")
@@ -216,11 +227,49 @@ def _place(options: argparse.Namespace, path: Path, plan: Plan, before: Flown) -
         lines.append(f"{name}: azimuth {azimuth / deg:.1f}, elevation {elevation / deg:.1f} deg")
     text = "\n".join(
         ["before", _text(plan, before, found["before"]), "", *lines, "", "after",
-         _text(better, after, found["after"])]
+         _text(better, after, found["after"]), *_told(better, checks)]
     )  # fmt: skip
     print_result(options, result, text)
     met = all(one.met for one in _verdicts(better, after, found["after"]))
     return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _checks(plan: Plan, checks: tuple[Checked, ...]) -> list[dict[str, Any]]:
+    """The trials beside the errors of the budget; ratios with their standard errors."""
+    return [
+        {
+            "heads": [plan.heads[h].name for h in one.heads],
+            "trials": one.trials,
+            "attitudes": one.attitudes,
+            "attitudes_expected": one.expected,
+            "across_ratio": one.across,
+            "about_ratio": one.about,
+            "corrected_across_ratio": one.corrected_across,
+            "corrected_about_ratio": one.corrected_about,
+        }
+        for one in checks
+    ]
+
+
+def _told(plan: Plan, checks: tuple[Checked, ...]) -> list[str]:
+    """How far the errors are off by trials, or that no trial says so."""
+    if not checks:
+        return ["errors are not checked by trials (--set check.trials=200)"]
+    lines = []
+    for one in checks:
+        names = ", ".join(plan.heads[h].name for h in one.heads)
+        across, about, left, turned = (
+            f"{value:.2f} +- {error:.2f}"
+            for value, error in (
+                one.across, one.about, one.corrected_across, one.corrected_about
+            )
+        )  # fmt: skip
+        lines.append(
+            f"{names}: {one.trials} trials, {one.attitudes} attitudes ({one.expected:.1f} "
+            f"expected); rms {across} across, {about} about, over that of the budget; corrected, "
+            f"on the half that did not fit it: {left}, {turned}"
+        )
+    return lines
 
 
 def _verdicts(plan: Plan, flown: Flown, found: Availability) -> list[Verdict]:
@@ -287,6 +336,18 @@ def _head_values(plan: Plan, flown: Flown, found: Availability, h: int) -> dict[
     }  # fmt: skip
 
 
+def _which(plan: Plan) -> str:
+    """What the errors of the heads are those of."""
+    heads, time = plan.loaded.mission.heads, plan.loaded.mission.time
+    drawn = sum(one.unit is not None for one in heads)
+    units = "perfect units" if not drawn else f"{drawn} drawn units" * (drawn == len(heads))
+    years = sorted(
+        {(one.age, one.age + time.duration) for one in plan.heads if one.age is not None}
+    )
+    ages = ", ".join(f"{a / YEAR:.2g} to {b / YEAR:.2g} years old" for a, b in years)
+    return f"{units or 'perfect and drawn units'}{', ' if ages else ''}{ages}"
+
+
 def _text(plan: Plan, flown: Flown, found: Availability) -> str:
     time = plan.loaded.mission.time
     lines = [
@@ -313,7 +374,7 @@ def _text(plan: Plan, flown: Flown, found: Availability) -> str:
     x, y, z = flown.rms / arcsec
     lines.append(
         f"fused attitude: {x:.2f}, {y:.2f}, {z:.2f} arcsec rms about x, y, z; by the error budget "
-        "of perfect units, with the alignments of the mission file"
+        f"of {_which(plan)}, with the alignments of the mission file"
     )
     if flown.worst:
         second, error = flown.worst[0]

@@ -10,12 +10,12 @@ law         Attitude -> Law: place of the spacecraft -> its axes at every instan
 instants    Mission and instants -> where the spacecraft is, how it points, Sun and Moon.
 limb        Line of sight and place -> angle to the Earth's limb, and to the lit part of it.
 heads       Heads and instants -> angles to Sun, Moon and Earth, and what makes each head blind.
-surrogate   Case, rates and backgrounds -> the error of a head in any direction of the sky.
+surrogate   Case and ranges of conditions -> the error of a head in any direction of the sky.
 fusion      Errors of several heads -> covariance of their fused attitude; fusion of quaternions.
 alignment   Attitudes of two heads in time -> their relative alignment, and how it drifts.
 engine      Mission -> Flown: what blinds each head at every step; error of the fused attitude.
 placement   Plan of a mission -> mountings of its heads that meet its requirements best.
-rendered    Plan of a mission and an instant -> the case and attitude of each head, for a trial.
+rendered    Plan of a mission -> trials at its instants: what heads see, and their errors checked.
 aocs        Case -> HeadModel: its error as data and C code, for simulators of attitude control.
 timeline    Plan of a mission, some of its steps -> a table with a row for each step.
 summary     Flown -> availability by number of heads, times without an attitude, verdicts.
@@ -30,7 +30,7 @@ from startrack.mission.fusion import fuse, fused_variance, head_covariance
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import KeepClear, Mission, load_mission, save_mission
 from startrack.mission.placement import Placement, angles_of, map_of, moved_plan, place
-from startrack.mission.rendered import scenes_at
+from startrack.mission.rendered import Checked, checked, scenes_at
 from startrack.mission.summary import (
     EDGES,
     Availability,

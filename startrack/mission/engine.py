@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,21 @@ from numpy.typing import NDArray
 from startrack.core import Floats, require_memory
 from startrack.mission.bodies import PLANETS
 from startrack.mission.fusion import fused_variance
-from startrack.mission.heads import Mounted, Seen, Shadow, inside, look, mount, shadow_of
+from startrack.mission.heads import (
+    Mounted,
+    Seen,
+    Shadow,
+    inside,
+    look,
+    mount,
+    shadow_of,
+    state_of,
+)
 from startrack.mission.instants import Course, Instants, course_of
-from startrack.mission.parameters import Loaded
+from startrack.mission.parameters import Loaded, Mission
 from startrack.mission.surrogate import (
+    Conditions,
+    Ranges,
     StrayLight,
     Surrogate,
     background_of,
@@ -62,24 +74,31 @@ def plan_of(
     """
     mission = loaded.mission
     course = course_of(mission)
-    cases = [design.case for design in loaded.designs]
+    cases = [
+        state_of(design.case, head, mission.check.seed, head.age, 0.0)
+        for head, design in zip(mission.heads, loaded.designs, strict=True)
+    ]
     heads = tuple(mount(head, case) for head, case in zip(mission.heads, cases, strict=True))
     if not errors:
         return Plan(loaded, course, heads)
     rates = _ranges(course, heads)
     stray = [stray_light_of(case, head) for case, head in zip(cases, heads, strict=True)]
     made = dict[int, Surrogate]()
-    for h, case in enumerate(cases):
-        same = [k for k in range(len(cases)) if cases[k] == case]
-        if same[0] == h:
-            span = min(rates[k][0] for k in same), max(rates[k][1] for k in same)
-            light = [background_of(case), *(one[1] for k in same if (one := stray[k]))]
-            try:
-                found = surrogate_of(case, span, min(light))
-            except ValueError as error:
-                raise ValueError(f"head {heads[h].name}: {error}") from None
-            made |= dict.fromkeys(same, found)
-        advance(1)
+    groups = groups_of(loaded, heads)
+    for same in groups:
+        case = cases[same[0]]
+        light = [background_of(case), *(one[1] for k in same if (one := stray[k]))]
+        span = min(rates[k][0] for k in same), max(rates[k][1] for k in same)
+        ranges = Ranges(span, min(light), *_states(mission, heads[same[0]]))
+        state = partial(
+            state_of, loaded.designs[same[0]].case, mission.heads[same[0]], mission.check.seed
+        )
+        try:
+            found = surrogate_of(case, ranges, state)
+        except ValueError as error:
+            raise ValueError(f"head {heads[same[0]].name}: {error}") from None
+        made |= dict.fromkeys(same, found)
+        advance(len(same))
     return Plan(
         loaded,
         course,
@@ -87,6 +106,32 @@ def plan_of(
         tuple(made[h] for h in range(len(heads))),
         tuple(one[0] if one else None for one in stray),
     )
+
+
+def groups_of(loaded: Loaded, heads: Sequence[Mounted]) -> list[list[int]]:
+    """Numbers of the heads of the same design, unit, age and temperature, which share an error."""
+    found = list[list[int]]()
+    for h, (head, design) in enumerate(zip(heads, loaded.designs, strict=True)):
+        own = (head.age, head.warmth, loaded.mission.heads[h].unit)
+        for group in found:
+            other, k = heads[group[0]], group[0]
+            if (other.age, other.warmth, loaded.mission.heads[k].unit) == own and (
+                loaded.designs[k].case == design.case
+            ):
+                group.append(h)
+                break
+        else:
+            found.append([h])
+    return found
+
+
+def _states(
+    mission: Mission, head: Mounted
+) -> tuple[tuple[float, float], tuple[float, float] | None]:
+    """Temperatures and ages of a head in the mission."""
+    warmth = head.warmth
+    age = None if head.age is None else (head.age, head.age + mission.time.duration)
+    return (warmth.offset - warmth.swing, warmth.offset + warmth.swing), age
 
 
 def _ranges(course: Course, heads: tuple[Mounted, ...]) -> list[tuple[float, float]]:
@@ -203,10 +248,21 @@ def _error(
     plan: Plan, h: int, instants: Instants, seen: Seen, shadow: Shadow
 ) -> tuple[Floats, Floats, Floats]:
     head, stray = plan.heads[h], plan.stray[h]
-    background = stray(seen, shadow) if stray else None
-    rate = rate_across(head, instants.rate)
-    across, about, solved = plan.surrogates[h](seen.line, rate, background)
+    across, about, solved = plan.surrogates[h](conditions_of(head, stray, instants, seen, shadow))
     return across + head.drift[0], about + head.drift[1], solved
+
+
+def conditions_of(
+    head: Mounted, stray: StrayLight | None, instants: Instants, seen: Seen, shadow: Shadow
+) -> Conditions:
+    """What the error of a head depends on, at some instants."""
+    return Conditions(
+        seen.line,
+        rate_across(head, instants.rate),
+        stray(seen, shadow) if stray else None,
+        head.warmer(instants.phase),
+        head.aged(instants.second),
+    )
 
 
 def fly(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Flown:

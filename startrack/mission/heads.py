@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntFlag
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +14,20 @@ from numpy.typing import NDArray
 from startrack.attitude import Mounting
 from startrack.budget import exclusions
 from startrack.core import Floats, deg
-from startrack.design import Case
+from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
 from startrack.mission.limb import EarthSeen
-from startrack.mission.parameters import Head, Radiation
+from startrack.mission.parameters import Head, Radiation, Warmth
 from startrack.mission.vectors import angle, dot, from_body
+from startrack.population import unit_of
 
 SUN_RADIUS, MOON_RADIUS = 0.2666 * deg, 0.2591 * deg  # mean, seen from the Earth
+# Parts of a design that have a temperature, and its name there.
+TEMPERATURES = {
+    "instrument.detector.thermal": "temperature",
+    "instrument.thermal": "lens",
+    "instrument.residual": "temperature",
+}
 ANGLES: Floats = np.arange(0.5, 120.0, 0.5) * deg  # at which a baffle's exclusion is sought
 
 
@@ -53,6 +61,9 @@ class Limits:
             )
 
 
+NO_WARMTH = Warmth()
+
+
 @dataclass(frozen=True, eq=False)
 class Mounted:
     """A head as the engine needs it.
@@ -62,6 +73,9 @@ class Mounted:
     limits    angles at which it is blind
     drift     radian^2, variances across and about the boresight of its alignment: bias and swing
     field     radian, half diagonal of its field
+    age       second in orbit at the begin of the mission; None: its design has no law of age, or
+              is as it is at all times
+    warmth    its temperature over the orbit
     """
 
     name: str
@@ -69,6 +83,19 @@ class Mounted:
     limits: Limits
     drift: tuple[float, float]
     field: float
+    age: float | None = None
+    warmth: Warmth = NO_WARMTH
+
+    def aged(self, second: Floats) -> Floats | None:
+        """(n,) second in orbit, at times after the begin of the mission."""
+        return None if self.age is None else self.age + second
+
+    def warmer(self, phase: Floats) -> Floats | None:
+        """(n,) kelvin above the design's temperature, at phases of the orbit (radian)."""
+        warmth = self.warmth
+        if not warmth.swing:
+            return None
+        return warmth.offset + warmth.swing * np.sin(phase + warmth.ahead)
 
     @property
     def boresight(self) -> Floats:
@@ -86,7 +113,42 @@ def mount(head: Head, case: Case) -> Mounted:
         limits = limits_of(head, case)
     except ValueError as error:
         raise ValueError(f"head {head.name}: {error}") from None
-    return Mounted(head.name, head.mounting.as_matrix(), limits, _drift(head.alignment), half)
+    age = head.age if ages(case, head) else None
+    warmth = head.temperature if warms(case) else Warmth()
+    return Mounted(
+        head.name, head.mounting.as_matrix(), limits, _drift(head.alignment), half, age, warmth
+    )
+
+
+def ages(case: Case, head: Head) -> bool:
+    """Whether the design of a head has a law of age: of its detector, or of the unit's numbers."""
+    drifts = head.unit is not None and any(one.per is Scope.LIFE for one in case.variation)
+    return case.instrument.detector.age is not None or drifts
+
+
+def warms(case: Case) -> bool:
+    """Whether the design has a law of temperature: of its detector, its lens, or over its field."""
+    return any(found_at(case, name) is not None for name in TEMPERATURES)
+
+
+def state_of(case: Case, head: Head, seed: int, age: float | None, warmer: float) -> Case:
+    """The design of a head, or its unit, at an age and a temperature that its tracker knows not.
+
+    age     second in orbit; None: as the design
+    warmer  kelvin above the design's temperature
+    Raises  ValueError where a parameter refuses its value there.
+    """
+    if head.unit is not None:
+        case = unit_of(case, seed, Moment(head.unit, age=age or 0.0))
+    law, values = case.instrument.detector.age, dict[str, Any]()
+    if age is not None and law is not None:
+        values["instrument.detector.age"] = replace(law, time=age, year=None, launch=None)
+    for part, name in TEMPERATURES.items():
+        if warmer and found_at(case, part) is not None:
+            values[f"{part}.{name}"] = found_at(case, f"{part}.{name}") + warmer
+    if not values:
+        return case
+    return replaced_all(case, values).unit_of(case.design or case)
 
 
 @lru_cache(maxsize=8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,7 +26,7 @@ from startrack.core import (
     whole,
     within,
 )
-from startrack.design import Design, KeepOut, load_design
+from startrack.design import Design, Fidelity, KeepOut, load_design
 from startrack.io import from_table, read_layers, save_text, shipped, to_table
 from startrack.scene import EARTH_RADIUS
 
@@ -35,6 +36,8 @@ LOWEST = 80e3  # metre, of a perigee: below it no orbit lasts
 MOST_STEPS = 10**8
 FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
 JULIAN_YEAR = 365.25 * 86400.0  # second
+LEAST_TRIALS = 20  # of which half fit a correction and half check it
+OLDEST = 100 * JULIAN_YEAR  # second, of a head
 UNIT_NORM = 1e-3  # by which the norm of a quaternion in a file may differ from one
 
 
@@ -173,6 +176,30 @@ class Attitude:
 
 
 @dataclass(frozen=True)
+class Warmth:
+    """Temperature of a head over the orbit, above that of its design.
+
+        offset + swing sin(phase of the orbit from the ascending node + ahead)
+
+    It moves the temperatures of the detector (`instrument.detector.thermal`), of the lens
+    (`instrument.thermal`) and of the displacements of the field (`instrument.residual`), where the
+    design has them.
+
+    offset  at all times
+    swing   amplitude
+    ahead   angle of the orbit
+    """
+
+    offset: Annotated[float, Unit("K")] = 0.0
+    swing: Annotated[float, Unit("K")] = 0.0
+    ahead: Annotated[float, Unit("rad", "deg")] = 0.0
+
+    def __post_init__(self) -> None:
+        finite(offset=self.offset, ahead=self.ahead)
+        non_negative(swing=self.swing)
+
+
+@dataclass(frozen=True)
 class Head:
     """A star tracker on the spacecraft.
 
@@ -188,6 +215,12 @@ class Head:
                     half diagonal of its field
     alignment       error of the known mounting: bias, and a thermo-elastic swing that goes with the
                     orbit
+    age             in orbit at the begin of the mission; it grows with the mission by the laws of
+                    the design (`instrument.detector.age`, [[variation]] per life of a unit). None:
+                    the design as it is, at all times
+    temperature     over the orbit, above that of the design
+    unit            number of a unit that is drawn from the [[variation]] tables of the design;
+                    None: the unit as designed
     """
 
     name: str
@@ -198,8 +231,15 @@ class Head:
     camera_to_body: tuple[float, ...] | None = None
     exclusion: KeepOut = field(default_factory=KeepOut)
     alignment: Mounting = field(default_factory=Mounting)
+    age: Annotated[float | None, Unit("s", "yr")] = None
+    temperature: Warmth = field(default_factory=Warmth)
+    unit: int | None = None
 
     def __post_init__(self) -> None:
+        if self.age is not None:
+            within(0, OLDEST, age=self.age)
+        if self.unit is not None:
+            whole(0, 10**6, unit=self.unit)
         if not self.name:
             raise ValueError("name of a head must be given, got ''")
         finite(azimuth=self.azimuth, roll=self.roll)
@@ -315,6 +355,26 @@ class Common:
 
 
 @dataclass(frozen=True)
+class Check:
+    """Trials at instants of the mission, which check and correct the errors of the error budget.
+
+    trials    of each design of heads; 0: none, the errors are those of the budget
+    fidelity  of the trials
+    seed      of their noise, and of units
+    """
+
+    trials: int = 0
+    fidelity: Fidelity = Fidelity.FRAME
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        whole(0, 10**6, trials=self.trials)
+        whole(0, 2**63 - 1, seed=self.seed)
+        if 0 < self.trials < LEAST_TRIALS:
+            raise ValueError(f"trials must be 0, or {LEAST_TRIALS} or more, got {self.trials}")
+
+
+@dataclass(frozen=True)
 class KeepClear:
     """A cone in body axes in which no boresight may be placed, such as of a panel.
 
@@ -347,6 +407,7 @@ class Mission:
     common        errors that all heads share; they count once
     requirements  on the heads together
     keep_out      cones in which no boresight may be placed
+    check         trials that check and correct the errors of the heads
     """
 
     time: Span
@@ -357,6 +418,7 @@ class Mission:
     common: Common = field(default_factory=Common)
     requirements: Needs = field(default_factory=Needs)
     keep_out: tuple[KeepClear, ...] = ()
+    check: Check = field(default_factory=Check)
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.heads) <= 8:
@@ -399,12 +461,39 @@ def load_mission(path: Path, changes: Sequence[str] = ()) -> Loaded:
 def save_mission(path: Path, mission: Mission, comment: str = "") -> None:
     """Write a mission file that `load_mission` reads back to an equal mission.
 
+    Files of the mission are named from the folder of `path`, shipped designs by their names, so
+    that the folder may move with them.
+
     comment  lines at the top of the file
     """
     import tomli_w
 
     head = "".join(f"# {line}\n" for line in comment.splitlines())
-    save_text(path, head + tomli_w.dumps(to_table(mission)))
+    folder = Path(path).parent
+    orbit, law = mission.orbit, mission.attitude
+    named = replace(
+        mission,
+        orbit=replace(orbit, oem=_from(folder, orbit.oem)) if orbit.oem else orbit,
+        attitude=replace(law, aem=_from(folder, law.aem)) if law.aem else law,
+        heads=tuple(replace(one, design=_shipped_as(one.design, folder)) for one in mission.heads),
+    )
+    save_text(path, head + tomli_w.dumps(to_table(named)))
+
+
+def _from(folder: Path, file: str) -> str:
+    """The path of a file from a folder; as it is where they are on different drives."""
+    try:
+        return Path(os.path.relpath(Path(file).resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return str(Path(file).resolve())
+
+
+def _shipped_as(file: str, folder: Path) -> str:
+    """The name of a shipped file, where no file of the folder has it; else its path from there."""
+    root, full = shipped("missions").resolve().parent, Path(file).resolve()
+    if full.is_relative_to(root) and not (folder / full.relative_to(root)).exists():
+        return full.relative_to(root).as_posix()
+    return _from(folder, file)
 
 
 def _resolved(mission: Mission, folder: Path) -> Mission:

@@ -308,6 +308,6 @@ def _tangents(line: Floats) -> tuple[Floats, Floats]:
 def _mean_variances(plan: Plan, h: int) -> tuple[float, float]:
     """Radian^2 across and about, over the sky, at the middle rate and the faintest background."""
     surrogate, drift = plan.surrogates[h], plan.heads[h].drift
-    table = surrogate.table[:2, len(surrogate.rate) // 2, -1]
+    table = surrogate.table[:2, len(surrogate.rate) // 2, -1, -1, -1]
     across, about = np.exp(table).mean(axis=1)
     return float(across + drift[0]), float(about + drift[1])

@@ -1,22 +1,33 @@
-"""Plan of a mission and an instant -> the case and attitude of each head, for a trial."""
+"""Plan of a mission -> trials at its instants: what each head sees, and its errors checked."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack.core import Floats, Ints, Streams
 from startrack.design import Case
-from startrack.mission.engine import Plan, at
+from startrack.mission.engine import Chunk, Plan, at, conditions_of, groups_of
+from startrack.mission.heads import state_of
+from startrack.mission.surrogate import Correction
+from startrack.trial import run_trial
 
 DIGITS = 7  # of rates in radian / second; 0.02 arcsec / s
+CANDIDATES = 4000  # instants of the mission, from which those of trials are taken
+PRIOR = 0.2  # standard deviation of a coefficient of the correction before trials; chosen by hand
+STEPS = 50  # of the fit
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """What one head sees at one instant.
 
-    case            its design, turning as the spacecraft does, with the stray light of its baffle
+    case            its design at its age and temperature, turning as the spacecraft does, with the
+                    stray light of its baffle
     icrs_to_camera  its true attitude
     blind           Blind, as a number; 0 where it is valid
     across, about   radian, rms error that the mission expects, with the alignment of the head
@@ -39,20 +50,191 @@ def scenes_at(plan: Plan, second: float) -> tuple[Scene, ...]:
     """
     step = min(plan.loaded.mission.time.step, 10.0)
     chunk = at(plan, plan.course.at(second, step, 1))
-    body = Rotation.from_matrix(chunk.instants.body[..., 0])
-    found = []
-    for h, (head, seen) in enumerate(zip(plan.heads, chunk.seen, strict=True)):
-        case = plan.loaded.designs[h].case
-        x, y, z = (round(float(one), DIGITS) for one in head.axes.T @ chunk.instants.rate[:, 0])
-        motion = replace(case.instrument.motion, rate_x=x, rate_y=y, rate_z=z)
-        case = replace(case, instrument=replace(case.instrument, motion=motion))
-        stray = plan.stray[h]
-        if stray is not None:
-            sky = float(stray(seen, chunk.shadow)[0])
-            case = replace(case, scene=replace(case.scene, background_g=sky))
-        across, about, solved = (float(one[0]) for one in chunk.errors[h])
-        to_camera = Rotation.from_matrix(head.axes.T)
-        found.append(
-            Scene(case, to_camera * body, int(seen.blind[0]), across**0.5, about**0.5, solved)
+    return tuple(_scene(plan, chunk, h, 0) for h in range(len(plan.heads)))
+
+
+def _scene(plan: Plan, chunk: Chunk, h: int, k: int) -> Scene:
+    """One head at one of the instants of a chunk."""
+    head, seen, instants = plan.heads[h], chunk.seen[h], chunk.instants
+    mission, design = plan.loaded.mission, plan.loaded.designs[h]
+    stray = plan.stray[h]
+    now = conditions_of(head, stray, instants, seen, chunk.shadow)
+    age = None if now.age is None else float(now.age[k])
+    warmer = head.warmth.offset if now.warmer is None else float(now.warmer[k])
+    case = state_of(design.case, mission.heads[h], mission.check.seed, age, warmer)
+    x, y, z = (round(float(one), DIGITS) for one in head.axes.T @ instants.rate[:, k])
+    motion = replace(case.instrument.motion, rate_x=x, rate_y=y, rate_z=z)
+    case = replace(case, instrument=replace(case.instrument, motion=motion))
+    if now.background is not None:
+        case = replace(case, scene=replace(case.scene, background_g=float(now.background[k])))
+    across, about, solved = (float(one[k]) for one in chunk.errors[h])
+    to_camera = Rotation.from_matrix(head.axes.T)
+    body = Rotation.from_matrix(instants.body[..., k])
+    return Scene(case, to_camera * body, int(seen.blind[k]), across**0.5, about**0.5, solved)
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """Trials at instants of a mission, beside the errors that it expects of some heads.
+
+    A ratio is the rms error of the trials over the expected one, with its standard error.
+
+    heads         numbers of the heads
+    trials        that were run, at instants at which nothing blinds the head
+    attitudes     trials with a right attitude;  expected  their number by the budget
+    across, about     ratio, of the budget
+    corrected_across, corrected_about   ratio of the half of the trials that did not fit the
+                  correction, with it
+    """
+
+    heads: tuple[int, ...]
+    trials: int
+    attitudes: int
+    expected: float
+    across: tuple[float, float]
+    about: tuple[float, float]
+    corrected_across: tuple[float, float]
+    corrected_about: tuple[float, float]
+
+
+def checked(
+    plan: Plan, advance: Callable[[int], None] = lambda _: None
+) -> tuple[Plan, tuple[Checked, ...]]:
+    """The plan with its surrogates corrected by trials, and how far they were off.
+
+    The trials of a design lie at instants of the mission that are spread evenly over the rate, the
+    background, the number of stars, the temperature and the age of its heads, one after the other.
+
+    advance  called with 1 after each trial
+    Returns  the plan itself and nothing where the mission asks for no trials
+    Raises   ValueError where the fidelity refuses the design, or too few trials have an attitude.
+    """
+    mission = plan.loaded.mission
+    count, every = mission.check.trials, max(mission.time.steps // CANDIDATES, 1)
+    if not count:
+        return plan, ()
+    step = every * mission.time.step
+    chunk = at(plan, plan.course.at(0.0, step, -(-mission.time.steps // every)))
+    surrogates, found = list(plan.surrogates), []
+    for group in groups_of(plan.loaded, plan.heads):
+        correction, one = _checked(plan, chunk, group, count, advance)
+        found.append(one)
+        for h in group:
+            surrogates[h] = replace(surrogates[h], correction=correction)
+    return replace(plan, surrogates=tuple(surrogates)), tuple(found)
+
+
+def _checked(
+    plan: Plan, chunk: Chunk, group: Sequence[int], count: int, advance: Callable[[int], None]
+) -> tuple[Correction, Checked]:
+    names = ", ".join(plan.heads[h].name for h in group)
+    places, values = _places(plan, chunk, group, count)
+    check = plan.loaded.mission.check
+    ratios, used, chances = [], [], []
+    for n, (h, k) in enumerate(places):
+        scene = _scene(plan, chunk, h, k)
+        streams = Streams(check.seed, n)
+        outcome = run_trial(scene.case, scene.icrs_to_camera, streams, check.fidelity)
+        chances.append(scene.solved)
+        if outcome.solved and not outcome.false:
+            across, about = np.square([scene.across, scene.about]) - plan.heads[h].drift
+            x, y, z = outcome.error_x, outcome.error_y, outcome.error_z
+            ratios.append(((x * x + y * y) / 2 / across, z * z / about))
+            used.append(n)
+        advance(1)
+    if len(used) < max(count // 4, 8):
+        raise ValueError(
+            f"head {names}: at least a quarter of the trials must have an attitude, got "
+            f"{len(used)} of {count}"
         )
-    return tuple(found)
+    ratio = np.array(ratios)
+    kept = {name: value[used] for name, value in values.items()}
+    half = np.arange(len(used)) % 2 == 0
+    first = fitted(ratio[half], {name: value[half] for name, value in kept.items()})
+    rest = {name: value[~half] for name, value in kept.items()}
+    left = ratio[~half] / np.exp(first.features(rest) @ first.coefficient.T)
+    return fitted(ratio, kept), Checked(
+        tuple(group),
+        count,
+        len(used),
+        float(np.sum(chances)),
+        *(_root(ratio[:, k]) for k in (0, 1)),
+        *(_root(left[:, k]) for k in (0, 1)),
+    )
+
+
+def _root(square: Floats) -> tuple[float, float]:
+    """Root of a mean, and its standard error."""
+    mean = float(square.mean())
+    return math.sqrt(mean), float(square.std() / math.sqrt(len(square)) / 2 / math.sqrt(mean))
+
+
+def _places(
+    plan: Plan, chunk: Chunk, group: Sequence[int], count: int
+) -> tuple[list[tuple[int, int]], dict[str, Floats]]:
+    """Heads and instants of the trials, and the values that a correction may depend on there."""
+    where = list[Ints]()
+    parts = list[dict[str, Floats]]()
+    for h in group:
+        seen = chunk.seen[h]
+        now = conditions_of(plan.heads[h], plan.stray[h], chunk.instants, seen, chunk.shadow)
+        valid = np.flatnonzero(seen.blind == 0)
+        where.append(np.stack([np.full(len(valid), h), valid], axis=1))
+        parts.append({
+            name: value[valid] for name, value in plan.surrogates[h].values(now).items()
+        })  # fmt: skip
+    every = np.concatenate(where)
+    names = ", ".join(plan.heads[h].name for h in group)
+    if not len(every):
+        raise ValueError(f"head {names}: must be valid at some time to be checked by trials")
+    values = {name: np.concatenate([one[name] for one in parts]) for name in parts[0]}
+    draw = Streams(plan.loaded.mission.check.seed, 0)("instants of the check of a mission")
+    chosen = []
+    for n in range(count):
+        value = values[list(values)[n % len(values)]]
+        wanted = draw.uniform(value.min(), value.max())
+        near = np.argsort(np.abs(value - wanted), kind="stable")[: max(len(value) // 100, 1)]
+        chosen.append(int(near[draw.integers(len(near))]))
+    picked = [(int(h), int(k)) for h, k in every[chosen]]
+    return picked, {name: value[chosen] for name, value in values.items()}
+
+
+def fitted(ratio: Floats, values: dict[str, Floats]) -> Correction:
+    """The correction that makes squared errors most likely.
+
+    A squared error over its expected value has a mean of exp(features . coefficient) and a standard
+    deviation in proportion to it (a gamma regression), as far as the coefficients are not held
+    near zero by their prior.
+
+    ratio   (n, 2) squared errors over their expected values, across and about
+    values  each (n,), of `Surrogate.values`
+    """
+    ends = [(float(one.min()), float(one.max())) for one in values.values()]
+    used = [(name, low, high) for name, (low, high) in zip(values, ends, strict=True) if high > low]
+    scale = [(0.0, 1.0), *(((low + high) / 2, (high - low) / 2) for _, low, high in used)]
+    shape = Correction(
+        ("all", *(name for name, _, _ in used)), np.array(scale), np.empty(0), np.empty(0)
+    )
+    features = shape.features({"stars": np.zeros(len(ratio)), **values})
+    coefficient, spread = zip(
+        *(_gamma(features, ratio[:, k], dispersion) for k, dispersion in enumerate((1.0, 2.0))),
+        strict=True,
+    )
+    return replace(shape, coefficient=np.array(coefficient), spread=np.array(spread))
+
+
+def _gamma(features: Floats, ratio: Floats, dispersion: float) -> tuple[Floats, Floats]:
+    """Coefficients and their standard errors.
+
+    dispersion  variance over the squared mean, of normal errors
+    """
+    prior = np.eye(features.shape[1]) / PRIOR**2
+    coefficient = np.zeros(features.shape[1])
+    for _ in range(STEPS):
+        rest = ratio / np.exp(features @ coefficient)
+        slope = features.T @ (rest - 1) / dispersion - prior @ coefficient
+        curvature = (features * rest[:, None]).T @ features / dispersion + prior
+        step = np.linalg.solve(curvature, slope)
+        coefficient = coefficient + np.clip(step, -0.5, 0.5)
+    spread = np.sqrt(np.diag(np.linalg.inv(features.T @ features / dispersion + prior)))
+    return coefficient, spread

@@ -1,9 +1,11 @@
-"""Case, rates and backgrounds -> Surrogate: the error of a head in any direction of the sky."""
+"""Case and ranges of conditions -> Surrogate: the error of a head in any direction of the sky."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +20,68 @@ PLACES = 12288  # directions of a survey: 1.8 degrees apart
 ROWS, COLUMNS = 90, 180  # cells of two degrees on the sky
 DARK = 40.0  # magnitude per square arcsecond, for no light
 RATES, MAGNITUDE = 4, 1.0  # number of rates; magnitudes between two backgrounds
+STATES = 3  # temperatures, and ages
 CLOSE_RATES = 0.05  # relative range of rates that one stands for
 LEVELS: Floats = np.linspace(0, math.pi, 721)  # radian, of the tables of stray light
 
 
 @dataclass(frozen=True, eq=False)
+class Conditions:
+    """What the error of a head depends on at n instants.
+
+    line        (3, n) unit vectors of the boresight, ICRS axes
+    rate        (n,) radian / second across the boresight
+    background  (n,) magnitude per square arcsecond; None: that of the sky alone
+    warmer      (n,) kelvin above the design; None: at one temperature
+    age         (n,) second in orbit; None: at one age
+    """
+
+    line: Floats
+    rate: Floats
+    background: Floats | None = None
+    warmer: Floats | None = None
+    age: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What trials say of a surrogate: a factor on its variances, by what they depend on.
+
+        variance of trials / variance of the budget = exp(features . coefficient)
+
+    feature      names: "all", "rate", "background", "stars", "temperature", "age"
+    scale        (k, 2) middle and half range of the value that each feature is -1 ... 1 over
+    coefficient  (2, k) across and about
+    spread       (2, k) standard errors
+    """
+
+    feature: tuple[str, ...]
+    scale: Floats
+    coefficient: Floats
+    spread: Floats
+
+    def features(self, values: dict[str, Floats]) -> Floats:
+        """(n, k) of the values of each feature but "all"."""
+        size = len(next(iter(values.values())))
+        columns = [
+            np.ones(size) if name == "all" else np.clip((values[name] - middle) / half, -1, 1)
+            for name, (middle, half) in zip(self.feature, self.scale, strict=True)
+        ]
+        return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
 class Surrogate:
-    """Errors of a design over direction, rate across the boresight and background.
+    """Errors of a design over direction, rate across the boresight, background, temperature, age.
 
     rate        (r,) radian / second, rising
     background  (g,) magnitude per square arcsecond, rising: fainter
-    table       (3, r, g, cells) logarithms of the variances across and about the boresight
+    warmer      (t,) kelvin above the design, rising
+    age         (a,) second in orbit, rising
+    table       (3, r, g, t, a, cells) logarithms of the variances across and about the boresight
                 (radian^2), and the probability of an attitude
+    stars       (cells,) logarithm of the expected number of stars, at the slowest rate
+    correction  by trials; None: the errors are those of the budget
     Accuracy    model: that of `budget.analytic`, on which it is fitted: noise, neighbours and
                 method of a perfect unit; turning about the boresight does not smear. numerical:
                 fields of any roll count as one, and a cell of the sky (2 degrees) as its middle.
@@ -40,31 +92,53 @@ class Surrogate:
 
     rate: Floats
     background: Floats
+    warmer: Floats
+    age: Floats
     table: Floats
+    stars: Floats
+    correction: Correction | None = None
 
-    def __call__(
-        self, line: Floats, rate: Floats, background: Floats | None
-    ) -> tuple[Floats, Floats, Floats]:
+    def __call__(self, at: Conditions) -> tuple[Floats, Floats, Floats]:
         """(n,) variances across and about (radian^2), and probabilities of an attitude.
 
-        line        (3, n) unit vectors, ICRS axes
-        rate        (n,) radian / second across the boresight; beyond the table its ends hold
-        background  (n,) magnitude per square arcsecond; None: the faintest of the table
+        Beyond the table its ends hold.
         """
-        cell = cell_of(line)
-        low_rate, part_rate = _between(self.rate, rate)
-        if background is None or len(self.background) == 1:
-            corners = [(len(self.background) - 1, None)]
-        else:
-            low, part = _between(self.background, background)
-            corners = [(low, 1 - part), (low + 1, part)]
+        cell = cell_of(at.line)
+        low_rate, part_rate = _between(self.rate, at.rate)
+        corners: list[tuple[tuple[Any, ...], Any]] = [((), None)]
+        for grid, value in (
+            (self.background, at.background), (self.warmer, at.warmer), (self.age, at.age)
+        ):  # fmt: skip
+            if value is None or len(grid) == 1:
+                corners = [((*index, len(grid) - 1), weight) for index, weight in corners]
+                continue
+            low, part = _between(grid, value)
+            corners = [
+                ((*index, low + k), share if weight is None else weight * share)
+                for index, weight in corners
+                for k, share in enumerate((1 - part, part))
+            ]
         found = np.zeros((3, len(cell)))
-        for g, weight in corners:
-            here = self.table[:, low_rate, g, cell]
+        for index, weight in corners:
+            here = self.table[:, low_rate, *index, cell]
             if part_rate is not None:
-                here = here + part_rate * (self.table[:, low_rate + 1, g, cell] - here)
+                here = here + part_rate * (self.table[:, low_rate + 1, *index, cell] - here)
             found += here if weight is None else weight * here
+        if self.correction is not None:
+            used = self.correction.features(self.values(at, cell))
+            found[:2] += self.correction.coefficient @ used.T
         return np.exp(found[0]), np.exp(found[1]), found[2]
+
+    def values(self, at: Conditions, cell: NDArray[np.intp] | None = None) -> dict[str, Floats]:
+        """What a correction may depend on, each (n,); only what differs."""
+        found = {"stars": self.stars[cell_of(at.line) if cell is None else cell]}
+        for name, grid, value in (
+            ("rate", self.rate, at.rate), ("background", self.background, at.background),
+            ("temperature", self.warmer, at.warmer), ("age", self.age, at.age),
+        ):  # fmt: skip
+            if len(grid) > 1 and value is not None:
+                found[name] = np.clip(value, grid[0], grid[-1])
+        return found
 
 
 def _between(grid: Floats, value: Floats):  # type: ignore[no-untyped-def]
@@ -91,22 +165,52 @@ def middles() -> Floats:
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
 
 
-def surrogate_of(case: Case, rates: tuple[float, float], brightest: float) -> Surrogate:
-    """A surrogate, fitted on the analytic budget over the sky at each rate and background.
+@dataclass(frozen=True)
+class Ranges:
+    """Between which a head's rate, background, temperature and age lie in a mission.
 
-    rates      radian / second, slowest and fastest across the boresight
-    brightest  magnitude per square arcsecond, of the sky with stray light
-    Raises     ValueError where the budget refuses the case, or no field has an attitude at one of
-               the rates and backgrounds.
+    rate        radian / second, slowest and fastest across the boresight
+    brightest   magnitude per square arcsecond, of the sky with stray light
+    warmer      kelvin above the design
+    age         second in orbit; None: the design as it is
     """
-    slow, fast = rates
+
+    rate: tuple[float, float]
+    brightest: float
+    warmer: tuple[float, float] = (0.0, 0.0)
+    age: tuple[float, float] | None = None
+
+
+def surrogate_of(
+    case: Case, ranges: Ranges, state: Callable[[float | None, float], Case] | None = None
+) -> Surrogate:
+    """A surrogate, fitted on the analytic budget over the sky at each rate, background and state.
+
+    state      age (None: as the design) and kelvin above the design -> the case; None: always the
+               same
+    Raises     ValueError where the budget refuses the case, or no field has an attitude at one of
+               the rates, backgrounds and states.
+    """
+    slow, fast = ranges.rate
     close = fast - slow < CLOSE_RATES * fast or fast < 1e-6
     rate = np.array([(slow + fast) / 2]) if close else np.linspace(slow, fast, RATES)
     faintest = background_of(case)
-    steps = max(math.ceil((faintest - brightest) / MAGNITUDE - 1e-6), 0)
-    background = np.linspace(min(brightest, faintest), faintest, steps + 1)
-    tables = [[_survey(case, one, sky, sky < faintest) for sky in background] for one in rate]
-    return Surrogate(rate, background, np.array(tables).transpose(2, 0, 1, 3))
+    steps = max(math.ceil((faintest - ranges.brightest) / MAGNITUDE - 1e-6), 0)
+    background = np.linspace(min(ranges.brightest, faintest), faintest, steps + 1)
+    cold, hot = ranges.warmer
+    warmer = np.linspace(cold, hot, STATES) if hot > cold else np.array([cold])
+    age = np.zeros(1) if ranges.age is None else np.linspace(*ranges.age, STATES)
+    found = []
+    for turn in rate:
+        for sky in background:
+            for warm in warmer:
+                for old in age:
+                    years = None if ranges.age is None else float(old)
+                    here = state(years, float(warm)) if state else case
+                    found.append(_survey(here, turn, sky, sky < faintest))
+    shape = (len(rate), len(background), len(warmer), len(age), -1)
+    tables = np.stack([table for table, _ in found], axis=1)
+    return Surrogate(rate, background, warmer, age, tables.reshape(3, *shape), found[0][1])
 
 
 def background_of(case: Case) -> float:
@@ -114,8 +218,8 @@ def background_of(case: Case) -> float:
     return DARK if case.scene.background_g is None else case.scene.background_g
 
 
-def _survey(case: Case, rate: float, background: float, lit: bool) -> Floats:
-    """(3, cells): logarithms of the variances, probability of an attitude."""
+def _survey(case: Case, rate: float, background: float, lit: bool) -> tuple[Floats, Floats]:
+    """(3, cells): logarithms of the variances, probability of an attitude; (cells,) of stars."""
     case = turning(case, rate)
     if lit:
         case = replace(case, scene=replace(case.scene, background_g=background))
@@ -127,7 +231,8 @@ def _survey(case: Case, rate: float, background: float, lit: bool) -> Floats:
         np.log(np.where(known, one, most) ** 2)
         for one, most in zip((found.across, found.about), worst, strict=True)
     )
-    return np.stack([across, about, found.solved])[:, nearest]
+    stars = np.log(np.maximum(found.stars, 1.0))
+    return np.stack([across, about, found.solved])[:, nearest], stars[nearest]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 """Directions and eclipses of a mission, against astropy and sgp4 done step by step."""
 
 import dataclasses
+import tomllib
 from pathlib import Path
 
 import astropy.units as u
@@ -24,15 +25,11 @@ from startrack.core import LIGHT_SPEED, arcsec, deg, installed_tables
 from startrack.mission.engine import at, plan_of
 from startrack.mission.heads import Blind
 from startrack.mission.instants import course_of
-from startrack.mission.parameters import Attitude, Orbit, Scan, load_mission
+from startrack.mission.parameters import Attitude, Orbit, Scan, load_mission, save_mission
+from tests.mission import independent
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")
-# The space station, from the documentation of the package sgp4.
-TLE = (
-    "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991",
-    "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
-)
-BEGIN = "2019-12-10T00:00:00"
+TLE, BEGIN = independent.TLE, independent.BEGIN
 INSTANTS = 60
 
 
@@ -205,6 +202,29 @@ def test_a_head_near_the_sun_is_blind(mission):
     assert not sun.all()
 
 
+def test_a_written_mission_may_move(tmp_path):
+    """Own files are named from the folder, shipped designs by name; both read back as they were."""
+    own = tmp_path / "designs" / "mine.toml"
+    own.parent.mkdir()
+    own.write_text(shipped("designs/nanosatellite.toml").read_text())
+    text = Path(EXAMPLE).read_text()
+    (tmp_path / "mission.toml").write_text(
+        text.replace("designs/nanosatellite.toml", "designs/mine.toml", 1)
+    )
+    first = load_mission(tmp_path / "mission.toml")
+    out = tmp_path / "out" / "placed.toml"
+    save_mission(out, first.mission)
+    assert str(tmp_path) not in out.read_text()
+    assert [one["design"] for one in tomllib.loads(out.read_text())["heads"]] == [
+        "../designs/mine.toml", *["designs/nanosatellite.toml"] * 2
+    ]  # fmt: skip
+    moved = tmp_path.parent / f"{tmp_path.name}-moved"
+    tmp_path.rename(moved)
+    again = load_mission(moved / "out" / "placed.toml")
+    assert [one.case for one in again.designs] == [one.case for one in first.designs]
+    assert again.mission.orbit == first.mission.orbit
+
+
 def test_files_of_missions_are_refused_by_name(tmp_path):
     text = Path(EXAMPLE).read_text()
     for old, new, words in (
@@ -220,3 +240,21 @@ def test_files_of_missions_are_refused_by_name(tmp_path):
         file.write_text(text.replace(old, new, 1))
         with pytest.raises(ValueError, match=words):
             load_mission(file)
+
+
+def test_eclipses_and_blindings_begin_and_end_as_in_another_program():
+    """Each begin and end within one step of astropy and sgp4 with geometry of their own."""
+    plan, total = independent.low_heads(), 0
+    own = at(plan, plan.course.at(11 * 86400.0, 10.0, 1600))
+    eclipse, heads = independent.blinded(
+        [one.boresight for one in plan.heads], [one.limits for one in plan.heads],
+        own.instants.second,
+    )  # fmt: skip
+    count, alone, _ = independent.events(own.shadow.sun, eclipse)
+    assert (count >= 8, alone) == (True, 0)
+    for seen, other in zip(own.seen, heads, strict=True):
+        for cause, blind in other.items():
+            count, alone, _ = independent.events((seen.blind & Blind[cause.upper()]) > 0, blind)
+            assert alone == 0, cause
+            total += count
+    assert total >= 40

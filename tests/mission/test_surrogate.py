@@ -9,18 +9,22 @@ from scipy.spatial.transform import Rotation
 from startrack import Fidelity, run_trials, shipped
 from startrack.core import deg
 from startrack.design import KeepOut
-from startrack.mission import load_mission, plan_of, surrogate, timeline
-from startrack.mission.rendered import scenes_at
+from startrack.detector import Age, Thermal
+from startrack.mission import checked, load_mission, plan_of, surrogate, timeline
+from startrack.mission.parameters import Check, Needs, Warmth
+from startrack.mission.rendered import fitted, scenes_at
 from startrack.mission.surrogate import cell_of, middles
 from startrack.optics import Baffle
 
+EXAMPLE = shipped("missions/sun-synchronous.toml")
 INSTANTS = 400
-CHANGES = ["time.duration=360 d", "time.step=60 s", 'attitude.yaw="velocity"']
+YAW = 'attitude.yaw="velocity"'  # the same rate at all times
+CHANGES = ["time.duration=360 d", "time.step=60 s", YAW]
 
 
 @pytest.fixture(scope="module")
 def plan():
-    return plan_of(load_mission(shipped("missions/sun-synchronous.toml"), CHANGES))
+    return plan_of(load_mission(EXAMPLE, CHANGES))
 
 
 def test_errors_are_those_of_trials(plan):
@@ -42,6 +46,69 @@ def test_errors_are_those_of_trials(plan):
         assert np.sqrt(got / expected) == pytest.approx(1, abs=0.12), name
 
 
+def test_a_correction_finds_what_trials_differ_by():
+    """Squared errors drawn with a known factor over two features, and none over a third.
+
+    Each coefficient within five standard errors, and these are those of 200 repetitions.
+    """
+    true, draw, found = np.array([0.3, -0.4, 0.0]), np.random.default_rng(4), []
+    for _ in range(200):
+        values = {"stars": draw.uniform(2, 5, 400), "rate": draw.uniform(0, 1e-3, 400)}
+        features = fitted(np.ones((400, 2)), values).features(values)
+        factor = np.exp(features @ true)
+        ratio = factor[:, None] * np.stack(
+            [draw.exponential(size=400), draw.chisquare(1, size=400)], axis=1
+        )
+        found.append(fitted(ratio, values))
+    for k in (0, 1):
+        got = np.array([one.coefficient[k] for one in found])
+        spread = found[0].spread[k]
+        assert np.abs(got.mean(axis=0) - true).max() < 5 * spread.max() / np.sqrt(200) + 0.08
+        assert got.std(axis=0) == pytest.approx(spread, rel=0.25)
+
+
+def old_and_warm(trials):
+    """A head that ages by eight years in 20 days, and warms and cools over the orbit."""
+    loaded = load_mission(EXAMPLE, ["time.duration=20 d", "time.step=60 s", YAW])
+    case = loaded.designs[0].case
+    fast = 8 / (20 * 86400)  # 1 / second, for one a year
+    age = Age(time=0.0, fluence=3e10 * fast, sensitivity_loss=0.08 * fast)
+    detector = dataclasses.replace(case.instrument.detector, thermal=Thermal(303.15), age=age)
+    case = dataclasses.replace(
+        case, instrument=dataclasses.replace(case.instrument, detector=detector)
+    )
+    head = dataclasses.replace(
+        loaded.mission.heads[0], age=0.0, temperature=Warmth(swing=12.0, ahead=1.0)
+    )
+    mission = dataclasses.replace(
+        loaded.mission, heads=(head,), check=Check(trials, Fidelity.WINDOW), requirements=Needs()
+    )
+    design = dataclasses.replace(loaded.designs[0], case=case)
+    return plan_of(dataclasses.replace(loaded, mission=mission, designs=(design,)))
+
+
+def test_heads_age_and_warm(monkeypatch):
+    monkeypatch.setattr(surrogate, "PLACES", 768)
+    plan = old_and_warm(0)
+    table = timeline(plan)
+    error = table["up-left_across_arcsec"] ** 2
+    young, old = table["second"] < 3 * 86400, table["second"] > 17 * 86400
+    assert error[old].mean() > 1.1 * error[young].mean()
+    warm = np.sin(np.radians(table["orbit_phase_deg"]) + 1.0)
+    assert error[warm > 0.7].mean() > 1.02 * error[warm < -0.7].mean()
+
+
+@pytest.mark.slow
+def test_errors_of_old_and_warm_heads_are_those_of_trials():
+    """Windows over ages and temperatures; with the correction within 4.5 standard errors."""
+    plan, (found,) = checked(old_and_warm(80))
+    value, error = found.corrected_across
+    assert value == pytest.approx(1, abs=4.5 * error)
+    assert found.attitudes == pytest.approx(found.expected, abs=4)
+    assert set(plan.surrogates[0].correction.feature) == {"all", "stars", "temperature", "age"}
+    assert abs(value - 1) < abs(found.across[0] - 1)  # the budget leaves hot pixels out
+
+
 def test_cells_hold_their_middles():
     middle = middles()
     assert (cell_of(middle.T) == np.arange(len(middle))).all()
@@ -56,7 +123,7 @@ def test_cells_hold_their_middles():
 def test_stray_light_raises_the_error(monkeypatch):
     """Behind a weak baffle, a head is worse near the Sun; its exclusion angle is the baffle's."""
     monkeypatch.setattr(surrogate, "PLACES", 768)
-    loaded = load_mission(shipped("missions/sun-synchronous.toml"), [*CHANGES, "time.duration=2 d"])
+    loaded = load_mission(EXAMPLE, [*CHANGES, "time.duration=2 d"])
     case = loaded.designs[0].case
     baffle = Baffle((20 * deg, 60 * deg, 100 * deg), (3e-7, 1e-8, 1e-10))
     case = dataclasses.replace(case, instrument=dataclasses.replace(case.instrument, baffle=baffle))
