@@ -133,7 +133,7 @@ def _at(table: LensTable, kelvin: float) -> LensTable:
     one = [int(np.abs(table.temperature - kelvin).argmin())]
     arrays = {
         name: getattr(table, name)[one]
-        for name in ("temperature", "wavefront", "place", "pupil", "area")
+        for name in ("temperature", "wavefront", "place", "pupil", "outline", "area")
     }
     return replace(table, **arrays)
 
@@ -160,10 +160,10 @@ def images(quick: bool) -> float:
 def apart(plan: _Plan, star: Any, wanted: Floats) -> float:
     """Largest difference of two images over the peak, where they fit best on each other."""
     plan.count, plan.spacing = len(wanted) + 1, MICROMETRE
-    x, y = star.rays()
+    middle = star.centroid()
 
     def image_at(shift: Floats) -> Floats:
-        u, v = star.place + x.mean() + shift[0] * 1e-6, y.mean() + shift[1] * 1e-6
+        u, v = middle[0] + shift[0] * 1e-6, middle[1] + shift[1] * 1e-6
         mine = plan._irradiance(star, u, v)[:-1, :-1]
         return np.asarray(mine * (mine.ravel() @ wanted.ravel()) / (mine**2).sum())
 

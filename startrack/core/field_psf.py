@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from startrack.core.arrays import Floats, Ints
+from startrack.core.arrays import Floats
 from startrack.core.kernel import kernel
 from startrack.core.lagrange import lagrange_weights, local_weights
 from startrack.core.values import Psf
@@ -109,8 +109,8 @@ class FieldPsf:
 
     def split(
         self, x: Floats, y: Floats, electrons: Floats, weight: Floats, colour: Floats
-    ) -> tuple[Ints, Floats, Floats, Floats]:
-        """Points along paths as terms, each with the table of one term.
+    ) -> tuple[Floats, Floats, Floats]:
+        """Points along paths, each with the electrons of each table.
 
         The image of a path is that at its middle, also where the camera rolls.
 
@@ -118,22 +118,19 @@ class FieldPsf:
         electrons  (n,)
         weight     (m,) 1, of the points of a path
         colour     (n,) metre
-        Returns    (l,) table of each term; (m, l) its x and y; (l,) its electrons, of any sign
-        Accuracy   terms of less than LEAST electrons in each pixel are left out.
+        Returns    (m, l) x and y of the points in front of the camera with any light; (l, k) their
+                   electrons, of any sign; those of the first table are not zero
+        Accuracy   tables of less than LEAST electrons in each pixel are left out: zero.
         """
         share = weight / weight.sum()
         middle_x, middle_y = share @ x, share @ y
         there = np.flatnonzero(np.isfinite(middle_x + middle_y))
         found = self.at(middle_x[there], middle_y[there], colour[there])
         part = found[:, SHIFT + 1 :] * (found[:, SHIFT] * electrons[there])[:, None]
-        star, term = np.nonzero(np.abs(part) * self.peak > LEAST)
-        which = there[star]
-        return (
-            term,
-            x[:, which] + found[star, 0],
-            y[:, which] + found[star, 1],
-            part[star, term],
-        )
+        part[np.abs(part) * self.peak <= LEAST] = 0.0
+        lit = np.flatnonzero(part[:, 0])
+        which = there[lit]
+        return x[:, which] + found[lit, 0], y[:, which] + found[lit, 1], part[lit]
 
 
 @kernel

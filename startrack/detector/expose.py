@@ -188,10 +188,10 @@ def draw(
     image = np.zeros_like(electrons) if detector.crosstalk else electrons
     for weight, x, y in places:
         if isinstance(psf, FieldPsf):
-            which, x, y, part = psf.split(x, y, star, weight, colours(colour))
-            stamp_paths(image, psf, weight, x, y, part, gain, which)
+            x, y, part = psf.split(x, y, star, weight, colours(colour))
         else:
-            stamp_paths(image, psf, weight, x, y, star, gain)
+            part = star[:, None]
+        stamp_paths(image, psf, weight, x, y, part, gain)
     if detector.crosstalk:
         electrons += diffuse(image, detector.crosstalk)
 

@@ -6,8 +6,9 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
-from startrack.core import FieldPsf, Floats, Ints, Psf, instead_of, kernel
+from startrack.core import FieldPsf, Floats, Psf, instead_of, kernel
 
 UNIT_GAIN = np.ones((1, 1))
 UNIT_GAIN.flags.writeable = False
@@ -24,8 +25,9 @@ class PsfTable(NamedTuple):
     The pixels of a star are `oversampling` samples apart. So a star is the sum of 36 images, one
     for each interpolation weight, whose pixels are neighbours when the table is sorted by strides.
 
-    strides       (tables, oversampling, oversampling, k) 1, for each first row and column of
-                  samples: the pixels row by row, `across` of them in a row
+    strides       (oversampling, oversampling, k) 1, for each first row and column of samples: the
+                  pixels row by row, `across` of them in a row; of the first table
+    corrections   (tables - 1, oversampling, oversampling, k) float32, of the others
     line, column  (m,) along x and along y, whose product is the only table; empty otherwise
     samples       along a side of a table
     oversampling  samples per pixel
@@ -33,6 +35,7 @@ class PsfTable(NamedTuple):
     """
 
     strides: Floats
+    corrections: NDArray[np.float32]
     line: Floats
     column: Floats
     samples: int
@@ -57,7 +60,7 @@ def stamp(
     Accuracy   numerical: 4e-6 of the peak, 1e-5 pixel in the centroid, with the sampling that
                optics gives its tables; Gaussians 4e-7 of the peak, 1e-7 pixel.
     """
-    stamp_paths(image, psf, np.ones(1), x[None], y[None], electrons, gain)
+    stamp_paths(image, psf, np.ones(1), x[None], y[None], electrons[:, None], gain)
 
 
 def stamp_paths(
@@ -68,17 +71,15 @@ def stamp_paths(
     y: Floats,
     electrons: Floats,
     gain: Floats | None = None,
-    which: Ints | None = None,
 ) -> None:
     """As `stamp`, for points that move along paths.
 
-    weight  (m,) 1, fraction of the electrons at each point of a path
-    x, y    (m, n) pixel
-    which   (n,) table of each point, of a FieldPsf; None: the only one
+    weight     (m,) 1, fraction of the electrons at each point of a path
+    x, y       (m, n) pixel
+    electrons  (n, k) electron of each table of the PSF
     """
-    tables = np.zeros(len(electrons), np.int64) if which is None else which
     even = UNIT_GAIN if gain is None else gain
-    _stamp(image, psf_table(psf), tables, weight, x, y, electrons, even)
+    _stamp(image, psf_table(psf), weight, x, y, electrons, even)
 
 
 def psf_table(psf: Psf | FieldPsf) -> PsfTable:
@@ -95,7 +96,8 @@ def psf_table(psf: Psf | FieldPsf) -> PsfTable:
         room = np.zeros((count, step, step, across * (across + 2)))
         room[..., : across**2] = strides.reshape(count, step, step, -1)
         lines = (EMPTY, EMPTY) if isinstance(psf, FieldPsf) else _separate(psf.table)
-        _shapes[psf] = PsfTable(room, *lines, side, step, across)
+        others = np.ascontiguousarray(room[1:], np.float32)
+        _shapes[psf] = PsfTable(room[0].copy(), others, *lines, side, step, across)
     return _shapes[psf]
 
 
@@ -111,12 +113,11 @@ def _separate(table: Floats) -> tuple[Floats, Floats]:
 
 
 @kernel
-def _stamp(image, shape, which, weight, x, y, electrons, gain):  # type: ignore[no-untyped-def]
+def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-untyped-def]
     room = work_array(shape)
     for n in range(len(electrons)):
         for m in range(len(weight)):
-            part = weight[m] * electrons[n]
-            add_star(image, shape, which[n], x[m, n], y[m, n], part, gain, room)
+            add_star(image, shape, x[m, n], y[m, n], weight[m], electrons[n], gain, room)
 
 
 @kernel
@@ -126,8 +127,11 @@ def work_array(shape):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_star(image, shape, which, x, y, electrons, gain, room):  # type: ignore[no-untyped-def]
-    """Add the image of one point by one of the tables; one element of gain is for all pixels."""
+def add_star(image, shape, x, y, share, electrons, gain, room):  # type: ignore[no-untyped-def]
+    """Add the image of one point: a share of the electrons of each table.
+
+    One element of gain is for all pixels.
+    """
     rows, columns = image.shape
     step = shape.oversampling
     reach = (shape.samples // 2 - 3) // step
@@ -141,22 +145,21 @@ def add_star(image, shape, which, x, y, electrons, gain, room):  # type: ignore[
         return
     start_x, start_y = start_x + left * step, start_y + lowest * step
     even = gain.size == 1
-    if which:
-        part = image[row + lowest : row + highest + 1, column + left : column + right + 1]
-        if not even:
-            gain = gain[row + lowest : row + highest + 1, column + left : column + right + 1]
-        _add_straight(part, shape, which, start_x, start_y, wx, wy, electrons, gain)
-        return
     star = star[: (highest - lowest + 1) * shape.across]
     if len(shape.line):
         _product(star, shape, start_x, start_y, wx, wy, right - left + 1)
     else:
-        _sum(star, shape, which, start_x, start_y, wx, wy)
+        _sum(star, shape, start_x, start_y, wx, wy)
+    # In units of the light of the first table, which no image is without.
+    for k in range(1, len(electrons)):
+        if electrons[k] != 0.0:
+            _correct(star, shape, k - 1, start_x, start_y, wx, wy, electrons[k] / electrons[0])
+    light = share * electrons[0]
     for j in range(lowest, highest + 1):
         line = star[(j - lowest) * shape.across :]
         for i in range(left, right + 1):
             seen = 1.0 if even else gain[row + j, column + i]
-            image[row + j, column + i] += electrons * line[i - left] * seen
+            image[row + j, column + i] += light * line[i - left] * seen
 
 
 @kernel
@@ -178,7 +181,7 @@ def _place(centre, pixels, samples, oversampling, weight):  # type: ignore[no-un
 
 
 @kernel
-def _sum(star, shape, which, x, y, wx, wy):  # type: ignore[no-untyped-def]
+def _sum(star, shape, x, y, wx, wy):  # type: ignore[no-untyped-def]
     """The sum of the weighted images, all rows in one loop."""
     step = shape.oversampling
     star[:] = 0.0
@@ -187,19 +190,19 @@ def _sum(star, shape, which, x, y, wx, wy):  # type: ignore[no-untyped-def]
             weight = wy[b] * wx[a]
             start = (y + b) // step * shape.across + (x + a) // step
             # A slice, because the compiler would check the index for values below zero.
-            part = shape.strides[which, (y + b) % step, (x + a) % step][start : start + len(star)]
+            part = shape.strides[(y + b) % step, (x + a) % step][start : start + len(star)]
             for k in range(len(star)):
                 star[k] += weight * part[k]
 
 
 @instead_of(_sum)
-def _sum_of_arrays(star, shape, which, x, y, wx, wy):  # type: ignore[no-untyped-def]
+def _sum_of_arrays(star, shape, x, y, wx, wy):  # type: ignore[no-untyped-def]
     step = shape.oversampling
     star[:] = 0.0
     for b in range(TAPS):
         for a in range(TAPS):
             start = (y + b) // step * shape.across + (x + a) // step
-            part = shape.strides[which, (y + b) % step, (x + a) % step][start : start + len(star)]
+            part = shape.strides[(y + b) % step, (x + a) % step][start : start + len(star)]
             star += wy[b] * wx[a] * part
 
 
@@ -223,36 +226,37 @@ def _read(line, start, weight):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _add_straight(part, shape, which, x, y, wx, wy, electrons, gain):  # type: ignore[no-untyped-def]
-    """Add a star with straight lines between samples instead of polynomials of the fifth degree.
+def _correct(star, shape, which, x, y, wx, wy, size):  # type: ignore[no-untyped-def]
+    """Add one of the other tables of a FieldPsf, with straight lines between samples.
 
-    For the tables of a FieldPsf after the first, which correct it: the centroid stays exact.
-
-    part, gain  of the pixels that the star reaches
+    Its polynomials of the fifth degree are not needed: the centroid stays exact.
     """
+    step, across, many = shape.oversampling, shape.across, len(star)
     u = v = 0.0
     for a in range(TAPS):
         u, v = u + wx[a] * (a - 2), v + wy[a] * (a - 2)
-    x, y, step, across = x + 2, y + 2, shape.oversampling, shape.across
-    left, right, upper, lower = (
-        x // step,
-        (x + 1) // step,
-        y // step * across,
-        (y + 1) // step * across,
-    )
-    a = shape.strides[which, y % step, x % step]
-    b = shape.strides[which, y % step, (x + 1) % step]
-    c = shape.strides[which, (y + 1) % step, x % step]
-    d = shape.strides[which, (y + 1) % step, (x + 1) % step]
-    wa, wb = electrons * (1 - v) * (1 - u), electrons * (1 - v) * u
-    wc, wd = electrons * v * (1 - u), electrons * v * u
-    even = gain.size == 1
-    for j in range(part.shape[0]):
-        for i in range(part.shape[1]):
-            k = j * across + i
-            light = wa * a[upper + left + k] + wb * b[upper + right + k]
-            light += wc * c[lower + left + k] + wd * d[lower + right + k]
-            part[j, i] += light if even else light * gain[j, i]
+    x, y = x + 2, y + 2
+    upper, lower = y // step * across, (y + 1) // step * across
+    left, right = x // step, (x + 1) // step
+    table = shape.corrections[which]
+    a = table[y % step, x % step][upper + left : upper + left + many]
+    b = table[y % step, (x + 1) % step][upper + right : upper + right + many]
+    c = table[(y + 1) % step, x % step][lower + left : lower + left + many]
+    d = table[(y + 1) % step, (x + 1) % step][lower + right : lower + right + many]
+    wa, wb = np.float32(size * (1 - v) * (1 - u)), np.float32(size * (1 - v) * u)
+    wc, wd = np.float32(size * v * (1 - u)), np.float32(size * v * u)
+    _add_weighted(star, a, b, c, d, wa, wb, wc, wd)
+
+
+@kernel
+def _add_weighted(star, a, b, c, d, wa, wb, wc, wd):  # type: ignore[no-untyped-def]
+    for k in range(len(star)):
+        star[k] += wa * a[k] + wb * b[k] + wc * c[k] + wd * d[k]
+
+
+@instead_of(_add_weighted)
+def _add_weighted_arrays(star, a, b, c, d, wa, wb, wc, wd):  # type: ignore[no-untyped-def]
+    star += wa * a + wb * b + wc * c + wd * d
 
 
 @kernel

@@ -43,13 +43,11 @@ class StarPaths(NamedTuple):
     """Stars along their paths, for the kernels.
 
     shape   tables of the PSF
-    which   (n,) table of each star, or of each term of its image
     weight  (m,), x and y (m, n), of the points of the paths
-    star    (n,) electron
+    star    (n, k) electron of each table
     """
 
     shape: PsfTable
-    which: Ints
     weight: Floats
     x: Floats
     y: Floats
@@ -108,11 +106,11 @@ def expose_within(
         hits = tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)
     if isinstance(psf, FieldPsf):
         weight, x, y = places
-        which, x, y, star = psf.split(x, y, star, weight, colours(colour))
+        x, y, part = psf.split(x, y, star, weight, colours(colour))
         places = weight, x, y
     else:
-        which = np.zeros(len(star), np.int64)
-    points = StarPaths(psf_table(psf), which, *places, star)
+        part = star[:, None]
+    points = StarPaths(psf_table(psf), *places, part)
     _render(image, windows, pixels, points, *hits, *keys(law, streams), law, tables)
     return to_frame(image, detector)
 
@@ -202,8 +200,7 @@ def _window_electrons(window, rows, columns, pixels, points, ends, work):  # typ
             continue
         for m in range(len(points.weight)):
             x, y = points.x[m, n] - first, points.y[m, n] - upper
-            part = points.weight[m] * points.star[n]
-            add_star(electrons, points.shape, points.which[n], x, y, part, gain, work)
+            add_star(electrons, points.shape, x, y, points.weight[m], points.star[n], gain, work)
     if pixels.crosstalk > 0:
         electrons = _diffused(electrons, pixels.crosstalk)
     return electrons[top - upper : bottom - upper, left - first : right - first]

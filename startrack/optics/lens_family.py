@@ -127,7 +127,8 @@ def scaled_table(table: LensTable, faster: float, wider: float) -> LensTable:
     return LensTable(
         f"{table.name}, {faster:.4g} times as fast and {wider:.4g} times as wide",
         table.source, table.focal_length, table.f_number / faster, table.temperature,
-        table.wavelength, angle, table.noll, wavefront, place, pupil, table.area * faster**2,
+        table.wavelength, angle, table.noll, wavefront, place, pupil, table.outline,
+        table.area * faster**2,
     )  # fmt: skip
 
 

@@ -26,14 +26,20 @@ from startrack.optics.field_images import (
     refuse_band,
 )
 from startrack.optics.lens_family import family_table
-from startrack.optics.lens_table import LensPoints, LensTable, open_lens
+from startrack.optics.lens_table import (
+    LensPoints,
+    LensTable,
+    Reals,
+    open_lens,
+    rim_distance,
+    rim_harmonics,
+)
 from startrack.optics.over_field import at_field
 from startrack.optics.parameters import Optics
 from startrack.optics.psf_file import open_psf_file
 from startrack.optics.pupil import MARGIN, soft_step
 from startrack.optics.zernike import noll_to_nm, zernike
 
-Reals = NDArray[np.float64] | NDArray[np.float32]
 ROOM = 293.15  # kelvin, of a lens whose design names no temperature
 RINGS, SPOKES = 16, 24  # rays from which centroids and widths are taken
 STEP = 1e-5  # of the radius of the pupil, for slopes
@@ -48,6 +54,8 @@ LEAST_POINTS = 320  # of a transform
 FILLED = 0.6  # of a transform, that the pupil may fill
 MOST_POINTS = 3072  # along a side of an irradiance
 MOST_NUMBERS = 60_000_000  # of all tables together
+AROUND = np.linspace(0, math.pi, 49)  # radian, where the rim of a stopped pupil is found
+RIM_STEPS = 12  # each leaves a third of the error or less
 KEPT_RAYS = 2e-3  # of the light of a star, whose rays may meet the detector outside the tables
 
 
@@ -85,13 +93,43 @@ class Lens(NamedTuple):
         if not (high > low).all():
             raise ValueError("f_number must leave the pupil open over the field of lens_file")
         used = np.stack([(low + high) / 2, (high - low) / 2, across], axis=-1)
-        area = found.area * (used[..., 1] * used[..., 2] / (clear[..., 1] * clear[..., 2]))
+        outline, area = found.outline, found.area
+        if opening < 1:
+            outline = _stopped(stop * (1, opening, opening), clear, found.outline, used)
+            area = area * (_rim_area(used, outline) / _rim_area(clear, found.outline))
         return LensPoints(
             found.wavefront * size,
             found.place * size,
             np.concatenate([stop, used], axis=-1),
+            outline,
             area * size**2,
         )
+
+
+def _stopped(stop: Floats, clear: Floats, outline: Floats, used: Floats) -> Floats:
+    """The outline, about the ellipse `used`, of what lies in the ellipse `stop` and in the outline
+    about the ellipse `clear`; each ellipse (n, m, 3), each outline (n, m, h)."""
+    if not outline.shape[-1]:
+        return outline
+    distance = np.ones((*outline.shape[:-1], len(AROUND)))
+
+    def within(ellipse: Floats) -> tuple[Floats, Floats]:
+        centre, half_p, half_q = np.moveaxis(ellipse, -1, 0)[..., None]
+        p = used[..., :1] + distance * used[..., 1:2] * COSINES
+        return (p - centre) / half_p, distance * used[..., 2:] * SINES / half_q
+
+    for _ in range(RIM_STEPS):
+        distance /= np.maximum(rim_distance(outline, *within(clear)), np.hypot(*within(stop)))
+    return rim_harmonics(distance * COSINES, distance * SINES, outline.shape[-1])
+
+
+def _rim_area(ellipse: Floats, outline: Floats) -> Floats:
+    """Area of a pupil, (n, m) of direction cosines."""
+    if not outline.shape[-1]:
+        return np.asarray(math.pi * ellipse[..., 1] * ellipse[..., 2])
+    # The mean of the square of 1 + sum_k outline_k cos(k a).
+    mean = (1 + outline[..., 0]) ** 2 + (outline[..., 1:] ** 2).sum(axis=-1) / 2
+    return np.asarray(math.pi * ellipse[..., 1] * ellipse[..., 2] * mean)
 
 
 def open_optics(optics: Optics, temperature: float = ROOM) -> Lens:
@@ -127,6 +165,7 @@ class _Star(NamedTuple):
     power: Floats
     place: float
     pupil: Floats
+    outline: Floats
     area: float
 
     def path(self, p: Reals, q: Reals) -> Reals:
@@ -145,25 +184,37 @@ class _Star(NamedTuple):
                 total += each.rms * zernike(each.noll, x, y)
         return total
 
-    def rays(self) -> tuple[Floats, Floats]:
-        """Where rays evenly spread over the pupil meet the detector, metre from `place`.
+    def rays(self) -> tuple[Floats, Floats, Floats]:
+        """Where rays spread over the pupil meet the detector, metre from `place`; their weights.
 
-        All of the same weight.
+        The weights add up to one.
         """
         centre, half_p, half_q = self.pupil[3:]
-        p, q = centre + half_p * EVEN_P, half_q * EVEN_Q
+        farther = 1 / rim_distance(self.outline, EVEN_P, EVEN_Q) * np.hypot(EVEN_P, EVEN_Q)
+        p, q = centre + half_p * EVEN_P * farther, half_q * EVEN_Q * farther
         step_p, step_q = STEP * half_p, STEP * half_q
         # One call for the four shifted sets of rays.
         path = self.path(
             np.concatenate([p + step_p, p - step_p, p, p]),
             np.concatenate([q, q, q + step_q, q - step_q]),
         ).reshape(4, -1)
-        return (path[1] - path[0]) / (2 * step_p), (path[3] - path[2]) / (2 * step_q)
+        x, y = (path[1] - path[0]) / (2 * step_p), (path[3] - path[2]) / (2 * step_q)
+        return x, y, farther**2 / (farther**2).sum()
+
+    def centroid(self) -> tuple[float, float]:
+        """Of its rays: along the radius from the axis and across it, metre."""
+        x, y, weight = self.rays()
+        return self.place + float(x @ weight), float(y @ weight)
 
     @property
     def radius(self) -> float:
-        """Larger half axis of the pupil, 1."""
-        return float(max(self.pupil[4], self.pupil[5]))
+        """Largest distance from the centre of the pupil to its rim, 1."""
+        return float(max(self.pupil[4], self.pupil[5])) / float(self.around.min())
+
+    @property
+    def around(self) -> Floats:
+        """The ellipse over the rim, in the directions AROUND."""
+        return np.asarray(rim_distance(self.outline, COSINES, SINES), float)
 
 
 def _even_rays() -> tuple[Floats, Floats]:
@@ -175,6 +226,7 @@ def _even_rays() -> tuple[Floats, Floats]:
 
 
 EVEN_P, EVEN_Q = _even_rays()
+COSINES, SINES = np.cos(AROUND), np.sin(AROUND)
 
 
 def _polynomial(power: Floats, u: Reals, w: Reals) -> Reals:
@@ -226,7 +278,7 @@ def _stars(lens: Lens, wavelength: Floats, fields: Floats, azimuth: float) -> li
         rows.append([
             _Star(
                 lens, extra, float(one), azimuth, power[j, f], float(found.place[j, f]),
-                found.pupil[j, f], float(found.area[j, f]),
+                found.pupil[j, f], found.outline[j, f], float(found.area[j, f]),
             )
             for j, one in enumerate(wavelength)
         ])  # fmt: skip
@@ -263,8 +315,7 @@ def _centroid(stars: list[_Star], band: Band, area: float) -> Floats:
     """Centroid (c, 3) of each spectrum: along the radius and across it, metre; relative flux."""
     rows = []
     for star in stars:
-        x, y = star.rays()
-        rows.append((star.place + x.mean(), y.mean(), star.area / area))
+        rows.append((*star.centroid(), star.area / area))
     x, y, bright = np.array(rows).T
     flux = band.weight * bright
     total = flux.sum(axis=1)
@@ -290,9 +341,9 @@ def field_psf(
     fill_factor, diffusion  as in `pixel_psf`
     Raises       ValueError where the table does not hold the frame or the band, or where the
                  aberrations need more than 3072 points across the image.
-    Accuracy     model: Fraunhofer diffraction of an elliptic pupil of even transmission; the
-                 apertures of a vignetted lens make no exact ellipse. numerical: the error between
-                 the nodes is measured at places of the largest distance from them, and returned.
+    Accuracy     model: Fraunhofer diffraction of a pupil of even transmission. numerical: the error
+                 between the nodes is measured at places of the largest distance from them, and
+                 returned.
     """
     refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
     count = BAND_NODES if lens.optics.psf_tolerance < COARSE else FEW_NODES
@@ -308,12 +359,6 @@ def mirrored(optics: Optics, camera: Camera) -> bool:
     constant = any(each.growth == 0 for each in optics.aberrations)
     odd = any(noll_to_nm(each.noll)[1] < 0 for each in optics.aberrations)
     return centred and not constant and not odd
-
-
-def _about(star: _Star) -> tuple[Floats, Floats]:
-    """Where rays meet the detector, from their centroid, metre."""
-    x, y = star.rays()
-    return x - x.mean(), y - y.mean()
 
 
 def _shift(size: int, x: float, y: float) -> Floats:
@@ -394,10 +439,12 @@ class _Plan:
 
     def _spread(self, away_x: float, away_y: float) -> float:
         """Metre, within which all but KEPT_RAYS of the light meets the detector."""
-        stars = self.stars(away_x, away_y)
-        radius = np.concatenate([np.hypot(*_about(star)) for star in stars])
+        x, y, share = np.array([star.rays() for star in self.stars(away_x, away_y)]).swapaxes(0, 1)
+        middle_x, middle_y = ((one * share).sum(axis=1)[:, None] for one in (x, y))
+        radius = np.hypot(x - middle_x, y - middle_y).ravel()
         order = np.argsort(radius)
-        weight = np.repeat(np.maximum(self.band.weight, 0), len(EVEN_P), axis=1)[:, order]
+        light = np.maximum(self.band.weight, 0)
+        weight = (light[:, :, None] * share).reshape(len(light), -1)[:, order]
         inside = np.cumsum(weight, axis=1) <= (1 - KEPT_RAYS) * weight.sum(axis=1, keepdims=True)
         return float(radius[order][np.minimum(inside.sum(axis=1), len(order) - 1)].max())
 
@@ -405,7 +452,7 @@ class _Plan:
         """Metre, largest distance of a wavelength's centroid from that of all."""
         largest = 0.0
         for u, v in away:
-            place = [star.place + star.rays()[0].mean() for star in self.stars(u, v)]
+            place = [star.centroid()[0] for star in self.stars(u, v)]
             largest = max(largest, float(np.ptp(place)))
         return largest
 
@@ -413,8 +460,7 @@ class _Plan:
         """Table (c, m, m) of each spectrum; its shift (pixel) and relative flux, (c, 3)."""
         stars = self.stars(away_x, away_y)
         azimuth, optics = stars[0].azimuth, self.lens.optics
-        x, y = np.array([[each.mean() for each in star.rays()] for star in stars]).T
-        x = x + [star.place for star in stars]
+        x, y = np.array([star.centroid() for star in stars]).T
         flux = self.band.weight * (np.array([star.area for star in stars]) / optics.area)
         total = flux.sum(axis=1)
         along, across = flux @ x / total, flux @ y / total
@@ -439,7 +485,7 @@ class _Plan:
         Its integral is one. A fast transform of the pupil, whose samples are so far apart that the
         points of the image are `spacing` apart at any wavelength.
         """
-        x, y = star.rays()
+        x, y, _ = star.rays()
         far = float(np.hypot(star.place + x - u, y - v).max()) / self.spacing
         # What is beyond the period comes back at the other side, beyond the image.
         size = max(ALIAS * self.count, far + self.count / 2, LEAST_POINTS)
@@ -460,15 +506,18 @@ class _Plan:
         across = coordinate * cosine + coordinate[:, None] * sine
         beside = coordinate[:, None] * cosine - coordinate * sine
         centre, half_p, half_q = (np.float32(one) for one in star.pupil[3:])
-        a, b = across / half_p, beside / half_q
-        rim = np.hypot(a, b)
+        a, b = -across / half_p, -beside / half_q  # the direction cosines from the centre
+        rim = rim_distance(star.outline, a, b)
         # Beyond the soft edge the polynomials may be huge, and are not read.
-        near = np.flatnonzero(rim < 1 + MARGIN * cell / min(half_p, half_q))
+        soft = MARGIN * cell / float(min(half_p, half_q)) * float(star.around.max())
+        near = np.flatnonzero(rim < 1 + soft)
         across, beside, rim = across.ravel()[near], beside.ravel()[near], rim.ravel()[near]
-        steep = np.hypot(a.ravel()[near] / half_p, b.ravel()[near] / half_q)
         opened = np.ones_like(rim)
         edge = np.flatnonzero(rim > 0.5)
-        distance = (rim[edge] - 1) * rim[edge] / (steep[edge] * np.float32(cell))
+        a, b, rim = a.ravel()[near][edge], b.ravel()[near][edge], rim[edge]
+        # Of an ellipse the gradient of its distance is this over the distance itself.
+        steep = np.hypot(a / half_p, b / half_q)
+        distance = (rim - 1) * (a * a + b * b) / (rim * steep * np.float32(cell))
         opened[edge] = soft_step(distance)
         p, q = centre - across, -beside
         path = star.path(p, q) + p * np.float32(u - star.place) + q * np.float32(v)

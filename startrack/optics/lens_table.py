@@ -15,6 +15,7 @@ from startrack.core import Floats, Ints, positive
 from startrack.io import open_checked, shipped, whole
 from startrack.optics.zernike import MOST, noll_to_nm
 
+Reals = NDArray[np.float64] | NDArray[np.float32]
 FORMAT = 1
 WIDEST = 1.4  # radian, field angle
 MOST_NUMBERS = 10_000_000  # of a table
@@ -28,12 +29,14 @@ class LensPoints(NamedTuple):
     wavefront  (n, m, k) metre
     place      (n, m) metre
     pupil      (n, m, 6) 1
+    outline    (n, m, h) 1
     area       (n, m) square metre
     """
 
     wavefront: Floats
     place: Floats
     pupil: Floats
+    outline: Floats
     area: Floats
 
 
@@ -62,6 +65,9 @@ class LensTable:
     place         (t, w, f) metre from the axis, of the chief ray (through the middle of the stop)
     pupil         (t, w, f, 6) 1, of the image of the stop: its centre along p, half axes along p
                   and q; the same of the ellipse of the rays that all apertures let through
+    outline       (t, w, f, h) 1, what the rim of these rays is beyond that ellipse: at the point
+                  (cos a, sin a) of the ellipse the rim is 1 + sum_k outline_k cos(k a) times as far
+                  from its centre, k from 0 to h - 1; no harmonics: the ellipse itself
     area          (t, w, f) square metre, cross-section of the beam of these rays before the lens,
                   times the transmission
     Raises        ValueError that names what is wrong, the rule and the value.
@@ -78,6 +84,7 @@ class LensTable:
     wavefront: Floats
     place: Floats
     pupil: Floats
+    outline: Floats
     area: Floats
 
     def __post_init__(self) -> None:
@@ -93,13 +100,22 @@ class LensTable:
             )
         self._check_terms()
         shape = len(self.temperature), len(self.wavelength), len(self.field)
-        sizes = {"wavefront": (len(self.noll),), "place": (), "pupil": (6,), "area": ()}
+        harmonics = np.shape(self.outline)[-1:]
+        sizes = {
+            "wavefront": (len(self.noll),), "place": (), "pupil": (6,), "outline": harmonics,
+            "area": (),
+        }  # fmt: skip
         for name, more in sizes.items():
             _check_values(name, getattr(self, name), (*shape, *more))
         if not (self.pupil[..., (1, 2, 4, 5)] > 0).all() or not (np.abs(self.pupil) < 1).all():
             raise ValueError(
                 "pupil must hold positive half axes and direction cosines below 1, got "
                 f"{self.pupil.min():g} to {self.pupil.max():g}"
+            )
+        if not (np.abs(self.outline).sum(axis=-1) < 1).all():
+            raise ValueError(
+                "outline must hold harmonics whose sizes add up to less than 1, got "
+                f"{np.abs(self.outline).sum(axis=-1).max():g}"
             )
         if not (self.area > 0).all():
             raise ValueError(f"area must be positive, got {self.area.min():g} m^2")
@@ -119,9 +135,12 @@ class LensTable:
     @cached_property
     def _packed(self) -> tuple[Floats, Floats]:
         """All arrays side by side, (t, w, f, columns), and the parity of each column."""
-        parts = [self.wavefront, self.place[..., None], self.pupil, self.area[..., None]]
+        parts = [
+            self.wavefront, self.outline, self.place[..., None], self.pupil, self.area[..., None],
+        ]  # fmt: skip
         odd = [(-1) ** noll_to_nm(j)[1] for j in self.noll.tolist()]
-        parity = np.array([*odd, -1, *PUPIL_PARITY, 1], float)
+        turned = [(-1) ** k for k in range(self.outline.shape[-1])]
+        parity = np.array([*odd, *turned, -1, *PUPIL_PARITY, 1], float)
         return np.concatenate(parts, axis=-1), parity
 
     def at(self, temperature: float, wavelength: Floats, field: Floats) -> LensPoints:
@@ -148,9 +167,8 @@ class LensTable:
         nodes = np.concatenate([-self.field[:0:-1], self.field])
         values = spline(nodes, np.concatenate([mirrored, values], axis=1), field, 1)
         k = len(self.noll)
-        return LensPoints(
-            values[..., :k], values[..., k], values[..., k + 1 : k + 7], values[..., k + 7]
-        )
+        outline, rest = values[..., k:-8], values[..., -8:]
+        return LensPoints(values[..., :k], rest[..., 0], rest[..., 1:7], outline, rest[..., 7])
 
     def _refuse_outside(self, name: str, asked: Floats, nodes: Floats, unit: str) -> None:
         low, high = float(nodes[0]), float(nodes[-1])
@@ -164,7 +182,7 @@ class LensTable:
 
 
 AXES = ("temperature", "wavelength", "field")
-ARRAYS = ("noll", "wavefront", "place", "pupil", "area")
+ARRAYS = ("noll", "wavefront", "place", "pupil", "outline", "area")
 UNITS = {
     "temperature": "K", "wavelength": "m", "field": "rad", "wavefront": "m", "place": "m",
     "area": "m2",
@@ -185,13 +203,39 @@ def _check_range(name: str, nodes: Floats, low: float, high: float, unit: str) -
         )
 
 
-def _check_values(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> None:
+def _check_values(name: str, values: Floats, shape: tuple[int, ...]) -> None:
     if np.shape(values) != shape:
         raise ValueError(f"{name} must have the shape {shape}, got {np.shape(values)}")
     if values.size > MOST_NUMBERS:
         raise ValueError(f"{name} must hold at most {MOST_NUMBERS} numbers, got {values.size}")
     if not np.isfinite(values).all():
         raise ValueError(f"{name} must hold finite numbers")
+
+
+def rim_harmonics(u: Floats, v: Floats, count: int) -> Floats:
+    """The outline of a rim: coefficients of cos(k a) of its distance from the unit circle.
+
+    u, v   (..., n) 1, points of the rim, which is even in v; n at least `count`
+    count  of the harmonics, k from 0
+    Accuracy  least squares, every point of the same weight
+    """
+    azimuth = np.arctan2(v, u)[..., None] * np.arange(count)
+    shapes, beyond = np.cos(azimuth), np.hypot(u, v) - 1
+    return np.asarray((np.linalg.pinv(shapes) @ beyond[..., None])[..., 0])
+
+
+def rim_distance(outline: Floats, u: Reals, v: Reals) -> Reals:
+    """Distance from the centre of the ellipse over that of the rim in the same direction.
+
+    outline  (..., h) 1
+    u, v     (..., n) 1, in half axes of the ellipse; the result is of their type
+    """
+    distance = np.hypot(u, v)
+    if not outline.shape[-1]:
+        return distance
+    cosine = u / np.maximum(distance, np.finfo(u.dtype).tiny)
+    harmonics = np.moveaxis(outline, -1, 0)[..., None].astype(u.dtype)
+    return distance / (1 + np.polynomial.chebyshev.chebval(cosine, harmonics, tensor=False))
 
 
 def spline(nodes: Floats, values: Floats, at: Floats, axis: int, degree: int = DEGREE) -> Floats:
@@ -220,7 +264,8 @@ def save_lens(path: Path, table: LensTable) -> None:
     first.header["SOURCE"] = table.source
     first.header["FOCAL"] = (table.focal_length, "[m] focal length")
     first.header["FNUMBER"] = (table.f_number, "f-number")
-    parts = [fits.ImageHDU(getattr(table, name), name=name) for name in (*AXES, *ARRAYS)]
+    arrays = {name: getattr(table, name) for name in (*AXES, *ARRAYS)}
+    parts = [fits.ImageHDU(each, name=name) for name, each in arrays.items() if each.size]
     for part in parts:
         part.header["BUNIT"] = UNITS.get(part.name.lower(), "")
     with whole(Path(path)) as draft:
@@ -237,7 +282,9 @@ def load_lens(path: Path) -> LensTable:
         head = parts[0].header
         name, source = str(head["NAME"]), str(head["SOURCE"])
         focal_length, f_number = (_number(path, key, head[key]) for key in ("FOCAL", "FNUMBER"))
-        arrays: dict[str, Any] = {name: np.array(parts[name].data) for name in (*AXES, *ARRAYS)}
+        known = [name for name in (*AXES, *ARRAYS) if name != "outline" or name in parts]
+        arrays: dict[str, Any] = {name: np.array(parts[name].data) for name in known}
+        arrays.setdefault("outline", np.zeros((*arrays["area"].shape, 0)))
     try:
         kinds = {"noll": np.int64}
         found = {key: each.astype(kinds.get(key, np.float64)) for key, each in arrays.items()}

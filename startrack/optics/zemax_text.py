@@ -111,7 +111,7 @@ def table_of_pages(
     table = LensTable(
         name, source, focal_length, f_number, np.array([ROOM]), wavelength, field, np.array(noll),
         (-terms if flipped else terms)[None], place[None],
-        np.stack([zero, half, half] * 2, axis=-1)[None], area[None],
+        np.stack([zero, half, half] * 2, axis=-1)[None], np.zeros((1, *shape, 0)), area[None],
     )  # fmt: skip
     return Fitted(table, left)
 

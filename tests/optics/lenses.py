@@ -27,6 +27,7 @@ def ideal(vignetting: float = 0.0, **changes: object) -> LensTable:
         "noll": np.array([4, 8, 11]), "wavefront": np.zeros((*shape, 3)),
         "place": np.broadcast_to(FOCAL * np.tan(field), shape).copy(),
         "pupil": np.stack([zero, half, half, zero, half, narrow], axis=-1),
+        "outline": np.zeros((*shape, 0)),
         "area": math.pi / 4 * (FOCAL / F_NUMBER) ** 2 * narrow / half,
     }  # fmt: skip
     return LensTable(**(table | changes))

@@ -41,6 +41,8 @@ def test_file_gives_back_the_table(tmp_path):
         ({"area": np.full((1, 5, 5), np.nan)}, "area must hold finite numbers"),
         ({"area": np.zeros((1, 5, 5))}, "area must be positive"),
         ({"pupil": np.full((1, 5, 5, 6), 1.5)}, "pupil must hold positive half axes"),
+        ({"outline": np.zeros((1, 5, 4, 2))}, "outline must have the shape"),
+        ({"outline": np.full((1, 5, 5, 2), 0.6)}, "outline must hold harmonics"),
     ],
 )
 def test_impossible_tables_are_refused(changes, words):
