@@ -1,7 +1,8 @@
 """Are Earth cameras what the instruments in orbit are, and what else has an outside answer?
 
 The Sun in bands of Sentinel-2, SNR and NEdT of three instruments beside required and measured, the
-air against MODTRAN, surfaces against integrals, rays on terrain beside embree.
+air against MODTRAN, surfaces against integrals, products beside the truth of their scenes, rays on
+terrain beside embree.
 
     python experiments/earth_sensors.py [PART ...] [--json FILE] [--page FOLDER] [--quick]
 
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import command
+import earth_loop
 import earth_page
 import earth_surfaces
 import numpy as np
@@ -41,7 +43,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parts = {one.__name__: one for one in (sun, sensors, air, surfaces, rays)}
+    parts = {one.__name__: one for one in (sun, sensors, air, surfaces, loop, rays)}
     parser.add_argument(
         "parts", nargs="*", metavar="PART",
         help=f"of {', '.join(parts)} (default: all); the page needs sun and sensors",
@@ -123,6 +125,17 @@ def surfaces(told: dict[str, Any], quick: bool) -> dict[str, Any]:
     return {
         "rossli_error": earth_surfaces.rossli_error(),
         "glint_error": earth_surfaces.glint_error(),
+    }
+
+
+def loop(told: dict[str, Any], quick: bool) -> dict[str, Any]:
+    """Radiance and place of a product beside the truth of its scene, as in `earth_loop.py`."""
+    if command.missing("loop", "rasterio"):
+        return {"loop_radiance_error": None, "loop_place_px": None}
+    size, fires = (40, 2) if quick else (earth_loop.SIZE, earth_loop.FIRES)
+    return {
+        "loop_radiance_error": earth_loop.loop_radiance_error(size)[0],
+        "loop_place_px": earth_loop.loop_place_px(size, fires),
     }
 
 
