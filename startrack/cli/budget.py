@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_design, add_seed, add_workers, describe, positive, whole
+from startrack.cli.options import (
+    Exit,
+    WrongUse,
+    add_design,
+    add_seed,
+    add_workers,
+    describe,
+    positive,
+    whole,
+)
 
 with deferred():
     import numpy as np
@@ -36,7 +45,7 @@ with deferred():
         read_sequence,
         summary_values,
     )
-    from startrack.cli.units import budgets_of
+    from startrack.cli.units import budgets_of, tolerances_of
     from startrack.core import arcsec
     from startrack.design import Case
     from startrack.io import save_json
@@ -76,6 +85,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "[[variation]] tables and calibrated, at the begin and the end of its lifetime",
     )  # fmt: skip
     parser.add_argument(
+        "--tolerances", action="store_true",
+        help="with --units: what halving the scale of each [[variation]] buys at the end of life, "
+        "the one that buys most first",
+    )  # fmt: skip
+    parser.add_argument(
         "--profile", type=Path, metavar="PROFILE.toml",
         help="simulate sequences along a profile; print absolute, mean, relative and drift errors",
     )  # fmt: skip
@@ -99,6 +113,8 @@ def command(options: argparse.Namespace) -> int:
     path = options.design or example()
     design = read_design(path, options.set)
     case, campaign = design.case, design.campaign
+    if options.tolerances and not (options.units and case.variation):
+        raise WrongUse("--tolerances needs --units and a design with [[variation]] tables")
     sequence = read_sequence(options.profile) if options.profile else None
     expected = analytic(case)
     found = _measured(case, options) if options.montecarlo else None
@@ -123,6 +139,9 @@ def command(options: argparse.Namespace) -> int:
     if options.units:
         required = campaign.requirements.accuracy if campaign else ()
         result["units"], lines = budgets_of(case, required, options)
+        text.append(lines)
+    if options.tolerances:
+        result["tolerances"], lines = tolerances_of(case, campaign, options)
         text.append(lines)
     if sequence:
         result["indices"] = _indices(case, sequence, options)

@@ -62,7 +62,7 @@ def command(options: argparse.Namespace) -> int:
     names = list(points[0].values)
     lines = [
         f"| {goals.first} ({units[0]}) expected | tried | {goals.second} ({units[1]}) expected "
-        "| tried | " + " | ".join(name.split(".", 1)[1] for name in names) + " |",
+        "| tried | " + " | ".join(space.labels()[name] for name in names) + " |",
         "|---" * (4 + len(names)) + "|",
     ]
     for one in points:

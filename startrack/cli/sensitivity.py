@@ -39,7 +39,7 @@ def command(options: argparse.Namespace) -> int:
         found = sensitivities(space, campaign, options.seed, options.designs)
     over = campaign.over_units(case)
     objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
-    table = _table(found, objective)
+    table = _table(found, objective, space.labels())
     save_text(out / "sensitivity.md", table + "\n")
     draw_tornado(out / "tornado.png", found, objective)
     result = {
@@ -63,14 +63,14 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _table(found: list[Sensitivity], objective: str) -> str:
+def _table(found: list[Sensitivity], objective: str, labels: dict[str, str]) -> str:
     lines = [
         f"| variable | {objective} at its bounds (arcsec) | d ln error / d ln variable "
         "| first-order index | total index |",
         "|---|---|---|---|---|",
     ]
     lines += [
-        f"| {one.name.split('.', 1)[1]} | {_text(one.low)} to {_text(one.high)} | {one.slope:+.2f} "
+        f"| {labels[one.name]} | {_text(one.low)} to {_text(one.high)} | {one.slope:+.2f} "
         f"| {one.first.value:.2f} [{one.first.low:.2f}, {one.first.high:.2f}] "
         f"| {one.total.value:.2f} [{one.total.low:.2f}, {one.total.high:.2f}] |"
         for one in found

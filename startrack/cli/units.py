@@ -14,17 +14,19 @@ with deferred():
 
     from startrack.budget import Term, UnitBudgets, unit_budgets
     from startrack.cli.options import as_wrong_use
-    from startrack.cli.terminal import progress
+    from startrack.cli.terminal import in_arcsec, progress
     from startrack.core import arcsec
-    from startrack.design import YEAR, Accuracy, Case, Fidelity
+    from startrack.design import YEAR, Accuracy, Campaign, Case, Fidelity, Objective
     from startrack.metrics import LEVELS, Interpretation, Interval
     from startrack.montecarlo import Sampling
+    from startrack.optimise import allocation, halved
     from startrack.population import explain, per_unit
     from startrack.verification import units_expected, yield_of
 
 if TYPE_CHECKING:
     from startrack.core import Floats
 
+USUAL = 0.95  # of the units, where no campaign says how many must be good
 AXES = {"across": (0, 1), "about": (2,)}
 
 
@@ -53,6 +55,60 @@ def budgets_of(
             found.append(unit_budgets(case, options.seed, options.units, age, progress=advance))
     values = [_values(one, required) for one in found]
     return values, _text(values)
+
+
+def tolerances_of(
+    case: Case, campaign: Campaign | None, options: argparse.Namespace
+) -> tuple[dict[str, Any], str]:
+    """What halving each tolerance buys: values for JSON, and a table."""
+    campaign = campaign or Campaign()
+    objective, required = Objective.read(campaign.objective), campaign.requirements.accuracy
+    fraction = campaign.units or USUAL
+    with progress("units", options.units * (1 + len(list(halved(case))))) as advance:
+        found = allocation(
+            case, objective, required, fraction, options.seed, options.units, advance
+        )
+    values = {
+        "objective": str(objective),
+        "fraction": fraction,
+        "age_years": found.age / YEAR,
+        "level_arcsec": found.level / arcsec,
+        "halved": [
+            {
+                "tolerance": one.name,
+                "gain_arcsec": in_arcsec(one.level),
+                "yields": [
+                    {"requirement": str(limit.objective), "most_arcsec": limit.most / arcsec}
+                    | asdict(more)
+                    for limit, more in zip(required, one.yields, strict=True)
+                ],
+                "price": one.price,
+            }
+            for one in found.each
+        ],
+    }
+    width = max(len(one.name) for one in found.each)
+    head = [f"yield, {one.name} (%)" for one in required]
+    lines = [
+        f"{objective} that {100 * fraction:g} % of {options.units} units at "
+        f"{found.age / YEAR:g} yr do not exceed: {found.level / arcsec:.3f} arcsec",
+        "  ".join([f"{'halved':{width}s}", f"{'gain (arcsec)':>22s}",
+                   *(f"{one:>24s}" for one in head), "   price"]),
+    ]  # fmt: skip
+    for one in found.each:
+        cells = [_bracket(one.level, arcsec, 3, 22), *(_bracket(each, 0.01, 1, 24)
+                                                       for each in one.yields)]  # fmt: skip
+        lines.append("  ".join([f"{one.name:{width}s}", *cells, f"{one.price:8.4g}"]))
+    lines.append(
+        "by the formula, on the same draws of the same units, with their biases; brackets hold "
+        "with 95 % for other units"
+    )
+    return values, "\n".join(lines)
+
+
+def _bracket(one: Interval, unit: float, digits: int, width: int) -> str:
+    value, low, high = (f"{each / unit:+.{digits}f}" for each in (one.value, one.low, one.high))
+    return f"{f'{value} [{low}, {high}]':>{width}s}"
 
 
 def trials_of(

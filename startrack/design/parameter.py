@@ -110,6 +110,16 @@ def quantity(case: Any, name: str, value: float | str) -> float:
     return float(value)
 
 
+def label(case: Any, name: str) -> str:
+    """A name for tables: without its first part; of a variation, the number that it is of."""
+    first, _, rest = name.partition(".")
+    if first != "variation":
+        return rest
+    number, _, key = rest.partition(".")
+    one = find(case, f"variation.{number}")
+    return f"{key} of {one.name.partition('.')[2]} per {one.per}"
+
+
 def text(case: Any, name: str, value: float) -> str:
     """A value as a person writes it, four digits and the parameter's unit."""
     unit = unit_at(case, name)

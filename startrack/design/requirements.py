@@ -92,10 +92,11 @@ class Requirements:
         mass   = mass_fixed + mass_per_volume * aperture^3
         volume = volume_fixed + pi / 4 aperture^2 * length_ratio * focal length
         power  = power_fixed + energy_per_bit * data rate
-        cost   = cost_fixed + cost_of_metre * aperture^cost_power
+        cost   = cost_fixed + cost_of_metre * aperture^cost_power + tolerances
 
     A lens of a family, or of a table that has its surfaces, has its own mass, volume and price
-    instead of the terms of the aperture: see `lens_cost`.
+    instead of the terms of the aperture: see `lens_cost`. Tolerances cost sum price log2(1 / scale)
+    over the [[variation]] tables that have a price.
 
     The models are proxies: a lens of one shape grows in all directions with its aperture, a tube
     is as long as its focal length asks, and the electronics pay for each bit. Their coefficients
@@ -245,9 +246,8 @@ class Requirements:
 
     def cost(self, case: Case) -> float:
         """In the unit of `cost_of_metre`; with a lens of known surfaces in dollars of 2010."""
-        lens = lens_cost(case.instrument.optics)
+        optics = case.instrument.optics
+        lens, fixed = lens_cost(optics), self.cost_fixed + sum(one.cost for one in case.variation)
         if lens:
-            return self.cost_fixed + lens.price
-        return (
-            self.cost_fixed + self.cost_of_metre * case.instrument.optics.aperture**self.cost_power
-        )
+            return fixed + lens.price
+        return fixed + self.cost_of_metre * optics.aperture**self.cost_power

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from startrack.core import finite, one_of
 from startrack.design.case import Case
-from startrack.design.parameter import number, quantity, replaced_all, text, unchecked
+from startrack.design.parameter import label, number, quantity, replaced_all, text, unchecked
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,12 @@ class DesignSpace:
             )
         if variable.scale == "log" and low <= 0:
             raise ValueError(f"{variable.name}: low must be positive for a log scale")
+        part = variable.name.split(".")
+        if part[0] == "variation" and part[-1] != "scale":
+            raise ValueError(
+                f"{variable.name} must be {'.'.join([*part[:2], 'scale'])}, the factor on all "
+                "differences of a variation, which has its price"
+            )
         start = number(self.case, variable.name)
         if not low <= start <= high:
             raise ValueError(
@@ -159,6 +165,10 @@ class DesignSpace:
         at = zip(self.variables, self.coordinates(case).tolist(), strict=True)
         ends = {variable.name: ("low" if u < 0.5 else "high", min(u, 1 - u)) for variable, u in at}
         return {name: end for name, (end, away) in ends.items() if away <= AT_BOUND}
+
+    def labels(self) -> dict[str, str]:
+        """The names of the variables, and how tables show them."""
+        return {one.name: label(self.case, one.name) for one in self.variables}
 
     def text(self, case: Case) -> dict[str, str]:
         """The variables of a design as a person writes them, four digits and a unit."""

@@ -64,7 +64,10 @@ class Variation:
     per          unit, launch, environment, life or frame
     group        variations of one group and scope share their z; "": its own
     correlation  1, with the z of its group; a sinusoid's phase is that of its group
-    scale        1, factor on all differences from the mean: a tolerance that an optimiser may vary
+    scale        1, factor on all differences from the mean: a tolerance, which may be a variable of
+                 a campaign, such as "variation.0.scale"
+    price        what it costs to halve `scale` from 1, in the unit of the requirements' cost; each
+                 further halving costs as much, and doubling it saves as much
     source       where the numbers are from; it has no effect
     """
 
@@ -82,13 +85,16 @@ class Variation:
     group: str = ""
     correlation: float = 1.0
     scale: float = 1.0
+    price: float = 0.0
     source: str = ""
 
     def __post_init__(self) -> None:
         one_of(LAWS, law=self.law)
         one_of((ABSOLUTE, RELATIVE), vary=self.vary)
         within(-1, 1, correlation=self.correlation)
-        non_negative(scale=self.scale)
+        non_negative(scale=self.scale, price=self.price)
+        if self.price and not self.scale:
+            raise ValueError("scale must be positive where it has a price, got 0")
         finite(phase=self.phase)
         if not self.name.startswith(TRUTH):
             raise ValueError(
@@ -103,6 +109,11 @@ class Variation:
             )
         if self.correlation != 1 and not self.group:
             raise ValueError("correlation must be left out without a group")
+
+    @property
+    def cost(self) -> float:
+        """What its tolerance costs more than that of scale 1: price log2(1 / scale)."""
+        return -self.price * math.log2(self.scale) if self.price else 0.0
 
     @property
     def stream(self) -> str:

@@ -11,11 +11,13 @@ optimise     Campaign, TrialRunner -> the best design that was found, and how go
 pareto       DesignSpace, two objectives -> the designs that no other design beats in both.
 sensitivity  DesignSpace -> how much the error depends on each variable, alone and together with
              others.
+allocation   Case, units -> what halving the tolerance of each variation buys.
 ensemble     Log-probability -> samples and their convergence diagnostics (emcee).
 tolerance    Design -> how far each parameter may vary, by emcee on a quadratic surface.
 tables       The results of studies as CSV, JSON lines and Markdown.
 """
 
+from startrack.optimise.allocation import Allocation, Tightened, allocation, halved
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
 from startrack.optimise.evaluate import Evaluation, evaluate, foresee
 from startrack.optimise.forecast import expect, expected_objective
@@ -44,6 +46,7 @@ from startrack.optimise.units import ComparedUnits, UnitYield
 # Public; the other imports serve other rooms.
 __all__ = [
     "Algorithm",
+    "Allocation",
     "Chains",
     "ComparedUnits",
     "Ensembles",
@@ -55,9 +58,11 @@ __all__ = [
     "Point",
     "Search",
     "Sensitivity",
+    "Tightened",
     "Tolerance",
     "TrialRunner",
     "UnitYield",
+    "allocation",
     "comparison",
     "evaluate",
     "front",

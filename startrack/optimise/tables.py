@@ -52,7 +52,8 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     before, after = space.text(optimum.start), space.text(optimum.best)
     lines = [f"Best design: {optimum.fresh[1].doubt}.", ""] if optimum.fresh[1].doubt else []
     lines += ["| | start | best |", "|---|---|---|"]
-    lines += [f"| {name.split('.', 1)[1]} | {before[name]} | {after[name]} |" for name in before]
+    shown_as = space.labels()
+    lines += [f"| {shown_as[name]} | {before[name]} | {after[name]} |" for name in before]
     start, best = optimum.fresh
     lines += _units_rows(optimum, campaign)
     for name in ("across", "about"):
@@ -71,6 +72,9 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         (f"power (W), at most {needs.max_power:g}", needs.power),
     ):
         lines.append(f"| {title} | {of(optimum.start):.3f} | {of(optimum.best):.3f} |")
+    if needs.max_cost is not None:
+        costs = " | ".join(f"{needs.cost(one):.5g}" for one in (optimum.start, optimum.best))
+        lines.append(f"| cost, at most {needs.max_cost:g} | {costs} |")
     rates = [one.instrument.detector.update_rate for one in (optimum.start, optimum.best)]
     lines.append(
         f"| update rate (Hz), at least {needs.min_update_rate:g} "
@@ -113,7 +117,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     if optimum.branch:
         lines += ["", f"The best design has the choices {optimum.branch}."]
     bounds = [
-        f"{name.split('.', 1)[1]} ({end}, {after[name]})"
+        f"{shown_as[name]} ({end}, {after[name]})"
         for name, end in space.on_bounds(optimum.best).items()
     ]
     if bounds:
@@ -244,7 +248,7 @@ def tolerance_table(tolerance: Tolerance) -> str:
     space = tolerance.space
     points = np.quantile(tolerance.samples, FRACTIONS, axis=0)
     texts = [space.text(space.design(coordinates)) for coordinates in points]
-    centre = space.text(space.case)
+    centre, shown_as = space.text(space.case), space.labels()
     head = (
         "| variable | design | "
         + " | ".join(f"{100 * fraction:g} %" for fraction in FRACTIONS)
@@ -253,7 +257,7 @@ def tolerance_table(tolerance: Tolerance) -> str:
     lines = [head, "|---" * (2 + len(FRACTIONS)) + "|"]
     for name in centre:
         row = " | ".join(text[name] for text in texts)
-        lines.append(f"| {name.split('.', 1)[1]} | {centre[name]} | {row} |")
+        lines.append(f"| {shown_as[name]} | {centre[name]} | {row} |")
     lines += [
         "",
         f"Quantiles of the designs that keep the error below {tolerance.limit / arcsec:.2f} "

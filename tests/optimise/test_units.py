@@ -13,6 +13,7 @@ from startrack.design import (
     DesignSpace,
     Fidelity,
     Moment,
+    Objective,
     Requirements,
     Variable,
     Variation,
@@ -21,7 +22,7 @@ from startrack.design import (
 )
 from startrack.io import shipped
 from startrack.metrics import quantile_of_few
-from startrack.optimise import TrialRunner, evaluate, expected_objective, optimize
+from startrack.optimise import TrialRunner, allocation, evaluate, expected_objective, optimize
 from startrack.optimise.units import compare_units
 from startrack.trial import OUTCOMES
 
@@ -110,6 +111,31 @@ def test_start_and_best_are_compared_over_the_same_units():
     assert (share.start.value, share.best.value) == (0.25, 0.5)
     assert found.best.low < found.best.value < found.best.high
     assert found.optimism.value == pytest.approx(found.best.value / 10e-6)
+
+
+def test_halving_the_tolerance_that_counts_buys_half_of_the_level():
+    """Of misalignments of 60 and 6 arcsec, beside which 0.3 arcsec of noise are nothing."""
+    name = "instrument.mounting."
+    both = (Variation(f"{name}y", sigma="2 arcsec"), Variation(f"{name}x", sigma="60 arcsec"))
+    found = allocation(replace(TURNED, variation=both), Objective(), (), 0.9, 7, 6)
+    first, second = found.each
+    assert first.name == "instrument.mounting.x per unit"
+    assert first.level.value == pytest.approx(found.level / 2, rel=0.02)
+    assert first.level.low < first.level.value <= first.level.high
+    assert abs(second.level.value) < 0.02 * found.level
+
+
+def test_a_tolerance_is_a_variable_with_a_price():
+    """Two halvings of 30 each; the names of other numbers of a variation are refused."""
+    tight = replace(TURNED.variation[0], price=30.0)
+    case = replace(TURNED, variation=(tight,))
+    space = DesignSpace(case, (Variable("variation.0.scale", 0.25, 2.0, "log"),))
+    needs = Requirements(cost_fixed=100.0, cost_of_metre=0.0)
+    assert needs.cost(space.design(np.zeros(1))) == pytest.approx(160)
+    assert needs.cost(case) == pytest.approx(100)
+    assert space.labels() == {"variation.0.scale": "scale of mounting.x per unit"}
+    with pytest.raises(ValueError, match=r"must be variation\.0\.scale"):
+        DesignSpace(case, (Variable("variation.0.correlation", 0.1, 1.0),))
 
 
 @pytest.mark.slow
