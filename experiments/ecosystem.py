@@ -11,6 +11,15 @@ wide_blind_solved   1, of 25 photographs (half field some 30 degrees, distorted 
                     without a field of view
 wide_blind_wrong    1, of these solved ones, those whose centre is more than 8 arcmin off a
                     reference that is good to 5
+onboard_kb          kB of the guide catalogue for 15 degrees and magnitude 6, by onboard.py
+onboard_same        1, of 1,000 random skies, those on which the C reader of it and Python find the
+                    same nearest star, cone and triangles
+onboard_solved      1, of other 1,000, those whose stars the C reader identifies
+hil_frames_per_s    1/s, frames of a megapixel of a sequence that are rendered, searched, followed
+                    and written as FITS, raw or SER on two cores: twice those of a second of CPU
+                    time of one process; the slowest of the formats
+hil_solved_by_peers 1, of the frames kept as 16-bit PNG, those that tetra3rs solves with its own
+                    detection, within 60 arcsec of the table beside them; null without tetra3rs
 A part whose data or packages are not there is left out.
 """
 
@@ -19,6 +28,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import copy
+import csv
 import importlib
 import io
 import json
@@ -35,13 +45,19 @@ from unittest import mock
 
 import one_thread  # noqa: F401  # isort: skip
 import command
+import cv2
+import numpy as np
+from onboard import AIM, figures
+from scipy.spatial.transform import Rotation
 
-from startrack import Case, load_design, run_trials, shipped
+from startrack import Case, arcsec, deg, load_design, run_trials, shipped
 from startrack.cli.main import main as startrack
 from startrack.core import code_of_command
 from startrack.detection import DetectionPlan
 from startrack.detection.methods import CENTROIDS
 from startrack.montecarlo import Serial, dask_pool, pool, run
+from startrack.sequence import Leg, Recording, Sequence
+from startrack.sequence import run as fly
 
 PAGE = Path(__file__).parents[1] / "docs" / "extensions.md"
 EXAMPLE = re.compile(r"in `(mylab/\w+\.py)`:\n\n```python\n(.*?)```", re.S)
@@ -52,6 +68,7 @@ CODE = (
 )
 EXAMPLE_DESIGN = "designs/nanosatellite.toml"
 WRONG = 8.0  # arcmin
+NEAR = 60 * arcsec
 SEED = 3
 
 
@@ -197,10 +214,70 @@ def wide_images(options: argparse.Namespace) -> dict[str, float]:
     return {"wide_blind_solved": solved / len(names), "wide_blind_wrong": wrong / max(solved, 1)}
 
 
+def onboard(options: argparse.Namespace) -> dict[str, float | None]:
+    """The guide catalogue of 15 degrees and magnitude 6, and its reader in C."""
+    found = figures(*AIM, 10 if options.quick else 1000)
+    return {
+        "onboard_kb": found["kb"],
+        "onboard_same": found["same"],
+        "onboard_solved": found["solved"],
+    }
+
+
+def hardware(options: argparse.Namespace) -> dict[str, float | None]:
+    """Frames in time for hardware in the loop, and what another solver makes of them."""
+    size = 256 if options.quick else 1024
+    sizes = [f"instrument.detector.{side}={size}" for side in ("columns", "rows")]
+    case = load_design(shipped(EXAMPLE_DESIGN), sizes).case
+    first = Sequence((Leg(0.5, rate_x=0.05 * deg),), period=0.25)
+    sequence = first if options.quick else Sequence((Leg(6.0, rate_x=0.05 * deg),), period=0.25)
+    rates = {}
+    with tempfile.TemporaryDirectory() as folder:
+        fly(case, first, SEED, 0)  # compiles and opens what all frames use
+        for kind in ("fits", "ser", "raw"):
+            began = time.process_time()
+            table = fly(case, sequence, SEED, 0, Recording(Path(folder) / kind, kind))
+            rates[kind] = 2 * len(table) / (time.process_time() - began)
+            print(f"{kind}: {rates[kind]:.1f} frames/s on two cores", flush=True)
+        fly(case, sequence, SEED, 0, Recording(Path(folder) / "png", "png"))
+        solved = solved_by_tetra3rs(Path(folder) / "png", case)
+    return {"hil_frames_per_s": min(rates.values()), "hil_solved_by_peers": solved}
+
+
+def solved_by_tetra3rs(folder: Path, case: Case) -> float | None:
+    """Fraction of the PNG files whose boresight tetra3rs finds within NEAR of their table."""
+    if command.missing("frames solved by tetra3rs", "tetra3rs"):
+        return None
+    import tetra3rs
+
+    camera = case.instrument.camera
+    field = camera.fov_x / deg
+    database = tetra3rs.SolverDatabase.generate_from_gaia(max_fov_deg=field, star_max_magnitude=7.0)
+    with (folder / "sequence-0001.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    solved = 0
+    for row in rows:
+        image = np.asarray(cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED))
+        answer = database.solve_from_centroids(
+            tetra3rs.extract_centroids(image, threads=1).centroids,
+            fov_estimate_deg=field,
+            fov_max_error_deg=0.05 * field,
+            image_shape=image.shape,
+        )
+        if isinstance(answer, tetra3rs.SolveFailure):
+            continue
+        axis = np.array(answer.rotation_matrix_icrs_to_camera)[2]
+        true = Rotation.from_quat([float(row[f"icrs_to_camera_{name}"]) for name in "xyzw"])
+        solved += bool(np.linalg.norm(axis - true.as_matrix()[2]) < NEAR)
+    return solved / len(rows)
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
     "code": own_code,
     "keys": documented,
     "images": wide_images,
+    "onboard": onboard,
+    "hardware": hardware,
 }
 
 if __name__ == "__main__":

@@ -6,6 +6,9 @@ import json
 
 import numpy as np
 import pytest
+from astropy.io import fits
+from astropy.table import Table
+from astropy.wcs import WCS
 from scipy.spatial.transform import Rotation
 
 from startrack.cli.main import main
@@ -132,3 +135,28 @@ def test_a_mirrored_image_is_refused(outside, tmp_path, capsys):
     cv2.imwrite(str(path), image[:, ::-1].copy())
     assert main(["solve", str(path), "--fov", "11.4", "--json"]) == 3
     assert json.loads(capsys.readouterr().out)["status"] == "no match"
+
+
+@pytest.mark.filterwarnings("ignore:The WCS transformation has more axes")  # as a header alone
+def test_tables_and_names_of_other_programs(outside, tmp_path, capsys):
+    """Spots, matches and WCS as astrometry.net has them agree with each other, read by astropy."""
+    path = outside / "images" / ESA[0]
+    arguments = ["--fov", "11.43", "--tables", str(tmp_path), "--keys", "tetra3", "--json"]
+    assert main(["solve", str(path), *arguments]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["Matches"] == len(found["matched_stars"]) == len(found["matched_catID"])
+    spots, corr = (Table.read(tmp_path / f"{path.stem}{end}", 1) for end in (".axy", ".corr"))
+    assert len(corr) == found["Matches"]
+    np.testing.assert_array_equal(spots["X"][corr["field_id"]], corr["field_x"])
+    wcs = WCS(fits.getheader(tmp_path / f"{path.stem}.wcs"))
+    x, y = wcs.all_world2pix(corr["index_ra"], corr["index_dec"], 1)
+    np.testing.assert_allclose(x, corr["index_x"], atol=2e-3)
+    np.testing.assert_allclose(y, corr["index_y"], atol=2e-3)
+    assert np.hypot(x - corr["field_x"], y - corr["field_y"]).max() < 2
+    row, column = np.array(found["matched_centroids"]).T
+    np.testing.assert_allclose(np.sort(column + 0.5), np.sort(corr["field_x"]), atol=1e-9)
+    np.testing.assert_allclose(np.sort(row + 0.5), np.sort(corr["field_y"]), atol=1e-9)
+    truth = json.loads((outside / "images" / "truth.json").read_text())["images"][ESA[0]]
+    assert found["RA"] == pytest.approx(truth["ra_deg"], abs=0.02)
+    assert found["Roll"] == pytest.approx(truth["roll_north_ccw_deg"], abs=0.05)
+    assert found["RMSE"] == pytest.approx(0.28 * 3600 * 11.43 / 1024, rel=0.5)  # arcsec

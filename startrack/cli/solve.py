@@ -38,7 +38,7 @@ with deferred():
         fit_lens,
         identify_blind,
     )
-    from startrack.io import celestial, read_image, to_table
+    from startrack.io import celestial, read_image, tetra3_values, to_table, write_solution
     from startrack.plots import draw_solution
     from startrack.trial import lost_in_space, solve_matches
 
@@ -68,6 +68,16 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera", type=Path, metavar="FILE",
         help="calibrated camera, from `calibrate --camera`, or a design with [tracker.camera]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--tables", type=Path, metavar="DIR",
+        help="folder for FITS files as astrometry.net writes them: spots (.axy), matches (.corr) "
+        "and WCS (.wcs) of each image",
+    )  # fmt: skip
+    parser.add_argument(
+        "--keys", choices=("startrack", "tetra3"), default="startrack",
+        help="names of the values of --json: its own (default), or those of tetra3, described in "
+        "docs/json.md",
     )  # fmt: skip
     parser.add_argument(
         "--overlay",
@@ -107,10 +117,16 @@ def command(options: argparse.Namespace) -> int:
             print_failed_image(options, path, error)
             statuses.add(Exit.FAILED)
             continue
-        result = {"image": str(path), **_values(solved)}
+        tetra3 = options.keys == "tetra3"
+        values = tetra3_values(*solved, stars) if tetra3 else _values(solved)
+        result = {"image": str(path), **values}
         text = f"{path}: {_text(solved)}"
         if options.overlay:
             result["overlay"] = str(_overlay(options.overlay, path, frame, solved, stars))
+        if options.tables:
+            name = options.tables / path.stem
+            files = write_solution(name, solved.spots, frame.image.shape, solved.matches, stars)
+            result["tables"] = [str(one) for one in files]
         print_result(options, result, text)
         statuses.add(Exit.DONE if solved.axis is not None else Exit.UNSOLVED)
     return Exit.FAILED if Exit.FAILED in statuses else max(statuses)

@@ -16,6 +16,8 @@ wcs           Camera and attitude as a FITS world coordinate system, and back to
 picture_size  Bytes of a PNG, JPEG or TIFF file -> its size, without decoding it.
 recordings    SER and raw files -> images; Bayer mosaics -> images of one colour or of all.
 images        Image files to frames, and frames to FITS with their WCS and their truth.
+solution      A solved image -> FITS files as astrometry.net writes them, and values by the names
+              of tetra3.
 frame_files   Frames, their times and attitudes -> FITS, PNG, SER or raw files, and a table.
 """
 
@@ -28,6 +30,7 @@ from startrack.io.reading import read_bytes, regular_file, unpacked
 from startrack.io.recordings import COLOURS, PATTERNS, Layout
 from startrack.io.saving import save_csv, save_figure, save_json, save_netcdf, save_text, whole
 from startrack.io.shipped import shipped
+from startrack.io.solution import tetra3_values, write_solution
 from startrack.io.sqlite import Database, Execute, FileKind
 from startrack.io.tables import (
     LARGEST_INTEGER,
