@@ -26,7 +26,7 @@ with deferred():
 
     from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
     from startrack.core import Streams, arcsec, deg, utc
-    from startrack.io import celestial, save_json, shipped, write_fits
+    from startrack.io import celestial, save_json, save_text, shipped, write_fits
     from startrack.mission import (
         EDGES,
         PLANETS,
@@ -43,15 +43,19 @@ with deferred():
         load_mission,
         map_of,
         moved_plan,
+        over_beta,
         place,
         plan_of,
+        reacquisition_of,
         save_mission,
+        save_timeline,
         scenes_at,
         timeline,
         verdicts,
     )
     from startrack.montecarlo import export
-    from startrack.plots import draw_frame, draw_mission, draw_placement
+    from startrack.plots import draw_beta, draw_frame, draw_mission, draw_placement
+    from startrack.report import write_mission_report
     from startrack.trial import observe
 
 ROWS = 20_000  # of the table, where --every is not given
@@ -65,8 +69,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
         parser,
         "Moves a spacecraft along its orbit and attitude law, and prints when Sun, Moon and Earth "
         "blind each of its heads, how many heads are valid, and whether the mission's requirements "
-        "are met. Writes summary.json, mission.png and timeline.csv. The status is 3 if a "
-        "requirement is not met.",
+        "are met. Writes report.html, summary.json, mission.png, beta.png and timeline.csv. The "
+        "status is 3 if a requirement is not met.",
     )
     parser.add_argument(
         "mission", type=Path, nargs="?", metavar="MISSION.toml",
@@ -85,7 +89,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         f"most {ROWS} rows)",
     )  # fmt: skip
     parser.add_argument(
-        "--table", default="csv", choices=("csv", "parquet"),
+        "--table", default="csv", choices=("csv", "parquet", "netcdf"),
         help="format of the timeline (default: csv; parquet needs pyarrow)",
     )  # fmt: skip
     parser.add_argument(
@@ -126,9 +130,12 @@ def command(options: argparse.Namespace) -> int:
         "out": str(options.out),
     }  # fmt: skip
     assert table is not None
-    export(options.out / f"timeline.{options.table}", table)
-    draw_mission(options.out / "mission.png", plan, flown, found, f"{Path(path).stem}")
+    if options.table == "netcdf":
+        save_timeline(options.out / "timeline.nc", table)
+    else:
+        export(options.out / f"timeline.{options.table}", table)
     save_json(options.out / "summary.json", finite(result))
+    _draw(options.out, plan, flown, found, checks, path.stem)
     print_result(options, result, "\n".join([_text(plan, flown, found), *_told(plan, checks)]))
     met = all(one.met for one in _verdicts(plan, flown, found))
     return Exit.DONE if met else Exit.UNSOLVED
@@ -216,12 +223,13 @@ def _place(
         "out": str(options.out),
     }
     save_mission(options.out / "placed.toml", placement.mission, f"{path.name}, heads placed anew")
+    placed = options.out / "placement.png"
     draw_placement(
-        options.out / "placement.png", mapped, angles["before"], angles["after"],
+        placed, mapped, angles["before"], angles["after"],
         plan.loaded.mission.keep_out, f"{path.stem}: directions of {heads[0]}",
     )  # fmt: skip
-    draw_mission(options.out / "mission.png", better, after, found["after"], f"{path.stem}, placed")
     save_json(options.out / "summary.json", finite(result))
+    _draw(options.out, better, after, found["after"], checks, f"{path.stem}, placed", placed)
     lines = [f"{placement.evaluations} mountings, {placement.ending}"]
     for name, (azimuth, elevation) in zip(heads, angles["after"], strict=True):
         lines.append(f"{name}: azimuth {azimuth / deg:.1f}, elevation {elevation / deg:.1f} deg")
@@ -232,6 +240,29 @@ def _place(
     print_result(options, result, text)
     met = all(one.met for one in _verdicts(better, after, found["after"]))
     return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _draw(
+    out: Path,
+    plan: Plan,
+    flown: Flown,
+    found: Availability,
+    checks: tuple[Checked, ...],
+    title: str,
+    *more: Path,
+) -> None:
+    """Write mission.png, beta.png, and report.html with them and more pictures."""
+    mission, beta = out / "mission.png", out / "beta.png"
+    draw_mission(mission, plan, flown, found, title)
+    draw_beta(beta, plan, flown, title)
+    pictures = [
+        ("Blind time, valid heads and error over the mission", mission),
+        ("Availability and error over the beta angle and the orbit", beta),
+        *(("Blind time over the directions of a head, and its mountings", one) for one in more),
+    ]
+    met = _verdicts(plan, flown, found)
+    text = write_mission_report(plan, flown, found, met, checks, pictures, title)
+    save_text(out / "report.html", text)
 
 
 def _checks(plan: Plan, checks: tuple[Checked, ...]) -> list[dict[str, Any]]:
@@ -303,6 +334,17 @@ def _values(plan: Plan, flown: Flown, found: Availability) -> dict[str, Any]:
             {"name": one.name, "limit": one.limit, "value": one.value, "met": one.met}
             for one in _verdicts(plan, flown, found)
         ],
+        "by_beta": [
+            {
+                "low_deg": one.low / deg,
+                "high_deg": one.high / deg,
+                "time": one.time,
+                "one": one.one,
+                "two": one.two,
+                "error_arcsec": one.error / arcsec,
+            }
+            for one in over_beta(flown)
+        ],
         "fused_rms_arcsec": [float(one / arcsec) for one in flown.rms],
         "worst_moments": [
             {"second": second, "error_arcsec": error / arcsec} for second, error in flown.worst
@@ -313,6 +355,7 @@ def _values(plan: Plan, flown: Flown, found: Availability) -> dict[str, Any]:
 def _head_values(plan: Plan, flown: Flown, found: Availability, h: int) -> dict[str, Any]:
     head, total = plan.heads[h], flown.head_sum[h]
     across, about = np.sqrt(total[1:3] / max(total[0], 1))
+    again = reacquisition_of(plan.loaded.designs[h].case, flown.chances[h])
     return {
         "name": head.name,
         "boresight_in_body": [float(one) for one in head.boresight],
@@ -326,6 +369,8 @@ def _head_values(plan: Plan, flown: Flown, found: Availability, h: int) -> dict[
         "solved": float(total[3] / max(total[0], 1)),
         "longest_blind_s": found.each[h].longest,
         "times_blind": len(found.each[h].length),
+        "blind_histogram": [int(one) for one in found.each[h].histogram()],
+        "reacquisition_s": {"times": again.times, "mean": again.mean, "p99": again.level},
         "closest_deg": {
             name: float(flown.closest[h, k] / deg) for k, name in enumerate(("sun", "moon", "limb"))
         },
@@ -371,6 +416,16 @@ def _text(plan: Plan, flown: Flown, found: Availability) -> str:
         f"without a valid head: {len(none.length)} times, the longest {none.longest:g} s"
         + (f", {none.worst(1)[0][0] / 86400:.2f} d after the begin" if len(none.length) else "")
     )
+    again = [
+        reacquisition_of(design.case, chances)
+        for design, chances in zip(plan.loaded.designs, flown.chances, strict=True)
+    ]
+    if any(one.times for one in again):
+        level = max(one.level for one in again if one.times)
+        lines.append(
+            f"reacquired after a blinding: {sum(one.times for one in again)} times, 99 % within "
+            f"{level:.3g} s (frames and read-out, without computing time)"
+        )
     x, y, z = flown.rms / arcsec
     lines.append(
         f"fused attitude: {x:.2f}, {y:.2f}, {z:.2f} arcsec rms about x, y, z; by the error budget "

@@ -18,7 +18,8 @@ placement   Plan of a mission -> mountings of its heads that meet its requiremen
 rendered    Plan of a mission -> trials at its instants: what heads see, and their errors checked.
 aocs        Case -> HeadModel: its error as data and C code, for simulators of attitude control.
 timeline    Plan of a mission, some of its steps -> a table with a row for each step.
-summary     Flown -> availability by number of heads, times without an attitude, verdicts.
+summary     Flown -> availability by number of heads, times without an attitude, reacquisition,
+            verdicts.
 """
 
 from startrack.mission.alignment import RelativeAlignment, relative_alignment
@@ -34,9 +35,13 @@ from startrack.mission.rendered import Checked, checked, scenes_at
 from startrack.mission.summary import (
     EDGES,
     Availability,
+    OfBeta,
+    Reacquisition,
     Spells,
     Verdict,
     availability_of,
+    over_beta,
+    reacquisition_of,
     verdicts,
 )
-from startrack.mission.timeline import timeline
+from startrack.mission.timeline import save_timeline, timeline

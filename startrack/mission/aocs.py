@@ -14,6 +14,7 @@ from startrack.design import Case, turning
 from startrack.io import save_json, save_text
 from startrack.mission.heads import limits_of
 from startrack.mission.parameters import Head
+from startrack.mission.summary import timing_of
 
 # Pixels that a star moves in an exposure at the rates of the table, besides 0; chosen by hand.
 SMEARS: tuple[float, ...] = (0.1, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)
@@ -89,8 +90,7 @@ def head_model(case: Case, name: str) -> HeadModel:
     swing = rms(Term.THERMO_ELASTIC)
     return HeadModel(
         name,
-        1 / detector.update_rate,
-        detector.exposure / 2 + detector.rows * detector.columns / detector.pixel_rate,
+        *timing_of(case),
         tuple(rates),
         rms(Term.NOISE),
         rms(Term.PIXEL),

@@ -34,10 +34,11 @@ from startrack.mission.surrogate import (
     stray_light_of,
     surrogate_of,
 )
-from startrack.mission.vectors import dot, unit
+from startrack.mission.vectors import cross, dot, unit
 
 CHUNK = 8192  # steps at once: their arrays fit into the cache of a core
 SEASONS, PHASES = 52, 36  # parts of the mission and of the orbit, for maps
+BETAS = 72  # parts of the angle from the Sun to the plane of the orbit, for maps
 PLANET_KNOT = 3600.0  # second between two places of the planets
 SAMPLED = 4000  # instants from which the range of rates is taken
 MARGIN = 0.02  # relative, of the range of rates
@@ -171,6 +172,10 @@ class Flown:
                 (radian^2), and probability of an attitude
     exactly     (h + 1,) expected number of steps with an attitude of exactly so many heads
     worst       (second, radian) of steps with the largest error about a body axis, largest first
+    by_beta     (7, BETAS, PHASES) over the angle from the Sun to the plane of the orbit, from -90
+                to 90 degrees, and the orbit: steps, steps with one valid head, with two, valid
+                heads, and the variances about the body's axes, summed over the steps with one
+    chances     for each head, the probability of an attitude at each end of a blinding
     """
 
     step: float
@@ -186,6 +191,8 @@ class Flown:
     head_sum: Floats
     exactly: Floats
     worst: list[tuple[float, float]]
+    by_beta: Floats
+    chances: tuple[list[float], ...]
 
     @property
     def valid(self) -> NDArray[np.intp]:
@@ -287,6 +294,8 @@ def fly(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Flown:
         np.zeros((heads, 4)),
         np.zeros(heads + 1),
         [],
+        np.zeros((7, BETAS, PHASES)),
+        tuple([] for _ in range(heads)),
     )
     for chunk in chunks(plan):
         here = slice(chunk.first, chunk.first + len(chunk.instants.second))
@@ -299,6 +308,7 @@ def fly(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Flown:
         _keep_rates(plan, chunk, flown)
         if plan.surrogates:
             _add_errors(chunk, flown)
+            _add_chances(chunk, flown)
         advance(here.stop - here.start)
     flown.worst.sort(key=lambda one: -one[1])
     del flown.worst[WORST:]
@@ -307,8 +317,12 @@ def fly(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Flown:
 
 def _add_to_maps(chunk: Chunk, flown: Flown, here: slice) -> None:
     steps = flown.blind.shape[1]
+    own = chunk.instants
     season = np.arange(here.start, here.stop) * SEASONS // steps
-    phase = np.minimum((chunk.instants.phase * (PHASES / math.tau)).astype(np.intp), PHASES - 1)
+    phase = np.minimum((own.phase * (PHASES / math.tau)).astype(np.intp), PHASES - 1)
+    sine = dot(unit(cross(own.place, own.speed)), own.sun)
+    beta = (np.arcsin(np.clip(sine, -1, 1)) / math.pi + 0.5) * BETAS
+    other = np.minimum(beta.astype(np.intp), BETAS - 1) * PHASES + phase
     cell, size = season * PHASES + phase, SEASONS * PHASES
     valid = (flown.blind[:, here] == 0).sum(axis=0)
     known = valid > 0
@@ -319,9 +333,14 @@ def _add_to_maps(chunk: Chunk, flown: Flown, here: slice) -> None:
     add(flown.count, np.ones(len(cell)))
     add(flown.valid_sum, valid)
     add(flown.known, known)
+    sums = [np.ones(len(cell)), known, valid > 1, valid]
     if chunk.variance is not None:
-        for total, one in zip(flown.square_sum, chunk.variance, strict=True):
-            add(total, np.where(known, one, 0.0))
+        squares = [np.where(known, one, 0.0) for one in chunk.variance]
+        for total, one in zip(flown.square_sum, squares, strict=True):
+            add(total, one)
+        sums += squares
+    for total, one in zip(flown.by_beta, sums, strict=False):
+        total += np.bincount(other, one, minlength=BETAS * PHASES).reshape(total.shape)
 
 
 def _add_errors(chunk: Chunk, flown: Flown) -> None:
@@ -342,6 +361,17 @@ def _add_errors(chunk: Chunk, flown: Flown) -> None:
     worst = int(size.argmax())
     if size[worst] > 0:
         flown.worst.append((float(chunk.instants.second[worst]), math.sqrt(size[worst])))
+
+
+def _add_chances(chunk: Chunk, flown: Flown) -> None:
+    """Keep the probability of an attitude at the first step after each blinding."""
+    first = chunk.first
+    for found, blind, seen, errors in zip(
+        flown.chances, flown.blind, chunk.seen, chunk.errors, strict=True
+    ):
+        before = blind[first - 1] if first else 0
+        ends = np.flatnonzero((np.append(before, seen.blind[:-1]) > 0) & (seen.blind == 0))
+        found.extend(errors[2][ends].tolist())
 
 
 def _closest(seen: Seen, shadow: Shadow) -> tuple[float, float, float]:

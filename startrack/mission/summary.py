@@ -1,13 +1,17 @@
-"""Flown -> availability by number of heads, times without an attitude, verdicts on requirements."""
+"""Flown -> availability by number of heads, times without an attitude, reacquisition, verdicts."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from startrack.core import Floats, Ints
+from startrack.design import Case
 from startrack.mission.engine import Flown
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import Needs
@@ -86,6 +90,95 @@ def availability_of(flown: Flown) -> Availability:
         spells(valid == 0, flown.step),
         tuple(spells(one > 0, flown.step) for one in flown.blind),
     )
+
+
+@dataclass(frozen=True)
+class Reacquisition:
+    """How long a head takes from the end of a blinding to its next attitude.
+
+    times   number of reacquisitions in the mission
+    mean    second, expected over them
+    level   second, that 99 % of them do not exceed
+    """
+
+    times: int
+    mean: float
+    level: float
+
+
+def reacquisition_of(case: Case, chances: Sequence[float]) -> Reacquisition:
+    """The reacquisitions of a head.
+
+    The frames after a blinding lie at a random phase of the frame rate, each has an attitude with
+    the probability of the sky there, and its result comes after half of the exposure and the
+    read-out:
+
+        time = latency + (n - u) period,   n frames to the first attitude, u uniform in [0, 1]
+
+    chances   probability of an attitude at each end of a blinding
+    Accuracy  model: frames are independent; the time that the tracker computes, and stray light
+              that fades after the blinding, are left out.
+    """
+    period, latency = timing_of(case)
+    chance = np.clip(np.array(chances, float), 1e-6, 1.0)
+    if not len(chance):
+        return Reacquisition(0, math.nan, math.nan)
+    mean = float((1 / chance - 0.5).mean()) * period + latency
+
+    def later(time: float) -> float:
+        """Fraction of the reacquisitions that take longer."""
+        frames = max((time - latency) / period, 0.0)
+        whole = math.floor(frames)
+        rest = (1 - chance) ** whole * (1 - (frames - whole) * chance)
+        return float(rest.mean()) - 0.01
+
+    high = latency + period
+    while later(high) > 0:
+        high *= 2
+    return Reacquisition(len(chance), mean, float(brentq(later, latency, high)))
+
+
+def timing_of(case: Case) -> tuple[float, float]:
+    """Second between two frames, and from the middle of an exposure to the end of its read-out."""
+    detector = case.instrument.detector
+    reading = detector.rows * detector.columns / detector.pixel_rate
+    return 1 / detector.update_rate, detector.exposure / 2 + reading
+
+
+@dataclass(frozen=True)
+class OfBeta:
+    """The mission while the Sun is at some angles to the plane of the orbit.
+
+    low, high   radian
+    time        1, fraction of the mission
+    one, two    fraction of that time with at least one, and two, valid heads
+    error       radian, rms of the fused attitude about its worst axis
+    """
+
+    low: float
+    high: float
+    time: float
+    one: float
+    two: float
+    error: float
+
+
+def over_beta(flown: Flown) -> list[OfBeta]:
+    """The mission by the angle from the Sun to the plane of the orbit, where it occurs."""
+    steps, one, two, _, *squares = flown.by_beta.sum(axis=2)
+    edge = np.linspace(-math.pi / 2, math.pi / 2, len(steps) + 1)
+    worst = np.max(squares, axis=0) / np.maximum(one, 1)
+    return [
+        OfBeta(
+            float(edge[k]),
+            float(edge[k + 1]),
+            float(steps[k] / steps.sum()),
+            float(one[k] / steps[k]),
+            float(two[k] / steps[k]),
+            math.sqrt(worst[k]) if one[k] else math.nan,
+        )
+        for k in np.flatnonzero(steps)
+    ]
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import arcsec, deg
+from startrack.io import save_netcdf
 from startrack.mission.engine import CHUNK, Chunk, Plan, at
 
 DECIMALS = 5  # of a degree: 0.04 arcsec
@@ -32,6 +34,27 @@ def timeline(
         parts.append(_rows(plan, chunk))
         advance(size)
     return np.concatenate(parts)
+
+
+UNITS = {"deg": "degree", "arcsec": "arcsec", "second": "s"}
+
+
+def save_timeline(path: Path, table: NDArray[np.void]) -> None:
+    """Write a timeline as NetCDF (classic format), which xarray, MATLAB and IDL read.
+
+    Each column is a variable over the dimension `time`, with its unit; `blind` is a number.
+    """
+    names = table.dtype.names or ()
+    plain = {name: name.replace("/", "_") for name in names}
+    save_netcdf(
+        path,
+        {plain[name]: table[name].astype(np.float64) for name in names},
+        {
+            plain[name]: (UNITS.get(name.rpartition("_")[2], "1"), name.replace("_", " "))
+            for name in names
+        },
+        ("time",),
+    )
 
 
 def _rows(plan: Plan, chunk: Chunk) -> NDArray[np.void]:

@@ -28,7 +28,7 @@ from startrack.plots.curves import (
 from startrack.plots.earth import draw_geometry, draw_picture, draw_product
 from startrack.plots.errors import draw_errors
 from startrack.plots.frames import draw_frame, draw_solution, draw_spots
-from startrack.plots.mission import draw_mission, draw_placement
+from startrack.plots.mission import draw_beta, draw_mission, draw_placement
 from startrack.plots.optimise import (
     draw_convergence,
     draw_corner,

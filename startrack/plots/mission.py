@@ -44,6 +44,35 @@ def draw_mission(
     save_picture(path, figure)
 
 
+@styled
+def draw_beta(path: Path, plan: Plan, flown: Flown, title: str) -> None:
+    """Valid heads and error over the beta angle (Sun to the plane of the orbit) and the orbit."""
+    steps, one, _, valid, *squares = flown.by_beta
+    worst = np.sqrt(_mean(np.array(squares), one).max(axis=0)) / arcsec
+    used = np.flatnonzero(steps.sum(axis=1))
+    part = slice(int(used[0]), int(used[-1]) + 1)
+    edge = np.linspace(-90, 90, len(steps) + 1)
+    extent = (0.0, 360.0, float(edge[part.start]), float(edge[part.stop]))
+    figure = picture(8.0, title)
+    for axes, values, label, limits in zip(
+        figure.subplots(3, 1),
+        (100 * _mean(one, steps), _mean(valid, steps), worst),
+        (
+            "one valid head or more\n(% of the time)",
+            "valid heads, mean",
+            "error, worst axis\n(arcsec rms)",
+        ),
+        (None, (0, len(plan.heads)), colour_limits(worst, 0.99, 0.0)),
+        strict=True,
+    ):
+        here = values[part]
+        low, high = limits or (min(float(np.nanmin(here)), 99.0), 100.0)
+        _image(axes, here, extent, label, (low, high))
+        axes.set(xlabel="orbit from the node (deg)", ylabel="beta angle (deg)")
+        axes.set_xticks(range(0, 361, 60))
+    save_picture(path, figure)
+
+
 def _blind_over_time(axes: Axes, plan: Plan, flown: Flown) -> None:
     seasons = np.array_split(np.arange(flown.blind.shape[1]), len(flown.count))
     seasons = [one for one in seasons if len(one)]
@@ -81,14 +110,25 @@ def _map(
     axes: Axes, flown: Flown, values: Floats, label: str, limits: tuple[float, float]
 ) -> None:  # fmt: skip
     days = flown.blind.shape[1] * flown.step / DAY
+    _image(axes, values.T, (0, days, 0, 360), label, limits)
+    axes.set(xlabel="day of the mission", ylabel="orbit from the node (deg)")
+    axes.set_yticks(range(0, 361, 90))
+
+
+def _image(
+    axes: Axes,
+    values: Floats,
+    extent: tuple[float, float, float, float],
+    label: str,
+    limits: tuple[float, float],
+) -> None:
+    """A map with its bar of colours; grey where there is no value."""
     colours = matplotlib.colormaps["viridis"].with_extremes(bad="0.75")
     shown = axes.imshow(
-        values.T, origin="lower", aspect="auto", extent=(0, days, 0, 360), cmap=colours,
+        values, origin="lower", aspect="auto", extent=extent, cmap=colours,
         vmin=limits[0], vmax=limits[1],
     )  # fmt: skip
     axes.grid(False)
-    axes.set(xlabel="day of the mission", ylabel="orbit from the node (deg)")
-    axes.set_yticks(range(0, 361, 90))
     colour_bar(shown, axes, values, label)
 
 

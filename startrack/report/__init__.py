@@ -1,4 +1,4 @@
-"""A campaign as one HTML page.
+"""A campaign, or a mission, as one HTML page.
 
 page           One self-contained HTML page from sections and figures.
 opening        The first sections: the design in ten lines, the verdicts, the lost trials.
@@ -8,8 +8,10 @@ fidelities     CPU time and error of the same trials at each fidelity.
 distributions  Distributions, quantiles and sky maps of the errors of many trials.
 worst          The trials with the largest errors, with their frames.
 write          The page from a campaign's store.
+mission        The page of a mission.
 """
 
+from startrack.report.mission import write_mission_report
 from startrack.report.write import Depth, repeated, write_report
 
 # Public; the other imports serve other rooms.

@@ -4,10 +4,27 @@ import csv
 import json
 
 import cv2
+import numpy as np
 import pytest
+from scipy.io import netcdf_file
 
 from startrack.cli.main import main
-from startrack.mission import load_mission, placement
+from startrack.mission import load_mission, placement, save_timeline
+
+
+def row_last(rows, head):
+    return rows[-1][f"{head}_blind"]
+
+
+def test_a_timeline_is_netcdf(tmp_path):
+    """The same numbers by scipy's reader, with units."""
+    table = np.zeros(3, [("second", float), ("a b_sun_deg", float), ("a b_blind", np.uint8)])
+    table["second"], table["a b_sun_deg"], table["a b_blind"] = [0, 10, 20], [1.5, 2, np.inf], 3
+    save_timeline(tmp_path / "t.nc", table)
+    with netcdf_file(tmp_path / "t.nc", mmap=False) as file:
+        assert file.variables["a b_sun_deg"][:].tolist() == [1.5, 2, np.inf]
+        assert file.variables["a b_sun_deg"].units == b"degree"
+        assert file.variables["a b_blind"][:].tolist() == [3, 3, 3]
 
 
 def test_a_mission_is_flown(capsys, tmp_path):
@@ -24,6 +41,17 @@ def test_a_mission_is_flown(capsys, tmp_path):
         rows = list(csv.DictReader(file))
     assert len(rows) == 17280
     both = result["availability"]["at_least"][3]
+    page = (out / "report.html").read_text()
+    assert "NOT MET" in page
+    assert page.count("data:image/png;base64") == 2
+    beta = result["by_beta"]
+    assert sum(one["time"] for one in beta) == pytest.approx(1)
+    one = sum(each["time"] * each["one"] for each in beta)
+    assert one == pytest.approx(sum(result["availability"]["valid"][1:]))
+    times = [each["reacquisition_s"]["times"] for each in result["heads"]]
+    assert times == [
+        each["times_blind"] - (row_last(rows, each["name"]) != "0") for each in result["heads"]
+    ]
     assert sum(row["valid_heads"] == "3" for row in rows) / len(rows) == pytest.approx(both)
     blind = sum(row["up-right_blind"] != "0" for row in rows) / len(rows)
     assert 1 - blind == pytest.approx(result["heads"][1]["valid"])
