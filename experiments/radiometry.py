@@ -75,8 +75,7 @@ FOREST_AT: Floats = np.array([0.2, 0.5, 0.7, 0.725, 0.75, 0.775, 0.9, 0.925, 1.0
 FOREST: Floats = np.array([0.025, 0.036, 0.032, 0.097, 0.254, 0.314, 0.31, 0.419, 0.4, 0.384])
 TARGET = 0.15
 AUGUST_23 = 1.0104  # astronomical units
-# Weak bands of water at 590 and 650 nm and of oxygen at 628 nm, which Bird and Riordan leave out:
-# their water begins at 690 nm.
+# Weak bands of water at 590 and 650 nm and of oxygen at 628 nm, where Bird and Riordan have none.
 WEAK_BANDS = ((580, 600), (620, 665))
 WATER_BANDS = ((680, 740), (755, 775), (810, 845), (890, 1000))  # nm, strong lines of water, oxygen
 

@@ -168,12 +168,12 @@ def look_up(
     count, bands = len(sight.height), table.backscatter.shape[1]
     rho = np.ascontiguousarray(np.broadcast_to(reflectance, (count, bands)), np.float32)
     factor = rho if direct is None else np.ascontiguousarray(direct, np.float32)
-    if not (factor >= 0).all():
-        raise ValueError("direct must be at least 0")
     around = np.ascontiguousarray(np.broadcast_to(surroundings, (bands,)), np.float32)
     for name, values in (("reflectance", rho), ("surroundings", around)):
         if not (values >= 0).all() or not (values <= 1).all():
             raise ValueError(f"{name} must lie in [0, 1], got {_worst(values)}")
+    if not (factor >= 0).all():
+        raise ValueError(f"direct must be at least 0, got {factor[~(factor >= 0)][0]}")
     beam = np.maximum(sight.incidence, 0) / np.cos(sight.sun) * sight.lit
     geometry = np.stack([beam, sight.sky_view]).astype(np.float32)
     if not np.isfinite(geometry).all():
