@@ -35,8 +35,8 @@ class Mosaic:
 
     @cached_property
     def ordered(self) -> tuple[Source, ...]:
-        """The finest source first."""
-        return tuple(sorted(self.sources, key=lambda one: one.grid.step_y))
+        """The source of the smallest cells first."""
+        return tuple(sorted(self.sources, key=lambda one: one.grid.step_y * one.grid.step_x))
 
     @cached_property
     def grid(self) -> Grid:

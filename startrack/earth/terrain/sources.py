@@ -19,7 +19,8 @@ Singles = NDArray[np.float32]
 
 GEOGRAPHIC = "EPSG:4326"  # longitude and latitude in degree on WGS84
 FRACTAL_BYTES = 40  # of a height while terrain is made; measured: 36
-SEAM = 1e-6  # of a step
+# Of a step, to the south-east: a vertex on the edge that two tiles share lies in one of them.
+NUDGE = 1e-7
 
 
 @dataclass(frozen=True)
@@ -84,10 +85,10 @@ class Raster:
         transform = rasterio.Affine(
             across,
             0,
-            math.degrees(west) - across / 2,
+            math.degrees(west) + across * (NUDGE - 0.5),
             0,
             -down,
-            math.degrees(grid.north) + down / 2,
+            math.degrees(grid.north) - down * (NUDGE - 0.5),
         )
         method = rasterio.enums.Resampling
         with _open(self.path) as file:
