@@ -40,8 +40,11 @@ def of_the_case(case: Case) -> Iterator[str]:
     if detector.defects and detector.defects.hot:
         hot = detector.defects.hot * detector.columns * detector.rows
         yield f"false spots and lost stars by {hot:.0f} hot pixels (detector.defects.hot)"
+    residual = case.instrument.residual
     if case.variation:
         yield f"what differs between units: {len(case.variation)} numbers of the design (variation)"
+    if residual is not None and not residual.seed:
+        yield f"displacements of {residual.rms:g} pixel that a unit has (instrument.residual)"
     if case.tracker.acquisition == "box":
         yield "stars taken in boxes: the whole frame is assumed (tracker.acquisition)"
     if detector.age:

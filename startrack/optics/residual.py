@@ -38,7 +38,7 @@ class Residual:
     scale        1, correlation length over half the diagonal of the frame
     drift        pixel per kelvin: rms of the change with temperature
     temperature  kelvin above that at which the field is f alone
-    seed         of the two fields of one unit
+    seed         of the two fields of one unit; 0: of the unit as designed, which has none
     """
 
     rms: float = 0.0
@@ -54,12 +54,12 @@ class Residual:
         whole(0, 2**63 - 1, seed=self.seed)
 
     def field(self, camera: Camera) -> Displacement | None:
-        """The displacements over a camera's frame; None where there is none.
+        """The displacements over a camera's frame; None where there are none.
 
         Accuracy  numerical: between the nodes of a `Displacement`.
         """
         shift = self.drift * self.temperature
-        if not (self.rms or shift):
+        if not (self.seed and (self.rms or shift)):
             return None
         value = np.zeros((2, NODES**2))
         focal = float(f"{camera.focal_length_px:.1e}")  # so that most units share a root

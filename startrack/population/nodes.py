@@ -145,11 +145,13 @@ def unit_plans(case: Case) -> UnitPlans:
         if name.startswith("catalog."):
             raise ValueError(f"{name} must not vary in fidelity covariance; choose frame or window")
     axes = [_axis(case, name) for name in names if not of_places(case, name)]
+    design = case.without_units
+    unit = design.unit_of(design)  # in which nothing differs
     cases = [[_at(case, axis.name, value) for value in axis.values()] for axis in axes]
-    every = [limits_of(one) for one in (case, *(one for row in cases for one in row))]
+    every = [limits_of(one) for one in (unit, *(one for row in cases for one in row))]
     found = max((one.found for one in every), key=len)
     limits = Limits(min(one.faintest for one in every), max(one.brightest for one in every), found)
-    plan = plan_within(case, limits)
+    plan = plan_within(unit, limits)
     parts, change = _parts(plan), []
     for axis, row in zip(axes, cases, strict=True):
         nodes = [_parts(plan_within(one, limits)) for one in row]

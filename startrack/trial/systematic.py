@@ -20,19 +20,24 @@ def systematic_variance(case: Case) -> Floats:
     """Variance per axis of a centroid that no noise explains, as a tracker knows it
     that is calibrated and as designed.
 
-        variance = S-curve^2 + PRNU^2 + DSNU^2 + shift^2 / 2 + lens^2
+        variance = S-curve^2 + PRNU^2 + DSNU^2 + shift^2 / 2 + lens^2 + residual^2
 
     the first three from the tracker's centroids of noise-free stars of that magnitude (`errors`);
     the shift is that by the neighbours in its catalogue (`blending_shift`), along one line and so
-    half of its square on either axis; the last is what a lens table leaves to the tracker, over the
-    frame, for a star of that colour (`lens_variance`). `centroid_floor` replaces all of it where it
-    is given.
+    half of its square on either axis; then what a lens table leaves to the tracker, over the frame,
+    for a star of that colour (`lens_variance`), and where the case is a unit, the rms of its
+    `Residual`, which its calibration sees. `centroid_floor` replaces all of it where it is given.
 
     Returns  (n,) pixel^2, for the stars of the believed catalogue
     Accuracy  those of `errors` and `blending_shift`. model: for a detector that scans, the tracker
-              assumes UNKNOWN_FLOOR.
+              assumes UNKNOWN_FLOOR; what a residual moves near stars by alike, and
+              with temperature, is not known to the tracker, whose covariance is then too small.
     """
-    return _systematic_variance(case.as_designed)
+    known = _systematic_variance(case.as_designed)
+    residual = case.as_designed.instrument.residual if case.design else None
+    if residual is None or case.tracker.attitude.centroid_floor is not None:
+        return known
+    return known + residual.rms**2
 
 
 @lru_cache(maxsize=8)
