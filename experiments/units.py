@@ -18,6 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import chandra
 import command
 import numpy as np
 
@@ -47,7 +48,7 @@ class Published(NamedTuple):
     variations     class of the tracker, which its design includes
     counts         classes of error that the figure counts
     jitter         arcsec, across and about, of the vehicle, which the figure holds too
-    magnitude      G of a star whose error it is; None: it is that of the attitude
+    magnitude      G of a star whose error it is, by noise and pixels; None: it is the attitude's
     required       whether it is a requirement and no result: an upper bound
     """
 
@@ -70,7 +71,8 @@ TRACKERS = {
     ),
     # Six minutes on one field of the sky: what is constant there is no scatter.
     "st5000": Published(0.54, 17.0, "space-lens", FLIGHT, (0.5, 10.0)),
-    "chandra-aca": Published(0.06, None, "observatory", ALL, magnitude=8.5),
+    # The scatter of guide stars that dither by a few pixels, where the residual is the same.
+    "chandra-aca": Published(0.06, None, "observatory", FLIGHT, magnitude=8.5),
     "plato-fcam": Published(0.3, None, "observatory", FLIGHT, magnitude=8.0, required=True),
     "apst": Published(None, None, "shelf-lens"),
 }
@@ -116,14 +118,11 @@ def counted(budgets: UnitBudgets, one: Published) -> tuple[float, float]:
 
 
 def star_error(case: Case, one: Published) -> float:
-    """Arcsec per axis, of one star of a magnitude: noise, pixels, and the residual if it counts."""
+    """Arcsec per axis, of one star of a magnitude: what its pixels and their noise make."""
     assert one.magnitude is not None
     star, pixel = star_errors(case), 1 / case.instrument.camera.focal_length_px
     variance = sum(np.trace(each, axis1=1, axis2=2) / 2 for each in star.random.values())
     square = float(np.exp(np.interp(one.magnitude, star.magnitude, np.log(variance))))
-    residual = case.instrument.residual
-    if Term.FIELD in one.counts and residual is not None:
-        square += residual.rms**2
     return float(square**0.5 * pixel / arcsec)
 
 
@@ -135,6 +134,10 @@ def trackers(names: list[str], units: int, seed: int) -> dict[str, Any]:
         case = tracker(name)
         if one.magnitude is None:
             across, about = counted(unit_budgets(case, seed, units, 0.0, 2), one)
+        elif (
+            case.tracker.acquisition == "box"
+        ):  # images of guide stars, as on the page of its flight
+            across, about = chandra.centroid({}, False)["centroid_mean_arcsec"], float("nan")
         else:
             across, about = star_error(case, one), float("nan")
         found[name] = {

@@ -110,11 +110,12 @@ def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Itera
     moved    pixel, rms displacement of stars by what the tracker believes wrongly
     """
     detector, settings = case.instrument.detector, case.tracker.detection
-    few = float((stars < FEW).mean())
+    least = min(FEW, round(0.9 * settings.max_spots))
+    few = float((stars < least).mean())
     if few > PART:
         yield (
             f"which star is which, in the {100 * few:.0f} % of the sky with fewer than "
-            f"{FEW:.0f} stars"
+            f"{least:.0f} stars"
         )
     elif refused > REFUSED:
         yield f"which star is which, where {100 * refused:.0f} % of the stars are missing"

@@ -55,6 +55,7 @@ with deferred():
     from startrack.sequence import Sequence
     from startrack.trial import TYPICAL, errors, lasting
 
+UNITS = 6  # where a design varies and no number is asked for
 FAR = 0.1  # relative difference of the two columns from which on it is printed
 
 
@@ -82,7 +83,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--units", type=whole(2), metavar="N",
         help="add classes of error, levels and yield of N units of the design, drawn from its "
-        "[[variation]] tables and calibrated, at the begin and the end of its lifetime",
+        "[[variation]] tables and calibrated, at the begin and the end of its lifetime (default: "
+        f"{UNITS} where it has such tables)",
     )  # fmt: skip
     parser.add_argument(
         "--tolerances", action="store_true",
@@ -117,6 +119,7 @@ def command(options: argparse.Namespace) -> int:
         raise WrongUse("--tolerances needs --units and a design with [[variation]] tables")
     sequence = read_sequence(options.profile) if options.profile else None
     expected = analytic(case)
+    options.units = options.units or (UNITS if case.variation else None)
     found = _measured(case, options) if options.montecarlo else None
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
     floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
@@ -127,8 +130,9 @@ def command(options: argparse.Namespace) -> int:
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
     result["check"] = {"fidelity": checked.fidelity.value, "differs": checked.differs}
     result["check"] |= summary_values(checked.summary)
+    alone = "the unit as designed, noise only; units follow\n" if options.units else ""
     text = [
-        f"{_table(expected, found)}\n"
+        f"{alone}{_table(expected, found)}\n"
         f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
         f"assumes {assumed}",
         "\n".join([*caveats(case, expected.left_out, expected.refused), *_checked(checked)]),
