@@ -20,6 +20,10 @@ hil_frames_per_s    1/s, frames of a megapixel of a sequence that are rendered, 
                     time of one process; the slowest of the formats
 hil_solved_by_peers 1, of the frames kept as 16-bit PNG, those that tetra3rs solves with its own
                     detection, within 60 arcsec of the table beside them; null without tetra3rs
+sketch_gb           GB, largest memory of a process that sketches trials, which does not grow with
+                    their number, and of the merging of a thousand sketches
+sketch_same         1, of orders in which a thousand sketches were merged, those with the bytes of
+                    the sketch of all trials at once
 A part whose data or packages are not there is left out.
 """
 
@@ -34,7 +38,9 @@ import io
 import json
 import math
 import os
+import random
 import re
+import resource
 import sys
 import tempfile
 import time
@@ -50,12 +56,21 @@ import numpy as np
 from onboard import AIM, figures
 from scipy.spatial.transform import Rotation
 
-from startrack import Case, arcsec, deg, load_design, run_trials, shipped
+from startrack import Case, Fidelity, arcsec, deg, load_design, run_trials, shipped
 from startrack.cli.main import main as startrack
 from startrack.core import code_of_command
 from startrack.detection import DetectionPlan
 from startrack.detection.methods import CENTROIDS
-from startrack.montecarlo import Serial, dask_pool, pool, run
+from startrack.montecarlo import (
+    Sampling,
+    Serial,
+    dask_pool,
+    merge_sketches,
+    pool,
+    resume_sketch,
+    run,
+    save_sketch,
+)
 from startrack.sequence import Leg, Recording, Sequence
 from startrack.sequence import run as fly
 
@@ -77,6 +92,7 @@ def main() -> None:
     parser.add_argument("--only", choices=PARTS, help="one part alone")
     parser.add_argument("--trials", type=int, default=64)
     parser.add_argument("--repeats", type=int, default=5, help="of timed runs, whose best counts")
+    parser.add_argument("--sketched", type=int, default=200_000, help="trials (default: 200000)")
     options = command.read(parser, trials=2, repeats=1)
     figures: dict[str, Any] = {}
     for name, part in PARTS.items():
@@ -161,6 +177,29 @@ def seconds(call: Callable[[], Any]) -> float:
     began = time.process_time()
     call()
     return time.process_time() - began
+
+
+def sketches(options: argparse.Namespace) -> dict[str, float]:
+    """Memory and bytes of sketches of drawn trials, in one part and in a thousand."""
+    case, drawn = load_design(shipped(EXAMPLE_DESIGN)).case, Sampling(Fidelity.COVARIANCE)
+    trials, parts = (400, 20) if options.quick else (options.sketched, 1000)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+
+        def made(file: str, numbers: range) -> Path:
+            resume_sketch(folder / file, case, SEED, drawn, numbers, Serial())
+            return folder / file
+
+        whole = made("whole", range(trials)).read_bytes()
+        size = trials // parts
+        files = [made(f"{k}", range(k * size, (k + 1) * size)) for k in range(parts)]
+        same = []
+        for order in range(3):
+            random.Random(order).shuffle(files)
+            save_sketch(folder / "merged", merge_sketches(files))
+            same.append((folder / "merged").read_bytes() == whole)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # KiB on Linux
+    return {"sketch_gb": peak, "sketch_same": sum(same) / len(same)}
 
 
 def documented(options: argparse.Namespace) -> dict[str, float]:
@@ -273,6 +312,7 @@ def solved_by_tetra3rs(folder: Path, case: Case) -> float | None:
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
+    "sketches": sketches,  # first, for it measures the memory of the process so far
     "code": own_code,
     "keys": documented,
     "images": wide_images,

@@ -26,6 +26,7 @@ init                `startrack init`: a design file to begin with.
 export              `startrack export`: a design as data and code for other programs.
 keys                `startrack keys`: what a design file may hold.
 lens                `startrack lens`: tables of lenses from prescriptions.
+merge               `startrack merge`: parts of a campaign from several machines, as one.
 mission             `startrack mission`: heads of a spacecraft over orbit and attitude law.
 montecarlo          `startrack montecarlo`: the error of one design over many trials.
 optimize            `startrack optimize`: a better design, found by search and checked by trials.

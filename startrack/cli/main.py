@@ -31,6 +31,7 @@ COMMANDS = {
     "calibrate": "fit a camera model (focal length, distortion) to images of stars",
     "budget": "compute the error of a design cause by cause",
     "montecarlo": "measure the error of a design over many trials",
+    "merge": "put parts of a campaign from several machines together",
     "combine": "estimate one error from campaigns of different fidelity",
     "compare": "show two designs or campaigns side by side",
     "report": "write a campaign as one self-contained HTML page",

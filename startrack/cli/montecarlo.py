@@ -28,6 +28,7 @@ with deferred():
     import numpy as np
     from numpy.typing import NDArray
 
+    from startrack.cli.merge import sketch_summary
     from startrack.cli.terminal import (
         example,
         finite,
@@ -59,6 +60,7 @@ with deferred():
         mean_square,
         pool,
         resume,
+        resume_sketch,
         warm,
         with_causes,
     )
@@ -88,6 +90,17 @@ def declare(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="number of trials (default: 200)",
     )
+    parser.add_argument(
+        "--first", type=whole(0, 2**62), default=0, metavar="K",
+        help="number of the first trial (default: 0), so that the jobs of a cluster run parts of "
+        "one campaign, which `startrack merge` puts together",
+    )  # fmt: skip
+    parser.add_argument(
+        "--sketch", type=Path, metavar="FILE.json",
+        help="keep moments, quantiles within 0.1 %% and the worst trial in a file of some 1 MB "
+        "instead of all trials, from which an interrupted run continues; for up to 10^9 trials, "
+        "best of fidelity covariance",
+    )  # fmt: skip
     add_seed(parser)
     add_workers(parser)
     add_fidelity(
@@ -186,6 +199,7 @@ def command(options: argparse.Namespace) -> int:
         None if options.precision is None else _precision(options, options.precision, limits)
     )
     sampling = _sampling(options, case)
+    _refuse_parts(options)
     if sampling.units:
         options.trials *= options.units
     with as_wrong_use(path=path):
@@ -195,8 +209,14 @@ def command(options: argparse.Namespace) -> int:
     workers = _workers(options)
     warm(case, sampling)  # what no trial can do is refused before the first
     began = time.perf_counter()
+    if options.sketch:
+        return _sketch(options, case, sampling, limits, workers)
+    numbers = range(options.first, options.first + options.trials)
     with _open(where, case, options.seed, sampling) as store, workers as executor:
-        held = sum(len(block) for block in store.done())
+        held = sum(
+            max(0, min(block.stop, numbers.stop) - max(block.start, numbers.start))
+            for block in store.done()
+        )
         if held:
             print_message(f"{where} holds {held} trials; continuing")
         watched = precision or _precision(options, UNREACHED, limits)
@@ -213,10 +233,11 @@ def command(options: argparse.Namespace) -> int:
                 precision,
                 options.seconds,
                 watch,
+                first=options.first,
             )
         if design.campaign:
             store.keep_campaign(design.campaign)
-        failures, done = store.failures(), len(store.outcomes())
+        failures, done = store.failures(), len(outcomes)
     attitudes = sampling.attitudes_of(options.seed, outcomes["trial"].tolist())
     found = endings(
         case, options.seed, outcomes, attitudes, limits, needs.min_keep_out if needs else None
@@ -285,6 +306,40 @@ def command(options: argparse.Namespace) -> int:
         result["out"] = str(options.out)
     print_result(options, result, text)
     return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED
+
+
+def _refuse_parts(options: argparse.Namespace) -> None:
+    """Refuse what parts of a campaign, or sketches, cannot do."""
+    if options.first and (options.precision or options.units):
+        other = "precision" if options.precision else "units"
+        raise WrongUse(f"--first must be left out beside --{other}")
+    apart = ("out", "store", "table", "precision", "units", "control", "seconds", "log")
+    for name in (name for name in apart if options.sketch and getattr(options, name)):
+        raise WrongUse(f"--{name} must be left out beside --sketch, which keeps no single trial")
+
+
+def _sketch(
+    options: argparse.Namespace,
+    case: Case,
+    sampling: Sampling,
+    limits: Limits,
+    workers: AbstractContextManager[Executor],
+) -> int:
+    """Fill the file of --sketch, and print what it holds."""
+    numbers = range(options.first, options.first + options.trials)
+    with (
+        as_wrong_use(),
+        workers as executor,
+        progress("trials", options.trials) as advance,
+    ):
+        sketch = resume_sketch(
+            options.sketch, case, options.seed, sampling, numbers, executor, options.workers,
+            limits, advance,
+        )  # fmt: skip
+    values, text = sketch_summary(sketch)
+    head = {"sketch": str(options.sketch), "seed": options.seed, "fidelity": options.fidelity}
+    print_result(options, head | values, text)
+    return Exit.DONE if values["availability"] == 1 else Exit.UNSOLVED
 
 
 def _workers(options: argparse.Namespace) -> AbstractContextManager[Executor]:

@@ -15,6 +15,9 @@ causes       Outcomes of trials -> the status of each, why it is so, where it lo
              was near.
 paired       Outcomes of two campaigns -> their statistics side by side, and the differences.
 resume       Do the trials that a store lacks: the same bytes, however often it was interrupted.
+sketch       Outcomes of any number of trials -> a Sketch of fixed size: moments, quantiles, tails.
+merge        Stores of parts of a campaign -> one store, with the same bytes in any order of the
+             parts.
 watch        A store that is being filled -> its progress and statistic, from time to time.
 """
 
@@ -29,12 +32,21 @@ from startrack.montecarlo.estimate import (
     two_levels,
 )
 from startrack.montecarlo.mean_square import combined, mean_square
+from startrack.montecarlo.merge import Merged, merge_stores
 from startrack.montecarlo.paired import Difference, differences
 from startrack.montecarlo.precision import STATISTICS, Precision, half_width, quantile_interval
 from startrack.montecarlo.rare import chances, probability, where_likely
 from startrack.montecarlo.resume import last_words, resume
 from startrack.montecarlo.run import run, warm
 from startrack.montecarlo.sampling import Sampling, sample_controlled
+from startrack.montecarlo.sketch import (
+    Bins,
+    Sketch,
+    load_sketch,
+    merge_sketches,
+    resume_sketch,
+    save_sketch,
+)
 from startrack.montecarlo.store import Store, checksum, export, impossible, origin
 from startrack.montecarlo.watch import Watch
 from startrack.montecarlo.workers import (
@@ -49,15 +61,18 @@ from startrack.montecarlo.workers import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
+    "Bins",
     "Certificates",
     "Difference",
     "Ending",
     "Endings",
     "Mean",
+    "Merged",
     "Precision",
     "Regions",
     "Sampling",
     "Serial",
+    "Sketch",
     "Store",
     "Watch",
     "at_random",
@@ -71,7 +86,10 @@ __all__ = [
     "differences",
     "endings",
     "export",
+    "load_sketch",
     "mean_square",
+    "merge_sketches",
+    "merge_stores",
     "mpi_pool",
     "plain",
     "pool",
@@ -79,8 +97,10 @@ __all__ = [
     "quantile_interval",
     "replicated",
     "resume",
+    "resume_sketch",
     "run",
     "sample_controlled",
+    "save_sketch",
     "stratified",
     "two_levels",
     "warm",

@@ -31,6 +31,7 @@ def resume(
     seconds: float | None = None,
     progress: Callable[[int], None] | None = None,
     block: int | None = None,
+    first: int = 0,
 ) -> NDArray[np.void]:
     """The outcomes of the first trials of a store, after doing those that it lacks.
 
@@ -40,21 +41,24 @@ def resume(
     seconds    submit no block after this time; only this makes results depend on speed
     progress   called with the number of trials that were just done
     block      trials that go to a worker and to disk at a time, at most; None: `Sampling.block`
+    first      number of the first trial, without `precision`
     Returns    (n,) structured array in order of trial, without those of blocks that failed
     Raises     ValueError where more than 10 blocks fail, or all; OSError where the disk is full.
     """
     whole(1, 10**9, trials=trials)
     block = store.sampling.block if block is None else block
     whole(1, 10**6, block=block)
+    whole(0, 0 if precision else 2**62, first=first)
     if seconds is not None:
         positive(seconds=seconds)
     end = None if seconds is None else time.monotonic() + seconds  # no clock jumps
     size = min(FIRST_TEST, trials) if precision else trials
     while True:
         each = min(block, -(-size // (workers * BLOCKS_PER_WORKER)))
-        plan = _until(_missing(store.done(), size, each), end)
+        plan = _until(missing(store.done(), first + size, each, first), end)
         _fill(store, plan, executor, workers, progress)
-        outcomes = store.outcomes(size)
+        outcomes = store.outcomes(first + size)
+        outcomes = outcomes[np.searchsorted(outcomes["trial"], first) :]
         if not len(outcomes) and (failures := store.failures()):
             raise ValueError(f"all trials failed: {last_words(failures[-1][1])}")
         if precision is None or size == trials or precision.reached(outcomes):
@@ -98,10 +102,10 @@ def _fill(
             progress(len(numbers))
 
 
-def _missing(done: list[range], trials: int, block: int) -> list[range]:
-    """The trials below `trials` that are not done, cut where the numbers divide by `block`."""
+def missing(done: list[range], trials: int, block: int, first: int = 0) -> list[range]:
+    """The trials from `first` to below `trials` that are not done, cut at multiples of `block`."""
     missing = []
-    at = 0
+    at = first
     for held in [*done, range(trials, trials)]:
         stop = min(held.start, trials)
         while at < stop:

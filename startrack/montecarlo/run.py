@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +29,19 @@ class Block(NamedTuple):
     """A block of trials.
 
     numbers  the trials
-    result   their outcomes, in order, or the error that the last try raised
+    result   what was made of them, such as their outcomes, in order, or the error that the last try
+             raised
     """
 
     numbers: range
-    result: NDArray[np.void] | Exception
+    result: Any
+
+
+class Trials(Protocol):
+    """Makes something of trials, as a `Sampling` makes their outcomes."""
+
+    def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> Any:
+        """What is made of some trials of a case."""
 
 
 def run(
@@ -95,7 +103,7 @@ def blocks(
     executor: Executor,
     workers: int = 1,
     tries: int = TRIES,
-    sampling: Sampling = FRAMES,
+    sampling: Trials = FRAMES,
 ) -> Iterator[Block]:
     """Blocks of trials as they end, in no order.
 

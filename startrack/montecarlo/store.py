@@ -163,7 +163,7 @@ class Store:
                 f"{version} must not mix with others; begin another store"
             )
         held, asked = (json.loads(json.dumps(to_table(one))) for one in (self.case, case))
-        other = _difference(held, asked)
+        other = difference(held, asked)
         if other:
             raise ValueError(f"{self.path} holds trials of another design: {other}")
         self.require_code()
@@ -367,12 +367,12 @@ def _forget_failures(execute: Execute, numbers: range) -> None:
     )
 
 
-def _difference(held: Any, asked: Any, place: str = "") -> str:
+def difference(held: Any, asked: Any, place: str = "") -> str:
     """Where two tables differ first, empty where they are equal."""
     if isinstance(held, dict) and isinstance(asked, dict):
         for key in sorted(held.keys() | asked.keys()):
             inner = f"{place}.{key}" if place else key
-            if found := _difference(held.get(key), asked.get(key), inner):
+            if found := difference(held.get(key), asked.get(key), inner):
                 return found
         return ""
     return "" if held == asked else f"{place} is {held!r} there, {asked!r} here"

@@ -1,0 +1,179 @@
+"""Stores of parts of a campaign -> one store, with the same bytes in any order of the parts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.io import Database
+from startrack.io import whole as whole_file
+from startrack.montecarlo.sampling import BLOCK
+from startrack.montecarlo.store import STORE, Store, checksum, difference
+
+WITHOUT_TRIALS = "campaign"  # the row of `about` that changes no trial
+
+
+class Merged(NamedTuple):
+    """What a merged store holds.
+
+    trials    number of different trials
+    repeated  runs of trials that were, equal, in several parts: first, and that behind the last
+    """
+
+    trials: int
+    repeated: tuple[tuple[int, int], ...]
+
+
+class _Part(NamedTuple):
+    path: Path
+    about: dict[str, str]
+    sessions: list[tuple[str, str]]
+    failures: list[Any]
+    done: list[range]
+
+
+def merge_stores(
+    parts: list[Path], path: Path, progress: Callable[[int], None] | None = None
+) -> Merged:
+    """Write one store of all trials of several.
+
+    Blocks are cut anew where the numbers of trials divide by BLOCK, sessions are in order of time.
+
+    progress  called with the number of parts that were just read
+    Raises    ValueError, with the file, where a part is none, of another campaign, or has a trial
+              whose outcome differs from that of another part.
+    """
+    found = []
+    for part in sorted(parts):
+        found.append(_part(part))
+        _must_belong(found[0], found[-1])
+        if progress:
+            progress(1)
+    with whole_file(path) as draft:
+        base = Database(draft, STORE)
+        try:
+            merged = _write(base, found)
+        finally:
+            base.close()
+    return merged
+
+
+def _part(path: Path) -> _Part:
+    """What a store holds, but for its outcomes."""
+    with Store(path) as store:  # which checks the file
+        done = store.done()
+    base = Database(path, STORE, create=False)
+    try:
+        return _Part(
+            path,
+            dict(base.read("SELECT name, value FROM about")),
+            base.read("SELECT began, origin FROM sessions"),
+            base.read("SELECT first, trials, seed, report FROM failures"),
+            done,
+        )
+    finally:
+        base.close()
+
+
+def _must_belong(first: _Part, other: _Part) -> None:
+    for name in sorted(first.about.keys() | other.about.keys() - {WITHOUT_TRIALS}):
+        held, asked = first.about.get(name), other.about.get(name)
+        if held != asked and name != WITHOUT_TRIALS:
+            if name in ("case", "code") and held and asked:
+                where = difference(json.loads(held), json.loads(asked), name)
+            else:
+                where = f"{name} is {held!r} there, {asked!r} here"
+            raise ValueError(f"{other.path} is not of the campaign of {first.path}: {where}")
+
+
+def _write(base: Database, parts: list[_Part]) -> Merged:
+    about = dict(parts[0].about)
+    asked = {one.about.get(WITHOUT_TRIALS) for one in parts}
+    about.pop(WITHOUT_TRIALS, None)
+    if len(asked) == 1 and (campaign := asked.pop()) is not None:
+        about[WITHOUT_TRIALS] = campaign
+    trials, repeated = 0, list[tuple[int, int]]()
+    done = list[range]()
+    with base.transaction() as execute:
+        for row in sorted(about.items()):
+            execute("INSERT INTO about VALUES (?, ?)", row)
+        for session in sorted({one for part in parts for one in part.sessions}):
+            execute("INSERT INTO sessions VALUES (?, ?)", session)
+        for table in _blocks(parts, repeated):
+            first, data = int(table["trial"][0]), table.tobytes()
+            done.append(range(first, first + len(table)))
+            trials += len(table)
+            execute("INSERT INTO blocks VALUES (?, ?, ?)", (first, len(table), data))
+            execute("INSERT INTO checksums VALUES (?, ?)", (first, checksum(data)))
+        for failure in sorted({tuple(one) for part in parts for one in part.failures}):
+            # Where several parts failed at the same trial, the first report in their order stays.
+            if not any(held.start <= failure[0] < held.stop for held in done):
+                execute("INSERT OR IGNORE INTO failures VALUES (?, ?, ?, ?)", failure)
+    return Merged(trials, tuple(_touching(repeated)))
+
+
+def _touching(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Runs in order, those that touch or overlap as one."""
+    found: list[tuple[int, int]] = []
+    for first, end in sorted(runs):
+        if found and first <= found[-1][1]:
+            found[-1] = found[-1][0], max(end, found[-1][1])
+        else:
+            found.append((first, end))
+    return found
+
+
+def _blocks(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[NDArray[np.void]]:
+    """All trials in order, in blocks that end where the numbers divide by BLOCK, or at a gap."""
+    waiting: NDArray[np.void] | None = None
+    for table in _runs(parts, repeated):
+        if waiting is not None:
+            if table["trial"][0] == waiting["trial"][-1] + 1:
+                table = np.concatenate([waiting, table])
+            else:
+                yield waiting
+        first = int(table["trial"][0])
+        cuts = range((first // BLOCK + 1) * BLOCK - first, len(table) + 1, BLOCK)
+        at = 0
+        for cut in cuts:
+            yield table[at:cut]
+            at = cut
+        waiting = table[at:] if at < len(table) else None
+    if waiting is not None:
+        yield waiting
+
+
+def _runs(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[NDArray[np.void]]:
+    """Outcomes of blocks in order of trial, without those that came before."""
+    order = sorted((held.start, held.stop, n) for n, part in enumerate(parts) for held in part.done)
+    before: NDArray[np.void] | None = None  # what trials that come again are compared with
+    end, opened = 0, {}
+    for first, stop, number in order:
+        if number not in opened:
+            with Store(parts[number].path) as store:
+                opened[number] = store.outcomes()
+        whole = opened[number]
+        low, high = np.searchsorted(whole["trial"], [first, stop])
+        table = whole[low:high]
+        if stop == parts[number].done[-1].stop:
+            del opened[number]
+        if before is not None and first < end:
+            again = min(end, stop)
+            held = before[before["trial"] >= first]
+            if table[: again - first].tobytes() != held[: again - first].tobytes():
+                raise ValueError(
+                    f"{parts[number].path} has other outcomes of trials {first} to {again - 1} "
+                    "than another part: one of them was made by other software"
+                )
+            repeated.append((first, again))
+            table = table[again - first :]
+        if len(table):
+            overlap = before[before["trial"] >= first] if before is not None else table[:0]
+            before = np.concatenate([overlap, table])
+            end = stop
+            yield table

@@ -1,0 +1,390 @@
+"""Outcomes of any number of trials -> a Sketch of fixed size: moments, quantiles, tails.
+
+Sketches of parts of a campaign add to that of the whole, with the same bytes in any order.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from scipy import special
+
+from startrack.core import Floats, Ints, code_in, origin_of
+from startrack.design import Case
+from startrack.io import read_bytes, save_text, to_table
+from startrack.metrics import (
+    STATED_ALONE,
+    Interval,
+    Limits,
+    correct,
+    fraction_interval,
+)
+from startrack.montecarlo.resume import last_words, missing
+from startrack.montecarlo.run import blocks
+from startrack.montecarlo.sampling import Sampling
+from startrack.montecarlo.store import difference, origin
+
+FORMAT = "startrack sketch 1"
+LARGEST = 2**27  # byte; the usual has 1 MB
+HALVES = 9  # bits of the fraction that a bin is named by: 512 bins an octave
+BITS = 52 - HALVES  # of a float, behind those
+RELATIVE = 2.0 ** -(HALVES + 1)  # largest error of a value by its bin, over the value
+UNIT = 1074  # sums are whole numbers of 2^-1074, as all floats are
+BLOCK = 8192  # trials that a worker sketches at a time; chosen by hand: a second of work
+SAVED_EVERY = 20.0  # second
+COUNTS = ("trials", "solved", "false", "judged", "correct", "beyond", "stars")
+# Of the attitudes that are solved and not false: sums of powers, and what is in bins.
+SUMS = ("x", "y", "z", "across^2", "across^4", "about^2", "about^4", "nees")
+BINNED = ("x", "-x", "y", "-y", "z", "-z", "across", "nees")
+BEYOND = 10.0  # stated standard deviations about an axis, as in `Summary.beyond`
+
+
+@dataclass(eq=False)
+class Bins:
+    """Numbers of positive values, in bins that the first bits of a float name.
+
+    index  (k,) rising; bin i holds the values from `edge(i)` to below `edge(i + 1)`
+    count  (k,)
+    """
+
+    index: Ints = field(default_factory=lambda: np.empty(0, np.int64))
+    count: Ints = field(default_factory=lambda: np.empty(0, np.int64))
+
+    @classmethod
+    def of(cls, values: Floats) -> Bins:
+        """Count values; those that are not positive are in no bin."""
+        positive = np.ascontiguousarray(values[values > 0], np.float64)
+        return cls(*np.unique(positive.view(np.int64) >> BITS, return_counts=True))
+
+    def with_those(self, other: Bins) -> Bins:
+        """The bins of both."""
+        index = np.concatenate([self.index, other.index])
+        if not len(index):
+            return self
+        order = np.argsort(index, kind="stable")
+        index, count = index[order], np.concatenate([self.count, other.count])[order]
+        first = np.flatnonzero(np.diff(index, prepend=-1))
+        return Bins(index[first], np.add.reduceat(count, first))
+
+
+@dataclass(eq=False)
+class Sketch:
+    """What is kept of trials.
+
+    about   the campaign: design, seed, sampling, limits of a correct attitude, software
+    ranges  first trial, and that behind the last, of each unbroken run of trials; in order
+    counts  by the names of COUNTS; "judged": solved and not false; "stars": the sum of theirs
+    sums    by the names of SUMS, exact, in units of 2^-1074; errors in radian
+    bins    by the names of BINNED; "-x": the sizes of negative x
+    worst   largest error across of a judged attitude, radian, and minus its trial; the first of
+            several
+    """
+
+    about: dict[str, Any]
+    ranges: list[tuple[int, int]] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTS, 0))
+    sums: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SUMS, 0))
+    bins: dict[str, Bins] = field(default_factory=lambda: {name: Bins() for name in BINNED})
+    worst: tuple[float, int] = (-1.0, 0)
+
+    @property
+    def trials(self) -> int:
+        """Number of trials."""
+        return self.counts["trials"]
+
+    def add(self, other: Sketch) -> None:
+        """Take in the trials of another sketch of the same campaign.
+
+        Raises  ValueError where it is of another campaign, or has trials that this one has.
+        """
+        if other.about != self.about:
+            raise ValueError(f"it is of another campaign: {difference(self.about, other.about)}")
+        self.ranges = _joined([*self.ranges, *other.ranges])
+        for name in COUNTS:
+            self.counts[name] += other.counts[name]
+        for name in SUMS:
+            self.sums[name] += other.sums[name]
+        for name in BINNED:
+            self.bins[name] = self.bins[name].with_those(other.bins[name])
+        self.worst = max(self.worst, other.worst)
+
+    def mean(self, name: str) -> float:
+        """Mean of what a sum adds up, over the judged attitudes, correctly rounded; NaN of none."""
+        if not self.counts["judged"]:
+            return math.nan
+        return float(Fraction(self.sums[name], self.counts["judged"] << UNIT))
+
+    def rms(self, which: str) -> Interval:
+        """Radian, rms per axis "across" or "about" the boresight, with its 95 % interval."""
+        count, mean = self.counts["judged"], self.mean(f"{which}^2")
+        if count < 2:
+            return Interval(math.sqrt(mean), 0.0 if count else math.nan, math.inf)
+        scatter = Fraction(self.sums[f"{which}^4"], 1 << UNIT)
+        scatter -= Fraction(self.sums[f"{which}^2"], 1 << UNIT) ** 2 / count
+        sigma = math.sqrt(max(float(scatter / (count - 1)), 0.0))
+        half = float(special.ndtri(0.975)) * sigma / math.sqrt(count)
+        return Interval(*(math.sqrt(max(one, 0.0)) for one in (mean, mean - half, mean + half)))
+
+    def quantile(self, name: str, fraction: float) -> Interval:
+        """A quantile of "across" or "nees" over the judged attitudes, and of |x|, |y| or |z|.
+
+        Returns   the middle of its bin; bounds that hold the true quantile with 95 % confidence,
+                  the errors by the bins included; unbounded above where trials are too few
+        Accuracy  numerical: RELATIVE (0.1 %) of the value. statistical: ranks of a binomial law.
+        """
+        bins = self.bins[name].with_those(self.bins.get(f"-{name}", Bins()))
+        count = self.counts["judged"]
+        if not count:
+            return Interval(math.nan, math.nan, math.nan)
+        zero = count - int(bins.count.sum())  # of the values, which come first
+        up_to = np.cumsum(bins.count) + zero
+
+        def bounds(rank: int) -> tuple[float, float]:
+            if rank <= zero:
+                return 0.0, 0.0
+            index = int(bins.index[np.searchsorted(up_to, rank)])
+            return edge(index), edge(index + 1)
+
+        rank = min(max(math.ceil(count * fraction), 1), count)
+        low = int(scipy.stats.binom.ppf(0.025, count, fraction))
+        high = int(scipy.stats.binom.isf(0.025, count, fraction)) + 1
+        return Interval(
+            sum(bounds(rank)) / 2,
+            bounds(low)[0] if low > 0 else 0.0,
+            bounds(high)[1] if high <= count else math.inf,
+        )
+
+    @property
+    def availability(self) -> Interval:
+        """Fraction of trials with a correct attitude, with its exact interval."""
+        return fraction_interval(self.counts["correct"], self.trials)
+
+
+def edge(index: int) -> float:
+    """The lower edge of a bin.
+
+    >>> edge(1023 << HALVES), edge((1023 << HALVES) + 1)
+    (1.0, 1.001953125)
+    """
+    return float(np.int64(index << BITS).view(np.float64))
+
+
+def about_of(case: Case, seed: int, sampling: Sampling, limits: Limits) -> dict[str, Any]:
+    """What sketches of one campaign have in common, as JSON has it."""
+    about = {
+        "case": to_table(case),
+        "code": [origin_of(key, name) for key, _, name in code_in(case)],
+        "seed": seed,
+        "sampling": str(sampling),
+        "limits": limits._asdict(),
+        "startrack": origin()["startrack"],
+    }
+    known: dict[str, Any] = json.loads(json.dumps(about))
+    return known
+
+
+class Sketching(NamedTuple):
+    """Makes sketches in workers, in place of the outcomes of a Sampling."""
+
+    sampling: Sampling
+    limits: Limits
+    about: dict[str, Any]
+
+    def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> Sketch:
+        """The sketch of some trials first, first + 1, ..., as `Sampling.trials` runs them."""
+        return sketched(self.sampling.trials(case, seed, numbers), self.limits, self.about)
+
+
+def sketched(outcomes: NDArray[np.void], limits: Limits, about: dict[str, Any]) -> Sketch:
+    """The sketch of outcomes (n,) of trials first, first + 1, ..., n > 0."""
+    first = int(outcomes["trial"][0])
+    judged = outcomes[outcomes["solved"] & ~outcomes["false"]]
+    solved = outcomes[outcomes["solved"]]
+    far = [np.abs(solved[f"error_{one}"]) > BEYOND * solved[f"sigma_{one}"] for one in "xyz"]
+    x, y, z = (judged[f"error_{one}"] for one in "xyz")
+    square, across = (x * x + y * y) / 2, np.sqrt(x * x + y * y)
+    values = {
+        "x": x, "y": y, "z": z, "across^2": square, "across^4": square * square,
+        "about^2": z * z, "about^4": (z * z) * (z * z), "nees": judged["nees"],
+    }  # fmt: skip
+    counts = (
+        *(len(outcomes), len(solved), outcomes["false"].sum(), len(judged)),
+        *(correct(outcomes, limits).sum(), np.any(far, axis=0).sum(), judged["stars"].sum()),
+    )
+    made = Sketch(about, [(first, first + len(outcomes))])
+    made.counts = {name: int(count) for name, count in zip(COUNTS, counts, strict=True)}
+    made.sums = {name: exact_sum(values[name]) for name in SUMS}
+    for name, each in (("x", x), ("y", y), ("z", z)):
+        made.bins[name], made.bins[f"-{name}"] = Bins.of(each), Bins.of(-each)
+    made.bins["across"], made.bins["nees"] = Bins.of(across), Bins.of(judged["nees"])
+    if len(judged):
+        at = int(across.argmax())
+        made.worst = float(across[at]), -int(judged["trial"][at])
+    return made
+
+
+def exact_sum(values: Floats) -> int:
+    """The sum of finite floats without rounding, in units of 2^-1074.
+
+    >>> exact_sum(np.array([1e300, 1.0, -1e300])) == 1 << UNIT
+    True
+    """
+    fraction, exponent = np.frexp(values)
+    whole = np.ldexp(fraction, 53).astype(np.int64)
+    total = 0
+    for power in np.unique(exponent):
+        part = whole[exponent == power]
+        # In halves, of which a block has too few to overflow.
+        both = (int((part >> 26).sum()) << 26) + int((part & (2**26 - 1)).sum())
+        shift = int(power) - 53 + UNIT
+        total += both << shift if shift >= 0 else both >> -shift
+    return total
+
+
+def _joined(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Runs of trials in order, those that touch as one.
+
+    Raises  ValueError where two overlap.
+    """
+    found: list[tuple[int, int]] = []
+    for first, end in sorted(ranges):
+        if found and first < found[-1][1]:
+            last = min(end, found[-1][1]) - 1
+            raise ValueError(f"trials {first} to {last} are in two of them")
+        if found and first == found[-1][1]:
+            found[-1] = found[-1][0], end
+        else:
+            found.append((first, end))
+    return found
+
+
+def save_sketch(path: Path, sketch: Sketch) -> None:
+    """Write a sketch as JSON: the same bytes for the same trials, whatever parts they came in."""
+    table = {
+        "format": FORMAT,
+        "about": sketch.about,
+        "ranges": sketch.ranges,
+        "counts": sketch.counts,
+        "sums": {name: hex(one) for name, one in sketch.sums.items()},
+        "worst": [sketch.worst[0].hex(), sketch.worst[1]],
+        "bins": {
+            name: [one.index.tolist(), one.count.tolist()] for name, one in sketch.bins.items()
+        },
+    }
+    save_text(path, json.dumps(table, sort_keys=True, separators=(",", ":")) + "\n")
+
+
+def load_sketch(path: Path) -> Sketch:
+    """Read a sketch. Raises ValueError, one sentence with the file, where it is none."""
+    data = read_bytes(path, "a sketch of trials", LARGEST)
+    try:
+        table = json.loads(data)
+        if table["format"] != FORMAT:
+            raise ValueError(f"its format is {table['format']!r}")
+        made = Sketch(dict(table["about"]), _joined([(int(a), int(b)) for a, b in table["ranges"]]))
+        made.counts = {name: int(table["counts"][name]) for name in COUNTS}
+        made.sums = {name: int(table["sums"][name], 16) for name in SUMS}
+        made.worst = float.fromhex(table["worst"][0]), int(table["worst"][1])
+        for name in BINNED:
+            made.bins[name] = Bins(*(np.array(one, np.int64) for one in table["bins"][name]))
+        _check(made)
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
+        raise ValueError(f"{path} must be a sketch of trials, but is none: {error}") from None
+    return made
+
+
+def _check(sketch: Sketch) -> None:
+    """Refuse counts that contradict each other."""
+    held, judged = sum(end - first for first, end in sketch.ranges), sketch.counts["judged"]
+    if held != sketch.trials or not 0 <= judged <= sketch.trials:
+        raise ValueError("its counts contradict its trials")
+    for name in BINNED:
+        index, count = sketch.bins[name].index, sketch.bins[name].count
+        wrong = index.ndim != 1 or index.shape != count.shape or (np.diff(index) <= 0).any()
+        if wrong or (count <= 0).any() or count.sum() > judged:
+            raise ValueError(f"its bins of {name} contradict its counts")
+
+
+def resume_sketch(
+    path: Path,
+    case: Case,
+    seed: int,
+    sampling: Sampling,
+    numbers: range,
+    executor: Executor,
+    workers: int = 1,
+    limits: Limits = STATED_ALONE,
+    progress: Callable[[int], None] | None = None,
+    block: int = BLOCK,
+) -> Sketch:
+    """The sketch of trials, after doing those that the file lacks.
+
+    The file is written again from time to time, so that the same call continues after an
+    interruption, with the same bytes in the end.
+
+    limits    of a correct attitude
+    progress  called with the number of trials that were just done, and of those that were held
+    Raises    ValueError where the file is none, of another campaign, or has other trials, too;
+              RuntimeError where a trial fails.
+    """
+    sketch = Sketch(about_of(case, seed, sampling, limits))
+    if path.exists():
+        held = load_sketch(path)
+        try:
+            sketch.add(held)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        if held.ranges and not all(
+            numbers.start <= first and end <= numbers.stop for first, end in held.ranges
+        ):
+            raise ValueError(f"{path} holds other trials than {numbers.start} to {numbers[-1]}")
+        if progress:
+            progress(held.trials)
+    done = [range(*one) for one in sketch.ranges]
+    plan = missing(done, numbers.stop, block, numbers.start)
+    saved = time.monotonic()
+    making = Sketching(sampling, limits, sketch.about)
+    for which, result in blocks(case, seed, plan, executor, workers, sampling=making):
+        if isinstance(result, Exception):
+            save_sketch(path, sketch)
+            words = last_words(f"{type(result).__name__}: {result}")
+            raise RuntimeError(f"trials {which.start} to {which[-1]} failed: {words}") from result
+        sketch.add(result)
+        if progress:
+            progress(len(which))
+        if time.monotonic() - saved > SAVED_EVERY:
+            save_sketch(path, sketch)
+            saved = time.monotonic()
+    save_sketch(path, sketch)
+    return sketch
+
+
+def merge_sketches(paths: Iterable[Path], progress: Callable[[int], None] | None = None) -> Sketch:
+    """The sketch of all trials of several files.
+
+    progress  called with the number of files that were just read
+    Raises  ValueError, with the file, where it is none, of another campaign, or has trials that
+            another has.
+    """
+    every = list(paths)
+    merged = load_sketch(every[0])
+    for path in every[1:]:
+        try:
+            merged.add(load_sketch(path))
+        except ValueError as error:
+            text = str(error)
+            raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+        if progress:
+            progress(1)
+    return merged

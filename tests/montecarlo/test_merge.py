@@ -1,0 +1,176 @@
+"""Parts of a campaign as one: stores and sketches, in any order."""
+
+import json
+import math
+import random
+
+import numpy as np
+import pytest
+
+from startrack.cli.main import main
+from startrack.design import Fidelity
+from startrack.metrics import STATED_ALONE, summarise
+from startrack.montecarlo import (
+    Sampling,
+    Serial,
+    Sketch,
+    Store,
+    load_sketch,
+    merge_sketches,
+    merge_stores,
+    save_sketch,
+)
+from startrack.montecarlo.sketch import RELATIVE, about_of, resume_sketch, sketched
+
+DRAWN = Sampling(Fidelity.COVARIANCE)
+
+
+def judged(outcomes, trials, first=0, seed=0):
+    """Outcomes of which some are not solved, with stated errors."""
+    table = outcomes(trials, seed, first)
+    for axis in "xyz":
+        table[f"sigma_{axis}"] = 1e-5
+    table["solved"] = np.random.default_rng([seed, first]).random(trials) < 0.99
+    table["nees"], table["stars"] = 3.0, 20
+    return table
+
+
+@pytest.fixture
+def stored(case, outcomes, tmp_path):
+    """Writes a store of some trials, in blocks of its own size."""
+
+    def write(name, first, end, block=64, seed=0, spoil=0.0):
+        with Store(tmp_path / name, case, seed, DRAWN) as store:
+            for at in range(first, end, block):
+                table = judged(outcomes, 1000)[at : min(at + block, end)]
+                table["error_x"] += spoil
+                store.keep(at, table)
+        return tmp_path / name
+
+    return write
+
+
+def test_stores_of_parts_make_the_same_store_in_any_order(stored, outcomes, tmp_path):
+    parts = [
+        stored("a", 0, 300), stored("b", 300, 601, 50), stored("c", 700, 1000, 7),
+        stored("d", 601, 640),
+    ]  # fmt: skip
+    merged = merge_stores(parts, tmp_path / "one")
+    assert merged == (940, ())
+    merge_stores(parts[::-1], tmp_path / "two")
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+    whole = judged(outcomes, 1000)
+    with Store(tmp_path / "one") as store:
+        held = store.outcomes()
+        assert [one.start % 64 for one in store.done()].count(0) == 15
+        assert store.sessions()
+    assert held.tobytes() == whole[(whole["trial"] < 640) | (whole["trial"] >= 700)].tobytes()
+
+
+def test_trials_of_several_parts_are_kept_once_and_must_be_equal(stored, tmp_path, capsys):
+    parts = [stored("a", 0, 300), stored("b", 200, 500, 50), stored("c", 250, 260)]
+    assert merge_stores(parts, tmp_path / "one") == (500, ((200, 300),))
+    assert main(["merge", *map(str, parts), "--out", str(tmp_path / "two")]) == 0
+    assert "trials 200 to 299 are in several parts, with equal" in capsys.readouterr().err
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+    other = stored("d", 480, 600, spoil=1e-9)
+    with pytest.raises(ValueError, match=r"d has other outcomes of trials 480 to 499 than another"):
+        merge_stores([*parts, other], tmp_path / "three")
+    with pytest.raises(ValueError, match=r"e is not of the campaign of .*a: seed is '0' there, '5"):
+        merge_stores([*parts, stored("e", 600, 700, seed=5)], tmp_path / "three")
+    assert not (tmp_path / "three").exists()
+
+
+@pytest.fixture
+def about(case):
+    return about_of(case, 0, DRAWN, STATED_ALONE)
+
+
+def test_a_sketch_has_the_statistics_of_its_trials(about, outcomes):
+    """Beside NumPy and `summarise`, which have all trials."""
+    table = judged(outcomes, 20_000)
+    table["error_z"] *= 30
+    table["false"][5] = table["solved"][5] = True
+    sketch, whole = sketched(table, STATED_ALONE, about), summarise(table)
+    for which in ("across", "about"):
+        found = sketch.rms(which)
+        for name in ("value", "low", "high"):
+            assert getattr(found, name) == pytest.approx(getattr(getattr(whole, which), name))
+    assert sketch.availability == whole.availability
+    assert sketch.counts["beyond"] == whole.beyond
+    good = table[table["solved"] & ~table["false"]]
+    assert sketch.mean("x") == pytest.approx(math.fsum(good["error_x"]) / len(good), rel=1e-15)
+    across = np.hypot(good["error_x"], good["error_y"])
+    for name, values in (("across", across), ("z", np.abs(good["error_z"]))):
+        for fraction in (0.01, 0.5, 0.9973, 0.9999):
+            exact = np.quantile(values, fraction, method="inverted_cdf")
+            found = sketch.quantile(name, fraction)
+            assert found.value == pytest.approx(exact, rel=RELATIVE)
+            assert found.low <= exact <= found.high
+    assert -sketch.worst[1] == good["trial"][across.argmax()]
+
+
+def test_a_thousand_sketches_make_the_same_bytes_in_any_order(about, outcomes, tmp_path):
+    table = judged(outcomes, 4000)
+    parts = [sketched(table[at : at + 4], STATED_ALONE, about) for at in range(0, 4000, 4)]
+    save_sketch(tmp_path / "whole", sketched(table, STATED_ALONE, about))
+    for order in range(2):
+        random.Random(order).shuffle(parts)
+        merged = Sketch(about)
+        for one in parts:
+            merged.add(one)
+        save_sketch(tmp_path / "merged", merged)
+        assert (tmp_path / "merged").read_bytes() == (tmp_path / "whole").read_bytes()
+    assert load_sketch(tmp_path / "whole").ranges == [(0, 4000)]
+
+
+def test_sketches_that_overlap_or_differ_are_refused(about, outcomes, tmp_path):
+    table = judged(outcomes, 100)
+    for name, low, high in (("a", 0, 60), ("b", 50, 100)):
+        save_sketch(tmp_path / name, sketched(table[low:high], STATED_ALONE, about))
+    with pytest.raises(ValueError, match=r"b: trials 50 to 59 are in two of them"):
+        merge_sketches([tmp_path / "a", tmp_path / "b"])
+    save_sketch(tmp_path / "c", sketched(table[60:], STATED_ALONE, about | {"seed": 2}))
+    with pytest.raises(ValueError, match=r"c: it is of another campaign: seed is 0 there, 2 here"):
+        merge_sketches([tmp_path / "a", tmp_path / "c"])
+    spoilt = json.loads((tmp_path / "a").read_text())
+    spoilt["counts"]["judged"] = 3
+    (tmp_path / "a").write_text(json.dumps(spoilt))
+    with pytest.raises(ValueError, match=r"a must be a sketch .*its bins of .* contradict"):
+        load_sketch(tmp_path / "a")
+
+
+def test_parts_of_commands_are_the_whole(small, tmp_path, capsys):
+    from startrack.design import save_design
+
+    design = tmp_path / "design.toml"
+    save_design(design, small)
+    words = ["montecarlo", str(design), "--fidelity", "covariance", "--workers", "1", "--seed", "3"]
+
+    def ran(*more):
+        assert main([*words, *map(str, more)]) in (0, 3)
+        return capsys.readouterr().out
+
+    for k in range(2):
+        ran("--first", 40 * k, "--trials", 40, "--sketch", tmp_path / f"{k}.json")
+    shown = ran("--trials", 80, "--sketch", tmp_path / "whole.json")
+    parts = [str(tmp_path / f"{k}.json") for k in (1, 0)]
+    assert main(["merge", *parts, "--out", str(tmp_path / "merged.json")]) == 0
+    assert capsys.readouterr().out == shown
+    assert (tmp_path / "merged.json").read_bytes() == (tmp_path / "whole.json").read_bytes()
+    ran("--first", 40, "--trials", 30, "--store", tmp_path / "part.sqlite")
+    with Store(tmp_path / "part.sqlite") as store:
+        assert store.outcomes().tobytes() == DRAWN.trials(store.case, 3, range(40, 70)).tobytes()
+    assert main([*words, "--sketch", str(tmp_path / "x.json"), "--out", str(tmp_path)]) == 2
+    assert "--out must be left out beside --sketch" in capsys.readouterr().err
+
+
+def test_an_interrupted_sketch_continues(case, tmp_path):
+    given = case, 3, DRAWN
+
+    resume_sketch(tmp_path / "whole", *given, range(96), Serial(), block=32)
+    resume_sketch(tmp_path / "part", *given, range(64), Serial(), block=16)
+    resume_sketch(tmp_path / "part", *given, range(96), Serial(), block=32)
+    assert (tmp_path / "part").read_bytes() == (tmp_path / "whole").read_bytes()
+    with pytest.raises(ValueError, match=r"part holds other trials than 0 to 9"):
+        resume_sketch(tmp_path / "part", *given, range(10), Serial())
