@@ -21,7 +21,8 @@ HEAD = """\
 # Keys of a design file
 Every key that a design file may hold, table by table; `startrack keys instrument.optics` prints \
 those of one table. A value with a unit is a text, such as `focal_length = "35 mm"`: in the unit \
-given here or in any that converts to it. Tables in double brackets may stand several times. The \
+given here or in any that converts to it; a number without a unit may be a percentage \
+(`"35 %"`). Tables in double brackets may stand several times. The \
 [conventions](conventions.md) say which way axes and angles go, the [models](models.md) what is \
 computed. `python docs/list_keys.py` writes this page.
 """

@@ -90,6 +90,7 @@ from startrack.core.units import (
     Unit,
     arcsec,
     deg,
+    fraction,
     mm,
     nm,
     parse,

@@ -25,6 +25,8 @@ GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radian; turns by it fill a disc e
 
 LONGEST = 100  # characters of a quantity, so that no text takes long to read
 ELECTRON = re.compile(r"\be-")  # as datasheets write it
+PERCENT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*%\s*")
+CLOCK = re.compile(r"\s*(\d{1,2}):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?\s*")  # hours, minutes, seconds
 NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?)?\s*")
 
 
@@ -32,11 +34,13 @@ class Unit(NamedTuple):
     """Of a parameter: `Annotated[float, Unit("m", "mm")]` is in metre, in files in millimetre.
 
     absolute  whether it is a temperature, which files may give in degC, and no difference of two
+    clock     whether it is a time of day, which files may give as "10:30"
     """
 
     si: str
     in_files: str = ""
     absolute: bool = False
+    clock: bool = False
 
     @property
     def shown(self) -> str:
@@ -44,7 +48,7 @@ class Unit(NamedTuple):
         return self.in_files or self.si
 
 
-def parse(text: str, unit: str, absolute: bool = False) -> float:
+def parse(text: str, unit: str, absolute: bool = False, clock: bool = False) -> float:
     """Turn a number with a unit into a float in another unit.
 
     The product is taken in decimal, so that "50 mm" is 0.05 m and not a neighbour of it.
@@ -53,11 +57,14 @@ def parse(text: str, unit: str, absolute: bool = False) -> float:
     0.05
     >>> parse("20 degC", "K", absolute=True)
     293.15
+    >>> parse("10:30", "s", clock=True)
+    37800.0
 
     text      a number and a unit as astropy writes them: "50 mm", "5 deg", "10 electron / s"; also
               "10 e-/s"
     unit      unit of the result
     absolute  whether degC is a unit too, for the temperature itself and no difference
+    clock     whether hours:minutes and hours:minutes:seconds are a time of day, in second
     Returns   the value in that unit, correctly rounded
     Raises    ValueError where the text is no number with a unit, its unit does not convert, or the
               number is beyond all floats.
@@ -66,6 +73,8 @@ def parse(text: str, unit: str, absolute: bool = False) -> float:
         raise ValueError(
             f"must be a number with a unit of at most {LONGEST} characters, got {len(text)}"
         )
+    if clock and (day := CLOCK.fullmatch(text)):
+        return 3600.0 * int(day[1]) + 60.0 * int(day[2]) + float(day[3] or 0)
     found = NUMBER.fullmatch(text)
     if not found or not found[2]:
         raise ValueError(f"must be a number with a unit, such as '1 {unit}', got {text!r}")
@@ -81,6 +90,17 @@ def parse(text: str, unit: str, absolute: bool = False) -> float:
     if not math.isfinite(value):
         raise ValueError(f"must be a finite number in {unit}, got {text!r}")
     return value
+
+
+def fraction(text: str) -> float | None:
+    """A percentage as a fraction, correctly rounded; None where the text is none.
+
+    >>> fraction("35 %")
+    0.35
+    """
+    found = PERCENT.fullmatch(text) if len(text) <= LONGEST else None
+    value = float(Decimal(found[1]).scaleb(-2)) if found else math.inf
+    return value if math.isfinite(value) else None
 
 
 def write(value: float, unit: str, shown: str) -> str:

@@ -18,6 +18,7 @@ from startrack.design.ranges import Range, ranges_of
 from startrack.io import LARGEST_INTEGER, Field, fields_of
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
+PERCENTAGE = r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*%\s*$"
 NUMBER = r"\s*{sign}(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"
 Schema = dict[str, Any]
 
@@ -110,7 +111,10 @@ def _single(kind: Any, unit: Unit | None, limits: Range, endless: bool) -> Schem
     found: Schema = {"type": "integer" if kind is int else "number"}
     if low > -float("inf"):
         found["exclusiveMinimum" if limits.above else "minimum"] = low
-    return found | ({"maximum": high} if high < float("inf") else {})
+    found |= {"maximum": high} if high < float("inf") else {}
+    if kind is float:  # or a percentage
+        found |= {"type": ["number", "string"], "pattern": PERCENTAGE}
+    return found
 
 
 def _with_unit(unit: Unit, limits: Range) -> Schema:

@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
-from startrack.core import Unit, moderate, parse, shown, write
+from startrack.core import Unit, fraction, moderate, parse, shown, write
 from startrack.io.reading import read_bytes
 
 T = TypeVar("T")
@@ -211,10 +211,12 @@ def _read(field: Field, value: object, place: str) -> Any:
                 f"{place} must have a unit, such as '1 {unit.shown}', got {shown(value)}"
             )
         try:
-            return _moderate(parse(value, unit.si, unit.absolute), place)
+            return _moderate(parse(value, unit.si, unit.absolute, unit.clock), place)
         except ValueError as error:
             text = str(error)
             raise ValueError(text if text.startswith(place) else f"{place} {text}") from None
+    if kind is float and isinstance(value, str) and (share := fraction(value)) is not None:
+        return _moderate(share, place)
     whole = isinstance(value, int) and not isinstance(value, bool)
     if whole and abs(typing.cast(int, value)) > LARGEST_INTEGER:
         raise ValueError(f"{place} must be a number below 2^63, got {shown(value)}")

@@ -48,8 +48,8 @@ class Orbit:
     altitude      semi-major axis minus the Earth's equatorial radius
     inclination   mean, to the true equator of date
     node          right ascension of the ascending node, from the mean equinox of date
-    local_time    mean solar time at the ascending node; it replaces `inclination` and `node` by
-                  those of a Sun-synchronous orbit
+    local_time    mean solar time at the ascending node (LTAN), as "10.5 h" or "10:30"; it replaces
+                  `inclination` and `node` by those of a Sun-synchronous orbit
     anomaly       mean, from the perigee
     perigee       its argument
     eccentricity  mean
@@ -61,7 +61,7 @@ class Orbit:
     altitude: Annotated[float | None, Unit("m", "km")] = None
     inclination: Annotated[float | None, Unit("rad", "deg")] = None
     node: Annotated[float, Unit("rad", "deg")] = 0.0
-    local_time: Annotated[float | None, Unit("s", "h")] = None
+    local_time: Annotated[float | None, Unit("s", "h", clock=True)] = None
     anomaly: Annotated[float, Unit("rad", "deg")] = 0.0
     perigee: Annotated[float, Unit("rad", "deg")] = 0.0
     eccentricity: float = 0.0

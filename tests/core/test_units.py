@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from startrack.core.units import parse, write
+from startrack.core.units import fraction, parse, write
 
 
 @pytest.mark.parametrize(
@@ -23,6 +23,34 @@ from startrack.core.units import parse, write
 )
 def test_a_quantity_becomes_si(text, unit, value):
     assert parse(text, unit) == pytest.approx(value, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("35 %", 0.35), ("0.1%", 0.001), ("-7 %", -0.07), ("1e2 %", 1.0)]
+)
+def test_a_percentage_is_a_fraction(text, value):
+    assert fraction(text) == value
+
+
+@pytest.mark.parametrize("text", ["35", "%", "35 %%", "1 mm", "1e999 %"])
+def test_no_other_text_is_a_percentage(text):
+    assert fraction(text) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "second"),
+    [("10:30", 37800.0), ("0:00", 0.0), ("22:15:07.5", 80107.5), ("2 h", 7200.0)],
+)
+def test_a_time_of_day_is_read_where_it_is_one(text, second):
+    assert parse(text, "s", clock=True) == second
+
+
+@pytest.mark.parametrize("text", ["10:60", "10:3", "10:30:60", "-1:00"])
+def test_what_is_no_time_of_day_is_refused(text):
+    with pytest.raises(ValueError, match="must be a number with a unit"):
+        parse(text, "s", clock=True)
+    with pytest.raises(ValueError, match="must be a number with a unit"):
+        parse("10:30", "s")  # a duration: minutes or hours?
 
 
 @pytest.mark.parametrize("text", ["50 kg", "50 parsnips", "50 mm/s"])

@@ -138,3 +138,13 @@ def test_a_wrong_value_is_told_with_the_file_that_it_is_from(tmp_path):
         load_design(path)
     with pytest.raises(ValueError, match=r"^--set: instrument\.optics\.blur"):
         load_design(path, ["instrument.optics.f_number=2", "instrument.optics.blur=4 parsnips"])
+
+
+def test_a_percentage_may_stand_for_a_fraction(tmp_path):
+    path = tmp_path / "percent.toml"
+    text = 'base = "designs/nanosatellite.toml"\n[instrument.detector]\nprnu = "{}"\n'
+    path.write_text(text.format("1.5 %"))
+    assert load_design(path).case.instrument.detector.prnu == 0.015
+    path.write_text(text.format("1.5"))
+    with pytest.raises(ValueError, match=r"instrument\.detector\.prnu must be a number"):
+        load_design(path)
