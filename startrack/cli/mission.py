@@ -200,8 +200,8 @@ def _place(
     """Search for mountings, and print the whole mission with the file's and with the best."""
     with progress("mountings", 5000) as advance:
         placement = place(plan, advance)
-        mapped = map_of(plan, 0)
-    better = moved_plan(plan, placement.mission)
+        better = moved_plan(plan, placement.mission)
+        mapped = map_of(better, 0)
     with progress("steps", plan.loaded.mission.time.steps) as advance:
         after = fly(better, advance)
     pairs = {"before": (plan, before), "after": (better, after)}
@@ -399,7 +399,8 @@ def _text(plan: Plan, flown: Flown, found: Availability) -> str:
         f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, {len(plan.heads)} heads, "
         f"{100 * flown.eclipse.mean():.1f} % in eclipse",
         f"{'blind (% of the time)':24s}{'Sun':>8s}{'Moon':>8s}{'Earth':>8s}{'ground':>8s}"
-        f"{'SAA':>8s}{'any':>8s}{'longest (min)':>15s}{'error across, about (arcsec)':>30s}",
+        f"{'SAA':>8s}{'struct.':>8s}{'any':>8s}"
+        f"{'longest (min)':>15s}{'error across, about (arcsec)':>30s}",
     ]
     for h, head in enumerate(plan.heads):
         values = np.sqrt(flown.head_sum[h, 1:3] / max(flown.head_sum[h, 0], 1)) / arcsec

@@ -9,6 +9,7 @@ orbit       Orbit -> position and velocity of the spacecraft.
 law         Attitude -> Law: place of the spacecraft -> its axes at every instant.
 instants    Mission and instants -> where the spacecraft is, how it points, Sun and Moon.
 limb        Line of sight and place -> angle to the Earth's limb, and to the lit part of it.
+structure   Structure of the spacecraft and instants -> its angle from a head's line of sight.
 heads       Heads and instants -> angles to Sun, Moon and Earth, and what makes each head blind.
 surrogate   Case and ranges of conditions -> the error of a head in any direction of the sky.
 fusion      Errors of several heads -> covariance of their fused attitude; fusion of quaternions.

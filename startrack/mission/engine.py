@@ -233,8 +233,8 @@ def chunks(plan: Plan) -> Iterator[Chunk]:
 
 def at(plan: Plan, instants: Instants, first: int = 0) -> Chunk:
     """What the heads of a mission see at some instants."""
-    shadow = shadow_of(instants)
     mission = plan.loaded.mission
+    shadow = shadow_of(instants, mission.structure)
     saa = inside(mission.radiation, instants) if mission.radiation.saa == "blind" else None
     seen = tuple(look(head, instants, shadow, saa) for head in plan.heads)
     if not plan.surrogates:

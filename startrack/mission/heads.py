@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntFlag
 from functools import lru_cache
@@ -17,7 +18,8 @@ from startrack.core import Floats, deg
 from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
 from startrack.mission.limb import EarthSeen
-from startrack.mission.parameters import Head, Radiation, Warmth
+from startrack.mission.parameters import Head, Obstacle, Radiation, Warmth
+from startrack.mission.structure import faces_of, nearest
 from startrack.mission.vectors import angle, dot, from_body
 from startrack.population import unit_of
 
@@ -39,6 +41,7 @@ class Blind(IntFlag):
     EARTH = 4  # its lit limb is too close
     GROUND = 8  # the Earth, lit or dark, reaches into the field
     SAA = 16
+    STRUCTURE = 32  # of the spacecraft, in the field or in sunlight near it
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +49,14 @@ class Limits:
     """Angles from the boresight of a head below which it is blind, radian.
 
     sun, moon  to the centre;  earth  to the lit limb;  ground  to any limb
+    structure  to that of the spacecraft in sunlight
     """
 
     sun: float
     moon: float
     earth: float
     ground: float
+    structure: float = 0.0
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(one) for one in (self.sun, self.moon, self.earth)):
@@ -73,6 +78,7 @@ class Mounted:
     limits    angles at which it is blind
     drift     radian^2, variances across and about the boresight of its alignment: bias and swing
     field     radian, half diagonal of its field
+    position  (3,) metre in body axes
     age       second in orbit at the begin of the mission; None: its design has no law of age, or
               is as it is at all times
     warmth    its temperature over the orbit
@@ -83,6 +89,7 @@ class Mounted:
     limits: Limits
     drift: tuple[float, float]
     field: float
+    position: Floats
     age: float | None = None
     warmth: Warmth = NO_WARMTH
 
@@ -116,7 +123,14 @@ def mount(head: Head, case: Case) -> Mounted:
     age = head.age if ages(case, head) else None
     warmth = head.temperature if warms(case) else Warmth()
     return Mounted(
-        head.name, head.mounting.as_matrix(), limits, _drift(head.alignment), half, age, warmth
+        head.name,
+        head.mounting.as_matrix(),
+        limits,
+        _drift(head.alignment),
+        half,
+        np.array(head.position),
+        age,
+        warmth,
     )
 
 
@@ -178,7 +192,8 @@ def limits_of(head: Head, case: Case) -> Limits:
         found = _of_baffle(case, given.altitude)
         least |= {name: max(found[name], least[name]) for name in missing}
     least |= given.angles
-    return Limits(least["sun"], least["moon"], least["earth"], half)
+    clear = least["earth"] if head.clear is None else max(head.clear, half)
+    return Limits(least["sun"], least["moon"], least["earth"], half, clear)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,22 +220,24 @@ class Shadow:
     """What the Earth hides at n instants.
 
     sun, moon  (n,) whether the Earth hides their centres
-    seen       the Earth
+    earth      the Earth
+    faces      of the spacecraft's own structure, of `faces_of`
     """
 
     sun: NDArray[np.bool_]
     moon: NDArray[np.bool_]
     earth: EarthSeen
+    faces: Sequence[Floats] = ()
 
 
-def shadow_of(instants: Instants) -> Shadow:
-    """Eclipses by the ellipsoid of the Earth, without refraction in its atmosphere."""
+def shadow_of(instants: Instants, structure: Sequence[Obstacle] = ()) -> Shadow:
+    """Eclipses by the ellipsoid of the Earth, without refraction; where the structure is."""
     earth = EarthSeen(instants.place, instants.pole, instants.sun)
     hidden = []
     for body in (instants.sun, instants.moon):
         theta, radius, _ = earth.limb(body)
         hidden.append(theta < radius)
-    return Shadow(hidden[0], hidden[1], earth)
+    return Shadow(hidden[0], hidden[1], earth, faces_of(structure, instants))
 
 
 def inside(radiation: Radiation, instants: Instants) -> NDArray[np.bool_]:
@@ -246,6 +263,10 @@ def look(head: Mounted, instants: Instants, shadow: Shadow, saa: NDArray[np.bool
     blind |= ((moon < limits.moon) & ~shadow.moon) * np.uint8(Blind.MOON)
     blind |= (earth < limits.earth) * np.uint8(Blind.EARTH)
     blind |= (limb < limits.ground) * np.uint8(Blind.GROUND)
+    if shadow.faces:
+        near = nearest(shadow.faces, head.position, head.boresight)
+        limit = np.where(shadow.sun, limits.ground, limits.structure)
+        blind |= (near < limit) * np.uint8(Blind.STRUCTURE)
     if saa is not None:
         blind |= saa * np.uint8(Blind.SAA)
     return Seen(line, sun, moon, earth, limb, blind)

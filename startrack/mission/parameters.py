@@ -221,6 +221,9 @@ class Head:
     temperature     over the orbit, above that of the design
     unit            number of a unit that is drawn from the [[variation]] tables of the design;
                     None: the unit as designed
+    position        of its aperture in body axes; it matters beside `structure` alone
+    clear           angle from the boresight that structure in sunlight must keep; None: the
+                    exclusion angle of the lit limb
     """
 
     name: str
@@ -234,12 +237,18 @@ class Head:
     age: Annotated[float | None, Unit("s", "yr")] = None
     temperature: Warmth = field(default_factory=Warmth)
     unit: int | None = None
+    position: Annotated[tuple[float, ...], Unit("m")] = (0.0, 0.0, 0.0)
+    clear: Annotated[float | None, Unit("rad", "deg")] = None
 
     def __post_init__(self) -> None:
         if self.age is not None:
             within(0, OLDEST, age=self.age)
         if self.unit is not None:
             whole(0, 10**6, unit=self.unit)
+        if len(self.position) != 3:
+            raise ValueError(f"position must be three lengths, got {len(self.position)}")
+        if self.clear is not None:
+            within(0, math.pi, clear=self.clear)
         if not self.name:
             raise ValueError("name of a head must be given, got ''")
         finite(azimuth=self.azimuth, roll=self.roll)
@@ -396,6 +405,41 @@ class KeepClear:
 
 
 @dataclass(frozen=True)
+class Obstacle:
+    """A box or a panel of the spacecraft, in body axes.
+
+    It blinds a head where it reaches into the half diagonal of its field, and where the Sun shines
+    on the spacecraft within the head's `clear` angle, dark sides too. It does not hide stars, Sun,
+    Moon or Earth from a head.
+
+    name    for messages
+    centre  of the box
+    size    along x, y and z; one of them may be 0, of a panel
+    hinge   axis through the centre about which the thinnest side follows the Sun; None: it stands
+    """
+
+    name: str
+    centre: Annotated[tuple[float, ...], Unit("m")]
+    size: Annotated[tuple[float, ...], Unit("m")]
+    hinge: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("centre", "size"):
+            value = getattr(self, name)
+            if len(value) != 3:
+                raise ValueError(f"{name} must be three lengths, got {len(value)}")
+            for one in value:
+                finite(**{name: one})
+        non_negative(size=min(self.size))
+        if sum(one > 0 for one in self.size) < 2:
+            raise ValueError(f"size must be above 0 along two axes or three, got {self.size}")
+        if self.hinge is not None:
+            axis = _vector("hinge", self.hinge, 3) / np.linalg.norm(self.hinge)
+            if abs(axis[int(np.argmin(self.size))]) > 1 - 1e-6:
+                raise ValueError("hinge must not be the normal of the thinnest side")
+
+
+@dataclass(frozen=True)
 class Mission:
     """What a mission file holds; see the tables.
 
@@ -408,6 +452,7 @@ class Mission:
     requirements  on the heads together
     keep_out      cones in which no boresight may be placed
     check         trials that check and correct the errors of the heads
+    structure     boxes and panels of the spacecraft that may stand in the way of heads
     """
 
     time: Span
@@ -419,6 +464,7 @@ class Mission:
     requirements: Needs = field(default_factory=Needs)
     keep_out: tuple[KeepClear, ...] = ()
     check: Check = field(default_factory=Check)
+    structure: tuple[Obstacle, ...] = ()
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.heads) <= 8:

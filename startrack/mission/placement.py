@@ -99,7 +99,7 @@ def sample(plan: Plan) -> Samples:
           for each in fields(Instants))
     )  # fmt: skip
     saa = inside(mission.radiation, instants) if mission.radiation.saa == "blind" else None
-    return Samples(step, windows, instants, shadow_of(instants), saa)
+    return Samples(step, windows, instants, shadow_of(instants, mission.structure), saa)
 
 
 def blind_at(samples: Samples, head: Mounted, boresight: Floats) -> NDArray[np.bool_]:
@@ -270,17 +270,31 @@ def sphere(step: float) -> Floats:
     return np.concatenate(rows)
 
 
-def map_of(plan: Plan, head: int, step: float = 5 * deg) -> tuple[Floats, Floats, Floats]:
-    """Blind time of one head over all directions that its boresight may have.
+def map_of(plan: Plan, head: int, step: float = 5 * deg) -> tuple[Floats, Floats, Floats, Floats]:
+    """Blind time of one head, and the search's score, over all directions of its boresight.
 
+    plan     with errors
     step     radian between two of them
     Returns  (n, 3) directions in body axes; (n,) fraction of the time in which the head is blind;
-             (n,) second, the longest such time within an orbit
+             (n,) second, the longest such time within an orbit; (n,) score of all heads together
+             with the others where they are, the less the better
     """
     samples, lines = sample(plan), sphere(step)
     blind = [blind_at(samples, plan.heads[head], line) for line in lines]
     longest = [_longest(one, samples.windows) * samples.step for one in blind]
-    return lines, np.array([one.mean() for one in blind]), np.array(longest)
+    own = [one.boresight for one in plan.heads]
+    hidden = [blind_at(samples, each, line) for each, line in zip(plan.heads, own, strict=True)]
+    mission = plan.loaded.mission
+    variances = [_mean_variances(plan, h) for h in range(len(plan.heads))]
+    common = np.array([mission.common.x, mission.common.y, mission.common.z]) ** 2
+    score = [
+        quality_of(
+            samples, _with(own, head, line), _with(hidden, head, one), variances,
+            mission.keep_out, common,
+        ).score(mission.requirements, samples.step)
+        for line, one in zip(lines, blind, strict=True)
+    ]  # fmt: skip
+    return lines, np.array([one.mean() for one in blind]), np.array(longest), np.array(score)
 
 
 def _masks(
@@ -288,7 +302,10 @@ def _masks(
 ) -> list[NDArray[np.bool_]]:  # fmt: skip
     """(directions, n) whether each head is blind there; once for heads with the same limits."""
     found = dict[tuple[float, ...], NDArray[np.bool_]]()
-    keys = [(one.limits.sun, one.limits.moon, one.limits.earth, one.limits.ground) for one in heads]
+    keys = [
+        (*(getattr(one.limits, each.name) for each in fields(one.limits)), *one.position.tolist())
+        for one in heads
+    ]
     for key, head in zip(keys, heads, strict=True):
         if key not in found:
             found[key] = np.array([blind_at(samples, head, line) for line in grid])

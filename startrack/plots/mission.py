@@ -151,18 +151,18 @@ def _lengths(axes: Axes, found: Availability) -> None:
 @styled
 def draw_placement(
     path: Path,
-    mapped: tuple[Floats, Floats, Floats],
+    mapped: tuple[Floats, Floats, Floats, Floats],
     before: list[tuple[float, float]],
     after: list[tuple[float, float]],
     keep_out: tuple[KeepClear, ...],
     title: str,
 ) -> None:
-    """How long one head is blind over all directions of its boresight, and where the heads are.
+    """Blind time of one head and the objective over all directions of its boresight; the heads.
 
     mapped         of `map_of`
     before, after  azimuth and elevation (radian) of each head
     """
-    lines, part, longest = mapped
+    lines, part, longest, score = mapped
     azimuth, elevation = np.meshgrid(np.arange(-178.0, 180, 4) * deg, np.arange(-88.0, 90, 4) * deg)
     flat = np.cos(elevation)
     here = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1)
@@ -171,17 +171,22 @@ def draw_placement(
     for cone in keep_out:
         axis = np.array(cone.axis) / np.linalg.norm(cone.axis)
         clear &= here @ axis < np.cos(cone.angle)
-    figure = picture(7.6, title)
-    for axes, values, label in zip(
-        figure.subplots(2, 1),
-        (100 * part[nearest], longest[nearest] / 60),
-        ("blind (% of the time)", "longest blinding\nin an orbit (min)"),
+    least = np.log10(np.maximum(score, 1e-6))[nearest]
+    figure = picture(11.0, title)
+    for axes, values, label, low in zip(
+        figure.subplots(3, 1),
+        (100 * part[nearest], longest[nearest] / 60, least),
+        (
+            "blind (% of the time)", "longest blinding\nin an orbit (min)",
+            "objective of the search,\nothers as placed (log10)",
+        ),
+        (0.0, 0.0, float(least.min())),
         strict=True,
-    ):
+    ):  # fmt: skip
         colours = matplotlib.colormaps["viridis"].with_extremes(bad="0.75")
         shown = axes.imshow(
             np.where(clear, values, np.nan), origin="lower", aspect="auto", cmap=colours,
-            extent=(-180, 180, -90, 90), vmin=0,
+            extent=(-180, 180, -90, 90), vmin=low,
         )  # fmt: skip
         axes.grid(False)
         for place, marker, colour, name in (

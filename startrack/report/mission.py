@@ -91,7 +91,7 @@ def _heads(plan: Plan, flown: Flown, found: Availability) -> Section:
             head.name, *causes, f"{100 * (1 - found.alone[h]):.2f}",
             f"{found.each[h].longest / 60:.1f}",
         ])  # fmt: skip
-    names = ["head", "Sun", "Moon", "Earth", "ground", "SAA", "any", "longest (min)"]
+    names = ["head", "Sun", "Moon", "Earth", "ground", "SAA", "structure", "any", "longest (min)"]
     many = [
         [f"{count}", f"{100 * found.at_least(count):.4f}", f"{100 * found.heads[count:].sum():.4f}"]
         for count in range(len(plan.heads), 0, -1)

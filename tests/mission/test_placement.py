@@ -9,9 +9,12 @@ from startrack import shipped
 from startrack.core import deg
 from startrack.design import KeepOut
 from startrack.mission import load_mission, placement, plan_of, surrogate
-from startrack.mission.engine import fly
-from startrack.mission.parameters import KeepClear, Needs, Orbit
+from startrack.mission.engine import at, fly
+from startrack.mission.heads import Blind
+from startrack.mission.instants import Instants
+from startrack.mission.parameters import KeepClear, Needs, Obstacle, Orbit
 from startrack.mission.placement import angles_of, map_of, moved_plan, place, sphere
+from startrack.mission.structure import faces_of, nearest
 from startrack.mission.summary import availability_of
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")
@@ -72,11 +75,12 @@ def test_the_example_gets_better_and_keeps_clear(loaded):
 
 def test_the_map_knows_the_sun_and_the_ground(loaded):
     """Down is always blind by the ground; up never by it."""
-    lines, blind, longest = map_of(plan_of(loaded), 0, 20 * deg)
+    lines, blind, longest, score = map_of(plan_of(loaded), 0, 20 * deg)
     down, up = lines[:, 2] > 0.99, lines[:, 2] < -0.99
     assert blind[down].min() == 1
     assert blind[up].max() < 0.3
     assert longest[down].min() > longest[up].max()
+    assert score[down].min() > score[up].min()
 
 
 def test_the_grid_covers_the_sphere():
@@ -89,3 +93,65 @@ def test_the_grid_covers_the_sphere():
     back = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
                      np.sin(elevation)], axis=1)  # fmt: skip
     assert back == pytest.approx(lines, abs=1e-12)
+
+
+def instants_of(place, sun):
+    """Instants of a body whose axes are those of ICRS, and the Sun in them."""
+    nothing = np.zeros(sun.shape[1])
+    body = np.repeat(np.eye(3)[..., None], sun.shape[1], axis=2)
+    return Instants(
+        nothing, place, place, place, sun, sun, body, place, nothing, nothing, nothing, place
+    )
+
+
+def test_a_panel_that_follows_the_sun_blocks_for_a_known_time():
+    """A long panel of half width r, hinged along y at the distance D of the head.
+
+    As seen along y, its edges run on a circle. A head whose boresight is e + clear above the line
+    to the hinge is blocked while an edge is higher than e, r sin(f - e) > D sin e, which is a
+    fraction 1 - 2 asin(D sin e / r) / pi of a turn for both edges together.
+    """
+    turn = np.linspace(0, 2 * np.pi, 20_000, endpoint=False)
+    sun = np.stack([np.cos(turn), np.zeros_like(turn), np.sin(turn)])
+    r, distance, clear = 0.9, 1.5, 10 * deg
+    panel = Obstacle("panel", (distance, 0, 0), (2 * r, 1000, 0), (0, 1, 0))
+    faces = faces_of([panel], instants_of(sun, sun))
+    for e in (5 * deg, 20 * deg, 33 * deg):
+        line = np.array([np.cos(e + clear), 0, np.sin(e + clear)])
+        near = nearest(faces, np.zeros(3), line)
+        expected = 1 - 2 * np.arcsin(distance * np.sin(e) / r) / np.pi
+        assert (near < clear).mean() == pytest.approx(expected, abs=2e-4)
+    free = np.arcsin(r / distance) + clear  # above which it never blocks
+    line = np.array([np.cos(free + 0.001), 0, np.sin(free + 0.001)])
+    assert nearest(faces, np.zeros(3), line).min() == pytest.approx(clear + 0.001, abs=1e-4)
+
+
+def test_the_angle_to_a_box_is_that_of_its_points():
+    """Against the nearest of many points of its sides, from outside."""
+    box = Obstacle("box", (0.4, -0.3, 1.0), (0.8, 0.5, 0.3))
+    draw = np.random.default_rng(5)
+    faces = faces_of([box], instants_of(np.ones((3, 1)), np.ones((3, 1))))
+    points = draw.uniform(-0.5, 0.5, (60_000, 3))
+    side = draw.integers(3, size=len(points))
+    points[np.arange(len(points)), side] = np.sign(points[np.arange(len(points)), side]) / 2
+    points = points * box.size + box.centre
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    for line in draw.normal(size=(40, 3)):
+        line = line / np.linalg.norm(line)
+        expected = np.arccos(np.clip((points @ line).max(), -1, 1))
+        assert nearest(faces, np.zeros(3), line)[0] == pytest.approx(expected, abs=0.6 * deg)
+
+
+def test_a_head_behind_structure_is_blind(loaded):
+    """A sunlit plate above the first head blinds it by day, and in its field at all times."""
+    line = loaded.mission.heads[0].mounting.as_matrix()[:, 2]
+    wide = Obstacle("plate", tuple(2 * line), (2.0, 2.0, 2.0))
+    near = Obstacle("plate", tuple(2 * line + np.array([1.0, 0, 0])), (0.6, 0.6, 0.6))
+    for obstacle, always in ((wide, True), (near, False)):
+        mission = dataclasses.replace(loaded.mission, structure=(obstacle,))
+        plan = plan_of(dataclasses.replace(loaded, mission=mission), errors=False)
+        chunk = at(plan, plan.course.at(0.0, 30.0, 300))
+        blocked = (chunk.seen[0].blind & Blind.STRUCTURE) > 0
+        assert (blocked == (always | ~chunk.shadow.sun)).all()
+    with pytest.raises(ValueError, match="size must be above 0 along two axes"):
+        Obstacle("line", (0, 0, 0), (1, 0, 0))
