@@ -21,12 +21,11 @@ with deferred():
     from startrack.montecarlo import Sampling
     from startrack.optimise import allocation, halved
     from startrack.population import explain, per_unit
-    from startrack.verification import units_expected, yield_of
+    from startrack.verification import USUAL, units_expected, yield_of
 
 if TYPE_CHECKING:
     from startrack.core import Floats
 
-USUAL = 0.95  # of the units, where no campaign says how many must be good
 AXES = {"across": (0, 1), "about": (2,)}
 
 

@@ -31,12 +31,24 @@ with deferred():
         progress,
         read_design,
     )
-    from startrack.design import Case, Fidelity
+    from startrack.cli.units import require_units
+    from startrack.design import Campaign, Case, Fidelity
     from startrack.io import save_json, save_text
     from startrack.montecarlo import Sampling, pool, warm
-    from startrack.optimise import VERIFYING, Ledger, TrialRunner
+    from startrack.optimise import VERIFYING, VERIFYING_UNIT, Ledger, TrialRunner
+    from startrack.population import Units
     from startrack.trial import require_fidelity
-    from startrack.verification import Answer, Looks, cases, verdict_text, verdict_values, verify
+    from startrack.verification import (
+        Answer,
+        Looks,
+        cases,
+        unit_text,
+        unit_values,
+        verdict_text,
+        verdict_values,
+        verify,
+        verify_units,
+    )
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -65,6 +77,12 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )
     add_seed(parser)
     add_workers(parser)
+    parser.add_argument(
+        "--units", type=whole(2, 10**5), metavar="N",
+        help="judge N units of the design instead, by the share that meets each requirement, at "
+        "the begin and the end of life; fidelity window by default",
+    )  # fmt: skip
+    parser.set_defaults(fidelity=None)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for results")
 
 
@@ -74,7 +92,8 @@ def command(options: argparse.Namespace) -> int:
     design = read_design(path, options.set)
     if design.campaign is None:
         raise WrongUse(f"{path} must have a table [campaign] with requirements")
-    campaign, fidelity = design.campaign, Fidelity(options.fidelity)
+    campaign = design.campaign
+    fidelity = Fidelity(options.fidelity or ("window" if options.units else "frame"))
     with as_wrong_use():
         looks = Looks(
             min(options.first, options.trials),
@@ -85,6 +104,8 @@ def command(options: argparse.Namespace) -> int:
         judged, _ = cases(design.case, campaign)
         for one in judged:
             require_fidelity(one.case, fidelity)
+    if options.units:
+        return _units(options, path, design.case, campaign, fidelity)
     warm(design.case, Sampling(fidelity))  # what no trial can do is refused before the first
     ledger = options.out / LEDGER if options.out else None
     with (
@@ -110,5 +131,39 @@ def command(options: argparse.Namespace) -> int:
         result["out"] = str(options.out)
     for reason in found.left:
         print_message(f"not judged: {reason}")
+    if design.case.differs:
+        table += "\nnoise only: what differs between units is left out (--units N)"
+    print_result(options, result, table)
+    return Exit.DONE if found.answer is Answer.PASS else Exit.UNSOLVED
+
+
+def _units(
+    options: argparse.Namespace, path: Path, case: Case, campaign: Campaign, fidelity: Fidelity
+) -> int:
+    """Print the verdicts by yields; with --out, write them."""
+    with as_wrong_use(path=path):
+        require_units(case)
+        judged = cases(case, campaign)[0]
+    ages = len(dict.fromkeys((0.0, case.end_of_life)))
+    total = options.units * campaign.trials_per_unit * ages * len(judged)
+    with (
+        Ledger(options.out / LEDGER if options.out else None) as kept,
+        pool(options.workers) as executor,
+        progress("trials", total) as advance,
+    ):
+        runner = TrialRunner(options.seed, executor, options.workers, kept)
+
+        def trials(case: Case, how: Units) -> NDArray[np.void]:
+            first, number = VERIFYING_UNIT * how.trials, options.units * how.trials
+            return runner.run(case, number, fidelity, first, advance, how)
+
+        found = verify_units(case, campaign, trials, options.units, options.seed)
+    table = unit_text(found)
+    result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
+    result |= unit_values(found)
+    if options.out:
+        save_text(options.out / "verdict.md", f"```\n{table}\n```\n")
+        save_json(options.out / "verdict.json", finite(result))
+        result["out"] = str(options.out)
     print_result(options, result, table)
     return Exit.DONE if found.answer is Answer.PASS else Exit.UNSOLVED

@@ -24,7 +24,7 @@ from startrack.optimise.forecast import expect, expected_objective
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, optimize
 from startrack.optimise.pareto import UNITS, Goals, Point, front
-from startrack.optimise.runner import VERIFYING, TrialRunner
+from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Found, Search, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities
 from startrack.optimise.steps import prospect

@@ -366,9 +366,9 @@ def assure(
         boresight = boresights(runner.seed, judged)
         for claim in claims:
             if units is not None and claim.accuracy:
-                asked = YieldClaim(claim.accuracy, units.fraction)
+                asked = YieldClaim(units.fraction)
                 errors = errors_of(claim.accuracy.objective, judged, units, campaign)
-                bounds = asked.bounds(errors, *tails)
+                bounds = asked.bounds(errors <= claim.limit, *tails)
                 decided = asked.answer(bounds) is not Answer.NOT_SHOWN
                 found[claim.name] = Assured(bounds, asked.margin(bounds.low), decided)
                 continue

@@ -6,6 +6,7 @@ causes         Section: the error budget, analytic and measured.
 stars          Section: errors of single stars, and of the attitude against slew rate.
 fidelities     CPU time and error of the same trials at each fidelity.
 distributions  Distributions, quantiles and sky maps of the errors of many trials.
+units          Section: yields of units, the spread of their errors, and the worst one explained.
 worst          The trials with the largest errors, with their frames.
 write          The page from a campaign's store.
 mission        The page of a mission.

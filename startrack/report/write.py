@@ -16,6 +16,7 @@ from startrack.io import to_table
 from startrack.metrics import STATED_ALONE, Interval, Summary, summarise
 from startrack.montecarlo import Sampling, Store, origin
 from startrack.plots import SMEARS
+from startrack.population import unit_of
 from startrack.report.causes import budget
 from startrack.report.distributions import FRACTIONS, exceedance, quantiles, sizes, sky_map
 from startrack.report.fidelities import fidelity_comparison
@@ -29,6 +30,7 @@ from startrack.report.stars import (
     repeat_trials,
     slews,
 )
+from startrack.report.units import units
 from startrack.report.worst import show, worst
 
 MOST_POINTS = 5000  # trials on the map
@@ -101,6 +103,7 @@ def write_report(
         design(case),
         verdict(store, outcomes, depth.conditions, advance),
         _summary(store, outcomes),
+        *units(store, outcomes),
         lost(store, outcomes),
         budget(case, seed, depth.budget, summarise(outcomes), advance),
         _distributions(outcomes),
@@ -248,9 +251,17 @@ def _worst(
     shown = []
     for number in worst(outcomes, depth.worst).tolist():
         look_at = store.sampling.attitudes_of(store.seed, [number])[0]
-        shown.append(show(store.case, store.seed, number, look_at))
+        shown.append(show(_case_of(store, number), store.seed, number, look_at))
         advance(1)
     return Section("Worst trials", "".join(shown) or paragraph("None was requested."))
+
+
+def _case_of(store: Store, number: int) -> Case:
+    """The case of a trial: that of its unit, where units differ."""
+    units = store.sampling.units
+    if units is None:
+        return store.case
+    return unit_of(store.case, store.seed, units.moment(store.case, number))
 
 
 def _fidelities(case: Case, seed: int, depth: Depth, advance: Callable[[int], None]) -> Section:

@@ -6,6 +6,7 @@ cases     Design and campaign -> every case that is judged: conditions and keep-
 decide    Outcomes, a requirement -> bounds at a look, and whether they decide it.
 blinded   Outcomes of trials -> those that count, without those blinded by Sun, Moon or Earth.
 verify    Design, campaign -> a verdict on each requirement, by analysis and by trials.
+units     Design, campaign, units -> a verdict on each requirement by its yield.
 table     Verification -> the table of its verdicts as texts, and the sentences below it.
 """
 
@@ -29,6 +30,13 @@ from startrack.verification.table import notes as verdict_notes
 from startrack.verification.table import rows as verdict_rows
 from startrack.verification.table import text as verdict_text
 from startrack.verification.table import values as verdict_values
+from startrack.verification.units import (
+    USUAL,
+    UnitVerification,
+    unit_text,
+    unit_values,
+    verify_units,
+)
 from startrack.verification.verify import Verdict, Verification, verify
 
 # Public; the other imports serve other rooms.

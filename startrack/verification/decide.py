@@ -173,26 +173,19 @@ class Claim:
 class YieldClaim:
     """That a fraction of the units of a design keeps a limit on an error.
 
-    accuracy  the limit
-    least     1, of the units
+    least  1, of the units
     """
 
-    accuracy: Accuracy
     least: float
 
-    @property
-    def name(self) -> str:
-        """ "across" or "about"."""
-        return self.accuracy.name
+    def bounds(self, met: NDArray[np.bool_], passing: float, failing: float) -> Interval:
+        """The yield of n units, the bound that can pass it, and the one that can fail it.
 
-    def bounds(self, errors: Floats, passing: float, failing: float) -> Interval:
-        """The yield of n units, the bound that can fail it, and the one that can pass it.
-
-        errors            (n,) radian, of the units
+        met               (n,) whether each unit keeps the limit
         passing, failing  probabilities that each bound does not hold
         Accuracy          exact; where a unit's error is that of few trials, of the yield with it
         """
-        hits, n = int((errors <= self.accuracy.most).sum()), len(errors)
+        hits, n = int(met.sum()), len(met)
         low = fraction_interval(hits, n, 1 - 2 * passing).low
         return Interval(hits / n, low, fraction_interval(hits, n, 1 - 2 * failing).high)
 

@@ -11,7 +11,7 @@ import pytest
 from startrack.cli.main import main
 from startrack.core.streams import Streams
 from startrack.core.units import arcsec
-from startrack.design import Campaign, Requirements
+from startrack.design import Campaign, Fidelity, Requirements, Variation
 from startrack.design.files import load_design
 from startrack.io import shipped
 from startrack.metrics import summarise
@@ -19,11 +19,13 @@ from startrack.montecarlo.run import run
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store
 from startrack.montecarlo.workers import Serial
+from startrack.population import Units, per_unit
 from startrack.report import stars, write_report
 from startrack.report.causes import budget
 from startrack.report.distributions import sky_map
 from startrack.report.opening import design, lost, verdict
 from startrack.report.page import Section, code, page, paragraph, table
+from startrack.report.units import units
 from startrack.report.write import Depth
 from startrack.trial.chain import OUTCOMES, observe
 from startrack.verification import boresights
@@ -155,6 +157,23 @@ def test_a_campaign_that_solved_nothing_has_a_page_all_the_same(case):
         text = write_report(store, TITLE, Depth(2, 2, 2, 2, 1))
     assert "There is none for this design: the case must see enough stars somewhere" in text
     assert "no attitude: " in text
+
+
+def test_units_have_a_section_with_yield_spread_and_the_worst_explained(case):
+    """Of four units that are misaligned by 30 arcsec (1 sigma), some keep 20 arcsec."""
+    turned = Variation("instrument.mounting.x", sigma="30 arcsec")
+    varied = dataclasses.replace(case, variation=(turned,))
+    sampling = Sampling(Fidelity.COVARIANCE, units=Units(5, 1))
+    with Store(None, varied, SEED, sampling) as store:
+        outcomes = sampling.trials(varied, SEED, range(20))
+        store.keep(0, outcomes)
+        store.keep_campaign(Campaign(requirements=Requirements(max_across=20 * arcsec)))
+        [section] = units(store, outcomes)
+    kept = sum(error <= 20 * arcsec for error in per_unit(outcomes).across)
+    assert 0 < kept < 4
+    assert f">{25 * kept:.1f}<" in section.body
+    assert "Histogram of the rms across the boresight of 4 units" in section.body
+    assert "instrument.mounting.x per unit" in section.body
 
 
 def test_a_detector_that_scans_has_no_budget_and_the_page_says_why():

@@ -5,11 +5,19 @@ import pytest
 
 from startrack.budget import Budget, Law, Line
 from startrack.core import arcsec, deg
-from startrack.design import Campaign, Condition, KeepOut, Requirements, load_design
+from startrack.design import (
+    YEAR,
+    Campaign,
+    Condition,
+    KeepOut,
+    Requirements,
+    Variation,
+    load_design,
+)
 from startrack.io import shipped
 from startrack.optics import Baffle
 from startrack.trial import OUTCOMES
-from startrack.verification import Answer, Looks, cases, counted, verify
+from startrack.verification import Answer, Looks, cases, counted, unit_text, verify, verify_units
 from startrack.verification.accuracy import expected_availability
 
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
@@ -158,3 +166,32 @@ def test_the_expected_availability_is_that_of_such_errors():
     found = expected_availability(needs, budget)
     assert found == pytest.approx(0.9 * np.mean(across & about), abs=0.005)
     assert expected_availability(Requirements(), budget) == pytest.approx(0.9)
+
+
+def test_units_are_judged_by_their_yield_at_both_ends_of_life():
+    """Of 100 units all meet 1 arcsec at first, and 80 of them at the end, where 90 % must."""
+    name = "instrument.mounting.x"
+    case = dataclasses.replace(CASE, variation=(Variation(name, sigma="1 arcsec"),), lifetime=YEAR)
+    needs = dataclasses.replace(NEEDS, max_about=None)
+    asked = []
+
+    def trials(case, how):
+        asked.append(how.age)
+        table = np.zeros(100 * how.trials, OUTCOMES)
+        table["trial"] = 7 * how.trials + np.arange(len(table))
+        bad = (table["trial"] // how.trials) % 5 == 0
+        table["error_x"] = np.where(bad & (how.age > 0), 3.0, 0.5) * arcsec
+        table["solved"] = True
+        return table
+
+    campaign = Campaign(requirements=needs, units=0.9)
+    found = verify_units(case, campaign, trials, 100, 1)
+    first = found.rows[0]
+    assert [one.share.value for one in first.ages] == [1.0, 0.8]
+    # 0.05^(1/100) by hand, of 100 hits in 100.
+    assert first.ages[0].share.low == pytest.approx(0.9705, abs=1e-4)
+    assert [one.answer for one in first.ages] == [Answer.PASS, Answer.FAIL]
+    assert found.at(0) is Answer.PASS
+    assert found.answer is Answer.FAIL
+    assert asked == [0, YEAR] * 2  # also at rest
+    assert "verdict: pass at 0 yr, FAIL at 1 yr" in unit_text(found)
