@@ -17,6 +17,7 @@ from startrack.metrics import Limits
 
 SKIES = ("whole", "worst")
 BLINDED = ("counted", "left out")
+ALUMINIUM = 2700.0  # kg / m3
 SURE = 0.9973  # of the normal errors that just meet a requirement are those of correct attitudes
 
 
@@ -89,8 +90,12 @@ def _length(axes: int, fraction: float) -> float:
 class Requirements:
     """Limits, and the coefficients of the cost models behind them.
 
-        mass   = mass_fixed + mass_per_volume * aperture^3
-        volume = volume_fixed + pi / 4 aperture^2 * length_ratio * focal length
+        mass   = mass_fixed + mass_per_volume * aperture^3 + shield,   or with a density
+        mass   = density * volume + shield
+        volume = volume_fixed + pi / 4 aperture^2 * length_ratio * focal length + baffle
+        baffle = pi / 12 L (aperture^2 + aperture D + D^2),   L = aperture / (tan a - tan w),
+                 D = aperture + 2 L tan w
+        shield = 2700 kg/m3 * shielding * 6 volume^(2/3)
         power  = power_fixed + energy_per_bit * data rate
         cost   = cost_fixed + cost_of_metre * aperture^cost_power + tolerances
 
@@ -111,6 +116,11 @@ class Requirements:
     mass_per_volume   mass of lens and baffle over the cube of the aperture
     power_fixed       power of what does not grow with the data rate
     energy_per_bit    of reading out and processing
+    density           of the whole tracker, which then has the mass of its volume; None: the mass is
+                      that of the aperture. Of seven that were built 950 kg/m3 in the median
+    baffle_angle      from the boresight, from which on the baffle keeps the Sun from the lens;
+                      None: no baffle, or one within the other terms
+    shielding         thickness of a layer of aluminium around the tracker; 0: none but its housing
     volume_fixed      volume of all but the lens
     length_ratio      1, length of the tube over the focal length
     cost_fixed        cost of all but the lens, in any currency
@@ -138,6 +148,9 @@ class Requirements:
     max_mass: Annotated[float, Unit("kg")] = 1.0
     mass_fixed: Annotated[float, Unit("kg")] = 0.15
     mass_per_volume: Annotated[float, Unit("kg / m3")] = 6000.0
+    density: Annotated[float | None, Unit("kg / m3")] = None
+    baffle_angle: Annotated[float | None, Unit("rad", "deg")] = None
+    shielding: Annotated[float, Unit("m", "mm")] = 0.0
     max_power: Annotated[float, Unit("W")] = 2.0
     power_fixed: Annotated[float, Unit("W")] = 0.4
     energy_per_bit: Annotated[float, Unit("J / bit", "nJ / bit")] = 20e-9
@@ -173,12 +186,15 @@ class Requirements:
         within(0.5, 0.9999, confidence=self.confidence)
         self._fraction()
         positive(max_mass=self.max_mass, max_power=self.max_power)
-        for name in ("max_volume", "max_data_rate", "max_cost"):
+        for name in ("max_volume", "max_data_rate", "max_cost", "density"):
             if getattr(self, name) is not None:
                 positive(**{name: getattr(self, name)})
+        if self.baffle_angle is not None:
+            within(0, math.pi / 2, baffle_angle=self.baffle_angle)
         positive(length_ratio=self.length_ratio, cost_power=self.cost_power)
         non_negative(
             volume_fixed=self.volume_fixed,
+            shielding=self.shielding,
             cost_fixed=self.cost_fixed,
             cost_of_metre=self.cost_of_metre,
             mass_fixed=self.mass_fixed,
@@ -222,10 +238,16 @@ class Requirements:
 
     def mass(self, case: Case) -> float:
         """Kilogram."""
+        shield = 0.0
+        if self.shielding:
+            shield = ALUMINIUM * self.shielding * 6 * self.volume(case) ** (2 / 3)
+        if self.density is not None:
+            return self.density * self.volume(case) + shield
         lens = lens_cost(case.instrument.optics)
         if lens:
-            return self.mass_fixed + lens.mass
-        return self.mass_fixed + self.mass_per_volume * case.instrument.optics.aperture**3
+            return self.mass_fixed + lens.mass + shield
+        of_aperture = self.mass_per_volume * case.instrument.optics.aperture**3
+        return self.mass_fixed + of_aperture + shield
 
     def power(self, case: Case) -> float:
         """Watt."""
@@ -235,10 +257,21 @@ class Requirements:
         """Cubic metre."""
         optics = case.instrument.optics
         lens = lens_cost(optics)
-        if lens:
-            return self.volume_fixed + lens.volume
         tube = math.pi / 4 * optics.aperture**2 * self.length_ratio * optics.focal_length
-        return self.volume_fixed + tube
+        return self.volume_fixed + (lens.volume if lens else tube) + self._baffle(case)
+
+    def _baffle(self, case: Case) -> float:
+        """Cubic metre of a cone before the lens that leaves the field free.
+
+        Where its angle lies in the field, it is a thousand apertures long, which no limit allows.
+        """
+        if self.baffle_angle is None:
+            return 0.0
+        field = math.tan(case.instrument.camera.half_diagonal)
+        lens = case.instrument.optics.aperture
+        length = lens / max(math.tan(self.baffle_angle) - field, 1e-3)
+        front = lens + 2 * length * field
+        return math.pi / 12 * length * (lens**2 + lens * front + front**2)
 
     def data_rate(self, case: Case) -> float:
         """Bit per second."""

@@ -1,4 +1,4 @@
-"""Mass, volume and price of lenses: beside lenses that are sold, and in a design."""
+"""Mass, volume and price: lenses that are sold, trackers that were built, and in a design."""
 
 from __future__ import annotations
 
@@ -19,13 +19,17 @@ ROOT = Path(__file__).parents[2]
 FAMILY = Optics(0.035, 2.0, lens_family="double-gauss")
 
 
-@pytest.fixture(scope="module")
-def study():
+def experiment(name):
     sys.path.insert(0, str(ROOT / "experiments"))
     try:
-        return runpy.run_path(str(ROOT / "experiments/lens_costs.py"))
+        return runpy.run_path(str(ROOT / f"experiments/{name}.py"))
     finally:
         sys.path.pop(0)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return experiment("lens_costs")
 
 
 def test_real_lenses_are_near_the_model(study):
@@ -92,3 +96,46 @@ def test_a_lens_of_twice_the_size_weighs_eight_times_as_much():
     twice = lens_cost(dataclasses.replace(FAMILY, focal_length=0.07))
     assert twice.mass == pytest.approx(8 * lens_cost(FAMILY).mass)
     assert twice.volume == pytest.approx(8 * lens_cost(FAMILY).volume)
+
+
+def test_built_trackers_have_the_spread_that_the_page_says():
+    """Power of eleven, density of seven, and read noise of CCDs over three decades of rate."""
+    study = experiment("tracker_costs")
+    found = study["figures"]()
+    assert (ROOT / "docs/tracker-costs.md").read_text("utf-8") == study["page"](found)
+    assert found["counts"]["power_ratio"] >= 10
+    assert 0.5 < found["spread"]["power_ratio"][0] < 2
+    assert found["spread"]["density"][0] == pytest.approx(950, rel=0.05)
+    _, low, high = found["spread"]["noise"]
+    assert low > 0.5
+    assert high < 2
+
+
+def test_a_baffle_is_a_cone_that_keeps_the_sun_from_the_lens():
+    """By rays: the lowest that passes the front's edge reaches the lens's far edge."""
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    bare, angle = Requirements(), np.radians(40.0)
+    baffled = dataclasses.replace(bare, baffle_angle=angle)
+    volume = baffled.volume(case) - bare.volume(case)
+    lens, field = case.instrument.optics.aperture, case.instrument.camera.half_diagonal
+    # The length at which a ray at the angle from the front's edge falls to the lens's far edge.
+    length = np.linspace(1e-4, 0.5, 500001)
+    front = lens + 2 * length * np.tan(field)
+    found = length[np.argmax(length * np.tan(angle) >= (front + lens) / 2)]
+    step = np.linspace(0, found, 20001)
+    width = lens + 2 * step * np.tan(field)
+    assert volume == pytest.approx(np.trapezoid(np.pi / 4 * width**2, step), rel=1e-3)
+    # None keeps out a Sun in the field.
+    assert dataclasses.replace(bare, baffle_angle=field).volume(case) > 100 * baffled.volume(case)
+
+
+def test_a_density_weighs_the_volume_and_a_shield_its_surface():
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    needs = Requirements(density=950.0)
+    assert needs.mass(case) == pytest.approx(950 * needs.volume(case))
+    # A litre in a cube has 0.06 m2: 2 mm of aluminium weigh 0.324 kg.
+    litre = Requirements(density=1.0, volume_fixed=1e-3, length_ratio=1e-9)
+    shielded = dataclasses.replace(litre, shielding=2e-3)
+    assert shielded.mass(case) - litre.mass(case) == pytest.approx(0.324, rel=1e-5)
+    with pytest.raises(ValueError, match="density"):
+        Requirements(density=0.0)
