@@ -162,8 +162,9 @@ def page(found: dict[str, Any]) -> str:
         "family matters and not the median of all. Dark current differs by four decades between "
         "processes (pinned photodiodes or not, inverted or not), and ccd270's is of 203 K, far "
         "from 20 degC: its area is the least of it. The noise of CCDs follows the root within a "
-        "factor of two over more than three decades of rate. The noise of CMOS detectors, "
-        "which convert in each column, does not follow their pixel rate; they are left out of the last line.",
+        "factor of two over more than three decades of rate. The noise of CMOS detectors, which "
+        "convert in each column, does not follow their pixel rate; they are left out of the last "
+        "line.",
         "",
         "| detector | electron / um2 | electron / s / um2 | electron / sqrt(Mpix / s) |",
         "|---|---|---|---|",
