@@ -16,6 +16,7 @@ from . import motion as motion
 from . import onboard as onboard
 from . import optics as optics
 from . import optimise as optimise
+from . import plots as plots
 from . import population as population
 from . import report as report
 from . import scene as scene
@@ -61,6 +62,9 @@ from .io import celestial as celestial
 from .io import pointing as pointing
 from .io import read_image as read_image
 from .io import shipped as shipped
+from .io import to_pandas as to_pandas
+from .io import to_qtable as to_qtable
+from .io import to_xarray as to_xarray
 from .io import write_fits as write_fits
 from .plots import draw_errors as draw_errors
 from .plots import draw_frame as draw_frame

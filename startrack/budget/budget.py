@@ -8,10 +8,11 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from startrack.budget.causes import Term
-from startrack.core import Floats
+from startrack.core import Floats, arcsec, html_table, short_text
 from startrack.metrics import Interpretation, level
 
 
@@ -107,7 +108,7 @@ class Line(Generic[S]):
         return float(self.spread.rms()[2])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Budget(Generic[S]):
     """An error budget.
 
@@ -126,6 +127,38 @@ class Budget(Generic[S]):
     stars: float
     left_out: tuple[str, ...] = ()
     refused: float = 0.0
+
+    @property
+    def table(self) -> NDArray[np.void]:
+        """A row for each line and for the whole: cause, term, rms across and about in radian."""
+        kind = [("cause", "U64"), ("term", "U32"), ("across", float), ("about", float)]
+        rows = [
+            (line.name, line.term.value if line.term else "", line.across, line.about)
+            for line in (*self.lines, self.whole)
+        ]
+        return np.array(rows, kind)
+
+    def __repr__(self) -> str:
+        rows = (
+            ("across", f"{self.across / arcsec:.3g} arcsec"),
+            ("about", f"{self.about / arcsec:.3g} arcsec"),
+            ("attitude", f"{100 * self.availability:.4g} %"),
+            ("stars", f"{self.stars:.1f}"),
+        )
+        return short_text("Budget", rows)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (str(row["cause"]), f"{row['across'] / arcsec:.3f}", f"{row['about'] / arcsec:.3f}")
+            for row in self.table
+        ]
+        title = (
+            f"Error budget; attitude in {100 * self.availability:.4g} % of the sky and time, "
+            f"{self.stars:.1f} stars"
+        )
+        return html_table(
+            title, rows, ("cause", "across, arcsec rms per axis", "about, arcsec rms")
+        )
 
     @property
     def across(self) -> float:

@@ -19,6 +19,7 @@ rotations  Rotation matrices -> quaternions and scipy's Rotations, in compiled c
 field_polynomial  A place in the image plane and a temperature -> how far it is moved.
 camera     Direction to pixel and pixel to direction, both ways together, with OpenCV's
            distortion.
+notebook   Names and values -> a short text, and a table of HTML for notebooks.
 values     The nouns that flow from room to room; every array has its shape and unit here.
 field_psf  FieldPsf: the images of points over a frame and over colour, as sums of a few tables.
 lagrange   Nodes and places -> weights of the values at the nodes, by polynomials through them.
@@ -76,6 +77,7 @@ from startrack.core.memory import (
     memory_limit,
     require_memory,
 )
+from startrack.core.notebook import html_table, short_text
 from startrack.core.order import first_not_below, median, order
 from startrack.core.rotations import quaternion, rotation_of
 from startrack.core.scratch import Workspace

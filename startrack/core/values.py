@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.arrays import Floats, Ints
 from startrack.core.camera import Camera
+from startrack.core.notebook import html_table, short_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +134,7 @@ class LineOfSight:
     rotation: Floats
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """A digital image, and the meaning of its numbers (NaN where unknown).
 
@@ -149,6 +150,26 @@ class Frame:
     electrons_per_dn: float = float("nan")
     offset: float = 0.0
     read_noise: float = float("nan")
+
+    @property
+    def _rows(self) -> list[tuple[str, str]]:
+        rows = [("size", f"{self.image.shape[1]} x {self.image.shape[0]} pixels")]
+        rows += [("type", str(self.image.dtype))]
+        if self.image.size:
+            rows += [("values", f"{self.image.min():g} to {self.image.max():g} DN")]
+        known = (
+            ("exposure", 1e3 * self.exposure, "ms"),
+            ("gain", self.electrons_per_dn, "e-/DN"),
+            ("offset", self.offset, "DN"),
+            ("read noise", self.read_noise, "e- rms"),
+        )
+        return rows + [(name, f"{one:.4g} {unit}") for name, one, unit in known if one == one]
+
+    def __repr__(self) -> str:
+        return short_text("Frame", self._rows)
+
+    def _repr_html_(self) -> str:
+        return html_table("Frame", self._rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from startrack.core import allow_code as allowed
-from startrack.core import code_in, require_code
+from startrack.core import code_in, deg, html_table, mm, require_code, short_text, um
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case
 from startrack.design.products import with_product
 from startrack.io import from_table, read_layers, save_text, to_table
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Design:
     """What a design file holds.
 
@@ -25,6 +25,30 @@ class Design:
 
     case: Case
     campaign: Campaign | None = None
+
+    @property
+    def _rows(self) -> list[tuple[str, str]]:
+        optics, detector = self.case.instrument.optics, self.case.instrument.detector
+        camera = self.case.instrument.camera
+        rows = [
+            ("field", f"{camera.fov_x / deg:.3g} x {camera.fov_y / deg:.3g} deg"),
+            ("lens", f"{optics.focal_length / mm:.4g} mm f/{optics.f_number:.3g}"),
+            (
+                "detector",
+                f"{detector.columns} x {detector.rows} pixels of {detector.pitch / um:g} um",
+            ),
+            ("exposure", f"{1e3 * detector.exposure:g} ms"),
+            ("stars", f"to G {self.case.catalog.limit_g:g}"),
+        ]
+        if self.campaign is not None:
+            rows.append(("variables", str(len(self.campaign.variables))))
+        return rows
+
+    def __repr__(self) -> str:
+        return short_text("Design", self._rows)
+
+    def _repr_html_(self) -> str:
+        return html_table("Design", self._rows)
 
 
 def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = False) -> Design:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 from scipy import special
 
+from startrack.core import arcsec, html_table, short_text
 from startrack.metrics.judge import STATED_ALONE, Limits, correct
 
 
@@ -28,7 +29,7 @@ BEYOND = 10.0  # stated standard deviations about an axis, by which no noise mov
 CHANCE = 1e-3  # probability below which a mean so far from 3 is no chance
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Summary:
     """Statistics of many trials.
 
@@ -56,6 +57,42 @@ class Summary:
     trials: int
     beyond: int
     inaccurate: Interval
+
+    @property
+    def table(self) -> NDArray[np.void]:
+        """One row: each field, and the ends of its interval as NAME_low and NAME_high."""
+        columns = dict[str, float]()
+        for field in fields(self):
+            one = getattr(self, field.name)
+            if isinstance(one, Interval):
+                name = field.name
+                columns |= {name: one.value, f"{name}_low": one.low, f"{name}_high": one.high}
+            else:
+                columns[field.name] = one
+        kind = [
+            (name, np.int64 if isinstance(one, int) else float) for name, one in columns.items()
+        ]
+        return np.array([tuple(columns.values())], kind)
+
+    @property
+    def _rows(self) -> list[tuple[str, str]]:
+        sizes = (
+            ("across", self.across, arcsec, "arcsec"),
+            ("about", self.about, arcsec, "arcsec"),
+            ("available", self.availability, 0.01, "%"),
+            ("false", self.false, 0.01, "%"),
+        )
+        rows = [
+            (name, f"{one.value / unit:.3g} {text} [{one.low / unit:.3g}, {one.high / unit:.3g}]")
+            for name, one, unit, text in sizes
+        ]
+        return [*rows, ("stars", f"{self.stars:.1f}"), ("trials", str(self.trials))]
+
+    def __repr__(self) -> str:
+        return short_text("Summary", self._rows)
+
+    def _repr_html_(self) -> str:
+        return html_table("Summary, with 95 % intervals", self._rows)
 
     @property
     def doubt(self) -> str:

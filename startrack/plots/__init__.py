@@ -65,3 +65,6 @@ from startrack.plots.style import (
     say,
     styled,
 )
+
+# Public; the other imports serve other rooms.
+__all__ = ["draw_budget", "draw_errors", "draw_frame", "draw_sequence", "draw_spots"]

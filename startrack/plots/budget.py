@@ -52,12 +52,12 @@ TOP = 0.98  # of the directions whose error has a colour of its own
 
 @styled
 def draw_budget(
-    path: Path,
+    path: Path | None,
     expected: Budget[Any],
     found: Budget[Any] | None,
     title: str,
     required: Sequence[Accuracy] = (),
-) -> None:
+) -> Figure:
     """A bar for each cause, from zero; measured values as points with their 95 % intervals.
 
     required  limits on the error; those of other statistics than the rms per axis are named only
@@ -81,7 +81,7 @@ def draw_budget(
         if term in shown:
             panels[0].barh(0, 0, color=COLOURS[term], label=term.value)
     figure.legend(*_once(figure), loc="outside lower left", ncols=3)
-    save_picture(path, figure)
+    return save_picture(path, figure)
 
 
 def _bars(
@@ -157,7 +157,7 @@ def _once(figure: Figure) -> tuple[list[Any], list[str]]:
 
 
 @styled
-def draw_sky(path: Path, found: Survey, case: Case, title: str) -> None:
+def draw_sky(path: Path | None, found: Survey, case: Case, title: str) -> Figure:
     """Detected stars and errors over directions of the boresight."""
     few = case.tracker.identification.min_matches
     figure = picture(
@@ -191,7 +191,7 @@ def draw_sky(path: Path, found: Survey, case: Case, title: str) -> None:
         colour_bar(shown, axes, values, label, orientation="horizontal", shrink=0.7, aspect=32,
                    pad=0.03)  # fmt: skip
         panel_title(axes, _worst(axes, found, values, least=k == 0))
-    save_picture(path, figure)
+    return save_picture(path, figure)
 
 
 def _worst(axes: Axes, found: Survey, values: Floats, least: bool) -> str:

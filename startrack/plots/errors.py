@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from startrack.core import Floats, arcsec
@@ -27,7 +28,7 @@ BINS = 41
 
 
 @styled
-def draw_errors(path: Path, outcomes: NDArray[np.void], title: str) -> None:
+def draw_errors(path: Path | None, outcomes: NDArray[np.void], title: str) -> Figure:
     """The errors of many trials: across the boresight as points, about it as a histogram.
 
     Axes hold eight times the typical error. Larger ones stand at the edge, and are counted.
@@ -45,7 +46,7 @@ def draw_errors(path: Path, outcomes: NDArray[np.void], title: str) -> None:
     x, y, z = (np.asarray(correct[f"error_{axis}"], float) / arcsec for axis in "xyz")
     _across(across, x, y, summary.across)
     _about(about, z, summary.about)
-    save_picture(path, figure)
+    return save_picture(path, figure)
 
 
 def _across(axes: Axes, x: Floats, y: Floats, rms: Interval) -> None:

@@ -50,14 +50,14 @@ RINGS: dict[str, Any] = {"s": 70, "facecolors": "none", "linewidths": 1.2}
 
 @styled
 def draw_frame(
-    path: Path,
+    path: Path | None,
     frame: Frame,
     title: str = "",
     camera: Camera | None = None,
     icrs_to_camera: Rotation | None = None,
     stars: Stars | None = None,
     saturation: float | None = None,
-) -> None:
+) -> Figure:
     """The image with a non-linear scale that shows faint stars.
 
     camera, icrs_to_camera, stars  for north, scale and names of bright stars, where known
@@ -68,11 +68,11 @@ def draw_frame(
         if stars is not None:
             _name(axes, camera, *_predicted(camera, icrs_to_camera, stars, LABELS))
         _compass(axes, camera, icrs_to_camera)
-    save_picture(path, figure)
+    return save_picture(path, figure)
 
 
 @styled
-def draw_spots(path: Path, frame: Frame, spots: Spots, title: str) -> None:
+def draw_spots(path: Path | None, frame: Frame, spots: Spots, title: str) -> Figure:
     """The image with a ring about each spot, the brightest numbered as in the table."""
     figure, axes = _image(frame, title)
     axes.scatter(spots.x, spots.y, edgecolors=SKY, label="spot, numbered by brightness", **RINGS)
@@ -82,19 +82,19 @@ def draw_spots(path: Path, frame: Frame, spots: Spots, title: str) -> None:
         legend_below(axes)
     else:
         say(axes, "no spot", y=0.96)
-    save_picture(path, figure)
+    return save_picture(path, figure)
 
 
 @styled
 def draw_solution(
-    path: Path,
+    path: Path | None,
     frame: Frame,
     spots: Spots,
     matches: Matches,
     icrs_to_camera: Rotation | None,
     stars: Stars,
     title: str,
-) -> None:
+) -> Figure:
     """The image with its spots, matched and not, and stars of the catalogue."""
     figure, axes = _image(frame, title)
     matched = np.zeros(len(spots), bool)
@@ -117,7 +117,7 @@ def draw_solution(
         _name(axes, matches.camera, pixel, bright)
         _compass(axes, matches.camera, icrs_to_camera)
     legend_below(axes)
-    save_picture(path, figure)
+    return save_picture(path, figure)
 
 
 def _image(frame: Frame, title: str, saturation: float | None = None) -> tuple[Figure, Axes]:

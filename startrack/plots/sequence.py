@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
@@ -37,7 +38,7 @@ TYPICAL = 8.0  # median errors up to which the axis is linear
 
 
 @styled
-def draw_sequence(path: Path, table: NDArray[np.void], title: str) -> None:
+def draw_sequence(path: Path | None, table: NDArray[np.void], title: str) -> Figure:
     """Rate and mode, and the error about each axis: of each frame alone and of the filter."""
     figure = picture(10.5, title)
     rate, *panels = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1.6, 1.6, 1.6))
@@ -57,7 +58,7 @@ def draw_sequence(path: Path, table: NDArray[np.void], title: str) -> None:
     legend_below(panels[-1], 2)
     for axes in panels:
         axes.yaxis.set_minor_locator(NullLocator())
-    save_picture(path, figure)
+    return save_picture(path, figure)
 
 
 def _errors(axes: Axes, table: NDArray[np.void], axis: str, label: str) -> None:

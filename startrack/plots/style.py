@@ -204,12 +204,18 @@ def plain(value: float) -> str:
     )  # fmt: skip
 
 
-def save_picture(path: Path, figure: Figure) -> None:
-    """Write a picture whole, with plain numbers at all axes: no offsets, no powers of ten."""
+def save_picture(path: Path | None, figure: Figure) -> Figure:
+    """Write a picture whole, with plain numbers at all axes: no offsets, no powers of ten.
+
+    path     None: it is not written
+    Returns  the figure
+    """
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             plain_numbers(axis)
-    save_figure(path, figure)
+    if path is not None:
+        save_figure(path, figure)
+    return figure
 
 
 def plain_numbers(axis: Axis) -> None:

@@ -1,0 +1,97 @@
+"""Tables of results -> pandas, xarray and astropy, with the units of their columns."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Units by the names of columns, of all tables of results; other columns have none.
+UNITS = (
+    (r"(error|sigma|filtered)_.+|across(_.+)?|about(_.+)?|single(_.+)?", "rad"),
+    (r"rate", "rad / s"),
+    (r"time|reacquisition(_.+)?", "s"),
+    (r"losses_per_hour(_.+)?", "1 / h"),
+    (r"magnitude", "mag"),
+)
+
+
+def unit_of_column(name: str) -> str:
+    """The unit of a column of results, empty where it has none."""
+    return next((unit for names, unit in UNITS if re.fullmatch(names, name)), "")
+
+
+def table_of(results: Any) -> NDArray[np.void]:
+    """The structured array of results: itself, or that which they have as `table`.
+
+    Raises  TypeError where they are no table.
+    """
+    table = getattr(results, "table", results)
+    if not isinstance(table, np.ndarray) or not table.dtype.names:
+        raise TypeError(
+            "results must be a structured array, as of run_trials, or have one as `table`, as a "
+            f"Budget and a Summary, got {type(results).__name__}"
+        )
+    return np.atleast_1d(table)
+
+
+def to_pandas(results: Any) -> Any:
+    """Results as a pandas DataFrame; the units of its columns are in `attrs["units"]`.
+
+    results  structured array, as of `run_trials` and `sequence.run`, or a Budget or a Summary
+    Raises   ImportError without pandas; TypeError for what is no table.
+    """
+    table, pandas = table_of(results), _package("to_pandas", "pandas")
+    frame = pandas.DataFrame({name: _column(table, name) for name in table.dtype.names or ()})
+    frame.attrs["units"] = _units(table)
+    return frame
+
+
+def to_xarray(results: Any, dimension: str = "row") -> Any:
+    """Results as an xarray Dataset of one dimension; each variable has its unit as an attribute.
+
+    results    as for `to_pandas`
+    dimension  name of the rows, such as "trial"; where a column has this name, it labels them
+    Raises     ImportError without xarray; TypeError for what is no table.
+    """
+    table, xarray = table_of(results), _package("to_xarray", "xarray")
+    units = _units(table)
+    variables = {
+        name: (dimension, _column(table, name), {"units": units[name]} if name in units else {})
+        for name in table.dtype.names or ()
+    }
+    return xarray.Dataset(variables)
+
+
+def to_qtable(results: Any) -> Any:
+    """Results as an astropy QTable, whose columns with a unit are quantities.
+
+    results  as for `to_pandas`
+    Raises   TypeError for what is no table.
+    """
+    from astropy.table import QTable
+    from astropy.units import Unit
+
+    table = table_of(results)
+    units = {name: Unit(unit) for name, unit in _units(table).items()}
+    names = table.dtype.names or ()
+    return QTable({name: _column(table, name) for name in names}, units=units)
+
+
+def _units(table: NDArray[np.void]) -> dict[str, str]:
+    return {name: unit for name in table.dtype.names or () if (unit := unit_of_column(name))}
+
+
+def _column(table: NDArray[np.void], name: str) -> NDArray[Any]:
+    return np.ascontiguousarray(table[name])
+
+
+def _package(function: str, name: str) -> ModuleType:
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise ImportError(f"{function} needs {name}: python -m pip install {name}") from None
