@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import dataclass
 from datetime import UTC, timedelta
 from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
+from startrack.cli.montecarlo import address
 from startrack.cli.options import (
     Exit,
     WrongUse,
     add_allow_code,
     add_out,
     add_seed,
+    add_workers,
     as_wrong_use,
     decimal,
     describe,
@@ -34,11 +37,12 @@ with deferred():
         Blind,
         Checked,
         Flown,
+        Loaded,
         Plan,
         Verdict,
         angles_of,
         availability_of,
-        checked,
+        flown_from,
         fly,
         load_mission,
         map_of,
@@ -53,13 +57,14 @@ with deferred():
         timeline,
         verdicts,
     )
-    from startrack.montecarlo import export
+    from startrack.montecarlo import cluster, export, pool
     from startrack.plots import draw_beta, draw_frame, draw_mission, draw_placement
     from startrack.report import write_mission_report
     from startrack.trial import observe
 
 ROWS = 20_000  # of the table, where --every is not given
 YEAR = 365.25 * 86400  # second
+STORE = "mission.sqlite"  # in the folder of the results
 WORST = 10  # longest times without a valid head that are listed
 
 
@@ -73,9 +78,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "status is 3 if a requirement is not met.",
     )
     parser.add_argument(
-        "mission", type=Path, nargs="?", metavar="MISSION.toml",
+        "mission", type=Path, nargs="*", metavar="MISSION.toml",
         help="mission file (default: the example, catalogs/missions/sun-synchronous.toml: three "
-        "heads, a year)",
+        "heads, a year); several write to folders of their names",
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE",
@@ -101,51 +106,116 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--frame", type=decimal(0, 1e12), metavar="SECOND",
         help="render what each head sees at this time after the begin instead: HEAD.fits, HEAD.png",
     )  # fmt: skip
+    parser.add_argument(
+        "--scheduler", type=address, metavar="ADDRESS",
+        help="fly several missions on the workers of a Dask cluster that share the folder of the "
+        "results (tcp://host:port)",
+    )  # fmt: skip
+    add_workers(parser)
     add_seed(parser)
     add_out(parser, "startrack-mission")
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print availability and verdicts; write summary.json, mission.png and the timeline."""
-    path = options.mission or shipped("missions/sun-synchronous.toml")
+    """Print availability and verdicts; write report, summary, pictures and the timeline."""
+    paths = options.mission or [shipped("missions/sun-synchronous.toml")]
+    if len(paths) > 1:
+        return _several(options, paths)
+    path = paths[0]
     with as_wrong_use(ValueError, ImportError):
         loaded = load_mission(path, options.set)
         with progress("heads", len(loaded.designs)) as advance:
             plan = plan_of(loaded, advance=advance)
-        with progress("trials", loaded.mission.check.trials) as advance:
-            plan, checks = checked(plan, advance)
+        time = loaded.mission.time
         if options.frame is not None:
+            if options.frame > time.duration:
+                raise WrongUse(
+                    f"--frame must be at most {time.duration:g} s, got {options.frame:g}"
+                )
             return _render(options, path, plan)
-        steps = loaded.mission.time.steps
-        every = options.every or -(-steps // ROWS)
-        rows = 0 if options.place else -(-steps // every)
-        with progress("steps", steps + rows) as advance:
-            flown = fly(plan, advance)
-            table = timeline(plan, every, advance) if rows else None
-    found = availability_of(flown)
+        with progress("trials and steps", loaded.mission.check.trials + time.steps) as advance:
+            plan, checks, flown = flown_from(plan, options.out / STORE, advance)
     if options.place:
         return _place(options, path, plan, flown, checks)
-    result = {
-        "mission": str(path), **_values(plan, flown, found), "check": _checks(plan, checks),
-        "out": str(options.out),
-    }  # fmt: skip
-    assert table is not None
-    if options.table == "netcdf":
-        save_timeline(options.out / "timeline.nc", table)
-    else:
-        export(options.out / f"timeline.{options.table}", table)
-    save_json(options.out / "summary.json", finite(result))
-    _draw(options.out, plan, flown, found, checks, path.stem)
-    print_result(options, result, "\n".join([_text(plan, flown, found), *_told(plan, checks)]))
-    met = all(one.met for one in _verdicts(plan, flown, found))
+    with as_wrong_use(ValueError, ImportError):
+        result, text, met = _written(_job(options, path, options.out), plan, checks, flown)
+    print_result(options, result, text)
     return Exit.DONE if met else Exit.UNSOLVED
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is written for a mission: its file, the folder, and the rows of the timeline."""
+
+    path: Path
+    out: Path
+    every: int | None
+    table: str
+
+
+def _job(options: argparse.Namespace, path: Path, out: Path) -> Job:
+    return Job(Path(path), out, options.every, options.table)
+
+
+def _several(options: argparse.Namespace, paths: list[Path]) -> int:
+    """Fly several missions, each by one worker, into folders of their names."""
+    names = [path.stem for path in paths]
+    if len(set(names)) < len(names):
+        raise WrongUse(f"several missions must have different names, got {', '.join(names)}")
+    if options.place or options.frame is not None:
+        raise WrongUse("--place and --frame must be left out with several missions")
+    met = True
+    with as_wrong_use(ValueError, ImportError, OSError):
+        jobs = [
+            (
+                load_mission(path, options.set),
+                _job(options, path, (options.out / path.stem).resolve()),
+            )
+            for path in paths
+        ]
+        workers = min(options.workers, len(jobs))
+        made = cluster(options.scheduler) if options.scheduler else pool(workers)
+        with made as executor, progress("missions", len(jobs)) as advance:
+            running = [executor.submit(fly_whole, *job) for job in jobs]
+            for one in running:
+                result, text, good = one.result()
+                print_result(options, result, f"{result['mission']}\n{text}\n")
+                met &= good
+                advance(1)
+    return Exit.DONE if met else Exit.UNSOLVED
+
+
+def fly_whole(loaded: Loaded, job: Job) -> tuple[dict[str, Any], str, bool]:
+    """Plan, check and fly a mission, write its files; values, text, and whether all is met."""
+    plan, checks, flown = flown_from(plan_of(loaded), job.out / STORE)
+    return _written(job, plan, checks, flown)
+
+
+def _written(
+    job: Job, plan: Plan, checks: tuple[Checked, ...], flown: Flown
+) -> tuple[dict[str, Any], str, bool]:
+    """Write the files of a mission that was flown; values, text, and whether all is met."""
+    found = availability_of(flown)
+    steps = plan.loaded.mission.time.steps
+    every = job.every or -(-steps // ROWS)
+    with progress("rows", -(-steps // every)) as advance:
+        table = timeline(plan, every, advance)
+    if job.table == "netcdf":
+        save_timeline(job.out / "timeline.nc", table)
+    else:
+        export(job.out / f"timeline.{job.table}", table)
+    result = {
+        "mission": str(job.path), **_values(plan, flown, found), "check": _checks(plan, checks),
+        "out": str(job.out),
+    }  # fmt: skip
+    save_json(job.out / "summary.json", finite(result))
+    _draw(job.out, plan, flown, found, checks, job.path.stem)
+    text = "\n".join([_text(plan, flown, found), *_told(plan, checks)])
+    return result, text, all(one.met for one in _verdicts(plan, flown, found))
 
 
 def _render(options: argparse.Namespace, path: Path, plan: Plan) -> int:
     """Write and print what each head sees at one time, beside the error that is expected."""
-    duration = plan.loaded.mission.time.duration
-    if options.frame > duration:
-        raise WrongUse(f"--frame must be at most {duration:g} s, got {options.frame:g}")
     solved = True
     for number, (head, scene) in enumerate(
         zip(plan.heads, scenes_at(plan, options.frame), strict=True)

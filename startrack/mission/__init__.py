@@ -19,6 +19,7 @@ placement   Plan of a mission -> mountings of its heads that meet its requiremen
 rendered    Plan of a mission -> trials at its instants: what heads see, and their errors checked.
 aocs        Case -> HeadModel: its error as data and C code, for simulators of attitude control.
 timeline    Plan of a mission, some of its steps -> a table with a row for each step.
+store       Plan of a mission -> its flown parts on disk; a run that was stopped goes on.
 summary     Flown -> availability by number of heads, times without an attitude, reacquisition,
             verdicts.
 """
@@ -30,9 +31,10 @@ from startrack.mission.ccsds import read_aem, read_oem, write_aem, write_oem
 from startrack.mission.engine import Flown, Plan, fly, plan_of
 from startrack.mission.fusion import fuse, fused_variance, head_covariance
 from startrack.mission.heads import Blind
-from startrack.mission.parameters import KeepClear, Mission, load_mission, save_mission
+from startrack.mission.parameters import KeepClear, Loaded, Mission, load_mission, save_mission
 from startrack.mission.placement import Placement, angles_of, map_of, moved_plan, place
 from startrack.mission.rendered import Checked, checked, scenes_at
+from startrack.mission.store import flown_from, key_of
 from startrack.mission.summary import (
     EDGES,
     Availability,

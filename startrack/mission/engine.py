@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ from startrack.mission.surrogate import (
 from startrack.mission.vectors import cross, dot, unit
 
 CHUNK = 8192  # steps at once: their arrays fit into the cache of a core
+PART = 64 * CHUNK  # steps that are kept together on disk
 SEASONS, PHASES = 52, 36  # parts of the mission and of the orbit, for maps
 BETAS = 72  # parts of the angle from the Sun to the plane of the orbit, for maps
 PLANET_KNOT = 3600.0  # second between two places of the planets
@@ -223,14 +225,6 @@ class Chunk:
     variance: Floats | None = None
 
 
-def chunks(plan: Plan) -> Iterator[Chunk]:
-    """All steps of a mission, in pieces."""
-    time = plan.loaded.mission.time
-    for begin in range(0, time.steps, CHUNK):
-        count = min(CHUNK, time.steps - begin)
-        yield at(plan, plan.course.at(begin * time.step, time.step, count), begin)
-
-
 def at(plan: Plan, instants: Instants, first: int = 0) -> Chunk:
     """What the heads of a mission see at some instants."""
     mission = plan.loaded.mission
@@ -275,15 +269,29 @@ def conditions_of(
 def fly(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Flown:
     """All steps of a mission.
 
-    advance  called with the number of steps after each chunk
+    advance  called with the number of steps after each part
     """
-    steps, heads = plan.loaded.mission.time.steps, len(plan.heads)
-    require_memory(steps * (2 * heads + 16), f"a mission of {steps} steps")
+    found = []
+    for first, count in parts_of(plan.loaded.mission.time.steps):
+        found.append(fly_part(plan, first, count))
+        advance(count)
+    return merged(found)
+
+
+def parts_of(steps: int) -> list[tuple[int, int]]:
+    """First step and number of steps of each part of a mission, which are computed one by one."""
+    return [(first, min(PART, steps - first)) for first in range(0, steps, PART)]
+
+
+def fly_part(plan: Plan, first: int, count: int) -> Flown:
+    """Some steps of a mission, from the step `first` on."""
+    heads, time = len(plan.heads), plan.loaded.mission.time
+    require_memory(time.steps * (2 * heads + 16), f"a mission of {time.steps} steps")
     shape = (SEASONS, PHASES)
     flown = Flown(
-        plan.loaded.mission.time.step,
-        np.empty((heads, steps), np.uint8),
-        np.empty(steps, bool),
+        time.step,
+        np.empty((heads, count), np.uint8),
+        np.empty(count, bool),
         np.full((heads, 3), np.inf),
         np.zeros((heads, len(PLANETS))),
         np.zeros((heads, 2)),
@@ -297,34 +305,65 @@ def fly(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Flown:
         np.zeros((7, BETAS, PHASES)),
         tuple([] for _ in range(heads)),
     )
-    for chunk in chunks(plan):
-        here = slice(chunk.first, chunk.first + len(chunk.instants.second))
+    before = np.zeros(heads, np.uint8)
+    if first:
+        last = at(plan, plan.course.at((first - 1) * time.step, time.step, 1))
+        before[:] = [one.blind[0] for one in last.seen]
+    for begin in range(first, first + count, CHUNK):
+        size = min(CHUNK, first + count - begin)
+        chunk = at(plan, plan.course.at(begin * time.step, time.step, size), begin)
+        here = slice(begin - first, begin - first + size)
         flown.eclipse[here] = chunk.shadow.sun
         for h, seen in enumerate(chunk.seen):
             flown.blind[h, here] = seen.blind
             flown.closest[h] = np.minimum(flown.closest[h], _closest(seen, chunk.shadow))
-        _add_to_maps(chunk, flown, here)
+        _add_to_maps(chunk, flown, time.steps)
         _count_planets(plan, chunk, flown)
         _keep_rates(plan, chunk, flown)
         if plan.surrogates:
             _add_errors(chunk, flown)
-            _add_chances(chunk, flown)
-        advance(here.stop - here.start)
-    flown.worst.sort(key=lambda one: -one[1])
-    del flown.worst[WORST:]
+            _add_chances(chunk, flown, before)
+        before[:] = [one.blind[-1] for one in chunk.seen]
     return flown
 
 
-def _add_to_maps(chunk: Chunk, flown: Flown, here: slice) -> None:
-    steps = flown.blind.shape[1]
+def merged(parts: Sequence[Flown]) -> Flown:
+    """A mission of its parts in their order."""
+
+    def each(name: str) -> Floats:
+        return np.array([getattr(one, name) for one in parts])
+
+    summed: dict[str, Any] = {
+        name: each(name).sum(axis=0)
+        for name in (
+            "planets", "count", "valid_sum", "known", "square_sum", "head_sum", "exactly", "by_beta"
+        )
+    }  # fmt: skip
+    worst = sorted((moment for one in parts for moment in one.worst), key=lambda one: -one[1])
+    return replace(
+        parts[0],
+        blind=np.concatenate([one.blind for one in parts], axis=1),
+        eclipse=np.concatenate([one.eclipse for one in parts]),
+        closest=each("closest").min(axis=0),
+        rate=each("rate").max(axis=0),
+        worst=worst[:WORST],
+        chances=tuple(
+            [chance for one in parts for chance in one.chances[h]]
+            for h in range(len(parts[0].chances))
+        ),
+        **summed,
+    )
+
+
+def _add_to_maps(chunk: Chunk, flown: Flown, steps: int) -> None:
     own = chunk.instants
-    season = np.arange(here.start, here.stop) * SEASONS // steps
+    season = np.arange(chunk.first, chunk.first + len(own.second)) * SEASONS // steps
     phase = np.minimum((own.phase * (PHASES / math.tau)).astype(np.intp), PHASES - 1)
     sine = dot(unit(cross(own.place, own.speed)), own.sun)
     beta = (np.arcsin(np.clip(sine, -1, 1)) / math.pi + 0.5) * BETAS
     other = np.minimum(beta.astype(np.intp), BETAS - 1) * PHASES + phase
     cell, size = season * PHASES + phase, SEASONS * PHASES
-    valid = (flown.blind[:, here] == 0).sum(axis=0)
+    valid = np.sum([one.blind == 0 for one in chunk.seen], axis=0)
     known = valid > 0
 
     def add(total: Floats, values: Floats) -> None:
@@ -363,14 +402,15 @@ def _add_errors(chunk: Chunk, flown: Flown) -> None:
         flown.worst.append((float(chunk.instants.second[worst]), math.sqrt(size[worst])))
 
 
-def _add_chances(chunk: Chunk, flown: Flown) -> None:
-    """Keep the probability of an attitude at the first step after each blinding."""
-    first = chunk.first
-    for found, blind, seen, errors in zip(
-        flown.chances, flown.blind, chunk.seen, chunk.errors, strict=True
+def _add_chances(chunk: Chunk, flown: Flown, before: NDArray[np.uint8]) -> None:
+    """Keep the probability of an attitude at the first step after each blinding.
+
+    before  (h,) Blind of each head at the step before the chunk
+    """
+    for found, last, seen, errors in zip(
+        flown.chances, before, chunk.seen, chunk.errors, strict=True
     ):
-        before = blind[first - 1] if first else 0
-        ends = np.flatnonzero((np.append(before, seen.blind[:-1]) > 0) & (seen.blind == 0))
+        ends = np.flatnonzero((np.append(last, seen.blind[:-1]) > 0) & (seen.blind == 0))
         found.extend(errors[2][ends].tolist())
 
 

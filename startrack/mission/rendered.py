@@ -73,7 +73,7 @@ def _scene(plan: Plan, chunk: Chunk, h: int, k: int) -> Scene:
     return Scene(case, to_camera * body, int(seen.blind[k]), across**0.5, about**0.5, solved)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Checked:
     """Trials at instants of a mission, beside the errors that it expects of some heads.
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import netcdf_file
 
+from startrack import shipped
 from startrack.cli.main import main
 from startrack.mission import load_mission, placement, save_timeline
 
@@ -119,3 +120,23 @@ def test_a_design_is_exported(capsys, tmp_path):
     assert {path.name for path in out.iterdir()} == {
         "startrack_head.c", "startrack_head.h", "startrack_head_data.h", "startrack_head.json"
     }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_several_missions_over_workers(capsys, tmp_path):
+    """The same results by two workers as by one."""
+    text = shipped("missions/sun-synchronous.toml").read_text()
+    files = []
+    for name, step in (("a", "60 s"), ("b", "120 s")):
+        files.append(tmp_path / f"{name}.toml")
+        files[-1].write_text(text.replace('"365 d"', '"1 d"').replace('"10 s"', f'"{step}"'))
+    found = []
+    for workers in ("1", "2"):
+        out = ["--out", str(tmp_path / workers), "--workers", workers, "--json"]
+        assert main(["mission", *map(str, files), *out]) == 3
+        lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+        assert [one["steps"] for one in lines] == [1440, 720]
+        found.append([{**one, "out": ""} for one in lines])
+        assert (tmp_path / workers / "b" / "report.html").exists()
+    assert found[0] == found[1]
+    assert main(["mission", str(files[0]), str(files[0])]) == 2

@@ -1,9 +1,12 @@
 """Times without an attitude, availability and verdicts."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from startrack import load_design, shipped
+from startrack.mission import engine, flown_from, key_of, load_mission, plan_of, store, surrogate
 from startrack.mission.engine import Flown
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import Needs
@@ -60,3 +63,55 @@ def test_reacquisition_is_that_of_drawn_frames():
     assert found.mean == pytest.approx(times.mean(), rel=0.01)
     assert found.level == pytest.approx(np.quantile(times, 0.99), rel=0.01)
     assert reacquisition_of(case, []).times == 0
+
+
+class Stopped(Exception):
+    pass
+
+
+@pytest.mark.parametrize("trials", [0, pytest.param(20, marks=pytest.mark.slow)])
+def test_a_stopped_mission_goes_on(tmp_path, monkeypatch, trials):
+    """The same to the bit as in one go; no part is computed twice; another mission begins anew."""
+    monkeypatch.setattr(engine, "PART", 300)
+    monkeypatch.setattr(surrogate, "PLACES", 192)
+    loaded = load_mission(
+        shipped("missions/sun-synchronous.toml"),
+        [
+            "time.duration=20000 s",
+            "time.step=20 s",
+            f"check.trials={trials}",
+            'check.fidelity="spots"',
+            'attitude.yaw="velocity"',
+        ],
+    )
+    plan, once = plan_of(loaded), []
+    straight = flown_from(plan, None)
+    part = engine.fly_part
+
+    def counted(plan, first, count):
+        if first == 600 and len(once) == 2:
+            raise Stopped
+        once.append(first)
+        return part(plan, first, count)
+
+    monkeypatch.setattr(store, "fly_part", counted)
+    path = tmp_path / "mission.sqlite"
+    with pytest.raises(Stopped):
+        flown_from(plan, path)
+    once.append("again")
+    monkeypatch.setattr(store, "checked", None)  # it is kept what the trials say
+    again = flown_from(plan, path)
+    assert once == [0, 300, "again", 600, 900]
+    assert again[1] == straight[1]
+    for one in dataclasses.fields(Flown):
+        mine, theirs = (getattr(each[2], one.name) for each in (again, straight))
+        assert np.array_equal(mine, theirs) if isinstance(mine, np.ndarray) else mine == theirs
+    moved = dataclasses.replace(
+        loaded.mission.heads[0], design=str(tmp_path / "elsewhere.toml"), name="up-left"
+    )
+    heads = (moved, *loaded.mission.heads[1:])
+    same = dataclasses.replace(loaded, mission=dataclasses.replace(loaded.mission, heads=heads))
+    assert key_of(same) == key_of(loaded)
+    turned = dataclasses.replace(moved, azimuth=0.1)
+    other = dataclasses.replace(loaded.mission, heads=(turned, *heads[1:]))
+    assert key_of(dataclasses.replace(loaded, mission=other)) != key_of(loaded)
