@@ -34,7 +34,7 @@ def markdown(stages: Sequence[Stage], rows: Sequence[Row]) -> str:
     text = []
     for stage in stages:
         limit = f", limit {figure(stage.limit)} ({stage.limit_of})" if stage.limit_of else ""
-        text += [f"### {stage.name}", f"{stage.work}; error: {stage.error}{limit}.", ""]
+        text += [f"## {stage.name}", f"{stage.work}; error: {stage.error}{limit}.", ""]
         text += ["| way | CPU time | error |", "|---|---|---|"]
         for row in rows:
             if row.stage == stage.name:

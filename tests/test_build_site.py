@@ -1,0 +1,42 @@
+"""The site is built without a warning, its front page runs, and the menu holds every page."""
+
+import re
+from html import unescape
+
+import pytest
+
+pytest.importorskip("furo", reason="extra `docs`")
+
+from build_site import FRONT, ROOT, build
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A warning of Sphinx, such as a link to what is not there, is an error."""
+    folder = tmp_path_factory.mktemp("site")
+    build(folder)
+    return folder
+
+
+def test_every_document_is_a_page_of_the_menu(site):
+    front = (site / f"{FRONT}.html").read_text(encoding="utf-8")
+    asked = {f"{path.stem}.html" for path in (ROOT / "docs").glob("*.md")} - {"index.html"}
+    assert asked <= set(re.findall(r'href="([\w-]+\.html)"', front))
+
+
+def test_pages_keep_their_pictures_files_and_docstrings(site):
+    assert (site / "api" / "startrack.html").exists()
+    assert (site / "_images" / "frame.png").exists()
+    assert list((site / "_downloads").rglob("nanosatellite.toml"))
+    assert "docs/index.html" in (site / "index.html").read_text(encoding="utf-8")
+
+
+def test_the_code_of_the_front_page_runs(site, capsys):
+    page = (ROOT / f"{FRONT}.md").read_text(encoding="utf-8")
+    code = page.split("```python\n")[1].split("```")[0]
+    shown = unescape(re.sub(r"<[^>]+>", "", (site / f"{FRONT}.html").read_text(encoding="utf-8")))
+    assert code.strip() in shown
+    exec(code, {})
+    said = capsys.readouterr().out.splitlines()
+    assert len(said) == 3
+    assert all("stars matched" in line for line in said)
