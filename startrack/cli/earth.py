@@ -23,6 +23,7 @@ with deferred():
         Setting,
         cameras,
         load_survey,
+        misregistration,
         open_fits,
         render,
         thinned,
@@ -60,8 +61,8 @@ GeoTIFF files of any resolution, such as tiles of the Copernicus DEM or of SRTM,
 
 A scene to render also gives a camera (of the catalogue, or in the file), the land and the air;
 catalogs/scenes/hsrs.toml is an example. Heights of both kinds of tiles are above a geoid, whose
-grid is the key `geoid`. Where files overlap, the finest is used. For the geometry, a table
-[motion] as in a design gives the drift and jitter of the camera.
+grid is the key `geoid`. Where files overlap, the finest is used. A table [motion] as in a design
+gives the drift and jitter of the camera, one motion for all channels of an image.
 """
 
 
@@ -226,6 +227,8 @@ def rendered(options: argparse.Namespace) -> int:
         small = {name: thinned(each, PANEL) for name, each in picture.terms._asdict().items()}
         draw_picture(png, thinned(picture.numbers, PANEL), small, f"{path.stem}: {channel.name}")
         result = _picture_values(channel, picture, setting) | {"fits": str(fits), "png": str(png)}
+        if survey.motion != Motion():
+            result["misregistration_px"] = misregistration(survey, channel, options.seed)
         result |= frames
         print_result(options, result, _picture_text(result))
     return Exit.DONE
@@ -270,10 +273,20 @@ def _picture_text(result: dict[str, Any]) -> str:
             f"numbers   mean {result['number_mean']:.1f}, {100 * result['saturated']:.2f} % "
             f"saturated; {result['electrons_per_radiance']:.4g} electrons for 1 W / m^2 / sr / um",
             f"exposure  {1e3 * result['exposure_s']:.4g} ms, smear {result['smear_px']:.2f} pixel",
+            *_moved_text(result),
             f"wrote {result['fits']} and {result['png']}",
             *([f"wrote {result['calibration']}"] if "calibration" in result else []),
         ]
     )
+
+
+def _moved_text(result: dict[str, Any]) -> list[str]:
+    if "misregistration_px" not in result:
+        return []
+    across, along = result["misregistration_px"]
+    return [
+        f"motion    {across:.3g} pixel rms across and {along:.3g} along off the first channel",
+    ]
 
 
 def processed(options: argparse.Namespace) -> int:

@@ -29,7 +29,7 @@ from startrack.earth.geometry.sensor import (
     staggered_elements,
     tdi_elements,
 )
-from startrack.earth.geometry.sight import Fixed, Pointing, ground_rate, scan_lines, sight
+from startrack.earth.geometry.sight import Fixed, Jitter, Pointing, ground_rate, scan_lines, sight
 
 # Public; the other imports serve other rooms.
 __all__ = [

@@ -39,6 +39,7 @@ from startrack.earth.geometry import (
 )
 from startrack.earth.imager.land import Land
 from startrack.io import Layers, from_table, read_table, regular_file, shipped
+from startrack.motion import Motion
 from startrack.optics import Optics
 
 FINE = 4001  # wavelengths over a response, for its mean
@@ -226,6 +227,8 @@ class Survey:
     surroundings   1, reflectance of the ground around, which illuminates air and slopes; None for
                    the mean of the image
     sun_distance   astronomical unit
+    motion         drift and jitter of the camera, one motion for all channels: those that see the
+                   ground at different times do not register. Time is zero at the epoch
     """
 
     camera: Imager
@@ -242,6 +245,7 @@ class Survey:
     land: Land = field(default_factory=Land)
     surroundings: float | None = None
     sun_distance: float = 1.0
+    motion: Motion = field(default_factory=Motion)
 
     def __post_init__(self) -> None:
         whole(1, 16, rays=self.rays)

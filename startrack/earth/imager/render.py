@@ -17,6 +17,7 @@ from startrack.earth.atmosphere import Terms, at_sensor
 from startrack.earth.geometry import (
     Carrier,
     EarthScene,
+    Jitter,
     Sensor,
     Strip,
     fly,
@@ -28,7 +29,9 @@ from startrack.earth.imager.blur import blur_strips, blur_weights
 from startrack.earth.imager.land import Land, burning_fraction, reflection, temperature
 from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
 from startrack.earth.terrain import Ground, geodetic
-from startrack.optics import pixel_psf
+from startrack.motion import Motion, realise_motion
+from startrack.motion import blur as motion_blur
+from startrack.optics import Optics, pixel_psf
 
 COARSE = 24  # lines or columns, at most, of the preview for `surroundings`; chosen by hand
 FAINT = 1e-12  # fraction of a pixel below which a fire is neglected
@@ -102,7 +105,8 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     exposure = exposure_of(channel, period)
     detector = channel.detector
     psf = pixel_psf(
-        channel.optics, detector.pitch, band.wavelength, band.weight, detector.fill_factor,
+        _shaken(survey.motion, channel, period), detector.pitch, band.wavelength, band.weight,
+        detector.fill_factor,
         detector.diffusion,
     )  # fmt: skip
     around = survey.surroundings
@@ -124,18 +128,21 @@ def render(
     Source: Krutz et al. (2011), eqs. (1) to (5).
 
     folder   from which files are sought
-    seed     of the noise
+    seed     of the noise, and of the motion, which is the same for all channels of a seed
     advance  called with the number of lines that were just rendered
     Raises    as `prepare`.
     Accuracy  model: the solid angle of a pixel is that on the axis; the PSF is that of the axis.
-              It needs memory for some lines besides the picture.
+              Motion moves each line by the angle at its middle, and blurs it by what is expected
+              within an exposure, the same in all lines and along both axes. It needs memory for
+              some lines besides the picture.
     """
     setting = prepare(survey, channel, folder)
     weights = blur_weights(
         setting.psf, survey.rays, channel.detector.columns / channel.columns,
         _lines_apart(channel, setting), setting.smear,
     )  # fmt: skip
-    strips = _strips(survey, channel, folder, setting, picture, advance)
+    turn = turn_of(survey, seed)
+    strips = _strips(survey, channel, folder, setting, picture, advance, turn)
     names = [each.name for each in survey.camera.channels]
     first, offset = 0, names.index(channel.name) * MOST_LINES
     for light in blur_strips(strips, weights):
@@ -145,6 +152,45 @@ def render(
         picture.numbers[first : first + len(light)] = numbers
         first += len(light)
     return setting
+
+
+def turn_of(survey: Survey, seed: int) -> Jitter | None:
+    """The turn of the camera over the time since the epoch, for all channels; None without."""
+    if survey.motion == Motion():
+        return None
+    scenes = [survey.scene(channel) for channel in survey.channels]
+    longest = max((one.sensor.lines - 1) * one.sensor.dating(one.carrier).period for one in scenes)
+    exposures = [channel.detector.exposure for channel in survey.channels]
+    return realise_motion(survey.motion, max(longest, *exposures), Streams(seed, 0)).at
+
+
+def misregistration(survey: Survey, channel: Channel, seed: int) -> tuple[float, float]:
+    """How far a channel's lines lie from where the first channel has them, by motion alone.
+
+    The same ground is seen by both at their own times; between them the camera turns.
+
+    Returns   pixel of the channel, rms over its lines: along its columns and along its lines
+    Accuracy  model: on the axis; terrain between two looks is left out.
+    """
+    turn = turn_of(survey, seed)
+    if turn is None:
+        return 0.0, 0.0
+    mine, first = (survey.scene(each).sensor for each in (channel, survey.channels[0]))
+    time = mine.dating(survey.carrier).at(np.arange(float(mine.lines)))
+    away = turn(time) - turn(time - mine.delay + first.delay)
+    scale = channel.optics.image_distance / channel.detector.pitch
+    down, right = scale * np.sqrt((away[:, :2] ** 2).mean(0))
+    return float(right), float(down)
+
+
+def _shaken(motion: Motion, channel: Channel, period: float) -> Optics:
+    """A channel's lens with the blur by motion within an exposure of one line."""
+    if motion == Motion():
+        return channel.optics
+    once = min(channel.detector.exposure, period) if period else channel.detector.exposure
+    mean = math.sqrt(float((motion_blur(motion, once)[:2] ** 2).mean()))
+    optics = channel.optics
+    return replace(optics, blur=math.hypot(optics.blur, mean * optics.image_distance))
 
 
 def pixel_electrons(channel: Channel, setting: Setting, light: NDArray[np.floating]) -> Floats:
@@ -167,12 +213,12 @@ def pixel_electrons(channel: Channel, setting: Setting, light: NDArray[np.floati
 
 def _strips(
     survey: Survey, channel: Channel, folder: Path, setting: Setting, picture: Picture,
-    advance: Callable[[int], None],
+    advance: Callable[[int], None], turn: Jitter | None,
 ) -> Iterator[NDArray[np.float32]]:  # fmt: skip
     """Radiance (lines, columns, rays), before the lens; also fills in the picture's terms."""
     scene = survey.scene(channel)
     spread = channel.detector.pitch / channel.optics.image_distance / survey.rays
-    for strip in observe_earth(scene, folder):
+    for strip in observe_earth(scene, folder, turn):
         lines, columns, rays = strip.shape
         here = slice(strip.first, strip.first + lines)
         terms = radiance_terms(survey.land, strip.ground, setting, spread)

@@ -14,7 +14,7 @@ from startrack.core.units import deg, nm, um
 from startrack.detector import Detector, Scan
 from startrack.detector.stamp import stamp
 from startrack.earth.atmosphere import Air
-from startrack.earth.geometry import Aircraft, Pointing, observe_earth
+from startrack.earth.geometry import Aircraft, Pointing, ground_rate, observe_earth
 from startrack.earth.geometry.parameters import Fractal, Terrain
 from startrack.earth.imager import (
     Channel,
@@ -24,6 +24,7 @@ from startrack.earth.imager import (
     cameras,
     load_imager,
     load_survey,
+    misregistration,
     prepare,
     render,
 )
@@ -31,6 +32,7 @@ from startrack.earth.imager.band import band_of
 from startrack.earth.imager.blur import blur_strips, blur_weights
 from startrack.earth.imager.land import Cover, HotSpot, Land, reflectance
 from startrack.io.shipped import shipped
+from startrack.motion import Broadband, Motion, Tone
 from startrack.optics import Aberration, Optics, pixel_psf
 
 PLANCK_TIMES_C = 1.98644586e-25  # J m, CODATA 2018
@@ -316,6 +318,49 @@ def test_air_that_no_table_has_is_refused():
         band_of(one, Air(visibility=50e3), 3e3, 1.0)
     with pytest.raises(ValueError, match="must lie in the air's table"):
         band_of(channel(flat_band(10 * um, 16 * um)), Air(), 3e3, 1.0)
+
+
+def test_channels_that_look_ahead_do_not_register_in_jitter(tmp_path):
+    """A tone of sqrt(2) rms a seen twice, tau apart, differs by 2 a |sin(pi f tau)| rms.
+
+    It moves the ground of each line by the height times its angle, across the track for the axis
+    along the columns.
+    """
+    tone, height = Tone(3.0, rms_y=2e-4, phase=0.3), 3e3
+    one = channel(flat_band(500 * nm, 600 * nm), replace(SCAN, rows=300))
+    ahead = replace(one, name="ahead", forwards=5 * deg, period=8e-3)
+    still = survey(replace(one, period=8e-3))
+    still = replace(still, camera=Imager((still.camera.channels[0], ahead)))
+    moved = replace(still, motion=Motion(tones=(tone,)))
+    tau = math.tan(5 * deg) / ground_rate(still.carrier)
+    rms = 2 * 2e-4 * abs(math.sin(math.pi * tone.frequency * tau)) / 1e-4  # pixel of 1e-4 rad
+    across, along = misregistration(moved, moved.channels[1], 1)
+    assert misregistration(moved, moved.channels[0], 1) == (0, 0)
+    assert across == pytest.approx(rms, rel=0.05)  # not a whole number of periods
+    assert along == 0
+
+    places = []
+    for seen in (still, moved):
+        picture = Picture.blank(300, 40)
+        render(seen, seen.channels[0], tmp_path, 1, picture)
+        places.append(np.stack([picture.longitude, picture.latitude])[:, :, 20] * deg)
+    off = places[1] - places[0]
+    metres = np.hypot(off[0] * math.cos(47 * deg), off[1]) * 6.38e6
+    time = (np.arange(300) - 149.5) * 8e-3
+    angle = math.sqrt(2) * 2e-4 * (np.cos(6 * math.pi * time + 0.3) - math.cos(0.3))
+    np.testing.assert_allclose(metres, height * np.abs(angle), atol=0.01)
+
+
+def test_fast_jitter_blurs(tmp_path):
+    """Far above a line's rate it is the Gaussian of its rms, on the focal length."""
+    one = channel(flat_band(500 * nm, 600 * nm))
+    fast = tuple(Broadband(axis, (2e4, 4e4), (2e-14, 2e-14)) for axis in "xy")
+    shaken = survey(one, motion=Motion(broadband=fast))  # 2e-5 rad rms about each
+    setting = prepare(shaken, one, tmp_path)
+    expected = replace(one, optics=replace(one.optics, blur=math.hypot(3e-6, 2e-5 * 0.1)))
+    np.testing.assert_allclose(
+        setting.psf.table, prepare(survey(expected), expected, tmp_path).psf.table, atol=1e-4
+    )
 
 
 PLANE = """
