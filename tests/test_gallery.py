@@ -18,7 +18,13 @@ EXPECTED = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(EXPECTED))
+SLOW = ("budget_over_aperture", "frame_for_others")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(one, marks=pytest.mark.slow if one in SLOW else ()) for one in sorted(EXPECTED)],
+)
 def test_a_script_of_the_gallery_runs(name, tmp_path, monkeypatch, capsys):
     text, files, package = EXPECTED[name]
     if package:
