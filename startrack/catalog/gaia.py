@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from startrack.catalog.catalog import Catalog, assemble, join
-from startrack.catalog.tables import csv_table, fits_table, numbers, votable, whole_numbers
+from startrack.catalog.tables import any_table, fits_table, numbers, whole_numbers
 from startrack.io import read_bytes, shipped
 
 # Bits of the column FLAGS. Neither of a pair set: unknown.
@@ -121,7 +121,7 @@ def read_gaia_archive(path: Path) -> Catalog:
 
     Raises  ValueError for a file that is empty, cut, of another format, or of several epochs.
     """
-    table = _table(path)
+    table = any_table(path)
     for name in NEEDED:
         if name not in table.colnames:
             raise ValueError(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
@@ -143,18 +143,6 @@ def read_gaia_archive(path: Path) -> Catalog:
         numbers(path, table, "phot_g_mean_mag"),
         colour,
     )
-
-
-def _table(path: Path) -> Any:
-    from astropy.table import Table
-
-    with path.open("rb") as file:
-        start = file.read(200)
-    if start.startswith(b"SIMPLE"):
-        return Table(fits_table(path)[1])
-    if start.lstrip().startswith(b"<"):
-        return votable(path)
-    return csv_table(path)
 
 
 def _epoch(path: Path, table: Any) -> float:

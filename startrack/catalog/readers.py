@@ -1,14 +1,24 @@
-"""Hipparcos, Tycho-2, Bright Star Catalogue or HYG files -> Catalog."""
+"""Hipparcos, Tycho-2, Bright Star Catalogue, HYG or files by their columns -> Catalog."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from startrack.catalog.catalog import Catalog, assemble
 from startrack.catalog.colour import g_from_hipparcos, g_from_johnson, g_from_tycho
-from startrack.catalog.tables import Records, csv_table, degrees, fixed_width, numbers, separated
+from startrack.catalog.tables import (
+    Records,
+    any_table,
+    csv_table,
+    degrees,
+    fixed_width,
+    numbers,
+    separated,
+    whole_numbers,
+)
 from startrack.core import Floats, Ints, deg
 
 EPOCH = 1991.25
@@ -159,6 +169,93 @@ def _stars(records: Records) -> Records:
         for name, column in records.columns.items()
     }
     return Records(records.path, columns, list(np.array(records.line)[keep]))
+
+
+# What a table of one's own may hold: the name in `columns`, and the unit that is assumed.
+MAPPED = {
+    "identifier": "", "ra": "deg", "dec": "deg", "pm_ra": "mas / yr", "pm_dec": "mas / yr",
+    "parallax": "mas", "magnitude_g": "mag", "colour": "mag", "magnitude_v": "mag", "b_v": "mag",
+    "epoch": "yr",
+}  # fmt: skip
+
+
+def column_names(columns: tuple[str, ...]) -> dict[str, str]:
+    """The column of each quantity, from texts such as "ra=RAJ2000".
+
+    Raises  ValueError where one is no such text, and where place or magnitude is missing.
+    """
+    found = dict[str, str]()
+    for text in columns:
+        quantity, equals, name = (part.strip() for part in text.partition("="))
+        if not equals or quantity not in MAPPED or not name or quantity in found:
+            raise ValueError(
+                f"columns must each be QUANTITY=COLUMN, with each quantity once, of "
+                f"{', '.join(MAPPED)}, got {text!r}"
+            )
+        found[quantity] = name
+    for either in (("ra",), ("dec",), ("magnitude_g", "magnitude_v"), ("epoch",)):
+        if not set(either) & set(found):
+            raise ValueError(f"columns must name {' or '.join(either)}, got {', '.join(columns)}")
+    if "magnitude_g" in found and "magnitude_v" in found:
+        raise ValueError("columns must name one of magnitude_g and magnitude_v, got both")
+    return found
+
+
+def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
+    """Read a FITS, VOTable, ECSV or CSV table by the names of its columns.
+
+    Units of the file count where it has them (ECSV, VOTable); degree, mas / yr, mas and magnitude
+    are assumed where it has none, and in FITS. Proper motions in right ascension are those times
+    cos(declination). Without an identifier it is the number of the row, from 1.
+
+    columns  as for `column_names`; "epoch" is a column, or a Julian year, such as "epoch=2000.0"
+    Raises   ValueError for a file that is no table, a column that it has not, or a unit that does
+             not convert.
+    """
+    table, mapped = any_table(path), column_names(columns)
+    found = {what: _mapped(path, table, what, name) for what, name in mapped.items()}
+    nothing = np.full(len(table), np.nan)
+    if "magnitude_v" in found:
+        magnitude, colour = g_from_johnson(found["magnitude_v"], found.get("b_v", nothing))
+    else:
+        magnitude, colour = found["magnitude_g"], found.get("colour", nothing)
+    known = ("identifier" in mapped) and whole_numbers(path, table, mapped["identifier"].lower())
+    epochs = np.unique(found["epoch"])
+    if len(epochs) != 1:
+        raise ValueError(f"{path}: epoch must be the same in all rows, got {epochs[:3]}")
+    return assemble(
+        path,
+        float(epochs[0]),
+        np.arange(1, len(table) + 1) if known is False else known,
+        found["ra"],
+        found["dec"],
+        found.get("pm_ra", nothing),
+        found.get("pm_dec", nothing),
+        found.get("parallax", nothing),
+        magnitude,
+        colour,
+    )
+
+
+def _mapped(path: Path, table: Any, quantity: str, name: str) -> Floats:
+    """A column in the unit of its quantity."""
+    if quantity == "epoch":
+        try:
+            return np.full(max(len(table), 1), float(name))
+        except ValueError:
+            pass
+    if name.lower() not in table.colnames:
+        raise ValueError(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
+    values, wanted = numbers(path, table, name.lower()), MAPPED[quantity]
+    given = table[name.lower()].unit
+    if given is None or not wanted:
+        return values
+    try:
+        return np.asarray(values * given.to(wanted), float)
+    except Exception:  # astropy's own, and those of units that it does not know
+        raise ValueError(
+            f"{path}: {name} must have a unit that converts to {wanted}, got {given}"
+        ) from None
 
 
 UNKNOWN_DISTANCE = 1e5  # parsec; HYG puts this where the parallax is missing or negative

