@@ -25,7 +25,7 @@ from startrack.core import (
 )
 from startrack.design.calibration import CameraCalibration
 from startrack.design.epoch import believed_from, seen_from
-from startrack.design.variation import YEAR, Variation, check_variations
+from startrack.design.variation import YEAR, Law, Variation, check_variations, law_of
 from startrack.detection import Box, Detection
 from startrack.detector import Detector
 from startrack.identification import Identification
@@ -299,6 +299,11 @@ class Case:
             delay=own.delay,
         )
         return self.design if tracker == own else replace(self.design, tracker=tracker)
+
+    @cached_property
+    def laws(self) -> tuple[Law, ...]:
+        """Its variations in SI units, in their order."""
+        return tuple(law_of(self, one) for one in self.variation)
 
     @property
     def differs(self) -> bool:

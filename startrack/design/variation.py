@@ -239,7 +239,7 @@ def differences(case: Any, seed: int, moment: Moment) -> list[tuple[Variation, f
     Each is drawn from streams that (seed, unit, name) alone decide.
     """
     streams, found = Streams(seed, moment.unit), []
-    for one in case.variation:
+    for one, law in zip(case.variation, case.laws, strict=True):
         at = _instance(one.per, moment)
         if at is None:
             continue
@@ -247,7 +247,7 @@ def differences(case: Any, seed: int, moment: Moment) -> list[tuple[Variation, f
         if one.group and one.correlation != 1 and one.law != "sinusoid":
             own = float(streams(one.stream + at).standard_normal())
             z = one.correlation * z + math.sqrt(1 - one.correlation**2) * own
-        by = law_of(case, one).difference(z)
+        by = law.difference(z)
         found.append((one, by * moment.age / YEAR if one.per is Scope.LIFE else by))
     return found
 

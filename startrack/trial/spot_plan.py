@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -318,10 +319,10 @@ def _light(catalog: Selection, scene: Scene) -> Light:
 def _companions(directions: Floats, flux: Floats, found: Ints, radius: float) -> Companions:
     """The stars within an angle of each of these, except those that are much fainter."""
     pairs = cKDTree(directions[found]).query_ball_tree(cKDTree(directions), radius)
-    lists = [
-        [k for k in near if k != i and flux[k] > flux[i] * math.exp(RATIOS[0])]
-        for i, near in zip(found, pairs, strict=True)
-    ]
-    start = np.concatenate([[0], np.cumsum([len(each) for each in lists])])
-    other = np.array([k for each in lists for k in each], np.int64)
+    row = np.repeat(np.arange(len(found)), [len(near) for near in pairs])
+    other = np.fromiter(chain.from_iterable(pairs), np.int64, len(row))
+    bright = flux[other] > flux[found][row] * math.exp(RATIOS[0])
+    kept = (other != np.asarray(found)[row]) & bright
+    start = np.concatenate([[0], np.cumsum(np.bincount(row[kept], minlength=len(found)))])
+    other = other[kept]
     return Companions(start, directions[other].reshape(-1, 3), np.log(flux[other]))
