@@ -5,6 +5,7 @@ thermal              Thermal: growth of the dark current with temperature, reset
 hits                 Hits: cosmic rays and protons, straight tracks of charge.
 nonuniformity        Defects, Pattern: what differs between pixels, and between rows and columns.
 lines                Line, Scan: detectors of lines (one line, staggered lines, TDI).
+shielding            Orbit and shielding -> dose of protons behind aluminium, and its damage.
 ageing               Age: dose, years and a family of detectors -> what radiation did to its
                      pixels.
 maps                 Maps of one device: response, dark current and read noise of each pixel.

@@ -20,6 +20,7 @@ from startrack.core import (
     positive,
     within,
 )
+from startrack.detector.shielding import damage_fluence
 
 YEAR = 365.25 * 86400.0  # second
 ELECTRON_VOLT = 1.602176634e-19  # joule
@@ -168,6 +169,8 @@ class Age:
     family        "interactions" or "chandra-aca"
     fluence       proton equivalents of 10 MeV, of a square metre and a second, behind the shield;
                   of the family "interactions"
+    inclination   radian, of a circular orbit at 550 km, from which the fluence then follows
+    shielding     metre of aluminium around the detector in that orbit, 1 to 20 mm
     depleted      metre, depth of the silicon whose damage makes dark current; of the same
     interaction   electron / second, mean dark current of an interaction, at 296 K; of the same
     annealed      1, fraction of the damage's dark current that annealing took away
@@ -183,6 +186,8 @@ class Age:
     launch: float | None = None
     family: str = "interactions"
     fluence: Annotated[float, Unit("m-2 / s", "cm-2 / yr")] = 0.0
+    inclination: Annotated[float | None, Unit("rad", "deg")] = None
+    shielding: Annotated[float | None, Unit("m", "mm")] = None
     depleted: Annotated[float, Unit("m", "um")] = 10e-6
     interaction: Annotated[float, Unit("electron / s")] = 4000.0
     annealed: float = 0.0
@@ -206,8 +211,19 @@ class Age:
         positive(depleted=self.depleted, interaction=self.interaction)
         within(0, 1, annealed=self.annealed)
         within(0, 1e-3 / YEAR, transfer_loss=self.transfer_loss)
-        if self.fluence and self.family != "interactions":
+        if (self.inclination is None) != (self.shielding is None):
+            raise ValueError("age must have inclination and shielding together, or neither")
+        if self.inclination is not None and self.fluence:
+            raise ValueError("fluence must be left out where inclination and shielding give it")
+        if self.protons and self.family != "interactions":
             raise ValueError("fluence must be left out beside a family with a law of its own")
+
+    @property
+    def protons(self) -> float:
+        """Proton equivalents of 10 MeV, of a square metre and a second; see `proton_dose`."""
+        if self.inclination is None or self.shielding is None:
+            return self.fluence
+        return damage_fluence(self.inclination, self.shielding, NIEL) / SQUARE_CM / YEAR
 
     @property
     def years(self) -> float:
@@ -301,7 +317,7 @@ def damage(shape: tuple[int, int], age: Age, area: float, kelvin: float, device:
 def mean_damage(age: Age, area: float, kelvin: float) -> float:
     """Mean of `damage` over the pixels."""
     mean = (
-        DAMAGE_FACTOR * NIEL * (age.fluence * age.years * YEAR * SQUARE_CM)
+        DAMAGE_FACTOR * NIEL * (age.protons * age.years * YEAR * SQUARE_CM)
         * (area * age.depleted / CUBIC_CM) * (1 - age.annealed)
     )  # fmt: skip
     return mean * growth_of(DAMAGE_ACTIVATION, kelvin, DAMAGE_KELVIN)

@@ -20,6 +20,7 @@ from startrack.detector.ageing import (
 )
 from startrack.detector.expose import frame_of
 from startrack.detector.maps import dark
+from startrack.detector.shielding import proton_dose
 
 DOUBLING = 4 * math.log(2) / -math.log(0.70)  # kelvin: 0.70 for 4 K less
 CELSIUS = 273.15
@@ -122,6 +123,28 @@ def test_interactions_have_the_mean_of_srour_and_the_shape_of_robbins():
     assert (dark(healed) - 10).mean() == pytest.approx(expected / 2, rel=0.05)
 
 
+def test_the_dose_behind_a_shield_is_that_of_spenvis_between_its_nodes(oracle):
+    """Inclinations and thicknesses that the table leaves out."""
+    for inclination, millimetre, rad in oracle("dose_depth.json")["proton_rad_per_year"]:
+        found = proton_dose(math.radians(inclination), millimetre * 1e-3)
+        assert found == pytest.approx(rad, rel=0.08)
+
+
+def test_a_thicker_shield_lets_a_detector_age_less():
+    """As a fluence of so many protons would; 139 rad a year are 4.3e8 protons / cm^2 of 10 MeV."""
+    polar = math.radians(100)
+    thin, thick = (Age(time=YEAR, inclination=polar, shielding=mm * 1e-3) for mm in (2, 10))
+    ratio = thin.protons / thick.protons
+    assert ratio == pytest.approx(proton_dose(polar, 2e-3) / proton_dose(polar, 10e-3))
+    middle = Age(time=YEAR, inclination=polar, shielding=5e-3).protons * 1e-4 * YEAR
+    assert middle == pytest.approx(4.3e8, rel=0.05)
+    detector = Detector(64, 64, 10e-6, 1.0, dark_current=10.0, thermal=Thermal(300.0, 300.0))
+    same = Age(time=YEAR, fluence=thin.protons)
+    one, other = (dark(replace(detector, age=age)) for age in (thin, same))
+    assert (one == other).all()
+    assert one.mean() > dark(replace(detector, age=thick)).mean()
+
+
 def test_charge_that_is_left_behind_arrives_a_row_later():
     electrons = np.zeros((100, 3))
     electrons[79, 1] = 1e4
@@ -138,6 +161,9 @@ def test_charge_that_is_left_behind_arrives_a_row_later():
         ({"year": 1990.0, "launch": 1999.0}, "before launch"),
         ({"time": 1.0, "family": "unknown"}, "family"),
         ({"time": 1.0, "family": "chandra-aca", "fluence": 1.0}, "left out"),
+        ({"time": 1.0, "inclination": 1.7}, "together"),
+        ({"time": 1.0, "inclination": 1.7, "shielding": 5e-3, "fluence": 1.0}, "left out"),
+        ({"time": 1.0, "inclination": 1.7, "shielding": 1e-4}, "shielding"),
     ],
 )
 def test_ages_that_make_no_sense_are_refused(values, rule):
