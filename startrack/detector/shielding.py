@@ -38,8 +38,9 @@ def proton_dose(inclination: float, shielding: float) -> float:
     inclination  radian
     shielding    metre of aluminium all around
     Raises    ValueError outside 0 to 180 degrees, or 1 to 20 mm.
-    Accuracy  between the nodes 8 %; AP-8 within a factor of two, and less at solar maximum. Altitude: at
-              800 km several times as much. Solar protons are left out, which count in polar orbits.
+    Accuracy  between the nodes 8 %; AP-8 itself within a factor of two. Other altitudes are not in
+              the table (higher ones have several times as much), nor are solar protons, which
+              count in polar orbits.
     """
     within(0.0, math.pi, inclination=inclination)
     within(float(THICKNESS[0]), float(THICKNESS[-1]), shielding=shielding)
