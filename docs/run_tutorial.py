@@ -1,7 +1,8 @@
-"""Run the blocks of docs/tutorial.md; compare, or update, its output and pictures.
+"""Run the blocks of the tutorials; compare, or update, their output and pictures.
 
-    python docs/run_tutorial.py            prints where the page differs from the output
-    python docs/run_tutorial.py --write    writes output and pictures into the page
+    python docs/run_tutorial.py            prints where a page differs from the output
+    python docs/run_tutorial.py --write    writes output and pictures into the pages
+    python docs/run_tutorial.py tutorial-earth.md    of one page alone
 
 A block `toml NAME` is a file, `sh` are commands, each of exit status 0 unless its comment says
 otherwise, `python` is run, all in one folder. A block `text` quotes what the block before it
@@ -26,7 +27,7 @@ from typing import Any, NamedTuple
 
 from startrack.cli import main as cli
 
-PAGE = Path(__file__).parent / "tutorial.md"
+PAGES = tuple(Path(__file__).parent / name for name in ("tutorial.md", "tutorial-earth.md"))
 BLOCK = re.compile(r"```(toml|sh|python|text)(?: (\S+))?\n(.*?)```", re.DOTALL)
 NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 STATUS = re.compile(r"# exit status (\d)")
@@ -65,7 +66,7 @@ def walk(page: str, folder: Path) -> list[Told]:
                 Path(word).write_text(text, encoding="utf-8")
             else:
                 with contextlib.redirect_stdout(io.StringIO()) as printed:
-                    _run(text) if kind == "sh" else exec(compile(text, str(PAGE), "exec"), names)
+                    _run(text) if kind == "sh" else exec(compile(text, "tutorial", "exec"), names)
                 came = printed.getvalue()
     return told
 
@@ -144,19 +145,29 @@ def rewritten(page: str, told: Sequence[Told]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--write", action="store_true", help="update the page and its pictures")
+    parser.add_argument("pages", nargs="*", metavar="PAGE", help="names of pages (default: all)")
     options = parser.parse_args()
-    page = PAGE.read_text(encoding="utf-8")
+    wrong = False
+    for path in PAGES:
+        if not options.pages or path.name in options.pages:
+            found = _walk_page(path, options.write)
+            print(f"{path.name}: " + ("\n".join(found) or "the page agrees with the output"))
+            wrong = wrong or bool(found)
+    return 1 if wrong and not options.write else 0
+
+
+def _walk_page(path: Path, write: bool) -> list[str]:
+    """Faults of a page, which is updated where that is asked for."""
+    page = path.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
         told = walk(page, Path(folder))
-        if options.write:
-            PAGE.write_text(rewritten(page, told), encoding="utf-8")
+        if write:
+            path.write_text(rewritten(page, told), encoding="utf-8")
             for name in PICTURE.findall(page):
-                target = PAGE.parent / "tutorial" / name
+                target = path.parent / "tutorial" / name
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(Path(folder, name), target)
-    found = [fault for one in told for fault in faults(one)]
-    print("\n".join(found) or "the page agrees with the output")
-    return 1 if found and not options.write else 0
+    return [fault for one in told for fault in faults(one)]
 
 
 if __name__ == "__main__":

@@ -1,42 +1,45 @@
-"""The tutorial works as it stands: its file, its commands, its Python and all that it quotes."""
+"""The tutorials work as they stand: files, commands, Python and all that they quote."""
 
 from pathlib import Path
 
 import pytest
-from run_tutorial import PAGE, PICTURE, Told, alike, faults, pairs, rewritten, walk
+from run_tutorial import PAGES, PICTURE, Told, alike, faults, pairs, rewritten, walk
 
-TEXT = PAGE.read_text(encoding="utf-8")
+REPORTS = {"tutorial": "trials/campaign.html", "tutorial-earth": "product/earth.html"}
 
 
-@pytest.fixture(scope="module")
-def walked(tmp_path_factory) -> tuple[Path, list[Told]]:
+@pytest.fixture(scope="module", params=PAGES, ids=lambda path: path.stem)
+def walked(request, tmp_path_factory) -> tuple[Path, Path, list[Told]]:
+    """The page, the folder in which it was run, and what it quotes."""
+    if request.param.stem == "tutorial-earth":
+        pytest.importorskip("rasterio")
     folder = tmp_path_factory.mktemp("tutorial")
-    return folder, walk(TEXT, folder)
+    return request.param, folder, walk(request.param.read_text(encoding="utf-8"), folder)
 
 
 @pytest.mark.slow
 def test_what_the_page_quotes_comes(walked):
-    _, told = walked
+    _, _, told = walked
     assert len(told) >= 6
     assert [fault for one in told for fault in faults(one)] == []
 
 
 @pytest.mark.slow
 def test_every_picture_is_made_on_the_way(walked):
-    folder, _ = walked
-    names = PICTURE.findall(TEXT)
+    page, folder, _ = walked
+    names = PICTURE.findall(page.read_text(encoding="utf-8"))
     assert names
     for name in names:
         assert (folder / name).read_bytes().startswith(b"\x89PNG"), name
-        shown = (PAGE.parent / "tutorial" / name).read_bytes()
+        shown = (page.parent / "tutorial" / name).read_bytes()
         assert shown.startswith(b"\x89PNG"), name
         assert len(shown) < 200_000, name
 
 
 @pytest.mark.slow
 def test_the_walk_ends_with_a_report(walked):
-    folder, _ = walked
-    assert (folder / "trials" / "campaign.html").read_text().rstrip().endswith("</html>")
+    page, folder, _ = walked
+    assert (folder / REPORTS[page.stem]).read_text().rstrip().endswith("</html>")
 
 
 QUOTED = Told((0, 0), ["a 1.00", "...", "c 10"], ["a 1.01", "b 7", "c 10"], 0.0)

@@ -45,9 +45,10 @@ with deferred():
     )
     from startrack.earth.product import UNITS as PRODUCT_UNITS
     from startrack.earth.terrain import EQUATORIAL, Raster
-    from startrack.io import from_table, read_table, save_netcdf, shipped, whole
+    from startrack.io import from_table, read_table, save_netcdf, save_text, shipped, whole
     from startrack.motion import Motion, realise_motion
     from startrack.plots import draw_geometry, draw_picture, draw_product
+    from startrack.report import write_earth_report
 
 EARTH = """\
 A scene file gives an orbit (or tle), a sensor, a pointing and the terrain. The default is the
@@ -121,9 +122,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
     process = add_part(
         parts, "process", "turn raw images into radiance, reflectance and maps on the terrain",
         "Reads CHANNEL.fits and CHANNEL-calibration.fits, as `render --calibration` writes them. "
-        "Writes CHANNEL-map.tif and CHANNEL-quality.tif (GeoTIFF; extra `earth`) and "
-        "CHANNEL-map.png. Camera, flight and terrain are those of the scene file; of its land "
-        "nothing is used.",
+        "Writes CHANNEL-map.tif and CHANNEL-quality.tif (GeoTIFF; extra `earth`), "
+        "CHANNEL-map.png, and earth.html, a page of camera, images and products. Camera, flight "
+        "and terrain are those of the scene file; of its land nothing is used.",
     )  # fmt: skip
     process.add_argument(
         "scene", nargs="?", metavar="SCENE",
@@ -295,6 +296,7 @@ def processed(options: argparse.Namespace) -> int:
     with as_wrong_use():
         survey = load_survey(path)
         settings = Settings(options.projection, options.cell, options.resampling)
+    told = []
     for channel in survey.channels:
         with as_wrong_use(ValueError, FileNotFoundError):
             raw = read_raw(options.raw / f"{channel.name}.fits", channel)
@@ -321,6 +323,12 @@ def processed(options: argparse.Namespace) -> int:
             "png": str(start.with_suffix(".png")),
         }  # fmt: skip
         print_result(options, result, _product_text(result, product))
+        picture = options.raw / f"{channel.name}.png"
+        told.append(result | ({"image": picture} if picture.is_file() else {}))
+    scene = path.read_text(encoding="utf-8")
+    page = options.out / "earth.html"
+    save_text(page, write_earth_report(survey, told, scene, f"Earth camera: {path.stem}"))
+    print_result(options, {"report": str(page)}, f"wrote {page}")
     return Exit.DONE
 
 

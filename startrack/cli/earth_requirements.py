@@ -8,27 +8,22 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from startrack.cli.options import Exit, as_wrong_use
 from startrack.cli.terminal import print_result
 from startrack.core import um
-from startrack.earth.geometry import fly, ground_rate
 from startrack.earth.imager import (
     Channel,
     Figures,
     First,
     Goals,
     Survey,
-    band_of,
     cameras,
-    figures,
+    figures_of,
     first_parameters,
     known,
     load_survey,
     margins_of,
 )
-from startrack.earth.terrain import geodetic
 from startrack.io import from_table, read_table, shipped
 
 
@@ -52,14 +47,8 @@ def earth_requirements(options: argparse.Namespace) -> int | None:
 
 def _print_figures(options: argparse.Namespace, survey: Survey) -> int:
     """Print the figures of each channel; the status is 3 if a requirement of one is not met."""
-    carrier = survey.carrier
     met = True
-    height = float(geodetic(fly(carrier, np.zeros(1)).position)[2][0])
-    rate = ground_rate(carrier)
-    for channel in survey.camera.channels:
-        air = None if channel.reference else survey.air  # the light is that at the lens
-        band = band_of(channel, air, height, survey.sun_distance)
-        found = figures(channel, band, height, rate)
+    for channel, height, found in figures_of(survey):
         margins = margins_of(channel, found)
         met = met and all(margin >= 0 for margin in margins.values())
         result: dict[str, Any] = {"channel": channel.name, "height_m": height, **asdict(found)}

@@ -1,4 +1,4 @@
-"""A campaign, or a mission, as one HTML page.
+"""A campaign, a mission or an Earth camera as one HTML page.
 
 page           One self-contained HTML page from sections and figures.
 opening        The first sections: the design in ten lines, the verdicts, the lost trials.
@@ -10,8 +10,10 @@ units          Section: yields of units, the spread of their errors, and the wor
 worst          The trials with the largest errors, with their frames.
 write          The page from a campaign's store.
 mission        The page of a mission.
+earth          The page of an Earth camera: its figures, requirements, images, products and scene.
 """
 
+from startrack.report.earth import write_earth_report
 from startrack.report.mission import write_mission_report
 from startrack.report.write import Depth, repeated, write_report
 

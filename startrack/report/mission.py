@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 
 import tomli_w
@@ -23,7 +21,7 @@ from startrack.mission import (
     over_beta,
     reacquisition_of,
 )
-from startrack.report.page import Section, code, figure, page, paragraph, table
+from startrack.report.page import Section, code, embedded, page, paragraph, table
 
 DAY = 86400.0
 MOST = 10  # rows of a list of the worst
@@ -55,7 +53,7 @@ def write_mission_report(
         _blinded(plan, found),
         _reacquired(plan, flown),
         _beta(flown),
-        Section("Pictures", "".join(_picture(caption, file) for caption, file in pictures)),
+        Section("Pictures", "".join(embedded(caption, file) for caption, file in pictures)),
         Section(
             "Inputs",
             code(
@@ -201,8 +199,3 @@ def _beta(flown: Flown) -> Section:
 
 def _names(plan: Plan) -> list[str]:
     return [one.name for one in plan.heads]
-
-
-def _picture(caption: str, file: Path) -> str:
-    data = base64.b64encode(file.read_bytes()).decode()
-    return figure(f'<img alt="{escape(caption)}" src="data:image/png;base64,{data}">', caption)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
+from pathlib import Path
 from typing import NamedTuple
 
 import matplotlib
@@ -174,6 +176,12 @@ def figure(picture: str, caption: str) -> str:
         f'<figure><div class="scroll" tabindex="0" role="region" aria-label="Picture">{picture}'
         f"</div><figcaption>{escape(caption)}</figcaption></figure>\n"
     )
+
+
+def embedded(caption: str, file: Path) -> str:
+    """A PNG file in the page itself, with its caption (plain text)."""
+    data = base64.b64encode(file.read_bytes()).decode()
+    return figure(f'<img alt="{escape(caption)}" src="data:image/png;base64,{data}">', caption)
 
 
 def code(title: str, text: str) -> str:

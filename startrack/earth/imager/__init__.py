@@ -17,7 +17,14 @@ files       FITS that is filled while an image is rendered; GeoTIFF with ground 
 
 from startrack.earth.imager.band import INFRARED, Band, band_of
 from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water
-from startrack.earth.imager.figures import Figures, figures, known, margins_of, reference
+from startrack.earth.imager.figures import (
+    Figures,
+    figures,
+    figures_of,
+    known,
+    margins_of,
+    reference,
+)
 from startrack.earth.imager.files import ABOUT, RADIANCE, open_fits, thinned, write_geotiff
 from startrack.earth.imager.first import First, Goals, first_parameters
 from startrack.earth.imager.land import Cover, HotSpot, Land, ReflectanceMap
@@ -67,6 +74,7 @@ __all__ = [
     "band_of",
     "cameras",
     "figures",
+    "figures_of",
     "first_parameters",
     "known",
     "load_imager",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +11,10 @@ import numpy as np
 from startrack.core import deg, um
 from startrack.detector import Detector
 from startrack.earth.atmosphere import Reach, Sight, radiance, refine
-from startrack.earth.imager.band import INFRARED, Band
-from startrack.earth.imager.parameters import Channel, Performance, exposure_of, smear
+from startrack.earth.geometry import fly, ground_rate
+from startrack.earth.imager.band import INFRARED, Band, band_of
+from startrack.earth.imager.parameters import Channel, Performance, Survey, exposure_of, smear
+from startrack.earth.terrain import geodetic
 from startrack.optics import blur_transfer, pixel_transfer, pupil_transfer
 
 GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # the scene of the reference radiance; chosen by hand
@@ -107,6 +110,20 @@ def figures(
         period, channel.columns / period * (1 if detector.scan else detector.rows),
         channel.columns * detector.bits / period * (1 if detector.scan else detector.rows),
     )  # fmt: skip
+
+
+def figures_of(survey: Survey) -> Iterator[tuple[Channel, float, Figures]]:
+    """Each channel of a survey's camera, its height in metre at the epoch, and its figures.
+
+    Where a channel has a reference light, that is the light at the lens.
+    """
+    carrier = survey.carrier
+    height = float(geodetic(fly(carrier, np.zeros(1)).position)[2][0])
+    rate = ground_rate(carrier)
+    for channel in survey.camera.channels:
+        air = None if channel.reference else survey.air
+        band = band_of(channel, air, height, survey.sun_distance)
+        yield channel, height, figures(channel, band, height, rate)
 
 
 def margins_of(channel: Channel, found: Figures) -> dict[str, float]:

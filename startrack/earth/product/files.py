@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats
-from startrack.earth.imager import ABOUT, RADIANCE, Channel
+from startrack.earth.imager import ABOUT, RADIANCE, Channel, Performance
 from startrack.earth.product.calibration import Calibration
 from startrack.earth.product.ortho import QUALITY, Bytes, MapGrid
 from startrack.earth.terrain import require_rasterio
@@ -34,7 +34,8 @@ class RawImage(NamedTuple):
 
 
 def camera_id(channel: Channel) -> str:
-    """A short name of a channel with all its parameters; the lines of a scanner have no part."""
+    """A short name of a channel with all that makes its numbers; not the lines of a scanner."""
+    channel = replace(channel, reference=None, required=Performance(), measured=Performance())
     if channel.detector.scan:
         channel = replace(channel, detector=replace(channel.detector, rows=1))
     return hashlib.sha256(repr(channel).encode()).hexdigest()[:16]

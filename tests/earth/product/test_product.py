@@ -256,7 +256,10 @@ def test_the_command_maps_what_was_rendered_and_refuses_the_rest(tmp_path, capsy
     refused("green-calibration.fits must be calibration frames, but there is none")
     frames.rename(raw / "green-calibration.fits")
     assert main([*process, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told, page = map(json.loads, capsys.readouterr().out.splitlines())
+    text = Path(page["report"]).read_text(encoding="utf-8")
+    assert text.count("data:image/png") == 2
+    assert "brightness temperature" not in text
     assert abs(told["radiance_error"]) < 0.005
     assert told["projection"] == "EPSG:32632"
     with rasterio.open(told["map"]) as file, rasterio.open(told["quality"]) as bits:

@@ -1,0 +1,105 @@
+"""The page of an Earth camera: its figures, requirements, images, products and scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from startrack.core import um
+from startrack.earth.imager import Survey, figures_of, known, margins_of
+from startrack.earth.product import QUALITY, UNITS
+from startrack.report.page import Section, code, embedded, page, paragraph, table
+
+
+def write_earth_report(
+    survey: Survey, products: Sequence[Mapping[str, Any]], scene: str, title: str
+) -> str:
+    """The page as HTML.
+
+    products  of each channel what `startrack earth process` prints, with the path of its picture
+              as `png`; `image`, if there is one, is that of the raw image
+    scene     text of the scene file
+    """
+    lead = (
+        f"{len(products)} channels of a simulated camera: what it should do by formulas, what it "
+        "saw, and what comes back of the scene after calibration and mapping. The products use "
+        "the scene's flight and terrain exactly; errors of pointing and heights are not in them."
+    )
+    sections = [
+        Section("Camera", _camera(survey)),
+        Section("Requirements", _requirements(survey)),
+        Section("Images", _images(products)),
+        Section("Products", _products(products)),
+        Section("Inputs", code("Scene file", scene)),
+    ]
+    return page(title, lead, sections)
+
+
+def _camera(survey: Survey) -> str:
+    rows = []
+    for channel, height, found in figures_of(survey):
+        rows.append([
+            channel.name, f"{height / 1e3:.4g}", f"{found.gsd:.4g}", f"{found.swath / 1e3:.4g}",
+            f"{found.mtf_across:.3f}", f"{found.mtf_along:.3f}", f"{found.snr:.4g}",
+            f"{found.radiance * um:.4g}", f"{found.saturation * um:.4g}",
+            f"{found.data_rate / 1e6:.4g}",
+        ])  # fmt: skip
+    head = (
+        "channel", "height (km)", "pixel on the ground (m)", "swath (km)", "MTF across",
+        "MTF along", "SNR", "at (W / m2 / sr / um)", "saturates at", "Mbit / s",
+    )  # fmt: skip
+    return table("Figures of each channel over flat ground below, at Nyquist", head, rows)
+
+
+def _requirements(survey: Survey) -> str:
+    rows = []
+    for channel, _, found in figures_of(survey):
+        for name, margin in margins_of(channel, found).items():
+            limit = known(channel.required)[name] * (um if name == "saturation" else 1.0)
+            met = "met" if margin >= 0 else "NOT MET"
+            rows.append([channel.name, name, f"{limit:.4g}", f"{margin:+.3f}", met])
+    if not rows:
+        return paragraph("The camera names no requirement.")
+    caption = "Margins are fractions of the required value"
+    return table(caption, ("channel", "of", "required", "margin", "verdict"), rows)
+
+
+def _images(products: Sequence[Mapping[str, Any]]) -> str:
+    shown = [
+        embedded(f"{one['channel']}: digital numbers, and radiance before the lens", one["image"])
+        for one in products
+        if "image" in one
+    ]
+    return "".join(shown) or paragraph("The folder of the raw images holds no pictures of them.")
+
+
+def _products(products: Sequence[Mapping[str, Any]]) -> str:
+    means, flags, truth = [], [], []
+    for one in products:
+        for layer, value in one["mean"].items():
+            unit = "" if UNITS[layer] == "1" else UNITS[layer]
+            means.append([one["channel"], layer, f"{value:.4g}", unit])
+        flags.append([one["channel"], *(f"{100 * one['flagged'][name]:.1f}" for name in QUALITY)])
+        if math.isfinite(one["radiance_error"]):
+            truth.append([
+                one["channel"], f"{100 * one['radiance_error']:+.3f}",
+                f"{100 * one['radiance_rms']:.2f}",
+            ])  # fmt: skip
+    parts = [
+        table("Means over the map", ("channel", "layer", "mean", "unit"), means),
+        table("Cells of each quality (%)", ("channel", *QUALITY), flags),
+    ]
+    if truth:
+        head = ("channel", "mean radiance (%)", "rms of the pixels (%)")
+        caption = "Difference from the truth; the rms holds noise, and edges that the lens blurs"
+        parts.append(table(caption, head, truth))
+    for one in products:
+        unit = "degree" if one["projection"].endswith(":4326") else "m"
+        caption = (
+            f"{one['channel']}: {one['columns']} x {one['rows']} cells of {one['cell'][0]:.4g} x "
+            f"{one['cell'][1]:.4g} {unit}, {one['projection']}, {one['resampling']}"
+        )
+        parts.append(embedded(caption, Path(one["png"])))
+    return "".join(parts)
