@@ -6,10 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 
 from startrack.io.saving import save_text
-from startrack.plots import CYCLE, legend_below, picture, save_picture, styled
+from startrack.plots import CYCLE, LINES, MARKERS, legend_below, picture, save_picture, styled
 
 TEMPLATE = Path(__file__).with_name("flight_page.md")
 
@@ -87,13 +88,18 @@ def draw(path: Path, found: dict[str, Any]) -> None:
     save_picture(path, figure)
 
 
+def _pair(axes: Axes, n: int, label: str, predicted: Any, flown: Any) -> None:
+    """A predicted line and its flown points, in one colour, dashes and marker."""
+    colour, line, marker = (each[n % len(each)] for each in (CYCLE, LINES, MARKERS))
+    axes.plot(*predicted, color=colour, ls=line, label=label)
+    axes.plot(*flown, ls="none", color=colour, marker=marker, markersize=3)
+
+
 def _dark(axes: Axes, found: dict[str, Any]) -> None:
     for n, (row, (edges, flown, law)) in enumerate(
         zip(found["dark_rows"], found["dark_curves"], strict=True)
     ):
-        colour = CYCLE[n % len(CYCLE)]
-        axes.plot(edges, law, color=colour, label=f"{row[0]:.0f}, {row[1]:.0f} °C")
-        axes.plot(edges[::2], flown[::2], ".", color=colour, markersize=4)
+        _pair(axes, n, f"{row[0]:.0f}, {row[1]:.0f} °C", (edges, law), (edges[::2], flown[::2]))
     axes.set(xscale="log", yscale="log", xlabel="dark current, electron / s")
     axes.set_ylabel("pixels in a bin")
     legend_below(axes)
@@ -105,8 +111,7 @@ def _flicker(axes: Axes, found: dict[str, Any]) -> None:
     ):
         low, high = row[0], row[1]
         name = f"{low} to {high} e-/s" if high < 1e5 else f"above {low} e-/s"
-        axes.plot(step, drawn, color=CYCLE[n], label=name)
-        axes.plot(step[::3], flown[::3], ".", color=CYCLE[n], markersize=4)
+        _pair(axes, n, name, (step, drawn), (step[::3], flown[::3]))
     axes.set(xlabel="jump of a flickering pixel, decades", ylabel="cumulative probability")
     legend_below(axes)
 
@@ -116,10 +121,9 @@ def _probability(axes: Axes, found: dict[str, Any]) -> None:
     for n, (half, celsius) in enumerate(chosen):
         mine = [row for row in found["acquisition_rows"] if (row[2], row[1]) == (half, celsius)]
         if mine:
-            magnitude = [row[0] for row in mine]
+            magnitude, flown, predicted = np.array([(row[0], row[3], row[4]) for row in mine]).T
             label = f"{half} arcsec, {celsius} °C"
-            axes.plot(magnitude, [row[4] for row in mine], color=CYCLE[n], label=label)
-            axes.plot(magnitude, [row[3] for row in mine], ".", color=CYCLE[n], markersize=6)
+            _pair(axes, n, label, (magnitude, predicted), (magnitude, flown))
     axes.set(xlabel="magnitude", ylabel="probability of acquisition", ylim=(0, 1.02))
     legend_below(axes)
 
