@@ -40,7 +40,7 @@ with deferred():
         summary_text,
         summary_values,
     )
-    from startrack.cli.units import require_units, trials_of
+    from startrack.cli.units import noise_only, require_units, trials_of
     from startrack.core import arcsec, parse
     from startrack.design import Case, Fidelity, Requirements
     from startrack.io import regular_file, save_json
@@ -269,8 +269,9 @@ def command(options: argparse.Namespace) -> int:
         values, lines = trials_of(case, options.seed, sampling, outcomes, required)
         result |= {"units": values}
         text += f"\n{lines}"
-    elif case.differs:
-        text += "\nnoise only: what differs between units is left out (--units N)"
+    else:
+        text += f"\n{noise_only(case)}"
+    result["noise_only"] = not sampling.units
     text += f"\n{rate:.1f} trials/s, seed {options.seed}"
     if sampling.control or options.sobol:
         values, lines = _reduced_variance(outcomes, options.sobol)

@@ -31,7 +31,7 @@ with deferred():
         progress,
         read_design,
     )
-    from startrack.cli.units import require_units
+    from startrack.cli.units import noise_only, require_units
     from startrack.design import Campaign, Case, Fidelity
     from startrack.io import save_json, save_text
     from startrack.montecarlo import Sampling, pool, warm
@@ -122,17 +122,15 @@ def command(options: argparse.Namespace) -> int:
             design.case, campaign, trials, options.seed, looks,
             lambda name, number: advance(0, f"{name}: {number} trials"),
         )  # fmt: skip
-    table = verdict_text(found)
+    table = f"{verdict_text(found)}\n{noise_only(design.case)}"
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
-    result |= verdict_values(found)
+    result |= verdict_values(found) | {"noise_only": True}
     if options.out:
         save_text(options.out / "verdict.md", f"```\n{table}\n```\n")
         save_json(options.out / "verdict.json", finite(result))
         result["out"] = str(options.out)
     for reason in found.left:
         print_message(f"not judged: {reason}")
-    if design.case.differs:
-        table += "\nnoise only: what differs between units is left out (--units N)"
     print_result(options, result, table)
     return Exit.DONE if found.answer is Answer.PASS else Exit.UNSOLVED
 
@@ -160,7 +158,7 @@ def _units(
         found = verify_units(case, campaign, trials, options.units, options.seed)
     table = unit_text(found)
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
-    result |= unit_values(found)
+    result |= unit_values(found) | {"noise_only": False}
     if options.out:
         save_text(options.out / "verdict.md", f"```\n{table}\n```\n")
         save_json(options.out / "verdict.json", finite(result))

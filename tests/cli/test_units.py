@@ -65,8 +65,9 @@ def test_units_of_a_design_in_which_nothing_varies_are_refused(capsys):
 
 def test_the_budget_has_both_ends_of_life(design, capsys):
     aged = ["--set", "lifetime=10 yr", "--set", "campaign.requirements.max_about=400 arcsec"]
-    main(["budget", str(design), "--units", "3", "--json", *aged])
-    begin, end = json.loads(capsys.readouterr().out)["units"]
+    main(["budget", str(design), "--units", "3", "--tolerances", "--json", *aged])
+    told = json.loads(capsys.readouterr().out)
+    begin, end = told["units"]
     assert (begin["age_years"], end["age_years"]) == (0, pytest.approx(10))
     # Nothing here changes with age.
     assert begin["rms_arcsec"] == end["rms_arcsec"]
@@ -82,8 +83,37 @@ def test_the_budget_has_both_ends_of_life(design, capsys):
     assert temporal["across"] >= mixed["across"]
     shares = {one["requirement"]: one["value"] for one in begin["yields"]}
     assert shares["rms error about the boresight"] == 1.0
+    # The focal length, which is not calibrated here, buys more than the swing of the residual.
+    halved = told["tolerances"]["halved"]
+    names = [one["tolerance"] for one in halved]
+    assert names.index("instrument.optics.focal_length per unit") < names.index(
+        "instrument.residual.temperature per environment"
+    )
+    gains = [one["gain_arcsec"]["value"] for one in halved]
+    assert gains == sorted(gains, reverse=True)
+    assert 0 < gains[0] < told["tolerances"]["level_arcsec"]
 
 
 def test_the_budget_of_units_needs_something_that_varies(capsys):
     assert main(["budget", "--units", "2"]) == 2
     assert "[[variation]]" in capsys.readouterr().err
+
+
+def test_requirements_are_verified_by_the_yield_at_both_ends_of_life(design, tmp_path, capsys):
+    """Of three units nothing is shown; the status says so."""
+    command = ["verify", str(design), "--units", "3", "--fidelity", "covariance", "--workers", "1"]
+    command += ["--set", "campaign.unit_trials=4", "--out", str(tmp_path / "out"), "--json"]
+    assert main(command) == 3
+    found = json.loads(capsys.readouterr().out)
+    assert (found["units"], found["trials_each"], found["noise_only"]) == (3, 4, False)
+    own = found["requirements"][0]
+    assert (own["condition"], own["requirement"], own["least_yield"]) == ("nominal", "across", 0.95)
+    assert [one["age_years"] for one in own["ages"]] == pytest.approx([0, 5])
+    for one in own["ages"]:
+        assert one["bounds"][0] <= one["yield"] <= one["bounds"][1]
+    assert "yield, 5 yr (%)" in (tmp_path / "out" / "verdict.md").read_text()
+
+
+def test_tolerances_need_units(capsys):
+    assert main(["budget", "--tolerances"]) == 2
+    assert "--tolerances needs --units" in capsys.readouterr().err
