@@ -180,6 +180,8 @@ class _Plainer(ast.NodeTransformer):
             made = {word.arg: word.value for word in node.keywords}.get("default_factory")
             if made is not None:
                 return ast.Call(made, [], [])
+        if ast.unparse(node.func) == "code_field":
+            return node.args[1]
         return node
 
     def visit_Name(self, node: ast.Name) -> ast.AST:

@@ -8,6 +8,7 @@ least_squares  Least squares in three unknowns without normal equations, which w
 wahba          Solvers of Wahba's problem: Davenport's eigenvector, SVD, QUEST and FOAM.
 align          Attitudes from many sets of matched unit vectors, to rounding error.
 consensus      The largest set of matched directions that one attitude explains.
+own_method     Matched directions -> attitude and covariance, by code that is not part of startrack.
 refine         Gauss-Newton on the residuals in the image plane, and the covariance of the
                attitude.
 solve          Estimate from Spots and Matches: attitude, covariance and status.
@@ -20,6 +21,7 @@ from startrack.attitude.camera import UNKNOWNS, Calibrated, Calibration, calibra
 from startrack.attitude.consensus import consensus
 from startrack.attitude.follow import Gyroscope, State, correct, predict, start
 from startrack.attitude.mounting import Mounting
+from startrack.attitude.own_method import AttitudeInput, AttitudeMethod
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, refine, tangent
 from startrack.attitude.solve import scale_unknown, solve
@@ -28,6 +30,8 @@ from startrack.attitude.wahba import davenport, foam, quest, svd
 # Public; the other imports serve other rooms.
 __all__ = [
     "Alignment",
+    "AttitudeInput",
+    "AttitudeMethod",
     "Calibrated",
     "Calibration",
     "Gyroscope",

@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 from scipy import special
 
 from startrack.attitude.consensus import consensus
+from startrack.attitude.own_method import AttitudeInput, own_attitude
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, refine
 from startrack.attitude.wahba import svd
-from startrack.core import Estimate, Floats, Matches, Spots, Status, kernel
+from startrack.core import Estimate, Floats, Matches, Spots, Status, is_code, kernel
 
 
 def scale_unknown(covariance: Floats, seen: Floats, weight: Floats, tolerance: float) -> Floats:
@@ -89,6 +90,8 @@ def solve(
         floor = settings.centroid_floor
         own = np.full(len(matches), (UNKNOWN_FLOOR if floor is None else floor) ** 2)
     covariance = spots.covariance[matches.spot] + own[:, None, None] * np.eye(2)
+    if is_code(settings.method):
+        return _by_code(settings.method, pixel, covariance, matches)
     used = np.arange(len(matches))
     if settings.sift:
         used = _agreeing(pixel, covariance, matches, settings.gate)
@@ -117,6 +120,19 @@ def solve(
         float(np.sqrt(np.mean(best.residual**2))),
         len(used),
         matches.false_probability,
+    )
+
+
+def _by_code(name: str, pixel: Floats, covariance: Floats, matches: Matches) -> Estimate:
+    """The estimate of a function that the design names."""
+    camera = matches.camera
+    sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / camera.focal_length_px
+    given = AttitudeInput(camera.unproject(pixel), matches.direction, sigma)
+    attitude, known = own_attitude(name, given)
+    residual = pixel - camera.project(attitude.apply(matches.direction))
+    return Estimate(
+        *(Status.SOLVED, matches.reason, attitude, known),
+        *(float(np.sqrt(np.mean(residual**2))), len(matches), matches.false_probability),
     )
 
 

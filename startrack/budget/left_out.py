@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from startrack.core import Floats, Psf
+from startrack.core import Floats, Psf, is_code
 from startrack.design import Case
 from startrack.trial import detection_plan, smear_of
 
@@ -31,6 +31,18 @@ def of_the_case(case: Case) -> Iterator[str]:
     detector, motion = case.instrument.detector, case.instrument.motion
     for effect in detector.own_effects:
         yield f"{effect} (not part of startrack)"
+    for name in motion.jitter:
+        yield f"jitter by {name} (motion.jitter)"
+    if is_code(case.tracker.attitude.method):
+        yield (
+            f"the estimator {case.tracker.attitude.method}: least squares are assumed "
+            "(tracker.attitude.method)"
+        )
+    if is_code(case.tracker.detection.search):
+        yield (
+            f"the search by {case.tracker.detection.search}: that of a matched filter is assumed "
+            "(tracker.detection.search)"
+        )
     if detector.hits:
         yield "cosmic rays (detector.hits)"
     if detector.lag and motion.rate:

@@ -47,6 +47,7 @@ from startrack.core.dispatcher import COMPILED_BESIDE
 from startrack.core.displacement import NODES, Displacement, node_places
 from startrack.core.extension import (
     POINTS,
+    CarriesCode,
     Code,
     allow_code,
     call_code,
@@ -57,10 +58,8 @@ from startrack.core.extension import (
     is_code,
     one_of_or_code,
     origin_of,
-    received,
     require_code,
     returned,
-    sent_with,
     used_code,
 )
 from startrack.core.field_polynomial import FieldPolynomial, monomials

@@ -35,6 +35,13 @@ POINTS: Mapping[str, str] = {
     "charge_effects": "instrument.detector.charge_effects",
     "signal_effects": "instrument.detector.signal_effects",
     "image_effects": "instrument.detector.image_effects",
+    "detections": "tracker.detection.search",
+    "attitudes": "tracker.attitude.method",
+    "psfs": "instrument.optics.psf",
+    "lights": "scene.lights",
+    "jitters": "instrument.motion.jitter",
+    "requirements": "campaign.requirements.checks",
+    "costs": "campaign.requirements.cost_model",
 }
 
 
@@ -244,6 +251,20 @@ def _digest(package: ModuleType) -> str:
         content = path.read_bytes()
         total.update(f"{name}\0{len(content)}\0".encode() + content)
     return total.hexdigest()
+
+
+class CarriesCode:
+    """A parameter object that processes exchange, with what its code may do.
+
+    So that the process that gets it may run the code that is allowed in that which sends it.
+    """
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "allowed code": sent_with(code_in(self))}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        received(state.pop("allowed code"))
+        self.__dict__.update(state)
 
 
 def sent_with(named: Iterable[tuple[str, str, str]]) -> dict[str, str]:

@@ -47,7 +47,7 @@ from startrack.design.parameter import find as found_at
 from startrack.design.parameter import replaced, replaced_all
 from startrack.design.products import products
 from startrack.design.ranges import ranges_of
-from startrack.design.requirements import Accuracy, KeepOut, Requirements
+from startrack.design.requirements import Accuracy, CaseNumber, KeepOut, Requirements
 from startrack.design.schema import design_schema
 from startrack.design.template import template
 from startrack.design.variables import DesignSpace, Link, Variable
@@ -66,6 +66,7 @@ __all__ = [
     "Accuracy",
     "CameraCalibration",
     "Campaign",
+    "CaseNumber",
     "Change",
     "Choice",
     "Condition",

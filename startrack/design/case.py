@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -13,14 +13,12 @@ from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
 from startrack.core import (
     Camera,
+    CarriesCode,
     Floats,
     Unit,
-    code_in,
     finite,
     non_negative,
     one_of,
-    received,
-    sent_with,
     within,
 )
 from startrack.design.calibration import CameraCalibration
@@ -228,7 +226,7 @@ class Tracker:
 
 
 @dataclass(frozen=True)
-class Case:
+class Case(CarriesCode):
     """One design in one scene: everything that a trial needs except its attitude and its noise.
 
     An epoch and an orbital velocity that the catalogue leaves out (None) are set by `seen_from`,
@@ -273,14 +271,6 @@ class Case:
             object.__setattr__(self, "tracker", replace(self.tracker, catalog=believed))
         non_negative(lifetime=self.lifetime)
         check_variations(self, self.variation)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """For another process, which may then run the code that is allowed here."""
-        return {**self.__dict__, "allowed code": sent_with(code_in(self))}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        received(state.pop("allowed code"))
-        self.__dict__.update(state)
 
     @cached_property
     def as_designed(self) -> Case:

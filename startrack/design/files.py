@@ -75,6 +75,7 @@ def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = Fals
             None if campaign is None else from_table(Campaign, campaign, "campaign"),
         )
         named = list(code_in(design.case))
+        named += code_in(design.campaign, "campaign") if design.campaign else ()
         if allow_code:
             allowed(*(name.partition(":")[0] for _, _, name in named))
         require_code(named)

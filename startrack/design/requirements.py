@@ -5,16 +5,31 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Protocol
 
 from scipy import special
 
-from startrack.core import Unit, non_negative, one_of, positive, whole, within
+from startrack.core import (
+    CarriesCode,
+    Unit,
+    call_code,
+    code_field,
+    full_name,
+    is_code,
+    non_negative,
+    one_of,
+    one_of_or_code,
+    positive,
+    returned,
+    whole,
+    within,
+)
 from startrack.design.case import Case
 from startrack.design.lens_cost import lens_cost
 from startrack.design.objective import AXES, KINDS, Objective
 from startrack.metrics import Limits
 
+COST_MODELS = ("aperture",)
 SKIES = ("whole", "worst")
 BLINDED = ("counted", "left out")
 ALUMINIUM = 2700.0  # kg / m3
@@ -87,7 +102,7 @@ def _length(axes: int, fraction: float) -> float:
 
 
 @dataclass(frozen=True)
-class Requirements:
+class Requirements(CarriesCode):
     """Limits, and the coefficients of the cost models behind them.
 
         mass   = mass_fixed + mass_per_volume * aperture^3 + shield,   or with a density
@@ -126,6 +141,8 @@ class Requirements:
     cost_fixed        cost of all but the lens, in any currency
     cost_of_metre     cost of a lens with an aperture of one metre
     cost_power        1, with which the cost grows with the aperture
+    cost_model        "aperture": as above; or code of one's own, see docs/extensions.md
+    checks            code of one's own, each of whose margins must not be negative
     min_update_rate   attitudes in a second
     sky_fraction      1, fraction of the sky that must show `min_stars`
     min_stars         stars above the detection threshold that `sky_fraction` of the sky must show
@@ -175,6 +192,8 @@ class Requirements:
     max_rate: Annotated[float | None, Unit("rad/s", "deg/s")] = None
     min_keep_out: KeepOut = field(default_factory=KeepOut)
     blinded: str = "counted"
+    cost_model: str = code_field("costs", "aperture")
+    checks: tuple[str, ...] = code_field("requirements", ())
 
     def __post_init__(self) -> None:
         for name in ("max_across", "max_about", "max_rate"):
@@ -183,6 +202,13 @@ class Requirements:
         one_of(KINDS, kind=self.kind)
         one_of(SKIES, sky=self.sky)
         one_of(BLINDED, blinded=self.blinded)
+        cost_model = full_name("costs", COST_MODELS, self.cost_model)
+        object.__setattr__(self, "cost_model", cost_model)
+        one_of_or_code(COST_MODELS, cost_model=self.cost_model)
+        checks = tuple(full_name("requirements", (), one) for one in self.checks)
+        object.__setattr__(self, "checks", checks)
+        for one in checks:
+            one_of_or_code((), checks=one)
         within(0.5, 0.9999, confidence=self.confidence)
         self._fraction()
         positive(max_mass=self.max_mass, max_power=self.max_power)
@@ -278,9 +304,36 @@ class Requirements:
         return case.instrument.detector.data_rate
 
     def cost(self, case: Case) -> float:
-        """In the unit of `cost_of_metre`; with a lens of known surfaces in dollars of 2010."""
+        """In the unit of `cost_of_metre`; with a lens of known surfaces in dollars of 2010.
+
+        Raises  ValueError where the code of `cost_model` raises one, or returns no number.
+        """
+        if is_code(self.cost_model):
+            return _number("costs", self.cost_model, case)
         optics = case.instrument.optics
         lens, fixed = lens_cost(optics), self.cost_fixed + sum(one.cost for one in case.variation)
         if lens:
             return fixed + lens.price
         return fixed + self.cost_of_metre * optics.aperture**self.cost_power
+
+    def own_margins(self, case: Case) -> dict[str, float]:
+        """The margin of each of `checks`, by its name.
+
+        Raises  ValueError where the code of one raises an error, or returns no number.
+        """
+        return {name: _number("requirements", name, case) for name in self.checks}
+
+
+class CaseNumber(Protocol):
+    """A cost (`campaign.requirements.cost_model`), or a margin (`checks`), of one's own.
+
+    Returns  a finite number: the cost, in the unit of max_cost; or the margin to a requirement on
+             any scale, such as 1 - value / limit, below zero where it is not met
+    """
+
+    def __call__(self, given: Case, /) -> float:
+        """Compute it from all parameters of a design, without trials."""
+
+
+def _number(group: str, name: str, case: Case) -> float:
+    return float(returned(group, name, call_code(group, name, case), ()))

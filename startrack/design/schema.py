@@ -20,6 +20,8 @@ from startrack.io import LARGEST_INTEGER, Field, fields_of
 DRAFT = "http://json-schema.org/draft-07/schema#"
 PERCENTAGE = r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*%\s*$"
 NUMBER = r"\s*{sign}(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"
+# module:function, or the name that a package gives its entry point
+CODE = r"^[A-Za-z_][A-Za-z0-9_.-]*(:[A-Za-z_][A-Za-z0-9_]*)?$"
 Schema = dict[str, Any]
 
 
@@ -98,7 +100,8 @@ def _single(kind: Any, unit: Unit | None, limits: Range, endless: bool) -> Schem
         return {"type": ["number", "string"]}
     if kind is str:
         if limits.choices and limits.code:
-            return {"anyOf": [{"enum": list(limits.choices)}, {"type": "string"}]}
+            code = {"type": "string", "pattern": CODE}
+            return {"anyOf": [{"enum": list(limits.choices)}, code]}
         return {"enum": list(limits.choices)} if limits.choices else {"type": "string"}
     if kind is bool:
         return {"type": "boolean"}

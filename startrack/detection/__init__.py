@@ -28,6 +28,7 @@ fit          Windows and a model of a star enter; the most likely positions and 
              leave.
 s_curve      Psf -> how far the centre of gravity in a window is wrong, and its measurements set
              right.
+own_search   Pixels -> Candidates, by code that is not part of startrack.
 own_centroid  Sample -> a row per star, by a centroid that is not part of startrack.
 methods      Sample and Psf -> a row per star, by each of the centroid methods that a design can
              name.
@@ -59,6 +60,7 @@ from startrack.detection.expectation import Expectation, chance_kept, expect
 from startrack.detection.find import Candidates
 from startrack.detection.matched import filtered
 from startrack.detection.own_centroid import Centroid, CentroidInput
+from startrack.detection.own_search import DetectionInput, DetectionMethod
 from startrack.detection.parameters import LONGEST_STREAK, Detection
 from startrack.detection.pixels import divide_flat, pixels, subtract_dark, without_pixels
 from startrack.detection.plan import (
@@ -90,6 +92,8 @@ __all__ = [
     "DarkFrames",
     "DarkMap",
     "Detection",
+    "DetectionInput",
+    "DetectionMethod",
     "DetectionPlan",
     "StarImage",
     "StarModel",

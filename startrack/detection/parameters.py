@@ -19,6 +19,7 @@ from startrack.core import (
 from startrack.detection.dark_map import DarkMap
 from startrack.detection.methods import CENTROIDS
 
+SEARCHES = ("filter",)
 KERNELS = ("gaussian", "psf")
 COMPENSATIONS = ("none", "gaussian", "psf")
 LONGEST_STREAK = 100.0  # pixel
@@ -31,6 +32,9 @@ class Detection:
     centroid        "gravity": centre of gravity; "weighted": under a Gaussian weight that follows
                     the star; "gaussian": fit of a Gaussian, its width too; "likelihood": fit of
                     the design's PSF; or code of one's own, see docs/extensions.md
+    search          "filter": peaks of the matched filter above the threshold; or code of one's own,
+                    see docs/extensions.md, which finds the stars of whole frames without threshold,
+                    kernel, mesh and areas
     compensation    of "gravity" for what its window cuts off and pixels average: "none",
                     "gaussian" as for a Gaussian star of unknown width, "psf" by the design's PSF
     kernel          of the matched filter: "gaussian" of kernel_sigma, or the design's "psf"
@@ -73,11 +77,14 @@ class Detection:
     edge: int = 0
     dark_map: DarkMap | None = None
     dark_map_age: Annotated[float | None, Unit("s", "yr")] = None
+    search: str = code_field("detections", "filter")
 
     def __post_init__(self) -> None:
         centroid = full_name("centroids", CENTROIDS, self.centroid)
         object.__setattr__(self, "centroid", centroid)
         one_of_or_code(CENTROIDS, centroid=self.centroid)
+        object.__setattr__(self, "search", full_name("detections", SEARCHES, self.search))
+        one_of_or_code(SEARCHES, search=self.search)
         one_of(COMPENSATIONS, compensation=self.compensation)
         one_of(KERNELS, kernel=self.kernel)
         within(-LONGEST_STREAK, LONGEST_STREAK, smear_x=self.smear[0], smear_y=self.smear[1])

@@ -7,7 +7,16 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated
 
-from startrack.core import Unit, finite, non_negative, one_of, positive
+from startrack.core import (
+    Unit,
+    code_field,
+    finite,
+    full_name,
+    non_negative,
+    one_of,
+    one_of_or_code,
+    positive,
+)
 
 AXES = ("x", "y", "z")
 
@@ -83,6 +92,8 @@ class Motion:
     rate_z          radian / second, about the boresight: it smears stars around it
     tones           sinusoidal jitter; one without amplitude does not change the draws of the others
     broadband       random jitter, at most one spectrum for each axis
+    jitter          code of one's own that draws lines of jitter in each trial, see
+                    docs/extensions.md
     """
 
     rate_x: Annotated[float, Unit("rad/s", "deg/s")] = 0.0
@@ -90,9 +101,14 @@ class Motion:
     rate_z: Annotated[float, Unit("rad/s", "deg/s")] = 0.0
     tones: tuple[Tone, ...] = ()
     broadband: tuple[Broadband, ...] = ()
+    jitter: tuple[str, ...] = code_field("jitters", ())
 
     def __post_init__(self) -> None:
         finite(rate_x=self.rate_x, rate_y=self.rate_y, rate_z=self.rate_z)
+        names = tuple(full_name("jitters", (), one) for one in self.jitter)
+        object.__setattr__(self, "jitter", names)
+        for one in names:
+            one_of_or_code((), jitter=one)
         axes = [one.axis for one in self.broadband]
         if len(set(axes)) < len(axes):
             raise ValueError(
@@ -107,6 +123,6 @@ class Motion:
     @property
     def drawn(self) -> bool:
         """Whether each trial has its own random motion."""
-        return bool(self.broadband) or any(
+        return bool(self.broadband or self.jitter) or any(
             tone.phase is None and not tone.silent for tone in self.tones
         )

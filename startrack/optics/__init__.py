@@ -1,6 +1,7 @@
 """How a point is blurred: Optics become a Psf.
 
 parameters    Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF.
+own_psf       Points on the detector -> irradiance of a star, by code that is not part of startrack.
 pupil         Shape of the aperture: clear, obscured, crossed by a spider, segmented or sparse.
 zernike       Zernike polynomials by Noll's index: the shapes of wavefront errors.
 wavefront     Optics -> the complex pupil of each diffraction model.
@@ -68,6 +69,7 @@ from startrack.optics.lens_table import (
 )
 from startrack.optics.measured_psf import Stars, brightest, file_of, lone_stars, reconstruct
 from startrack.optics.over_field import at_field, over_field
+from startrack.optics.own_psf import PsfInput, PsfModel
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import pixel_psf, pixel_response
 from startrack.optics.psf_cube import camera_of_cube, cube_psf
@@ -98,6 +100,8 @@ __all__ = [
     "LensTable",
     "Optics",
     "PsfFile",
+    "PsfInput",
+    "PsfModel",
     "Pupil",
     "Quality",
     "Residual",

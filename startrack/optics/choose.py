@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from startrack.core import Floats
+from startrack.core import Floats, is_code
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.parameters import MODELS, Optics
 from startrack.optics.pupil import area_weights, pupil_grid
@@ -46,6 +46,9 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
     Accuracy     model: the bounds are two to ten times the true difference, as a fraction of the
                  unaberrated peak. The Kirchhoff model is scalar: no polarisation.
     """
+    if is_code(optics.psf):
+        unknown = dict.fromkeys(MODELS, math.nan)
+        return Choice(optics.psf, math.nan, "the design names code of its own", unknown)
     kappa, gaussian = _integrals(optics, side or pitch, wavelength)
     steps = {
         "gaussian": gaussian if optics.plain else math.inf,

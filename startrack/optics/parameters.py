@@ -11,10 +11,13 @@ from startrack.core import (
     Curve,
     FieldPolynomial,
     Unit,
+    code_field,
     deg,
     finite,
+    full_name,
     non_negative,
     one_of,
+    one_of_or_code,
     positive,
     within,
 )
@@ -48,7 +51,7 @@ class Optics:
                      a clear circular pupil in closed form; "fraunhofer": of any pupil with
                      aberrations; "fresnel": with the scale of a plane out of focus; "kirchhoff":
                      with inclined rays and the phase of the lens; "auto": the cheapest of these
-                     within psf_tolerance
+                     within psf_tolerance; or code of one's own, see docs/extensions.md
     psf_tolerance    1, largest error of the chosen model, as a fraction of the PSF's peak; from
                      0.05 on images of a lens table have fewer wavelengths, in half of the time
     lens             "aplanatic": corrected for spherical aberration and coma, as real lenses are;
@@ -86,7 +89,7 @@ class Optics:
     focal_length: Annotated[float, Unit("m", "mm")]
     f_number: float
     blur: Annotated[float, Unit("m", "um")] = 0.0
-    psf: str = "auto"
+    psf: str = code_field("psfs", "auto")
     psf_tolerance: float = 0.01
     lens: str = "aplanatic"
     object_distance: Annotated[float | None, Unit("m")] = None
@@ -117,7 +120,8 @@ class Optics:
         within(0.3, 200, f_number=self.f_number)
         non_negative(blur=self.blur, seeing=self.seeing, as_built=self.as_built)
         within(1e-6, 1, psf_tolerance=self.psf_tolerance)
-        one_of((*MODELS, "auto"), psf=self.psf)
+        object.__setattr__(self, "psf", full_name("psfs", (*MODELS, "auto"), self.psf))
+        one_of_or_code((*MODELS, "auto"), psf=self.psf)
         one_of(LENSES, lens=self.lens)
         finite(defocus=self.defocus)
         self._refuse_places()

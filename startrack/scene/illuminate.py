@@ -19,14 +19,17 @@ from startrack.core import (
     StrayLightSource,
     Streams,
     arcsec,
+    is_code,
 )
 from startrack.scene.airglow import HIGHEST, airglow
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, Observer, observer_of
 from startrack.scene.limb import limb_light
+from startrack.scene.own_light import LightInput, own_light
 from startrack.scene.parameters import Scene
 from startrack.scene.photometry import (
+    BIN,
     SUN,
     SUN_G_MINUS_V,
     WAVELENGTH,
@@ -123,6 +126,9 @@ def _diffuse_light(
     if earth and shells:
         for spectrum, fraction in airglow(earth, line):
             yield diffuse(spectrum, fraction)
+    for name in filter(is_code, scene.lights):
+        random = sight.streams(f"light {name}")
+        yield from own_light(name, LightInput(line, WAVELENGTH, BIN, scene, random))
 
 
 def _with_air(earth: Earth) -> Disc:

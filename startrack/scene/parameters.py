@@ -6,7 +6,17 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Annotated
 
-from startrack.core import Unit, finite, non_negative, one_of, positive, within
+from startrack.core import (
+    Unit,
+    code_field,
+    finite,
+    full_name,
+    is_code,
+    non_negative,
+    one_of_or_code,
+    positive,
+    within,
+)
 
 LIGHTS = ("zodiacal", "starlight", "planets", "sun", "moon", "earth", "airglow", "cities")
 FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
@@ -49,7 +59,8 @@ class Scene:
                   below the catalogue's limit and of the dust that they light; "planets", the
                   "sun" and the "moon", in the field and through the baffle; the "earth" under an
                   orbit, its "airglow" and its "cities" at night. Sun, Moon and Earth hide the
-                  stars behind them, and each other's light
+                  stars behind them, and each other's light. Diffuse light by code of one's own,
+                  see docs/extensions.md, too; it is in front of everything
     date          UTC, as "2026-03-20T12:00:00"
     days          each trial draws its date within so many days after `date`
     orbit         around the Earth; None: the observer is at the Earth's centre, without an Earth
@@ -57,7 +68,7 @@ class Scene:
     """
 
     background_g: float | None = None
-    lights: tuple[str, ...] = ()
+    lights: tuple[str, ...] = code_field("lights", ())
     date: str | None = None
     days: float = 0.0
     orbit: Orbit | None = None
@@ -66,8 +77,10 @@ class Scene:
     def __post_init__(self) -> None:
         if self.background_g is not None:
             within(-30, 40, background_g=self.background_g)
+        lights = tuple(full_name("lights", LIGHTS, one) for one in self.lights)
+        object.__setattr__(self, "lights", lights)
         for light in self.lights:
-            one_of(LIGHTS, lights=light)
+            one_of_or_code(LIGHTS, lights=light)
         non_negative(days=self.days)
         if self.date is not None:
             within(FIRST_YEAR, LAST_YEAR - 1 - self.days / 365, **{"year of date": self.start.year})
@@ -97,7 +110,7 @@ class Scene:
     @property
     def dated(self) -> list[str]:
         """The lights that move in time."""
-        return [light for light in self.lights if light != "starlight"]
+        return [one for one in self.lights if one != "starlight" and not is_code(one)]
 
     @property
     def start(self) -> datetime:

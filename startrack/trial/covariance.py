@@ -11,7 +11,7 @@ from scipy import special
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Alignment, Observability, align, scale_unknown
-from startrack.core import Floats, Ints, Streams, kernel
+from startrack.core import Floats, Ints, Streams, is_code, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
 from startrack.trial.spot_plan import Plan, plan_of, refuse
@@ -102,6 +102,18 @@ BLOCK = 1024  # trials that are drawn together
 TOGETHER = 64  # trials that are solved together
 
 
+def require_least_squares(case: Case) -> None:
+    """Refuse a tracker with another estimator than that which is assumed here.
+
+    Raises  ValueError that names it.
+    """
+    if is_code(method := case.tracker.attitude.method):
+        raise ValueError(
+            "covariance needs the attitude by least squares, so that tracker.attitude.method must "
+            f"not be {method}; choose the fidelity spots, window or frame"
+        )
+
+
 def outcomes(
     case: Case,
     seed: int,
@@ -126,6 +138,7 @@ def outcomes(
               crowded fields it is a tenth less, because the errors of merged stars are larger.
     """
     refuse(case)
+    require_least_squares(case)
     plan = plan or plan_of(case)
     parts = []
     for at in range(0, len(numbers), BLOCK):

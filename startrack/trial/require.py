@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from startrack.core import is_code
 from startrack.design import Case, Fidelity
 from startrack.detector import require_independent_pixels
+from startrack.trial.covariance import require_least_squares
 from startrack.trial.spot_plan import refuse
-from startrack.trial.window import require_no_ghosts
+from startrack.trial.window import require_filter, require_no_ghosts
 
 # Lights of the scene that vary over the field wherever the camera points, or in some attitudes.
 VARYING = ("zodiacal", "starlight", "earth", "airglow")
@@ -20,7 +22,8 @@ def require_fidelity(case: Case, fidelity: Fidelity) -> None:
     if fidelity is Fidelity.WINDOW:
         require_independent_pixels(case.instrument.detector)
         require_no_ghosts(case.instrument)
-        lights = [one for one in case.scene.lights if one in VARYING]
+        require_filter(case.tracker.detection)
+        lights = [one for one in case.scene.lights if one in VARYING or is_code(one)]
         if case.instrument.baffle is not None:
             lights += [one for one in case.scene.lights if one in STRAY and one not in lights]
         if lights:
@@ -30,3 +33,5 @@ def require_fidelity(case: Case, fidelity: Fidelity) -> None:
             )
     elif fidelity is not Fidelity.FRAME:
         refuse(case)
+        if fidelity is Fidelity.COVARIANCE:
+            require_least_squares(case)

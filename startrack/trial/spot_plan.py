@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack.catalog import Selection, open_sky
-from startrack.core import Camera, Floats, Ints, Light
+from startrack.core import Camera, Floats, Ints, Light, is_code
 from startrack.design import Case
 from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
@@ -153,6 +153,7 @@ def refuse(case: Case) -> None:
         ),
         "lights of the scene": case.scene.lights,
         "acquisition in boxes": case.tracker.acquisition == "box",
+        f"the search by {case.tracker.detection.search}": is_code(case.tracker.detection.search),
         "a dark map of the tracker": case.tracker.detection.dark_map,
     }
     named = [name for name, is_there in there.items() if is_there]

@@ -12,9 +12,21 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Sky, open_sky
-from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Spots, Streams, Workspace, kernel
+from startrack.core import (
+    FieldPsf,
+    Floats,
+    Frame,
+    Ints,
+    Psf,
+    Spots,
+    Streams,
+    Workspace,
+    is_code,
+    kernel,
+)
 from startrack.design import Case, Instrument
 from startrack.detection import (
+    Detection,
     DetectionPlan,
     Ground,
     correction_image,
@@ -278,6 +290,15 @@ def require_no_ghosts(instrument: Instrument) -> None:
         raise ValueError("window needs an instrument without ghosts; choose the fidelity frame")
 
 
+def require_filter(settings: Detection) -> None:
+    """Refuse a search that needs the whole frame."""
+    if is_code(settings.search):
+        raise ValueError(
+            "window needs the search by a matched filter, so that tracker.detection.search must "
+            f"not be {settings.search}; choose the fidelity frame"
+        )
+
+
 @lru_cache(maxsize=8)
 def plan_of(case: Case) -> Plan:
     """Render and measure some frames of a case; kept for the 8 last cases."""
@@ -285,6 +306,7 @@ def plan_of(case: Case) -> Plan:
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
     require_independent_pixels(detector)
     require_no_ghosts(instrument)
+    require_filter(settings)
     light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
     _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]

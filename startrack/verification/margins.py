@@ -42,6 +42,7 @@ def margins(requirements: Requirements, case: Case) -> dict[str, float]:
         else 1.0,
         "stars in the sky": limiting_magnitude(case)
         - needed_magnitude(case, requirements.min_stars, requirements.sky_fraction),
+        **requirements.own_margins(case),
     }
 
 

@@ -53,7 +53,7 @@ def mistakes(about):
     if about.default == "required":
         found["missing"] = None
     if about.kind.startswith("one of"):
-        found["choice"] = "nonsense"
+        found["choice"] = "no name"
     if about.unit:
         found["no unit"] = 1.0
     return found
