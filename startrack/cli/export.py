@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
     Exit,
+    WrongUse,
     add_design,
     add_out,
     add_part,
@@ -21,7 +23,13 @@ from startrack.cli.options import (
 with deferred():
     from startrack.cli.terminal import example, finite, print_result, read_design
     from startrack.core import arcsec, deg
-    from startrack.mission import head_model, write_model
+    from startrack.mission import (
+        head_model,
+        write_42,
+        write_basilisk,
+        write_fmu,
+        write_model,
+    )
     from startrack.onboard import (
         DOUBLE,
         VARIABLE,
@@ -33,6 +41,7 @@ with deferred():
 
 if TYPE_CHECKING:
     from startrack.design import Case
+    from startrack.mission import HeadModel
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -48,6 +57,16 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "Earth; latency; the convention of the quaternion.",
     )
     add_design(aocs)
+    aocs.add_argument(
+        "--also", nargs="+", default=[], choices=("fmu", "basilisk", "42"), metavar="FORM",
+        help="fmu: startrack_head.fmu (FMI 2.0, co-simulation), with a library for this platform "
+        "where there is a C compiler; basilisk: startrack_basilisk.py, for its starTracker module; "
+        "42: startrack_42.txt, the block of a spacecraft file",
+    )  # fmt: skip
+    aocs.add_argument(
+        "--rate", type=decimal(0, 360), metavar="DEG/S",
+        help="slew rate that --also basilisk and 42 are for (default: that of the design)",
+    )  # fmt: skip
     add_out(aocs, "startrack-export")
     catalogue = add_part(
         parts,
@@ -115,7 +134,9 @@ def _aocs(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str,
     with as_wrong_use():
         model = head_model(case, name)
     files = write_model(options.out, model)
-    text = [_wrote(options, files)]
+    also, notes = _also(options, case, model)
+    files += also
+    text = [_wrote(options, files), *notes]
     for name in ("noise", "pixel", "field"):
         across, about = (one[0] / arcsec for one in getattr(model, name))
         text.append(f"{name:8s}{across:10.3f} across, {about:.3f} about (arcsec rms, at rest)")
@@ -125,6 +146,36 @@ def _aocs(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str,
         f"Moon {model.moon / deg:.1f}, lit limb {model.limb / deg:.1f} deg"
     )
     return {**finite(model.table), "files": [str(one) for one in files]}, "\n".join(text)
+
+
+def _also(
+    options: argparse.Namespace, case: Case, model: HeadModel
+) -> tuple[list[Path], list[str]]:
+    """Write the forms of --also: the files, and what there is to say of them."""
+    rate = case.instrument.motion.rate if options.rate is None else options.rate * deg
+    files, notes = list[Path](), list[str]()
+    if rate > model.rate[-1]:
+        raise WrongUse(
+            f"--rate must be at most {model.rate[-1] / deg:.3g} deg/s, beyond which there is no "
+            f"attitude, got {rate / deg:.3g}"
+        )
+    if "fmu" in options.also:
+        files.append(options.out / "startrack_head.fmu")
+        with as_wrong_use(ValueError):
+            if not write_fmu(files[-1], model):
+                notes.append("no C compiler was found: the FMU has sources alone")
+    if "basilisk" in options.also:
+        files.append(options.out / "startrack_basilisk.py")
+        write_basilisk(files[-1], model, rate)
+    if "42" in options.also:
+        files.append(options.out / "startrack_42.txt")
+        camera = case.instrument.camera
+        field = [
+            2 * math.atan(size / 2 / camera.focal_length_px)
+            for size in (camera.columns, camera.rows)
+        ]
+        write_42(files[-1], model, (field[0], field[1]), rate)
+    return files, notes
 
 
 def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str, Any], str]:

@@ -56,6 +56,7 @@ with deferred():
         scenes_at,
         timeline,
         verdicts,
+        write_kernels,
     )
     from startrack.montecarlo import cluster, export, pool
     from startrack.plots import draw_beta, draw_frame, draw_mission, draw_placement
@@ -96,6 +97,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--table", default="csv", choices=("csv", "parquet", "netcdf"),
         help="format of the timeline (default: csv; parquet needs pyarrow)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--spice", action="store_true",
+        help="write orbit and attitude of the rows of the table as kernels of SPICE: orbit.bsp, "
+        "attitude.bc with its clock, attitude.tsc (extra spice)",
     )  # fmt: skip
     parser.add_argument(
         "--place", action="store_true",
@@ -145,16 +151,17 @@ def command(options: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class Job:
-    """What is written for a mission: its file, the folder, and the rows of the timeline."""
+    """What is written for a mission: its file, the folder, rows of the timeline, SPICE kernels."""
 
     path: Path
     out: Path
     every: int | None
     table: str
+    spice: bool
 
 
 def _job(options: argparse.Namespace, path: Path, out: Path) -> Job:
-    return Job(Path(path), out, options.every, options.table)
+    return Job(Path(path), out, options.every, options.table, options.spice)
 
 
 def _several(options: argparse.Namespace, paths: list[Path]) -> int:
@@ -204,6 +211,8 @@ def _written(
         save_timeline(job.out / "timeline.nc", table)
     else:
         export(job.out / f"timeline.{job.table}", table)
+    if job.spice:
+        write_kernels(plan, every, job.out / "orbit.bsp", job.out / "attitude.bc")
     result = {
         "mission": str(job.path), **_values(plan, flown, found), "check": _checks(plan, checks),
         "out": str(job.out),

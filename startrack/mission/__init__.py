@@ -3,6 +3,7 @@
 parameters  Mission: orbit, attitude law, heads, time and requirements, as a mission file gives
             them.
 ccsds       CCSDS orbit and attitude ephemeris messages, read and written as text.
+spice       SPICE kernels of orbit (SPK) and attitude (CK), written and read.
 vectors     Products of many vectors that lie component by component.
 bodies      Begin and duration -> Sun, Moon, planets and Earth's axes, as tables over time.
 orbit       Orbit -> position and velocity of the spacecraft.
@@ -18,6 +19,7 @@ engine      Mission -> Flown: what blinds each head at every step; error of the 
 placement   Plan of a mission -> mountings of its heads that meet its requirements best.
 rendered    Plan of a mission -> trials at its instants: what heads see, and their errors checked.
 aocs        Case -> HeadModel: its error as data and C code, for simulators of attitude control.
+simulators  HeadModel -> an FMU, parameters of Basilisk's starTracker, a block of 42.
 timeline    Plan of a mission, some of its steps -> a table with a row for each step.
 store       Plan of a mission -> its flown parts on disk; a run that was stopped goes on.
 summary     Flown -> availability by number of heads, times without an attitude, reacquisition,
@@ -34,6 +36,8 @@ from startrack.mission.heads import Blind
 from startrack.mission.parameters import KeepClear, Loaded, Mission, load_mission, save_mission
 from startrack.mission.placement import Placement, angles_of, map_of, moved_plan, place
 from startrack.mission.rendered import Checked, checked, scenes_at
+from startrack.mission.simulators import write_42, write_basilisk, write_fmu
+from startrack.mission.spice import read_ck, read_spk, write_ck, write_spk
 from startrack.mission.store import flown_from, key_of
 from startrack.mission.summary import (
     EDGES,
@@ -47,4 +51,4 @@ from startrack.mission.summary import (
     reacquisition_of,
     verdicts,
 )
-from startrack.mission.timeline import save_timeline, timeline
+from startrack.mission.timeline import save_timeline, timeline, write_kernels

@@ -130,12 +130,17 @@ def write_model(folder: Path, model: HeadModel) -> list[Path]:
 
     Returns  the files
     """
-    files = {name: (Path(__file__).parent / name).read_text(encoding="utf-8") for name in SOURCES}
-    files["startrack_head_data.h"] = _data(model)
+    files = model_sources(model)
     for name, text in files.items():
         save_text(folder / name, text)
     save_json(folder / "startrack_head.json", model.table)
     return [folder / name for name in (*files, "startrack_head.json")]
+
+
+def model_sources(model: HeadModel) -> dict[str, str]:
+    """The C of the model, file by file."""
+    files = {name: (Path(__file__).parent / name).read_text(encoding="utf-8") for name in SOURCES}
+    return {**files, "startrack_head_data.h": _data(model)}
 
 
 def _data(model: HeadModel) -> str:

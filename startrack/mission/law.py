@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from startrack.core import Floats, installed_tables, utc
 from startrack.mission.ccsds import read_aem
 from startrack.mission.parameters import Attitude, Scan
+from startrack.mission.spice import read_ck
 from startrack.mission.vectors import cross, dot, times, unit
 from startrack.scene import EARTH_RADIUS
 
@@ -134,7 +135,8 @@ def _file(attitude: Attitude, begin: str) -> Law:
     from astropy.time import Time
 
     assert attitude.aem is not None
-    file = read_aem(Path(attitude.aem))
+    path = Path(attitude.aem)
+    file = read_ck(path) if path.suffix == ".bc" else read_aem(path)
     with installed_tables():
         second = np.asarray((Time(list(file.epoch), scale=file.scale) - utc(begin)).sec)
     if len(second) < 2 or (np.diff(second) <= 0).any():

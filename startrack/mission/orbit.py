@@ -13,6 +13,7 @@ import numpy as np
 from startrack.core import Floats, installed_tables, utc
 from startrack.mission.ccsds import Ephemeris, read_oem
 from startrack.mission.parameters import Orbit
+from startrack.mission.spice import read_spk
 from startrack.scene import EARTH_RADIUS
 
 GM = 3.986004418e14  # m^3 / s^2, WGS 84
@@ -149,7 +150,8 @@ def path_of(orbit: Orbit, begin: str) -> Path6:
             ) from None
         return Sgp4(Satrec.twoline2rv(*orbit.tle, WGS72), (float(date.jd1), float(date.jd2)))
     if orbit.oem:
-        return _along(read_oem(Path(orbit.oem)), begin)
+        file = Path(orbit.oem)
+        return _along(read_spk(file) if file.suffix == ".bsp" else read_oem(file), begin)
     assert orbit.altitude is not None
     axis = EARTH_RADIUS + orbit.altitude
     start = 0.0

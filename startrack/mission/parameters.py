@@ -55,7 +55,8 @@ class Orbit:
     eccentricity  mean
     epoch         UTC, of the elements; None: the begin of the mission
     tle           two-line element set, moved by SGP4 (extra `earth`)
-    oem           file with a CCSDS orbit ephemeris message
+    oem           file with a CCSDS orbit ephemeris message; or a SPICE kernel of one body (.bsp;
+                  extra `spice`)
     """
 
     altitude: Annotated[float | None, Unit("m", "km")] = None
@@ -149,7 +150,8 @@ class Attitude:
                 the z axis, is as near as possible to the celestial north
     latitude, longitude, height  of the target, geodetic on WGS 84
     aem         file with a CCSDS attitude ephemeris message, of quaternions from ICRF or EME2000
-                to the body
+                to the body; or a SPICE kernel of one instrument (.bc, its clock beside it as .tsc;
+                extra `spice`)
     scan        a rotation on top of the law; None: none
     """
 

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from startrack.core import arcsec, deg
 from startrack.io import save_netcdf
+from startrack.mission.ccsds import Attitudes, Ephemeris
 from startrack.mission.engine import CHUNK, Chunk, Plan, at
+from startrack.mission.spice import of_ephemeris_time, to_ephemeris_time, write_ck, write_spk
 
 DECIMALS = 5  # of a degree: 0.04 arcsec
 
@@ -34,6 +37,20 @@ def timeline(
         parts.append(_rows(plan, chunk))
         advance(size)
     return np.concatenate(parts)
+
+
+def write_kernels(plan: Plan, every: int, orbit: Path, attitude: Path) -> None:
+    """Write where the spacecraft is and how it points, at each of so many steps, for SPICE.
+
+    Raises  ImportError without spiceypy
+    """
+    time = plan.loaded.mission.time
+    own = plan.course.at(0.0, time.step * every, max(-(-time.steps // every), 2))
+    begin = to_ephemeris_time((time.begin,), "utc")[0]
+    epoch = of_ephemeris_time(begin + own.second)
+    write_spk(orbit, Ephemeris(epoch, "tdb", own.place.T, own.speed.T))
+    turn = Rotation.from_matrix(own.body.transpose(2, 0, 1))
+    write_ck(attitude, Attitudes(epoch, "tdb", turn.as_quat()))
 
 
 UNITS = {"deg": "degree", "arcsec": "arcsec", "second": "s"}

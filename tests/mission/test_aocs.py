@@ -1,8 +1,12 @@
 """The exported C, compiled, has the errors of trials and the spectrum of its own model."""
 
+import ctypes
 import json
 import shutil
 import subprocess
+import zipfile
+from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -11,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from startrack import Fidelity, load_design, run_trials, shipped
 from startrack.design import turning
 from startrack.mission.aocs import head_model, write_model
+from startrack.mission.simulators import write_42, write_basilisk, write_fmu
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
@@ -122,3 +127,114 @@ def test_the_data_are_those_of_the_code(model, tmp_path):
     assert "scalar last" in table["convention"]
     assert model.latency > CASE.instrument.detector.exposure / 2
     assert repr(model.noise[1][0]) in (tmp_path / "startrack_head_data.h").read_text()
+
+
+@pytest.fixture(scope="module")
+def fmu(model, tmp_path_factory):
+    if COMPILER is None:
+        pytest.skip("needs a C compiler")
+    path = tmp_path_factory.mktemp("fmu") / "head.fmu"
+    assert write_fmu(path, model)
+    return path
+
+
+def test_the_fmu_has_the_errors_of_the_c(run, model, fmu, tmp_path):
+    """By its library's own functions, frame by frame; its description numbers what these take."""
+    with zipfile.ZipFile(fmu) as file:
+        file.extractall(tmp_path)
+    root = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
+    library = ctypes.CDLL(str(next((tmp_path / "binaries").rglob("startrack_head.*"))))
+    new = library.fmi2Instantiate
+    new.restype, new.argtypes = ctypes.c_void_p, [
+        ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_void_p,
+        ctypes.c_int, ctypes.c_int,
+    ]  # fmt: skip
+    assert not new(b"x", 1, b"another", b"", None, 0, 0)
+    one = ctypes.c_void_p(new(b"x", 1, root.get("guid").encode(), b"", None, 0, 0))
+    number = {v.get("name"): int(v.get("valueReference")) for v in root.iter("ScalarVariable")}
+    rate, seed = 0.002, 7
+
+    def ask(kind, names, kept):
+        at = (ctypes.c_uint * len(names))(*(number[name] for name in names))
+        out = (kept * len(names))()
+        assert getattr(library, f"fmi2Get{kind}")(one, at, ctypes.c_size_t(len(names)), out) == 0
+        return list(out)
+
+    def tell(kind, name, value):
+        at = (ctypes.c_uint * 1)(number[name])
+        assert getattr(library, f"fmi2Set{kind}")(one, at, ctypes.c_size_t(1), value) == 0
+
+    tell("Real", "rate", (ctypes.c_double * 1)(rate))
+    tell("Integer", "seed", (ctypes.c_int * 1)(seed))
+    library.fmi2EnterInitializationMode(one)
+    library.fmi2ExitInitializationMode(one)
+    step, found = library.fmi2DoStep, []
+    step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
+    names = ["error_x", "error_y", "error_z"]
+    for k in range(50):
+        found.append(ask("Real", names, ctypes.c_double))
+        assert ask("Boolean", ["valid"], ctypes.c_int) == [1]
+        assert step(one, k * model.period, model.period, 0) == 0
+    expected = run(seed + 1, 50, model.period, rate)[0][seed, :, :3]
+    assert found == expected.tolist()
+    measured = Rotation.from_quat(ask("Real", [f"measured_{a}" for a in "xyzw"], ctypes.c_double))
+    last = Rotation.from_rotvec(ask("Real", names, ctypes.c_double))
+    assert (measured * last.inv()).magnitude() < 1e-12
+    tell("Real", "sun", (ctypes.c_double * 1)(model.sun - 0.01))
+    step(one, 50 * model.period, model.period, 0)
+    assert ask("Boolean", ["valid"], ctypes.c_int) == [0]
+    library.fmi2FreeInstance(one)
+
+
+@pytest.mark.slow
+def test_the_fmu_runs_in_another_program(model, fmu):
+    """FMPy validates the description, and simulates; errors have the model's size."""
+    fmpy = pytest.importorskip("fmpy")
+    from fmpy.validation import validate_fmu
+
+    assert not validate_fmu(str(fmu))
+    found = fmpy.simulate_fmu(
+        str(fmu), stop_time=4000 * model.period, step_size=model.period,
+        output_interval=model.period, start_values={"rate": 0.002},
+    )  # fmt: skip
+    rms = np.sqrt((found["error_x"] ** 2).mean())
+    parts = [
+        np.interp(0.002, model.rate, one[0]) for one in (model.noise, model.pixel, model.field)
+    ]
+    assert rms == pytest.approx(np.sqrt(np.square(parts).sum()), rel=0.1)
+    assert found["valid"].all()
+
+
+def test_basilisk_gets_the_variance_and_correlation_of_the_c(run, model, tmp_path):
+    """x <- A x + P w, as the module does it, has the variance and lag of the C's errors."""
+    rate = 0.002
+    write_basilisk(tmp_path / "startrack_basilisk.py", model, rate)
+    text = (tmp_path / "startrack_basilisk.py").read_text()
+    names = {}
+    exec(compile(text, "startrack_basilisk.py", "exec"), names)
+    sensor = SimpleNamespace(setAMatrix=lambda a: None, setWalkBounds=lambda b: None)
+    turn = Rotation.from_rotvec([0.3, -1.0, 0.5]).as_matrix()
+    kept = {}
+    sensor.setAMatrix = lambda a: kept.update(a=np.array(a))
+    names["configure"](sensor, turn.tolist())
+    p, a = (turn @ one @ turn.T for one in (np.array(sensor.PMatrix), kept["a"]))
+    covariance = p @ p.T / (1 - np.diag(a) ** 2)[:, None]
+    errors = run(3000, 2, model.period, rate)[0][..., :3]
+    for axis in range(3):
+        first, second = errors[:, 0, axis], errors[:, 1, axis]
+        assert covariance[axis, axis] == pytest.approx((first**2).mean(), rel=0.12)
+        assert a[axis, axis] == pytest.approx((first * second).mean() / (first**2).mean(), abs=0.06)
+    assert np.abs(p - np.diag(np.diag(p))).max() < 1e-18
+
+
+def test_42_gets_a_block(model, tmp_path):
+    """As many values a line as its spacecraft files have, in degrees and arcseconds."""
+    write_42(tmp_path / "st.txt", model, (0.2, 0.1), 0.0)
+    lines = [
+        one.partition("!")[0].split() for one in (tmp_path / "st.txt").read_text().splitlines()
+    ]
+    assert [len(one) for one in lines[1:]] == [1, 4, 1, 2, 3, 3, 1]
+    assert float(lines[4][0]) == pytest.approx(np.degrees(0.2), rel=1e-5)
+    noise = np.sqrt(model.noise[0][0] ** 2 + model.pixel[0][0] ** 2 + model.field[0][0] ** 2)
+    assert float(lines[6][0]) == pytest.approx(np.degrees(noise) * 3600, rel=1e-5)
+    assert lines[6][0] == lines[6][1]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import sys
 
 import astropy.units as u
 import numpy as np
@@ -16,6 +17,7 @@ from startrack.mission.ccsds import Attitudes, Ephemeris
 from startrack.mission.instants import course_of, spread
 from startrack.mission.orbit import Kepler, path_of, sun_synchronous
 from startrack.mission.parameters import Attitude, Orbit
+from startrack.mission.spice import read_ck, read_spk, to_ephemeris_time, write_ck, write_spk
 
 MISSION = load_mission(shipped("missions/sun-synchronous.toml"), ["time.duration=6 h"]).mission
 BEGIN = MISSION.time.begin
@@ -141,3 +143,51 @@ def test_orbit_files_are_refused_by_name(tmp_path, old, new, words):
     file.write_text(text.replace(old, new))
     with pytest.raises(ValueError, match=words):
         read_oem(file)
+
+
+@pytest.mark.slow
+def test_spice_kernels_give_back_what_was_written(tmp_path):
+    """Attitudes within 1e-12, states at and between those that were written; errors in words."""
+    spiceypy = pytest.importorskip("spiceypy")
+    count = 200
+    epoch = tuple(f"2026-03-20T00:{k // 60:02d}:{k % 60:02d}" for k in range(count))
+    turn = Rotation.from_rotvec(np.outer(np.arange(count), [0.01, -0.004, 0.02]))
+    file = tmp_path / "a.bc"
+    write_ck(file, Attitudes(epoch, "utc", turn.as_quat()))
+    back = read_ck(file)
+    assert len(back.quaternion) == count
+    again = Rotation.from_quat(back.quaternion)
+    assert (again * turn.inv()).magnitude().max() < 1e-12
+    at = to_ephemeris_time(back.epoch, back.scale) - to_ephemeris_time(epoch, "utc")
+    assert np.abs(at).max() < 1e-6
+    path = Kepler(7e6, 0.01, 1.0, 0.2, 0.3, 0.4)
+    second = 60.0 * np.arange(120)
+    place, speed = path.state(second)
+    epoch = tuple(f"2026-03-20T{k // 60:02d}:{k % 60:02d}:00" for k in range(120))
+    file = tmp_path / "o.bsp"
+    write_spk(file, Ephemeris(epoch, "utc", place.T, speed.T))
+    orbit = read_spk(file)
+    assert np.abs(orbit.place - place.T).max() < 2e-3  # 0.1 us of a double of seconds since 2000
+    between = read_spk(file, 20.0)
+    assert np.abs(between.place - path.state(np.linspace(0, second[-1], 358))[0].T).max() < 0.1
+    # SPICE's own view of the pointing: the x axis of the body in J2000.
+    spiceypy.furnsh([str(tmp_path / "a.bc"), str(tmp_path / "a.tsc")])
+    matrix, _ = spiceypy.ckgp(-999000, 65536 * (100 + at_begin(tmp_path)), 0, "J2000")
+    spiceypy.kclear()
+    assert matrix[0] == pytest.approx(turn[100].inv().apply([1.0, 0, 0]), abs=1e-8)
+    (tmp_path / "bad.bsp").write_text("no kernel")
+    with pytest.raises(ValueError, match="must be a file that SPICE reads"):
+        read_spk(tmp_path / "bad.bsp")
+
+
+def at_begin(folder):
+    """Second of the clock at the first attitude."""
+    et = to_ephemeris_time(("2026-03-20T00:00:00",), "utc")[0]
+    return et - np.floor(et)
+
+
+def test_spice_is_asked_for_by_name(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "spiceypy", None)
+    (tmp_path / "o.bsp").write_text("")
+    with pytest.raises(ImportError, match=r"startrack\[spice\]"):
+        read_spk(tmp_path / "o.bsp")

@@ -1,0 +1,280 @@
+"""HeadModel -> the forms in which simulators of attitude control take a star tracker.
+
+An FMU (Functional Mock-up Interface 2.0, co-simulation), the parameters of Basilisk's module
+starTracker, and the star tracker's block of a spacecraft file of 42.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import platform
+import shutil
+import subprocess
+import tempfile
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from startrack.core import Floats, arcsec, deg
+from startrack.io import save_text
+from startrack.io import whole as whole_file
+from startrack.mission.aocs import CONVENTION, HeadModel, model_sources
+
+FMU_SOURCE = "startrack_fmu.c"
+IDENTIFIER = "startrack_head"
+EARLIEST = (1980, 1, 1, 0, 0, 0)  # of a file in a zip: the same bytes each day
+
+
+class Variable(NamedTuple):
+    """A real variable of the FMU, in the order of its numbers."""
+
+    name: str
+    causality: str
+    unit: str
+    start: float
+    about: str
+
+
+VARIABLES = (
+    Variable("rate", "input", "rad/s", 0.0, "across the boresight"),
+    Variable("sun", "input", "rad", 4.0, "from the boresight to the Sun; 4 where it is hidden"),
+    Variable("moon", "input", "rad", 4.0, "from the boresight to the Moon; 4 where it is hidden"),
+    Variable("limb", "input", "rad", 4.0, "from the boresight to the Earth's lit limb; 4: none"),
+    Variable("orbit", "input", "rad", 0.0, "phase of the orbit"),
+    *(
+        Variable(f"true_{axis}", "input", "1", float(axis == "w"), "true quaternion, w scalar")
+        for axis in "xyzw"
+    ),
+    *(
+        Variable(f"error_{axis}", "output", "rad", 0.0, "rotation vector, camera axes")
+        for axis in "xyz"
+    ),
+    *(
+        Variable(f"measured_{axis}", "output", "1", float(axis == "w"), "measured quaternion")
+        for axis in "xyzw"
+    ),
+)
+
+
+def write_fmu(path: Path, model: HeadModel) -> bool:
+    """Write the model as an FMU: description, sources, and the library for this platform.
+
+    Frames are taken at multiples of the model's period; outputs are those of the last frame, and
+    the latency is not applied. An FMU without a library for its platform is compiled by tools that
+    can, from its sources.
+
+    Returns  whether a C compiler was found, so that it holds a library for this platform
+    Raises   ValueError where the compiler refuses the sources.
+    """
+    files = model_sources(model)
+    files[FMU_SOURCE] = (Path(__file__).parent / FMU_SOURCE).read_text(encoding="utf-8")
+    content = "".join(files.values()).encode()
+    guid = hashlib.blake2b(content, digest_size=16).hexdigest()
+    data = "startrack_head_data.h"
+    define = f'#define STARTRACK_GUID "{guid}"\n\n#endif'
+    files[data] = define.join(files[data].rsplit("#endif", 1))
+    held = {f"sources/{name}": text.encode() for name, text in files.items()}
+    held["modelDescription.xml"] = _description(model, guid, [*files]).encode()
+    library = _library(files)
+    if library is not None:
+        held[library[0]] = library[1]
+    with whole_file(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as file:
+        for name in sorted(held):
+            file.writestr(zipfile.ZipInfo(name, EARLIEST), held[name], zipfile.ZIP_DEFLATED)
+    return library is not None
+
+
+def _library(files: dict[str, str]) -> tuple[str, bytes] | None:
+    """Name in the FMU and bytes of the library for this platform; None without a compiler."""
+    compiler = next((one for one in ("cc", "gcc", "clang") if shutil.which(one)), None)
+    if compiler is None:
+        return None
+    system = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib"), "Windows": ("win", "dll")}
+    name, end = system.get(platform.system(), ("linux", "so"))
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for file, text in files.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        sources = [file for file in files if file.endswith(".c")]
+        build = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", *sources]
+        made = subprocess.run(
+            [*build, "-lm", "-o", "library"], cwd=folder, capture_output=True, text=True
+        )
+        if made.returncode:
+            reason = (made.stderr.strip().splitlines() or ["it said nothing"])[0]
+            raise ValueError(f"{compiler} must compile the FMU's sources, but: {reason}")
+        return f"binaries/{name}64/{IDENTIFIER}.{end}", (folder / "library").read_bytes()
+
+
+def _description(model: HeadModel, guid: str, files: Sequence[str]) -> str:
+    """The modelDescription.xml of FMI 2.0."""
+    rows, outputs = [], []
+    for number, one in enumerate(VARIABLES):
+        start = f' start="{one.start!r}"' if one.causality == "input" else ""
+        if one.causality == "output":
+            outputs.append(number + 1)
+        rows.append(
+            f'    <ScalarVariable name="{one.name}" valueReference="{number}" '
+            f'causality="{one.causality}" variability="continuous" '
+            f"description={quoteattr(one.about)}>"
+            f'<Real unit="{one.unit}"{start}/></ScalarVariable>'
+        )
+    rows.append(
+        '    <ScalarVariable name="valid" valueReference="0" causality="output" '
+        'variability="discrete" description="whether there is an attitude"><Boolean/>'
+        "</ScalarVariable>"
+    )
+    outputs.append(len(rows))
+    rows.append(
+        '    <ScalarVariable name="seed" valueReference="0" causality="parameter" '
+        'variability="fixed" description="of the errors"><Integer start="1"/></ScalarVariable>'
+    )
+    units = "\n".join(f'    <Unit name="{unit}"/>' for unit in ("1", "rad", "rad/s"))
+    listed = "".join(f'<File name="{name}"/>' for name in files if name.endswith(".c"))
+    ends = "\n".join(f'      <Unknown index="{number}"/>' for number in outputs)
+    variables = "\n".join(rows)
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName={quoteattr(model.name or IDENTIFIER)}
+    guid="{guid}" description={quoteattr(CONVENTION)} generationTool="startrack">
+  <CoSimulation modelIdentifier="{IDENTIFIER}" canHandleVariableCommunicationStepSize="true"
+      canNotUseMemoryManagementFunctions="true"><SourceFiles>{listed}</SourceFiles></CoSimulation>
+  <UnitDefinitions>
+{units}
+  </UnitDefinitions>
+  <DefaultExperiment startTime="0.0" stopTime="60.0" stepSize="{model.period!r}"/>
+  <ModelVariables>
+{variables}
+  </ModelVariables>
+  <ModelStructure>
+    <Outputs>
+{ends}
+    </Outputs>
+    <InitialUnknowns>
+{ends}
+    </InitialUnknowns>
+  </ModelStructure>
+</fmiModelDescription>
+"""
+
+
+class OneProcess(NamedTuple):
+    """The error at one rate as a single first-order process, (across, about).
+
+    sigma  radian rms;  keep  1, correlation from frame to frame
+    """
+
+    sigma: tuple[float, float]
+    keep: tuple[float, float]
+
+
+def one_process(model: HeadModel, rate: float) -> OneProcess:
+    """Noise, pixel and field error together: their variance and correlation of two frames.
+
+    Accuracy  model: beyond one frame the correlation falls faster than that of the sum, which has
+              a slow part; bias and thermo-elastic swing are left out.
+    """
+    sigma, keep = [], []
+    for k in (0, 1):
+        noise, pixel, field = (
+            float(np.interp(rate, model.rate, getattr(model, name)[k])) ** 2
+            for name in ("noise", "pixel", "field")
+        )
+        slow = pixel * math.exp(-model.period * rate / model.pixel_length)
+        slow += field * math.exp(-model.period * rate / model.field_length)
+        total = noise + pixel + field
+        sigma.append(math.sqrt(total))
+        keep.append(slow / total if total else 0.0)
+    return OneProcess((sigma[0], sigma[1]), (keep[0], keep[1]))
+
+
+def write_basilisk(path: Path, model: HeadModel, rate: float) -> None:
+    """Write a Python file whose `configure` sets Basilisk's starTracker module.
+
+    The module's error state is x <- A x + P w, about the body's axes, with white w; see its
+    starTracker.cpp. It has no availability, which a scenario must switch by itself.
+
+    rate  radian / second across the boresight, at which the error is taken
+    """
+    one = one_process(model, rate)
+    keep = [one.keep[0], one.keep[0], one.keep[1]]
+    step = [
+        sigma * math.sqrt(1 - k * k)
+        for sigma, k in zip((*one.sigma[:1] * 2, one.sigma[1]), keep, strict=True)
+    ]
+    bound = [10 * sigma for sigma in (one.sigma[0], one.sigma[0], one.sigma[1])]
+    save_text(path, _BASILISK.format(
+        name=model.name, rate=rate, period=model.period, latency=model.latency, keep=keep,
+        step=step, bound=bound, sun=model.sun, moon=model.moon, limb=model.limb,
+    ))  # fmt: skip
+
+
+_BASILISK = '''"""Error of the star tracker {name!r} for Basilisk's starTracker, by startrack.
+
+At {rate!r} rad/s across the boresight; run the module once a frame, each {period!r} s. The sum of
+noise, pixel and field errors is one first-order process; bias, swing and availability are left out.
+"""
+
+PERIOD = {period!r}  # second, between frames
+LATENCY = {latency!r}  # second, from the middle of the exposure
+KEEP = {keep!r}  # A in camera axes x, y, z (boresight): correlation from frame to frame
+STEP = {step!r}  # P in camera axes, radian
+BOUND = {bound!r}  # radian, ten times the rms
+SUN, MOON, LIMB = {sun!r}, {moon!r}, {limb!r}  # radian, exclusion angles
+
+
+def configure(sensor, dcm_cb):
+    """Set a StarTracker; dcm_cb is the 3 x 3 matrix from body to camera axes, rows of lists."""
+    def in_body(values):
+        return [
+            [sum(dcm_cb[k][i] * values[k] * dcm_cb[k][j] for k in range(3)) for j in range(3)]
+            for i in range(3)
+        ]
+
+    sensor.dcm_CB = [list(row) for row in dcm_cb]
+    sensor.PMatrix = in_body(STEP)
+    bound = [max(BOUND)] * 3
+    if hasattr(sensor, "setAMatrix"):
+        sensor.setAMatrix(in_body(KEEP))
+        sensor.setWalkBounds(bound)
+    else:
+        sensor.AMatrix = in_body(KEEP)
+        sensor.walkBounds = bound
+'''
+
+
+def write_42(
+    path: Path,
+    model: HeadModel,
+    field: tuple[float, float],
+    rate: float,
+    mounting: Floats | None = None,
+) -> None:
+    """Write the star tracker's block of a spacecraft file (SC_*.txt) of the simulator 42.
+
+    42 has white noise, so that all errors that change count as such; bias and swing are left out.
+
+    field     radian, along columns and rows
+    rate      radian / second across the boresight
+    mounting  (3,) radian, angles of the sequence 321 from body to camera; None: 0
+    """
+    sigma = one_process(model, rate).sigma
+    angles = np.zeros(3) if mounting is None else np.asarray(mounting)
+    x, y, z = (f"{one / deg:.6g}" for one in angles)
+    across, about = (f"{one / arcsec:.6g}" for one in sigma)
+    sun, limb, moon = (f"{one / deg:.6g}" for one in (model.sun, model.limb, model.moon))
+    rows = (
+        (f"{model.period:.6g}", "sample time, s"),
+        (f"{x}  {y}  {z}  321", "mounting angles, deg, and their sequence in the body"),
+        ("Z_AXIS", "boresight"),
+        (f"{field[0] / deg:.6g}  {field[1] / deg:.6g}", "field, deg, horizontal and vertical"),
+        (f"{sun}  {limb}  {moon}", "exclusion angles of Sun, Earth and Moon, deg"),
+        (f"{across}  {across}  {about}", "noise equivalent angle, arcsec rms, x, y, z"),
+        ("0", "node"),
+    )
+    head = "============================== ST 0 ====================================="
+    save_text(path, "\n".join([head, *(f"{value:<28}! {about}" for value, about in rows), ""]))
