@@ -181,7 +181,10 @@ def _read_fits(path: Path, data: bytes, layout: Layout) -> Frame:
         planes = len(image)
         if (layout.plane or 0) >= planes:
             raise ValueError(f"{path}: plane must lie in [0, {planes - 1}], got {layout.plane}")
-        image = image.max(axis=0) if layout.plane is None else image[layout.plane]
+        if layout.plane is None:
+            image, said = image.max(axis=0), None  # planes of colours are no mosaic
+        else:
+            image = image[layout.plane]
     elif layout.plane:
         raise ValueError(f"{path} must be a cube to have the plane {layout.plane}")
     if image.ndim != 2:

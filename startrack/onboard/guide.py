@@ -18,6 +18,7 @@ from startrack.core import (
     Ints,
     Stars,
     arcsec,
+    deg,
     non_negative,
     one_of,
     whole,
@@ -35,6 +36,8 @@ MOST_STARS = 2**16 - 1  # their numbers have 16 bits
 FAINTER = 4.0  # magnitude below the limit of stars that make others double: 2.5 % of the light
 SMALLEST = 0.2  # of the field, longest side of a triangle: its code's noise grows as the inverse
 CIRCLE = 0.45  # of the field, radius of the circles that give triangles
+NARROWEST = 1 * deg  # smaller fields need more than 3e5 circles, and hold few stars to G = 8
+COARSEST = 0.1  # of the field, largest resolution
 # Chosen by hand, as the number of stars of a circle: more find more skies, and make a larger index.
 CENTRES = 8  # circles per field of the sphere, a third of the field apart
 CELLS_X, CELLS_Y = 25, 88  # of codes, 0.02 wide: x to 1/2, and y to sqrt(3) / 2 on either side
@@ -110,7 +113,8 @@ def guide_stars(
     Directions are seen from the barycentre: flight software adds aberration and parallax itself.
 
     variables  None: `read_variables()`
-    Raises     ValueError where too few stars are left, or more than 65535.
+    Raises     ValueError where too few stars are left, or more than 65535; for a field below 1 deg,
+               or a resolution above a tenth of the field.
     Accuracy   model: the brightness is that of blackbodies in the band of the instrument; double
                stars are known where both are in the catalogue; proper motions as the catalogue
                has them.  numerical: 0.1 mas.
@@ -122,9 +126,11 @@ def guide_stars(
     believed = case.believed_catalog
     limit = believed.limit_g if settings.limit is None else settings.limit
     epoch = believed.year if settings.epoch is None else settings.epoch
+    within(NARROWEST, math.pi, **{"field of view (rad)": field})
     resolution = settings.resolution
     if resolution is None:
         resolution = index_resolution(camera)
+    within(0, COARSEST * field, **{"resolution (rad)": resolution})
 
     stars, still = _stars(case, limit, epoch)
     single, names = merged(stars, resolution)

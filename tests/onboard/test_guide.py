@@ -212,6 +212,13 @@ def test_the_command_writes_it(tmp_path, capsys):
     assert {one.name for one in out.iterdir()} == {
         f"startrack_guide{end}" for end in (".bin", "_data.h", ".csv", ".h", ".c")
     }
+    for wrong, message in (
+        (["--set", "instrument.optics.focal_length=2 m"], "field of view (rad) must lie in"),
+        (["--resolution", "1e9"], "resolution (rad) must lie in"),
+        (["--limit", "-2"], "guide stars must number 4 to 65535, got 0"),
+    ):
+        assert main(["export", "catalogue", *wrong, "--out", str(out)]) == 2
+        assert message in capsys.readouterr().err
     (tmp_path / "list.csv").write_text("name,dec\nX,5\n")
     arguments = ["--variable-list", str(tmp_path / "list.csv"), "--out", str(out)]
     assert main(["export", "catalogue", *arguments]) == 2
