@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import importlib
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
 from startrack.core import Floats, nm
+from startrack.io import open_checked, shipped
 
 GASES = ("water", "mixed", "ozone")
 
-# Weak bands of water below 667 nm, of which Bird and Riordan have the one at 593 nm: absorption
-# coefficients of SMARTS 2.9.5 (Gueymard 2001, Solar Energy 71, 325), means over 5 nm from 500 nm
-# on, 1 / cm^POWER.
-WEAK_FROM, WEAK_STEP, WEAK_TO = 500 * nm, 5 * nm, 667.6 * nm
-WEAK_WATER = (
-    0.00019, 0.00272, 0.00106, 0.00002, 0, 0, 0, 0, 0.00094, 0.00139, 0.00035, 0, 0, 0.00008,
-    0.00298, 0.00209, 0.00041, 0.00123, 0.01896, 0.01462, 0.00441, 0.00015, 0, 0, 0, 0.00054,
-    0.00259, 0.00164, 0.00081, 0.00512, 0.01399, 0.00853, 0.00312, 0.00051,
-)  # fmt: skip
-POWER = 0.9426  # of the column: lines overlap
+POWER = 0.9426  # of the column of water: lines overlap
+WATER_TO = 2210 * nm  # beyond, Bird and Riordan's water stands for methane, too
+FORMAT = 1  # of the file
 # Pairs of colliding oxygen molecules, in bands without lines: wavelength (nm), peak (1e-46 cm^5),
-# full width at half maximum (nm). After Greenblatt et al. (1990), J. Geophys. Res. 95, 18577;
-# assumed, as recalled from there.
-PAIRS = ((477.3, 6.3, 6.5), (532.2, 1.0, 10.0), (577.2, 11.0, 11.0), (630.0, 7.2, 14.0))
+# full width at half maximum (nm). Greenblatt et al. (1990), J. Geophys. Res. 95, 18577, as SMARTS
+# 2.9.5 has them.
+PAIRS = ((477.0, 6.5, 5.5), (532.0, 1.4, 12.4), (577.0, 12.5, 10.6), (630.0, 7.2, 14.7))
 PAIR_COLUMN = 1.25e-3  # 1e46 / cm^5: the square of the number of O2, over the standard atmosphere
 
 
@@ -38,10 +35,11 @@ def transmittance(gas: str, wavelength: Floats, mass: Floats, water: float, ozon
     ozone       metre at standard conditions
     Returns     (f, m) 1
     Raises      ModuleNotFoundError where pvlib is missing.
-    Accuracy    model: Bird and Riordan (1986), J. Climate Appl. Meteorol. 25, 87, at 122
-                wavelengths from 300 to 4000 nm, some 10 nm wide below 1 micrometre; weak bands
-                of water as in SMARTS, and of pairs of oxygen as Gaussians, which are part of
-                the mixed gases and thin out with height as slowly as those.
+    Accuracy    model: water as in SMARTS 2.9.5 (Gueymard 2001) in steps of 1 nm to 1 micrometre and
+                5 nm to 2.21; all else by Bird and Riordan (1986), J. Climate Appl. Meteorol. 25,
+                87, at 122 wavelengths from 300 to 4000 nm, some 10 nm wide below 1 micrometre;
+                pairs of oxygen as Gaussians, which are part of the mixed gases and thin out with
+                height as slowly as those.
     """
     if gas == "ozone":  # Beer's law; pvlib would take the air mass from the Sun's position
         nodes, once = _column(gas, 1.0, water, ozone)
@@ -51,11 +49,37 @@ def transmittance(gas: str, wavelength: Floats, mass: Floats, water: float, ozon
     found = np.stack([np.interp(wavelength, nodes, values) for _, values in columns], -1)
     if gas == "mixed":
         return found * np.exp(-_pairs(wavelength)[:, None] * mass)
-    weak = wavelength < WEAK_TO
-    at = WEAK_FROM + WEAK_STEP * np.arange(-1, len(WEAK_WATER) + 1)
-    depth = np.interp(wavelength[weak], at, [0.0, *WEAK_WATER, 0.0])
-    found[weak] = np.exp(-depth[:, None] * (water / 10 * mass) ** POWER)
+    spectrum, nodes, columns, table = _water_table()
+    known = (wavelength >= spectrum[0]) & (wavelength <= spectrum[-1])
+    seen = RegularGridInterpolator((np.log(columns), spectrum, nodes), table)
+    column = np.log(np.clip(water, columns[0], columns[-1]))
+    at = np.meshgrid(column, wavelength[known], np.clip(mass, 0, nodes[-1]), indexing="ij")
+    depth = seen(np.stack(at, -1))[0] * (water / 10 * mass) ** POWER
+    found[known] = np.exp(-depth)
+    found[wavelength < spectrum[0]] = 1.0
     return found
+
+
+@lru_cache(maxsize=1)
+def _water_table() -> tuple[Floats, ...]:
+    """Wavelengths, air masses, columns, and (c, f, m) optical depth over (column mass)^POWER."""
+    path = shipped("atmosphere/water.fits")
+    with open_checked(path, "WATER", FORMAT, "a table of water vapour") as parts:
+        names = ("WAVELENGTH", "MASS", "COLUMN", "DEPTH")
+        return tuple(parts[name].data.astype(np.float64) for name in names)
+
+
+def save_water(
+    path: Path, wavelength: Floats, mass: Floats, column: Floats, depth: Floats
+) -> None:  # fmt: skip
+    """Write a table of water vapour (metre, 1, kilogram / m^2, (c, f, m) 1) with checksums."""
+    from astropy.io import fits
+
+    first = fits.PrimaryHDU()
+    first.header["WATER"] = (FORMAT, "format of this table of water vapour")
+    named = {"WAVELENGTH": wavelength, "MASS": mass, "COLUMN": column, "DEPTH": np.float32(depth)}
+    parts = [fits.ImageHDU(values, name=name) for name, values in named.items()]
+    fits.HDUList([first, *parts]).writeto(path, checksum=True)
 
 
 def _pairs(wavelength: Floats) -> Floats:

@@ -213,6 +213,19 @@ def test_weak_bands_are_those_of_modtran(table):
     assert rest.std() < 0.003
 
 
+STRONG = {
+    700: 0.7097, 720: 0.6620, 820: 0.6843, 860: 0.8209, 900: 0.6684, 940: 0.3098, 950: 0.3202,
+    980: 0.7145, 1000: 0.8445,
+}  # fmt: skip
+
+
+def test_strong_bands_of_water_are_those_of_modtran(table):
+    at = np.array(list(STRONG), float)
+    shape = np.clip(1 - np.abs(table.spectrum / nm - at[:, None]) / 20, 0, None)
+    through = in_bands(table, shape, 24.5e3).through[0, 0]
+    np.testing.assert_allclose(through, list(STRONG.values()), atol=0.015)
+
+
 def test_shipped_tables_are_those_that_were_built():
     folder = shipped("atmosphere")
     for line in (folder / "SHA256SUMS").read_text().splitlines():
