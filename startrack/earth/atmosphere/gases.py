@@ -49,10 +49,10 @@ def transmittance(gas: str, wavelength: Floats, mass: Floats, water: float, ozon
     found = np.stack([np.interp(wavelength, nodes, values) for _, values in columns], -1)
     if gas == "mixed":
         return found * np.exp(-_pairs(wavelength)[:, None] * mass)
-    spectrum, nodes, columns, table = _water_table()
+    spectrum, nodes, amounts, table = _water_table()
     known = (wavelength >= spectrum[0]) & (wavelength <= spectrum[-1])
-    seen = RegularGridInterpolator((np.log(columns), spectrum, nodes), table)
-    column = np.log(np.clip(water, columns[0], columns[-1]))
+    seen = RegularGridInterpolator((np.log(amounts), spectrum, nodes), table)
+    column = np.log(np.clip(water, amounts[0], amounts[-1]))
     at = np.meshgrid(column, wavelength[known], np.clip(mass, 0, nodes[-1]), indexing="ij")
     depth = seen(np.stack(at, -1))[0] * (water / 10 * mass) ** POWER
     found[known] = np.exp(-depth)
