@@ -29,9 +29,9 @@ from startrack.earth.imager import (
     Imager,
     Land,
     Picture,
+    Setting,
     Survey,
     load_survey,
-    prepare,
     render,
 )
 from startrack.earth.product import Product, Settings, against_truth, calibrate, make_product
@@ -65,10 +65,9 @@ def loop_radiance_error(size: int = SIZE, seed: int = 1) -> tuple[float, float]:
     detector = replace(survey.camera.channels[1].detector, bits=12, prnu=0.01)
     channel = replace(survey.camera.channels[1], detector=detector)
     survey = replace(survey, camera=Imager((channel,)), land=Land())
-    product, picture, channel = make(survey, seed)
+    product, picture, channel, setting = make(survey, seed)
     truth = _truth(picture)
     error = against_truth(product, truth)[0]
-    setting = prepare(survey, channel, Path())
     electrons = setting.electrons * truth / um
     dark = detector.dark_rate * setting.exposure
     step = detector.full_well / (2**detector.bits - 1)
@@ -86,31 +85,32 @@ def loop_place_px(size: int = SIZE, fires: int = FIRES, seed: int = 1) -> float:
         survey, camera=Imager((warm,)), pointing=replace(survey.pointing, roll=ROLL),
         land=Land((Cover(Curve((), (0.02,)), 290.0),), lapse=0.0),
     )  # fmt: skip
-    cold, _, channel = make(survey, seed)
+    cold, _, channel, _ = make(survey, seed)
     pixel = float(np.hypot(cold.grid.step_x, cold.grid.step_y)) / math.sqrt(2)
     spots = _spots(survey, channel, fires, AREA * pixel**2)
-    hot, _, _ = make(replace(survey, land=replace(survey.land, hot_spots=spots)), seed)
+    hot, *_ = make(replace(survey, land=replace(survey.land, hot_spots=spots)), seed)
     excess = hot.layers["radiance"] - cold.layers["radiance"]
     x, y = np.array([_on_map(hot, each) for each in spots]).T
     found = np.array([_centroid(excess, *each) for each in zip(x, y, strict=True)])
     return float(np.sqrt(((found - np.stack([x, y], 1)) ** 2).sum(1).mean()))
 
 
-def make(survey: Survey, seed: int) -> tuple[Product, Picture, Channel]:
-    """The product of the first channel, its picture and the channel."""
+def make(survey: Survey, seed: int) -> tuple[Product, Picture, Channel, Setting]:
+    """The product of the first channel, its picture, the channel and what is constant of it."""
     channel = survey.channels[0]
     picture = Picture.blank(channel.detector.rows, channel.columns)
     setting = render(survey, channel, Path(), seed, picture)
     frames = calibrate(survey, channel, setting, seed)
     product = make_product(survey, channel, Path(), picture.numbers, frames, Settings())
-    return product, picture, channel
+    return product, picture, channel, setting
 
 
 def _survey(name: str, size: int, relief: float) -> Survey:
     survey = load_survey(shipped(f"scenes/{name}.toml"))
     fractal = survey.terrain.fractal
     assert fractal
-    terrain = replace(survey.terrain, fractal=replace(fractal, cells=512, relief=relief))
+    cells = 512 if size > 60 else 256
+    terrain = replace(survey.terrain, fractal=replace(fractal, cells=cells, relief=relief))
     return replace(survey, lines=size, columns=size, sky_rays=0, terrain=terrain)
 
 

@@ -25,7 +25,7 @@ def write_earth_report(
     lead = (
         f"{len(products)} channels of a simulated camera: what it should do by formulas, what it "
         "saw, and what comes back of the scene after calibration and mapping. The products use "
-        "the scene's flight and terrain exactly; errors of pointing and heights are not in them."
+        "the scene's flight, pointing and terrain; what its drift and jitter move is not put back."
     )
     sections = [
         Section("Camera", _camera(survey)),

@@ -97,8 +97,8 @@ def make_product(
     folder   from which files are sought
     advance  called with parts of the work, of sum one
     Raises   ValueError where frames do not fit, or no ground is seen; ImportError without rasterio.
-    Accuracy model: flight, pointing and terrain are known exactly; a pixel's ground is where its
-             middle ray meets it.
+    Accuracy model: flight, pointing and terrain are known exactly, of drift and jitter nothing; a
+             pixel's ground is where its middle ray meets it.
     """
     lines, columns = numbers.shape
     require_memory(PIXEL_BYTES * lines * columns, f"a product of {columns} x {lines} pixels")

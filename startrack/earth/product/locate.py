@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from startrack.core import LIGHT_SPEED, Floats
-from startrack.earth.geometry import EarthScene, fly
+from startrack.earth.geometry import EarthScene, Elements, fly
 
 NODES = 65  # of the flight's spline over the image
 BEYOND = 0.1  # of the lines, before and after the image, in which the spline holds
@@ -28,6 +28,8 @@ class Locator:
 
     scene: EarthScene
     _flight: CubicSpline = field(init=False)
+    _row: Elements = field(init=False)
+    _at_once: bool = field(init=False)  # a matrix
 
     def __post_init__(self) -> None:
         sensor, carrier = self.scene.sensor, self.scene.carrier
@@ -40,6 +42,8 @@ class Locator:
         turn = self.scene.pointing.camera_to_itrs(flight).as_matrix().reshape(-1, 9)
         values = np.concatenate([flight.position, flight.velocity, turn], 1)
         object.__setattr__(self, "_flight", CubicSpline(at, values))
+        object.__setattr__(self, "_row", sensor.elements(carrier)[0])
+        object.__setattr__(self, "_at_once", not dating.period)
 
     def locate(self, point: Floats) -> Floats:
         """Where points are seen.
@@ -52,9 +56,8 @@ class Locator:
                   in between, 0.09 pixel for the camera `hsrs`.
         """
         sensor = self.scene.sensor
-        elements = sensor.elements(self.scene.carrier)
-        row = elements[0]
-        if sensor.detector == "matrix":
+        row = self._row
+        if self._at_once:
             return self._project(point, np.zeros(len(point)))
         first, last = row.x.mean(1)[[0, -1]]
         step = (last - first) / (len(row.x) - 1)
@@ -85,9 +88,7 @@ class Locator:
         return float(moved.mean()) if len(moved) and moved.mean() else -1.0
 
     def _at(self, line: Floats) -> Floats:
-        if not self.scene.sensor.dating(self.scene.carrier).period:
-            line = np.zeros_like(line)
-        return np.asarray(self._flight(line))
+        return np.asarray(self._flight(np.zeros_like(line) if self._at_once else line))
 
     def _project(self, point: Floats, line: Floats) -> Floats:
         """Pixel (n, 2) of the camera's grid at which it would see points at the time of lines."""
