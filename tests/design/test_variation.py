@@ -157,3 +157,18 @@ def test_variations_are_read_from_a_design_file(tmp_path):
     case = load_design(path).case
     assert case.lifetime == 5 * YEAR
     assert case.variation == (Variation(READ, sigma="1 electron", per=Scope.LIFE),)
+
+
+def test_a_design_lies_over_its_class_and_its_orbit(tmp_path):
+    """Both parts count: what differs between units, and what the tracker does not know."""
+    path = tmp_path / "flown.toml"
+    path.write_text(
+        'base = "designs/nanosatellite.toml"\n'
+        'include = ["variations/space-lens.toml", "variations/low-orbit.toml"]\n'
+    )
+    case = load_design(path).case
+    assert case.differs
+    assert not CASE.differs
+    assert case.end_of_life == pytest.approx(5 * YEAR)
+    assert case.instrument.motion.drawn
+    assert case.believed_catalog.limit_g < case.catalog.limit_g
