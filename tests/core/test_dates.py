@@ -42,7 +42,7 @@ def folders(request, tmp_path_factory):
 def test_the_example_has_every_command():
     named = {line.split()[0] for line in every_command.COMMANDS.strip().splitlines()}
     assert named == {*COMMANDS, "earth"}
-    for part in ("geometry", "render", "terrain"):
+    for part in ("geometry", "render", "process", "terrain"):
         assert f"\nearth {part} " in every_command.COMMANDS
     assert named > set(every_command.LONG)
 

@@ -88,8 +88,10 @@ def save_calibration(path: Path, calibration: Calibration, channel: Channel) -> 
         if unit:
             parts[-1].header["BUNIT"] = unit
     parts[-1].header.add_comment(f"digital number for 1 {RADIANCE}")
+    for part in parts:
+        part.add_checksum(when="of this part")  # and no date
     with whole(path) as draft:
-        fits.HDUList(parts).writeto(draft, checksum=True)
+        fits.HDUList(parts).writeto(draft)
 
 
 def read_calibration(path: Path, channel: Channel) -> Calibration:
