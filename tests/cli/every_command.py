@@ -52,6 +52,7 @@ montecarlo dated.toml --trials 4 --out dated --workers 1
 montecarlo design.toml --trials 16 --out frames --control --workers 1
 montecarlo design.toml --trials 32 --out covariance --fidelity covariance --workers 1
 combine frames/campaign.sqlite covariance/campaign.sqlite
+merge frames/campaign.sqlite --out merged.sqlite
 compare frames/campaign.sqlite covariance/campaign.sqlite
 report frames/campaign.sqlite --stars 1 --slews 1 --budget 2 --fidelity-trials 2 --worst 1
 sequence design.toml --sequences 1 --out sequence --workers 1
