@@ -29,7 +29,14 @@ from startrack.metrics.levels import (
     levels,
     quantile_of_few,
 )
-from startrack.metrics.summary import Interval, Summary, fraction_interval, rms_interval, summarise
+from startrack.metrics.summary import (
+    Interval,
+    Summary,
+    fraction_interval,
+    interval_table,
+    rms_interval,
+    summarise,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = [

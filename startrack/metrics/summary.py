@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import scipy
@@ -61,18 +62,7 @@ class Summary:
     @property
     def table(self) -> NDArray[np.void]:
         """One row: each field, and the ends of its interval as NAME_low and NAME_high."""
-        columns = dict[str, float]()
-        for field in fields(self):
-            one = getattr(self, field.name)
-            if isinstance(one, Interval):
-                name = field.name
-                columns |= {name: one.value, f"{name}_low": one.low, f"{name}_high": one.high}
-            else:
-                columns[field.name] = one
-        kind = [
-            (name, np.int64 if isinstance(one, int) else float) for name, one in columns.items()
-        ]
-        return np.array([tuple(columns.values())], kind)
+        return interval_table(self)
 
     @property
     def _rows(self) -> list[tuple[str, str]]:
@@ -117,6 +107,20 @@ class Summary:
                 "sigma"
             )
         return f"covariance not trustworthy: {' and '.join(reasons)}" if reasons else ""
+
+
+def interval_table(statistics: Any) -> NDArray[np.void]:
+    """One row of a dataclass of statistics: each field, and NAME_low and NAME_high of intervals."""
+    columns = dict[str, float]()
+    for field in fields(statistics):
+        one = getattr(statistics, field.name)
+        if isinstance(one, Interval):
+            name = field.name
+            columns |= {name: one.value, f"{name}_low": one.low, f"{name}_high": one.high}
+        else:
+            columns[field.name] = one
+    kind = [(name, np.int64 if isinstance(one, int) else float) for name, one in columns.items()]
+    return np.array([tuple(columns.values())], kind)
 
 
 def summarise(outcomes: NDArray[np.void], limits: Limits = STATED_ALONE) -> Summary:

@@ -8,7 +8,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.metrics import FALSE_ANGLE, Interval, fraction_interval, rms_interval
+from startrack.metrics import (
+    FALSE_ANGLE,
+    Interval,
+    fraction_interval,
+    interval_table,
+    rms_interval,
+)
 from startrack.sequence.run import Mode
 
 
@@ -35,6 +41,11 @@ class Tracking:
     losses_per_hour: Interval
     reacquisition: Interval
     sequences: int
+
+    @property
+    def table(self) -> NDArray[np.void]:
+        """One row: each field, and the ends of its interval as NAME_low and NAME_high."""
+        return interval_table(self)
 
 
 def summarise_sequences(table: NDArray[np.void]) -> Tracking:

@@ -9,6 +9,7 @@ from astropy.io import fits
 from scipy import stats
 
 from startrack.core.units import arcsec, deg
+from startrack.io import to_qtable
 from startrack.montecarlo.workers import Serial, pool
 from startrack.motion import Motion
 from startrack.sequence import (
@@ -72,6 +73,9 @@ def test_a_wild_slew_loses_the_sky_and_calm_finds_it_again(lost):
     assert tracking.losses_per_hour.value * 4 * 5.5 / 3600 == pytest.approx(4, rel=0.05)
     assert 1.4 < tracking.reacquisition.value < 2.1  # second, as long as the slew
     assert 0.6 < tracking.known.value < 0.95
+    row = to_qtable(tracking)
+    assert row["reacquisition"][0].to_value("s") == tracking.reacquisition.value
+    assert row["across_high"][0].to_value("arcsec") * arcsec == pytest.approx(tracking.across.high)
 
 
 def test_a_gyroscope_bridges_the_slew(small):
