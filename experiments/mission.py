@@ -13,7 +13,11 @@ events_alone              of these, without a partner of astropy's and sgp4's wi
 year_three_heads_s        CPU time of all steps of the example: a year of three heads at 10 s
 plan_s                    CPU time before that: ephemerides as tables, surrogates of the heads
 astropy_speedup           CPU time of a plain loop with astropy, per step and three heads, over that
-availability_z            attitudes of rendered frames, less those expected, in standard deviations
+rendered_found, rendered_expected   fraction of rendered frames with an attitude
+availability_z            attitudes of frames behind a weak baffle, some of them too bright, less
+                          those expected, in standard deviations
+dazzled_found, dazzled_expected     fraction of these frames with an attitude
+dazzled_alike             fraction of them that are found where more than even chances are stated
 rms_ratio, about_ratio    rms error of these frames over that expected, across and about
 fusion_nees               normalised squared error of two fused heads (3 where the covariance holds)
 swarm_before_arcsec       rms angle between two simulated heads on a bench that warms and cools
@@ -67,6 +71,7 @@ from startrack.mission.engine import at
 from startrack.mission.orbit import path_of
 from startrack.mission.parameters import Needs, Orbit, mounted
 from startrack.montecarlo import Serial
+from startrack.optics import Baffle
 from startrack.sequence import Leg, Sequence, fly_sequences
 from startrack.trial import run_trial
 
@@ -128,6 +133,7 @@ def main() -> None:
     add(placement_deg=placement(loaded.mission, chosen.quick))
     add(export_spectrum_error=exported(chosen.sequences))
     add(**rendered(plan, chosen.frames))
+    add(**dazzled(chosen.frames))
     command.save(chosen, figures)
 
 
@@ -417,11 +423,50 @@ def rendered(plan: Plan, count: int) -> dict[str, float]:
             errors.append((outcome.error_x, outcome.error_y, outcome.error_z))
     across, about, chance = np.array(expected).T
     x, y, z = np.array(errors).T
-    spread = math.sqrt(float((chance * (1 - chance)).sum()) + 0.25)
     return {
-        "availability_z": float(sum(solved) - chance.sum()) / spread,
+        "rendered_found": float(np.mean(solved)),
+        "rendered_expected": float(chance.mean()),
         "rms_ratio": math.sqrt(float((x**2 + y**2).mean() / 2 / (across**2).mean())),
         "about_ratio": math.sqrt(float((z**2).mean() / (about**2).mean())),
+    }
+
+
+def dazzled(count: int) -> dict[str, float]:
+    """Frames of heads behind a weak baffle, some too bright: their exclusion angles are small.
+
+    At random instants at which no exclusion angle blinds the head: attitudes that are found, beside
+    the probabilities that the mission states.
+    """
+    loaded = load_mission(EXAMPLE, ["time.duration=365 d", 'attitude.yaw="velocity"'])
+    case = loaded.designs[0].case
+    baffle = Baffle((20 * deg, 45 * deg, 80 * deg), (3e-4, 1e-5, 1e-7))
+    case = dataclasses.replace(case, instrument=dataclasses.replace(case.instrument, baffle=baffle))
+    small = KeepOut(sun=22 * deg, moon=12 * deg, earth=15 * deg)
+    heads = tuple(dataclasses.replace(one, exclusion=small) for one in loaded.mission.heads)
+    plan = plan_of(
+        dataclasses.replace(
+            loaded,
+            mission=dataclasses.replace(loaded.mission, heads=heads),
+            designs=(dataclasses.replace(loaded.designs[0], case=case),) * 3,
+        )
+    )
+    draw = np.random.default_rng(12)
+    chance, solved = list[float](), list[bool]()
+    while len(chance) < count:
+        scene = scenes_at(plan, float(draw.uniform(0, 365 * 86400)))[draw.integers(3)]
+        if scene.blind:
+            continue
+        streams = Streams(seed=2, trial=len(chance))
+        outcome = run_trial(scene.case, scene.icrs_to_camera, streams, Fidelity.FRAME)
+        chance.append(scene.solved)
+        solved.append(bool(outcome.solved and not outcome.false))
+    expected = np.array(chance)
+    spread = math.sqrt(float((expected * (1 - expected)).sum()) + 0.25)
+    return {
+        "availability_z": float(sum(solved) - expected.sum()) / spread,
+        "dazzled_found": float(np.mean(solved)),
+        "dazzled_expected": float(expected.mean()),
+        "dazzled_alike": float(((expected > 0.5) == np.array(solved)).mean()),
     }
 
 

@@ -55,6 +55,7 @@ with deferred():
         save_timeline,
         scenes_at,
         timeline,
+        trades,
         verdicts,
         write_kernels,
     )
@@ -109,6 +110,16 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "placement.png",
     )  # fmt: skip
     parser.add_argument(
+        "--heads", type=whole(1, 8), nargs="+", metavar="N",
+        help="compare so many heads instead, each placed by a coarse search (default with "
+        "--baffle: as many as the mission has)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--baffle", type=decimal(1, 89), nargs="+", metavar="DEG",
+        help="compare baffles that keep the Sun out from such angles on instead, with their length "
+        "and mass (default with --heads: the exclusion angle of the first head)",
+    )  # fmt: skip
+    parser.add_argument(
         "--frame", type=decimal(0, 1e12), metavar="SECOND",
         help="render what each head sees at this time after the begin instead: HEAD.fits, HEAD.png",
     )  # fmt: skip
@@ -139,6 +150,8 @@ def command(options: argparse.Namespace) -> int:
                     f"--frame must be at most {time.duration:g} s, got {options.frame:g}"
                 )
             return _render(options, path, plan)
+        if options.heads or options.baffle:
+            return _trade(options, path, plan)
         with progress("trials and steps", loaded.mission.check.trials + time.steps) as advance:
             plan, checks, flown = flown_from(plan, options.out / STORE, advance)
     if options.place:
@@ -169,8 +182,10 @@ def _several(options: argparse.Namespace, paths: list[Path]) -> int:
     names = [path.stem for path in paths]
     if len(set(names)) < len(names):
         raise WrongUse(f"several missions must have different names, got {', '.join(names)}")
-    if options.place or options.frame is not None:
-        raise WrongUse("--place and --frame must be left out with several missions")
+    if options.place or options.heads or options.baffle or options.frame is not None:
+        raise WrongUse(
+            "--place, --heads, --baffle and --frame must be left out with several missions"
+        )
     met = True
     with as_wrong_use(ValueError, ImportError, OSError):
         jobs = [
@@ -271,6 +286,38 @@ def _render(options: argparse.Namespace, path: Path, plan: Plan) -> int:
             f"{scene.about / arcsec:.2f}); wrote {fits} and {png}",
         )
     return Exit.DONE if solved else Exit.UNSOLVED
+
+
+def _trade(options: argparse.Namespace, path: Path, plan: Plan) -> int:
+    """Print numbers of heads and angles of baffles, with what they are worth and weigh."""
+    counts = options.heads or [len(plan.heads)]
+    angles = [one * deg for one in options.baffle or [plan.heads[0].limits.sun / deg]]
+    with progress("searches", len(counts) * len(angles)) as advance:
+        found = trades(plan, counts, angles, advance)
+    rows = [
+        {
+            "heads": one.heads, "baffle_deg": one.angle / deg, "baffle_length_m": one.length,
+            "mass_kg": one.mass, "longest_s": one.quality.longest, "one": one.quality.one,
+            "two": one.quality.two, "error_arcsec": one.quality.error / arcsec, "met": one.met,
+        }
+        for one in found
+    ]  # fmt: skip
+    result = {"mission": str(path), "trades": rows, "out": str(options.out)}
+    save_json(options.out / "trades.json", finite(result))
+    lines = [
+        f"{'heads':>5s}{'baffle (deg, mm)':>20s}{'mass (kg)':>11s}{'longest (s)':>13s}"
+        f"{'one (%)':>10s}{'two (%)':>10s}{'error (arcsec)':>16s}"
+    ]
+    for one in found:
+        quality = one.quality
+        lines.append(
+            f"{one.heads:5d}{one.angle / deg:10.1f}{1e3 * one.length:10.0f}{one.mass:11.2f}"
+            f"{quality.longest:13.0f}{100 * quality.one:10.3f}{100 * quality.two:10.3f}"
+            f"{quality.error / arcsec:16.2f}{'' if one.met else '  NOT MET'}"
+        )
+    lines.append("at 96 orbits of 100 instants, placed on a grid of 15 deg; mass by the cost laws")
+    print_result(options, result, "\n".join(lines))
+    return Exit.DONE if any(one.met for one in found) else Exit.UNSOLVED
 
 
 def _place(

@@ -34,7 +34,15 @@ from startrack.mission.engine import Flown, Plan, fly, plan_of
 from startrack.mission.fusion import fuse, fused_variance, head_covariance
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import KeepClear, Loaded, Mission, load_mission, save_mission
-from startrack.mission.placement import Placement, angles_of, map_of, moved_plan, place
+from startrack.mission.placement import (
+    Placement,
+    Trade,
+    angles_of,
+    map_of,
+    moved_plan,
+    place,
+    trades,
+)
 from startrack.mission.rendered import Checked, checked, scenes_at
 from startrack.mission.simulators import write_42, write_basilisk, write_fmu
 from startrack.mission.spice import read_ck, read_spk, write_ck, write_spk

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, arcsec, deg
+from startrack.design import Case, Requirements
 from startrack.mission.engine import Plan
 from startrack.mission.fusion import fused_variance
-from startrack.mission.heads import Mounted, Shadow, inside, look, shadow_of
+from startrack.mission.heads import SUN_RADIUS, Mounted, Shadow, inside, look, shadow_of
 from startrack.mission.instants import Instants
 from startrack.mission.orbit import GM
 from startrack.mission.parameters import KeepClear, Loaded, Mission, Needs, mounted
@@ -21,6 +22,8 @@ from startrack.optimise import Search, least
 
 WINDOWS, POINTS = 96, 100  # orbits over the mission, and instants in each
 GRID = 10 * deg  # between the directions that are tried for each head in turn
+COARSE = 15 * deg  # the same, where many searches are compared
+DENSITY = 950.0  # kg / m^3, median of seven trackers that were built (see `Requirements.density`)
 ROUNDS = 6  # in which each head is moved in turn, at most
 REACH = 20 * deg  # from there, in which nlopt searches
 EVALUATIONS = 400
@@ -170,7 +173,12 @@ class Placement:
     ending: str
 
 
-def place(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Placement:
+def place(
+    plan: Plan,
+    advance: Callable[[int], None] = lambda _: None,
+    grid_step: float | None = None,
+    evaluations: int | None = None,
+) -> Placement:
     """Find mountings for the heads of a mission by their requirements.
 
     Each head in turn takes the best direction of a grid over the sphere, until none moves; then
@@ -178,6 +186,8 @@ def place(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Placem
 
     plan      with errors
     advance   called with the number of evaluations after each of them
+    grid_step    radian between directions of the grid; None: 10 degrees
+    evaluations  of nlopt, at most; 0: the best of the grid is the result
     Accuracy  model: 96 orbits of the mission, at 100 instants each; each head has its mean error
               over the sky at all times. Numerical: nlopt ends at steps of 0.04 degrees; the search
               may end in an optimum that is not the best of all.
@@ -200,7 +210,7 @@ def place(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Placem
     lines = [head.boresight for head in plan.heads]
     blind = [blind_at(samples, head, line) for head, line in zip(plan.heads, lines, strict=True)]
     before = worth(lines, blind)
-    grid = sphere(GRID)
+    grid = sphere(grid_step or GRID)
     masks = _masks(samples, plan.heads, grid)
     best = score(lines, blind)
     for _ in range(ROUNDS):
@@ -227,17 +237,17 @@ def place(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Placem
         hidden = [blind_at(samples, *one) for one in zip(plan.heads, there, strict=True)]
         return score(there, hidden)
 
-    search = Search(evaluations=EVALUATIONS, first_step=0.1, last_step=1e-3)
-    found = least(of, np.full(2 * len(lines), 0.5), search)
-    lines = moved(found.coordinates)
+    ending, most = "the best of the grid", EVALUATIONS if evaluations is None else evaluations
+    if most:
+        search = Search(evaluations=most, first_step=0.1, last_step=1e-3)
+        found = least(of, np.full(2 * len(lines), 0.5), search)
+        lines, ending = moved(found.coordinates), found.ending
     hidden = [blind_at(samples, *one) for one in zip(plan.heads, lines, strict=True)]
     heads = tuple(
         replace(head, azimuth=float(a), elevation=float(e), roll=0.0, camera_to_body=None)
         for head, (a, e) in zip(mission.heads, map(angles_of, lines), strict=True)
     )
-    return Placement(
-        replace(mission, heads=heads), before, worth(lines, hidden), tried, found.ending
-    )
+    return Placement(replace(mission, heads=heads), before, worth(lines, hidden), tried, ending)
 
 
 def moved_plan(plan: Plan, mission: Mission) -> Plan:
@@ -247,6 +257,102 @@ def moved_plan(plan: Plan, mission: Mission) -> Plan:
         for head, one in zip(plan.heads, mission.heads, strict=True)
     )
     return replace(plan, loaded=Loaded(mission, plan.loaded.designs), heads=heads)
+
+
+@dataclass(frozen=True)
+class Trade:
+    """So many heads with such baffles, placed by a coarse search.
+
+    heads    number of heads
+    angle    radian, from which on the baffle keeps the Sun out: the exclusion angle of the Sun
+    length   metre, of the baffle before the lens
+    mass     kilogram, of all heads with their baffles
+    quality  at the samples of the search
+    met      whether the requirements of the mission are met at these samples
+    """
+
+    heads: int
+    angle: float
+    length: float
+    mass: float
+    quality: Quality
+    met: bool
+
+
+def trades(
+    plan: Plan,
+    counts: Sequence[int],
+    angles: Sequence[float],
+    advance: Callable[[int], None] = lambda _: None,
+) -> list[Trade]:
+    """Each number of heads with each angle of the baffle, at the mountings that a search finds.
+
+    Heads beyond those of the mission are repeated in their order. Length and mass are by the cost
+    laws of the designs (`Requirements`), with the density of built trackers where there is none.
+
+    advance  called with 1 after each of them
+    Raises   ValueError where an angle lies in the field of a head.
+    """
+    found = []
+    for count in counts:
+        for angle in angles:
+            one = _with_heads(plan, count, angle)
+            quality = place(one, grid_step=COARSE, evaluations=0).after
+            length, mass = 0.0, 0.0
+            for design in one.loaded.designs:
+                needs = design.campaign.requirements if design.campaign else Requirements()
+                needs = replace(needs, baffle_angle=angle, density=needs.density or DENSITY)
+                length = max(length, _baffle_length(design.case, angle))
+                mass += needs.mass(design.case)
+            met = _meets(quality, one.loaded.mission.requirements)
+            found.append(Trade(count, angle, length, mass, quality, met))
+            advance(1)
+    return found
+
+
+def _with_heads(plan: Plan, count: int, angle: float) -> Plan:
+    """The plan with so many heads, whose exclusion angle of the Sun is that of the baffle."""
+    of = [k % len(plan.heads) for k in range(count)]
+    heads = []
+    for n, k in enumerate(of):
+        half = plan.loaded.designs[k].case.instrument.camera.half_diagonal
+        if angle <= half + SUN_RADIUS:
+            raise ValueError(
+                f"angle of the baffle must be above the half diagonal of the field, "
+                f"{half / deg:.3g} deg, got {angle / deg:.3g} deg"
+            )
+        head = plan.loaded.mission.heads[k]
+        heads.append(replace(head, name=f"{n + 1} {head.name}"))
+    needs = plan.loaded.mission.requirements
+    if count < 2:
+        needs = replace(needs, availability_two=None)
+    mission = replace(plan.loaded.mission, heads=tuple(heads), requirements=needs)
+    mounted_heads = tuple(
+        replace(plan.heads[k], name=head.name, limits=replace(plan.heads[k].limits, sun=angle))
+        for k, head in zip(of, heads, strict=True)
+    )
+    return replace(
+        plan,
+        loaded=Loaded(mission, tuple(plan.loaded.designs[k] for k in of)),
+        heads=mounted_heads,
+        surrogates=tuple(plan.surrogates[k] for k in of),
+        stray=tuple(plan.stray[k] for k in of),
+    )
+
+
+def _baffle_length(case: Case, angle: float) -> float:
+    """Metre, of a baffle that leaves the field free; the law of `Requirements`."""
+    field = math.tan(case.instrument.camera.half_diagonal)
+    return case.instrument.optics.aperture / (math.tan(angle) - field)
+
+
+def _meets(quality: Quality, needs: Needs) -> bool:
+    return not (
+        (needs.max_blind is not None and quality.longest > needs.max_blind)
+        or (needs.availability_one is not None and quality.one < needs.availability_one)
+        or (needs.availability_two is not None and quality.two < needs.availability_two)
+        or (needs.max_error is not None and quality.error > needs.max_error)
+    )
 
 
 def angles_of(boresight: Floats) -> tuple[float, float]:

@@ -189,7 +189,7 @@ def surrogate_of(
     state      age (None: as the design) and kelvin above the design -> the case; None: always the
                same
     Raises     ValueError where the budget refuses the case, or no field has an attitude at one of
-               the rates, backgrounds and states.
+               the rates and states without stray light; with it, none is a probability of 0.
     """
     slow, fast = ranges.rate
     close = fast - slow < CLOSE_RATES * fast or fast < 1e-6
@@ -200,17 +200,22 @@ def surrogate_of(
     cold, hot = ranges.warmer
     warmer = np.linspace(cold, hot, STATES) if hot > cold else np.array([cold])
     age = np.zeros(1) if ranges.age is None else np.linspace(*ranges.age, STATES)
-    found = []
-    for turn in rate:
-        for sky in background:
-            for warm in warmer:
-                for old in age:
-                    years = None if ranges.age is None else float(old)
-                    here = state(years, float(warm)) if state else case
-                    found.append(_survey(here, turn, sky, sky < faintest))
-    shape = (len(rate), len(background), len(warmer), len(age), -1)
-    tables = np.stack([table for table, _ in found], axis=1)
-    return Surrogate(rate, background, warmer, age, tables.reshape(3, *shape), found[0][1])
+    shape = (len(rate), len(background), len(warmer), len(age))
+    tables: Floats = np.empty((3, *shape, ROWS * COLUMNS))
+    stars: Floats = np.empty(0)
+    for r, g, t, a in np.ndindex(*shape):
+        g = len(background) - 1 - g  # the faintest first
+        years = None if ranges.age is None else float(age[a])
+        here, sky = state(years, float(warmer[t])) if state else case, float(background[g])
+        try:
+            table, stars = _survey(here, float(rate[r]), sky, sky < faintest)
+        except ValueError:
+            if g == len(background) - 1:
+                raise
+            table = tables[:, r, g + 1, t, a].copy()  # so bright that no field has an attitude
+            table[2] = 0.0
+        tables[:, r, g, t, a] = table
+    return Surrogate(rate, background, warmer, age, tables, stars)
 
 
 def background_of(case: Case) -> float:

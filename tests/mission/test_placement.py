@@ -13,7 +13,7 @@ from startrack.mission.engine import at, fly
 from startrack.mission.heads import Blind
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import KeepClear, Needs, Obstacle, Orbit
-from startrack.mission.placement import angles_of, map_of, moved_plan, place, sphere
+from startrack.mission.placement import angles_of, map_of, moved_plan, place, sphere, trades
 from startrack.mission.structure import faces_of, nearest
 from startrack.mission.summary import availability_of
 
@@ -81,6 +81,30 @@ def test_the_map_knows_the_sun_and_the_ground(loaded):
     assert blind[up].max() < 0.3
     assert longest[down].min() > longest[up].max()
     assert score[down].min() > score[up].min()
+
+
+def test_more_heads_and_longer_baffles_weigh_more_and_see_more(loaded, monkeypatch):
+    """Length by the tangents of both angles; one head without a panel is never above 100 %."""
+    monkeypatch.setattr(placement, "WINDOWS", 2)
+    monkeypatch.setattr(placement, "COARSE", 45 * deg)
+    plan = plan_of(loaded)
+    found = {(one.heads, round(one.angle / deg)): one for one in trades(
+        plan, [1, 2], [30 * deg, 60 * deg])}  # fmt: skip
+    case = loaded.designs[0].case
+    half = case.instrument.camera.half_diagonal
+    narrow = found[1, 30]
+    # The ray at the angle from the rim of the baffle meets the far rim of the lens.
+    rim = case.instrument.optics.aperture / 2 + narrow.length * np.tan(half)
+    assert rim - narrow.length * np.tan(30 * deg) == pytest.approx(
+        -case.instrument.optics.aperture / 2
+    )
+    assert found[2, 30].mass == pytest.approx(2 * narrow.mass)
+    assert narrow.mass > found[1, 60].mass
+    assert narrow.length > found[1, 60].length
+    assert narrow.quality.one >= found[1, 60].quality.one
+    assert found[2, 30].quality.error < narrow.quality.error
+    with pytest.raises(ValueError, match="above the half diagonal"):
+        trades(plan, [1], [2 * deg])
 
 
 def test_the_grid_covers_the_sphere():
