@@ -112,6 +112,8 @@ def make_product(
         which = np.arange(len(strip.ground)).reshape(strip.shape)[..., strip.shape[2] // 2]
         grounds.append(strip.ground[which.ravel()])
         advance(0.3 * strip.shape[0] / lines)
+    if not any(one.hit.any() for one in grounds):
+        raise ValueError("an image must show the ground to be put on a map, but shows only sky")
     image, around = _layers(radiance, grounds, setting)
     distance = np.concatenate([one.distance for one in grounds]).reshape(lines, columns)
     longitude, latitude = (

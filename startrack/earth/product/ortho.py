@@ -91,8 +91,6 @@ def grid_of(longitude: Floats, latitude: Floats, projection: str, cell: float) -
     one_of(PROJECTIONS, projection=projection)
     positive(cell=cell)
     known = np.isfinite(longitude)
-    if not known.any():
-        raise ValueError("an image must show the ground to be put on a map, but shows only sky")
     longitude, latitude = longitude[known], latitude[known]
     # Around the first point, so that no image ends at the date line.
     longitude = longitude[0] + (longitude - longitude[0] + math.pi) % (2 * math.pi) - math.pi

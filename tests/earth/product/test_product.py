@@ -293,6 +293,11 @@ def test_saturated_pixels_are_marked_on_the_map():
     assert (picture.numbers[~product.saturated] < 0.98 * 2**14).all()
 
 
+def test_an_image_of_the_sky_has_no_map():
+    with pytest.raises(ValueError, match="must show the ground to be put on a map"):
+        made(flown(pointing=Pointing(roll=100 * deg)))
+
+
 def test_a_matrix_has_frames_of_its_own_size():
     one = flown(replace(SCAN, scan=None, rows=12))
     channel = one.channels[0]
