@@ -10,7 +10,7 @@ from scipy.io import netcdf_file
 
 from startrack import shipped
 from startrack.cli.main import main
-from startrack.mission import load_mission, placement, save_timeline
+from startrack.mission import load_mission, placement, save_timeline, surrogate
 
 
 def row_last(rows, head):
@@ -28,7 +28,8 @@ def test_a_timeline_is_netcdf(tmp_path):
         assert file.variables["a b_blind"][:].tolist() == [3, 3, 3]
 
 
-def test_a_mission_is_flown(capsys, tmp_path):
+def test_a_mission_is_flown(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(surrogate, "PLACES", 768)
     out = tmp_path / "out"
     status = main(["mission", "--set", "time.duration=2 d", "--out", str(out), "--json"])
     result = json.loads(capsys.readouterr().out)
@@ -59,6 +60,7 @@ def test_a_mission_is_flown(capsys, tmp_path):
 
 
 def test_heads_are_placed(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(surrogate, "PLACES", 768)
     monkeypatch.setattr(placement, "WINDOWS", 6)
     monkeypatch.setattr(placement, "GRID", 0.6)
     out = tmp_path / "out"
@@ -94,8 +96,9 @@ def test_wrong_missions_are_one_sentence(capsys, tmp_path, change, words):
     assert error.count("\n") == 1
 
 
-def test_the_frame_of_an_instant_is_rendered(capsys, tmp_path):
+def test_the_frame_of_an_instant_is_rendered(capsys, tmp_path, monkeypatch):
     """Its attitude is that of the timeline, its error of the size that the mission expects."""
+    monkeypatch.setattr(surrogate, "PLACES", 768)
     days = ["--set", "time.duration=1 d"]
     status = main(["mission", *days, "--frame", "3000", "--out", str(tmp_path / "f"), "--json"])
     heads = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
