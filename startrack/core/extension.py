@@ -15,6 +15,7 @@ import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module, metadata
 from pathlib import Path
 from types import ModuleType
@@ -109,17 +110,24 @@ def one_of_or_code(choices: Collection[str], /, **values: str) -> None:
 
 def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
     """Key, group and name of all code that a parameter object names."""
-    for each in dataclasses.fields(value):
-        if not each.init or each.metadata.get("computed"):
-            continue
-        where, held = f"{place}.{each.name}" if place else each.name, getattr(value, each.name)
-        if group := each.metadata.get("code"):
-            names = held if isinstance(held, tuple) else (held,)
-            yield from ((where, group, one) for one in names if is_code(one))
-            continue
+    for field, group in _fields(type(value)):  # type: ignore[arg-type]
+        held = getattr(value, field)
         for one in held if isinstance(held, tuple) else (held,):
-            if dataclasses.is_dataclass(one):
-                yield from code_in(one, where)
+            if group:
+                if is_code(one):
+                    yield f"{place}.{field}" if place else field, group, one
+            elif hasattr(one, "__dataclass_fields__"):
+                yield from code_in(one, f"{place}.{field}" if place else field)
+
+
+@cache
+def _fields(kind: type) -> tuple[tuple[str, str], ...]:
+    """Names of the fields of a class of parameters, and the group of code that each may name."""
+    return tuple(
+        (each.name, each.metadata.get("code", ""))
+        for each in dataclasses.fields(kind)
+        if each.init and not each.metadata.get("computed")
+    )
 
 
 def allow_code(*modules: str) -> None:
