@@ -379,7 +379,7 @@ class Check:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        whole(0, 10**6, trials=self.trials)
+        whole(0, 10**4, trials=self.trials)
         whole(0, 2**63 - 1, seed=self.seed)
         if 0 < self.trials < LEAST_TRIALS:
             raise ValueError(f"trials must be 0, or {LEAST_TRIALS} or more, got {self.trials}")
