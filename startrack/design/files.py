@@ -12,7 +12,11 @@ from startrack.core import code_in, deg, html_table, mm, require_code, short_tex
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case
 from startrack.design.products import with_product
+from startrack.design.variation import Scope
 from startrack.io import from_table, read_layers, save_text, to_table
+
+# Lists of tables that files of a design add to, and what two entries for the same thing share.
+JOINED = {"variation": {"name": None, "per": str(Scope.UNIT)}}
 
 
 @dataclass(frozen=True, repr=False)
@@ -56,7 +60,9 @@ def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = Fals
 
     `product = "cmv4000"` under `[instrument.detector]` takes the values of that detector from
     the catalogue; other keys of the table override them. `base = "other.toml"` and
-    `include = ["a.toml"]` at the top of the file take those of other files, see `read_layers`.
+    `include = ["a.toml"]` at the top of the file take those of other files, see `read_layers`;
+    `[[variation]]` tables of all of them count, but for one below that another with the same
+    `name` and `per` replaces.
 
     changes     values over those of the file: "instrument.optics.f_number=2.0"
     allow_code  whether the code that the file names may run, in this process and its workers; it is
@@ -66,7 +72,7 @@ def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = Fals
              rule and the value.
     """
     path = Path(path)
-    layers = read_layers(path, "a design file", changes)
+    layers = read_layers(path, "a design file", changes, joined=JOINED)
     table = layers.table
     try:
         campaign = table.pop("campaign", None)

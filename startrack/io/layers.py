@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,8 @@ DEEPEST = 16  # files below each other; chosen by hand
 KEY = re.compile(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*")
 PLACE = re.compile(r"[^\s:]+")
 SET = "--set"
+Joined = Mapping[str, Mapping[str, Any]]
+NOT_JOINED: Joined = {}
 
 
 @dataclass
@@ -30,8 +32,17 @@ class Layers:
     table: dict[str, Any] = field(default_factory=dict)
     origin: dict[str, str] = field(default_factory=dict)
 
-    def lay(self, above: dict[str, Any], origin: str | dict[str, str], place: str = "") -> None:
-        """Put a table over this one: tables are merged by their keys, all else is replaced."""
+    def lay(
+        self,
+        above: dict[str, Any],
+        origin: str | dict[str, str],
+        place: str = "",
+        joined: Joined = NOT_JOINED,
+    ) -> None:
+        """Put a table over this one: tables are merged by their keys, all else is replaced.
+
+        joined  as `read_layers` has it
+        """
         held = self.table
         for name in filter(None, place.split(".")):
             held = held[name]
@@ -40,6 +51,8 @@ class Layers:
             if isinstance(value, dict) and isinstance(held.get(key), dict):
                 self.lay(value, origin, inner)
                 continue
+            if key in joined and isinstance(value, list) and isinstance(held.get(key), list):
+                value = _joined(held[key], value, joined[key])
             for known in [one for one in self.origin if _within(one, inner)]:
                 del self.origin[known]
             held[key] = {} if isinstance(value, dict) else value
@@ -56,7 +69,9 @@ class Layers:
         return f"{origins.pop() if len(origins) == 1 else path}: {message}"
 
 
-def read_layers(path: Path, what: str, changes: Sequence[str] = ()) -> Layers:
+def read_layers(
+    path: Path, what: str, changes: Sequence[str] = (), joined: Joined = NOT_JOINED
+) -> Layers:
     """The table of a file over those that it names.
 
         base = "other.toml"          the file below all others
@@ -67,18 +82,34 @@ def read_layers(path: Path, what: str, changes: Sequence[str] = ()) -> Layers:
     ("designs/nanosatellite.toml"). Tables are merged by their keys; a list replaces a list.
 
     what     the file must be, for the errors: "a design file"
+    joined   keys of the outermost table whose lists of tables are added to those of the files
+             below; an entry replaces one below that is alike in some keys, given with defaults
     changes  "key = value" each, over all files: "instrument.optics.f_number=2.0". A value that is
              no TOML is a text: "instrument.optics.blur=3 um".
     Raises   ValueError, one sentence with the file: where a file is missing or no TOML, names
              itself by way of others, or a change is none.
     """
-    layers = _read(path, what, ())
+    layers = _read(path, what, joined, ())
     for change in changes:
         layers.lay(_changed(change), SET)
     return layers
 
 
-def _read(path: Path, what: str, above: tuple[Path, ...]) -> Layers:
+def _joined(below: list[Any], above: list[Any], alike: Mapping[str, Any]) -> list[Any]:
+    """The entries of both lists, without those below that one above is alike."""
+
+    def name(entry: Any) -> list[Any] | None:
+        return (
+            [entry.get(key, default) for key, default in alike.items()]
+            if isinstance(entry, dict)
+            else None
+        )
+
+    named = [name(entry) for entry in above]
+    return [entry for entry in below if name(entry) not in named] + above
+
+
+def _read(path: Path, what: str, joined: Joined, above: tuple[Path, ...]) -> Layers:
     if path.resolve() in above:
         raise ValueError(f"{above[0]}: base and include must not lead back to {path}")
     if len(above) == DEEPEST:
@@ -91,9 +122,9 @@ def _read(path: Path, what: str, above: tuple[Path, ...]) -> Layers:
         raise ValueError(f"{path}: include must be a list of names of files, got {shown(more)}")
     layers = Layers()
     for key, name in [("base", below)] * (below is not None) + [("include", one) for one in more]:
-        read = _read(_found(path, key, str(name)), what, (*above, path.resolve()))
-        layers.lay(read.table, read.origin)
-    layers.lay(own, str(path))
+        read = _read(_found(path, key, str(name)), what, joined, (*above, path.resolve()))
+        layers.lay(read.table, read.origin, joined=joined)
+    layers.lay(own, str(path), joined=joined)
     return layers
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -187,8 +187,10 @@ def units_values(units: ComparedUnits) -> dict[str, Any]:
 def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
     """Where formula and fresh trials of the best differ, why, and what the formula leaves out."""
     best, summary = optimum.best, optimum.fresh[1]
+    if optimum.units:  # whose budgets count their residual
+        best = replace(best.without_units, instrument=replace(best.instrument, residual=None))
     try:
-        budget = analytic(best.without_units if optimum.units else best)
+        budget = analytic(best)
     except ValueError as reason:
         return [f"there is no analytic budget of the best design: {reason}"]
     # The budget is that of the unit as designed.

@@ -159,6 +159,20 @@ def test_variations_are_read_from_a_design_file(tmp_path):
     assert case.variation == (Variation(READ, sigma="1 electron", per=Scope.LIFE),)
 
 
+def test_variations_of_a_design_and_of_its_class_count_together(tmp_path):
+    """One of the same name and scope replaces that of the class."""
+    path, name = tmp_path / "varied.toml", "instrument.optics.focal_length"
+    path.write_text(
+        'base = "designs/nanosatellite.toml"\ninclude = ["variations/space-lens.toml"]\n'
+        f'[[variation]]\nname = "{READ}"\nsigma = "1 electron"\n'
+        f'[[variation]]\nname = "{name}"\nper = "unit"\nvary = "relative"\nsigma = 0.5\n'
+    )
+    found = load_design(path).case.variation
+    assert READ in {one.name for one in found}
+    assert len(found) > 3
+    assert [one.sigma for one in found if (one.name, one.per) == (name, Scope.UNIT)] == [0.5]
+
+
 def test_a_design_lies_over_its_class_and_its_orbit(tmp_path):
     """Both parts count: what differs between units, and what the tracker does not know."""
     path = tmp_path / "flown.toml"

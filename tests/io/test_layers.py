@@ -32,6 +32,20 @@ def test_a_file_lies_over_its_includes_and_these_over_the_base(written):
     assert table(path) == {"a": 1, "b": 2, "c": 3, "d": 4, "t": {"x": 1, "y": [4], "z": 5}}
 
 
+def test_lists_of_tables_that_are_joined(tmp_path, written):
+    path = written(
+        ground="[[v]]\nname = 'a'\nx = 1\n[[v]]\nname = 'b'\nx = 2",
+        one="v = []\nw = [1]",
+        two="w = [2]\n[[v]]\nname = 'b'\nx = 3",
+        top='base = "ground.toml"\ninclude = ["one.toml", "two.toml"]\n[[v]]\nname = "c"',
+    )
+    found = read_layers(path, "a file", joined={"v": {"name": None}}).table
+    assert found["v"] == [{"name": "a", "x": 1}, {"name": "b", "x": 3}, {"name": "c"}]
+    assert found["w"] == [2]
+    cleared = read_layers(path, "a file", ("v=[]",), joined={"v": {"name": None}}).table
+    assert cleared["v"] == []
+
+
 def test_names_are_those_beside_the_file_that_names_them_or_of_the_catalogue(tmp_path, written):
     (tmp_path / "inner").mkdir()
     (tmp_path / "inner" / "middle.toml").write_text('base = "ground.toml"\nb = 2')
