@@ -10,6 +10,7 @@ from startrack.identification import Identification
 def test_settings_are_by_default_those_of_all_published_rates():
     """A change of a default changes every published rate, which must be measured again."""
     assert asdict(Identification()) == {
+        "method": "triangles",
         "focal_tolerance": 0.01,
         "match_radius": 2.0,
         "max_false_probability": 1e-5,
@@ -22,7 +23,8 @@ def test_settings_are_by_default_those_of_all_published_rates():
     }
 
 
-LIMITS = {
+LIMITS: dict[str, tuple[list[object], list[object]]] = {
+    "method": (["triangles", "mylab.identifications:vote"], ["vote", "mylab:", ""]),
     "focal_tolerance": ([0.0, 0.3], [-1e-9, 0.3001]),
     "match_radius": ([1e-6, 500.0], [0.0, -1.0]),
     "max_false_probability": ([1e-300, 1.0], [0.0, 1.0001]),

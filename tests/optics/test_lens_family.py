@@ -89,7 +89,7 @@ def test_error_of_the_law_for_a_faster_lens(family, slower, low, high):
 
 def within_field(table, count):
     """The table to its first nodes of the field."""
-    names = ("wavefront", "place", "pupil", "area")
+    names = ("wavefront", "place", "pupil", "outline", "area")
     cut = {name: getattr(table, name)[:, :, :count] for name in names}
     return replace(table, field=table.field[:count], **cut)
 
