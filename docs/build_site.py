@@ -111,6 +111,7 @@ def build(folder: Path) -> None:
             names.write(
                 '\nTheir docstrings: <a href="../api/startrack.html">pages of the API</a>.\n'
             )
+        extra.mkdir()
         build_api.build(extra / "api")
         (extra / "index.html").write_text(REDIRECT, encoding="utf-8")
         settings = {

@@ -79,6 +79,7 @@ LONG = (
     "budget",
     "warm",
     "verify",
+    "mission",
 )  # left out by quick
 
 

@@ -51,6 +51,7 @@ def axis_of(camera, turn):
     return turn.inv().apply(camera.unproject(np.array([[(SIZE - 1) / 2] * 2]))[0])
 
 
+@pytest.mark.slow  # tests/test_real_images.py solves real ones
 def test_the_distortion_of_a_wide_lens_is_found_in_one_image():
     normalised, shares = [], []
     for number in range(6):
