@@ -18,7 +18,7 @@ EXPECTED = {
 }
 
 
-SLOW = ("budget_over_aperture", "frame_for_others")
+SLOW = ("budget_over_aperture", "frame_for_others", "guide_stars", "sequence_in_xarray")
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,11 @@ def rms(table, about=False):
     return float(np.sqrt(((good["error_x"] ** 2 + good["error_y"] ** 2) / 2).mean()))
 
 
-@pytest.mark.parametrize("age", [0.0, 5 * YEAR], ids=["begin", "end"])
+@pytest.mark.parametrize(
+    "age",
+    [pytest.param(0.0, marks=pytest.mark.slow), 5 * YEAR],
+    ids=["begin", "end"],
+)
 def test_the_interpolated_response_of_units_is_that_of_whole_trials(age):
     """The rms error over four units within 3 %; the trials share sky and noise."""
     fast, whole = (
