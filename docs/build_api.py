@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import os
 import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from statistics import mode
 from textwrap import dedent
@@ -127,14 +129,15 @@ def _linked(context: Context, code: str, namespace: str = "", shorten: bool = Tr
     return linkify(context, code, namespace, shorten)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folder", nargs="?", type=Path, default=FOLDER, metavar="FOLDER")
+def run(description: str, usual: Path, build: Callable[[Path], None]) -> None:
+    """Build into the folder that the command line names."""
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
+    parser.add_argument("folder", nargs="?", type=Path, default=usual, metavar="FOLDER")
     folder = parser.parse_args().folder
     warnings.simplefilter("error")
     build(folder)
-    print(f"wrote {folder}/index.html")
+    print(f"wrote {os.path.relpath(folder)}/index.html")
 
 
 if __name__ == "__main__":
-    main()
+    run(__doc__ or "", FOLDER, build)

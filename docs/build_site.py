@@ -8,8 +8,6 @@ files of the catalogues that they link to. The docstrings are pdoc's (`build_api
 
 from __future__ import annotations
 
-import argparse
-import os
 import re
 import shutil
 import sys
@@ -140,14 +138,5 @@ def build(folder: Path) -> None:
             raise ValueError(f"the pages must be without warnings, got {app._warncount}")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folder", nargs="?", type=Path, default=FOLDER, metavar="FOLDER")
-    folder = parser.parse_args().folder
-    warnings.simplefilter("error")
-    build(folder)
-    print(f"wrote {os.path.relpath(folder)}/index.html")
-
-
 if __name__ == "__main__":
-    main()
+    build_api.run(__doc__ or "", FOLDER, build)

@@ -13,6 +13,7 @@ from startrack.core import Floats, arcsec
 from startrack.design import Case
 from startrack.scene import (
     AU,
+    DARK,
     EARTH_ALBEDO,
     EARTH_RADIUS,
     SUN_G,
@@ -23,7 +24,6 @@ from startrack.scene import (
 )
 
 FULL_MOON_G = -12.73 + SUN_G_MINUS_V  # Krisciunas and Schaefer (1991), as `moon_of`
-DARK = 40.0  # magnitude per square arcsecond, for no background
 STEP = 1.0  # magnitude between the backgrounds of the budgets, for 1 % between them
 BRIGHTEST = 4.0  # magnitude per square arcsecond, of the brightest background; chosen by hand
 
@@ -72,7 +72,7 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
     """
     levels = stray_light_levels(case, angle, altitude)
     faintest = max(float(level.max()) for level in levels.values())
-    background = DARK if case.scene.background_g is None else case.scene.background_g
+    background = case.scene.sky_g
     skies = np.arange(BRIGHTEST, min(faintest, background) + 2 * STEP, STEP)
     across, fraction = _budgets(case, np.append(skies, DARK), background)
     found = {}

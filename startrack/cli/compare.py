@@ -27,7 +27,7 @@ with deferred():
     from startrack.cli.terminal import print_result, progress, read_design
     from startrack.core import arcsec
     from startrack.design import Campaign, Case, Fidelity
-    from startrack.io import to_table
+    from startrack.io import aligned, to_table
     from startrack.metrics import STATED_ALONE
     from startrack.montecarlo import Difference as Found
     from startrack.montecarlo import Sampling, Store, differences, pool, run, warm
@@ -194,12 +194,9 @@ def _text(
         )
         known = math.isfinite(one.change.value)
         rows.append([name, first, second, f"{change} [{low}, {high}]" if known else "none"])
-    widths = [max(len(row[i]) for row in rows) for i in range(4)]
-    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
-             for row in rows]  # fmt: skip
     how = (
         f"on the same skies and noise in {trials[0]} trials; errors of those that both solved"
         if paired
         else f"on different skies: {trials[0]} and {trials[1]} trials"
     )
-    return "\n".join([*lines, "", f"second minus first, {how}; brackets: 95 % confidence"])
+    return "\n".join([*aligned(rows), "", f"second minus first, {how}; brackets: 95 % confidence"])

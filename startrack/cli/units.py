@@ -17,6 +17,7 @@ with deferred():
     from startrack.cli.terminal import in_arcsec, progress
     from startrack.core import arcsec
     from startrack.design import YEAR, Accuracy, Campaign, Case, Fidelity, Objective
+    from startrack.io import aligned
     from startrack.metrics import LEVELS, Interpretation, Interval
     from startrack.montecarlo import Sampling
     from startrack.optimise import allocation, halved
@@ -96,28 +97,23 @@ def tolerances_of(
             for one in found.each
         ],
     }
-    width = max(len(one.name) for one in found.each)
-    head = [f"yield, {one.name} (%)" for one in required]
-    lines = [
+    rows = [["halved", "gain (arcsec)", *(f"yield, {one.name} (%)" for one in required), "price"]]
+    for one in found.each:
+        yields = [_bracket(each, 0.01, 1) for each in one.yields]
+        rows.append([one.name, _bracket(one.level, arcsec, 3), *yields, f"{one.price:.4g}"])
+    text = [
         f"{objective} that {100 * fraction:g} % of {options.units} units at "
         f"{found.age / YEAR:g} yr do not exceed: {found.level / arcsec:.3f} arcsec",
-        "  ".join([f"{'halved':{width}s}", f"{'gain (arcsec)':>22s}",
-                   *(f"{one:>24s}" for one in head), "   price"]),
-    ]  # fmt: skip
-    for one in found.each:
-        cells = [_bracket(one.level, arcsec, 3, 22), *(_bracket(each, 0.01, 1, 24)
-                                                       for each in one.yields)]  # fmt: skip
-        lines.append("  ".join([f"{one.name:{width}s}", *cells, f"{one.price:8.4g}"]))
-    lines.append(
+        *aligned(rows, (0,)),
         "by the formula, on the same draws of the same units, with their biases; brackets hold "
-        "with 95 % for other units"
-    )
-    return values, "\n".join(lines)
+        "with 95 % for other units",
+    ]
+    return values, "\n".join(text)
 
 
-def _bracket(one: Interval, unit: float, digits: int, width: int) -> str:
+def _bracket(one: Interval, unit: float, digits: int) -> str:
     value, low, high = (f"{each / unit:+.{digits}f}" for each in (one.value, one.low, one.high))
-    return f"{f'{value} [{low}, {high}]':>{width}s}"
+    return f"{value} [{low}, {high}]"
 
 
 def trials_of(

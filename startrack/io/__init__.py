@@ -16,7 +16,8 @@ wcs           Camera and attitude as a FITS world coordinate system, and back to
 picture_size  Bytes of a PNG, JPEG or TIFF file -> its size, without decoding it.
 recordings    SER and raw files -> images; Bayer mosaics -> images of one colour or of all.
 images        Image files to frames, and frames to FITS with their WCS and their truth.
-interchange   Tables of results -> pandas, xarray and astropy, with the units of their columns.
+interchange   Tables of results -> pandas, xarray and astropy, with the units of their columns;
+              rows of texts in columns.
 solution      A solved image -> FITS files as astrometry.net writes them, and values by the names
               of tetra3.
 frame_files   Frames, their times and attitudes -> FITS, PNG, SER or raw files, and a table.
@@ -26,7 +27,7 @@ from startrack.io.checked_fits import open_checked, require_fits
 from startrack.io.claim import claimed_folder
 from startrack.io.frame_files import FORMATS, FrameFiles
 from startrack.io.images import read_image, write_fits
-from startrack.io.interchange import to_pandas, to_qtable, to_xarray
+from startrack.io.interchange import aligned, to_pandas, to_qtable, to_xarray
 from startrack.io.layers import Layers, read_layers
 from startrack.io.reading import read_bytes, regular_file, unpacked
 from startrack.io.recordings import COLOURS, PATTERNS, Layout

@@ -1,9 +1,10 @@
-"""Tables of results -> pandas, xarray and astropy, with the units of their columns."""
+"""Tables of results -> pandas, xarray and astropy, with the units of their columns; or text."""
 
 from __future__ import annotations
 
 import importlib
 import re
+from collections.abc import Collection, Sequence
 from types import ModuleType
 from typing import Any
 
@@ -23,6 +24,21 @@ UNITS = (
 def unit_of_column(name: str) -> str:
     """The unit of a column of results, empty where it has none."""
     return next((unit for names, unit in UNITS if re.fullmatch(names, name)), "")
+
+
+def aligned(rows: Sequence[Sequence[str]], words: Collection[int] | None = None) -> list[str]:
+    """Rows of equally many texts as lines with columns of one width, two blanks between them.
+
+    words  indices of the columns that begin at the left, others end at the right; None: all
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.ljust(width) if words is None or i in words else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
 
 
 def table_of(results: Any) -> NDArray[np.void]:

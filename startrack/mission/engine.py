@@ -31,7 +31,6 @@ from startrack.mission.surrogate import (
     Ranges,
     StrayLight,
     Surrogate,
-    background_of,
     stray_light_of,
     surrogate_of,
 )
@@ -90,7 +89,7 @@ def plan_of(
     groups = groups_of(loaded, heads)
     for same in groups:
         case = cases[same[0]]
-        light = [background_of(case), *(one[1] for k in same if (one := stray[k]))]
+        light = [case.scene.sky_g, *(one[1] for k in same if (one := stray[k]))]
         span = min(rates[k][0] for k in same), max(rates[k][1] for k in same)
         ranges = Ranges(span, min(light), *_states(mission, heads[same[0]]))
         state = partial(

@@ -18,7 +18,6 @@ from startrack.mission.heads import Mounted, Seen, Shadow
 
 PLACES = 12288  # directions of a survey: 1.8 degrees apart
 ROWS, COLUMNS = 90, 180  # cells of two degrees on the sky
-DARK = 40.0  # magnitude per square arcsecond, for no light
 RATES, MAGNITUDE = 4, 1.0  # number of rates; magnitudes between two backgrounds
 STATES = 3  # temperatures, and ages
 CLOSE_RATES = 0.05  # relative range of rates that one stands for
@@ -194,7 +193,7 @@ def surrogate_of(
     slow, fast = ranges.rate
     close = fast - slow < CLOSE_RATES * fast or fast < 1e-6
     rate = np.array([(slow + fast) / 2]) if close else np.linspace(slow, fast, RATES)
-    faintest = background_of(case)
+    faintest = case.scene.sky_g
     steps = max(math.ceil((faintest - ranges.brightest) / MAGNITUDE - 1e-6), 0)
     background = np.linspace(min(ranges.brightest, faintest), faintest, steps + 1)
     cold, hot = ranges.warmer
@@ -216,11 +215,6 @@ def surrogate_of(
             table[2] = 0.0
         tables[:, r, g, t, a] = table
     return Surrogate(rate, background, warmer, age, tables, stars)
-
-
-def background_of(case: Case) -> float:
-    """Magnitude per square arcsecond of the sky without stray light."""
-    return DARK if case.scene.background_g is None else case.scene.background_g
 
 
 def _survey(case: Case, rate: float, background: float, lit: bool) -> tuple[Floats, Floats]:
@@ -276,7 +270,7 @@ def stray_light_of(case: Case, head: Mounted) -> tuple[StrayLight, float] | None
     if case.instrument.baffle is None:
         return None
     levels = stray_light_levels(case, np.maximum(LEVELS, 0.05 * deg))
-    sky = background_of(case)
+    sky = case.scene.sky_g
     limits = head.limits
     outside = [
         float(np.interp(angle, LEVELS, levels[name]))

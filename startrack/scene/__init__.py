@@ -23,7 +23,7 @@ from startrack.scene.ephemeris import AU, EARTH_RADIUS, date_of, orbital_velocit
 from startrack.scene.illuminate import Sight, illuminate
 from startrack.scene.limb import Limb, load_limb, save_limb
 from startrack.scene.own_light import DiffuseSource, LightInput
-from startrack.scene.parameters import Orbit, Scene
+from startrack.scene.parameters import DARK, Orbit, Scene
 from startrack.scene.photometry import (
     SUN,
     SUN_G_MINUS_V,

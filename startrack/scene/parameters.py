@@ -20,6 +20,7 @@ from startrack.core import (
 
 LIGHTS = ("zodiacal", "starlight", "planets", "sun", "moon", "earth", "airglow", "cities")
 FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
+DARK = 40.0  # magnitude per square arcsecond, below any sky: stands for no background
 J2000 = datetime(2000, 1, 1, 12, tzinfo=UTC)
 JULIAN_YEAR = timedelta(days=365.25)
 
@@ -76,7 +77,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         if self.background_g is not None:
-            within(-30, 40, background_g=self.background_g)
+            within(-30, DARK, background_g=self.background_g)
         lights = tuple(full_name("lights", LIGHTS, one) for one in self.lights)
         object.__setattr__(self, "lights", lights)
         for light in self.lights:
@@ -85,6 +86,11 @@ class Scene:
         if self.date is not None:
             within(FIRST_YEAR, LAST_YEAR - 1 - self.days / 365, **{"year of date": self.start.year})
         self._refuse_contradictions()
+
+    @property
+    def sky_g(self) -> float:
+        """`background_g`, or DARK where it is none."""
+        return DARK if self.background_g is None else self.background_g
 
     def _refuse_contradictions(self) -> None:
         if "zodiacal" in self.lights and self.background_g is not None:

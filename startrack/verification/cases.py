@@ -11,8 +11,6 @@ from startrack.budget import added, stray_light_levels
 from startrack.core import deg
 from startrack.design import Campaign, Case, Judged, KeepOut
 
-DARK = 40.0  # magnitude per square arcsecond of no background
-
 
 def cases(case: Case, campaign: Campaign) -> tuple[tuple[Judged, ...], tuple[str, ...]]:
     """The cases in which a design is judged, and why others that it must be judged in are not.
@@ -48,8 +46,7 @@ def lit_by(case: Case, keep_out: KeepOut, body: str) -> Case:
     """The case with the stray light of a body at its keep-out angle as uniform background."""
     angle = np.array([keep_out.angles[body]])
     stray = float(stray_light_levels(case, angle, keep_out.altitude)[body][0])
-    own = DARK if case.scene.background_g is None else case.scene.background_g
-    level = added((stray, own))
+    level = added((stray, case.scene.sky_g))
     if not math.isfinite(level):
         return case
     return replace(case, scene=replace(case.scene, background_g=level))

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from startrack.core import arcsec
+from startrack.io import aligned
 from startrack.verification.decide import Answer
 from startrack.verification.verify import Verdict, Verification
 
@@ -36,15 +37,7 @@ def notes(found: Verification) -> list[str]:
 
 def text(found: Verification) -> str:
     """The table and its notes as plain text."""
-    table = [list(HEAD), *rows(found)]
-    widths = [max(len(row[i]) for row in table) for i in range(len(HEAD))]
-    lines = [
-        "  ".join(
-            cell.ljust(width) if i in LEFT else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in table
-    ]
+    lines = aligned([HEAD, *rows(found)], LEFT)
     return "\n".join([*lines, "", f"verdict: {_written(found.answer)}", *notes(found)])
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from startrack.core import arcsec
 from startrack.design import YEAR, Campaign, Case, Judged
+from startrack.io import aligned
 from startrack.metrics import Interval, correct
 from startrack.population import Units, unit_errors
 from startrack.verification.blinded import counted
@@ -205,11 +206,7 @@ def unit_text(found: UnitVerification) -> str:
                                                         each.share.high))  # fmt: skip
             row += [f"{value:.1f} [{low:.1f}, {high:.1f}]", _written(each)]
         table.append(row)
-    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
-    lines = [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in table
-    ]
+    lines = aligned(table)
     statistics = dict.fromkeys(f"{one.name}: {one.statistic}" for one in found.rows)
     verdicts = ", ".join(f"{_shown(found.at(k))} at {age}" for k, age in enumerate(ages))
     return "\n".join([
