@@ -110,6 +110,19 @@ def test_a_sketch_has_the_statistics_of_its_trials(about, outcomes):
     assert -sketch.worst[1] == good["trial"][across.argmax()]
 
 
+def test_bounds_of_a_quantile_hold_it_as_often_as_they_say(about, outcomes):
+    """Of Rayleigh's law; 95 % or a little more, as ranks are whole."""
+    true = 1e-5 * math.sqrt(-2 * math.log(1 - 0.8))
+    held = 0
+    for n in range(400):
+        table = judged(outcomes, 200)
+        table["solved"] = True
+        table["error_x"], table["error_y"] = np.random.default_rng([n, 1]).normal(0, 1e-5, (2, 200))
+        found = sketched(table, STATED_ALONE, about).quantile("across", 0.8)
+        held += found.low <= true <= found.high
+    assert 0.93 < held / 400 < 0.985
+
+
 def test_a_thousand_sketches_make_the_same_bytes_in_any_order(about, outcomes, tmp_path):
     table = judged(outcomes, 4000)
     parts = [sketched(table[at : at + 4], STATED_ALONE, about) for at in range(0, 4000, 4)]

@@ -181,7 +181,7 @@ def test_stars_move_to_the_epoch():
 
 
 def test_magnitudes_are_those_of_the_band(guide):
-    """A red star is brighter in this detector's band than in G, against a blue one."""
+    """Red and blue stars are fainter than in G, whose band is wider at both ends."""
     sky = open_sky(CASE.believed_catalog).stars
     at, found = sky.find(guide.identifier)
     assert found.all()
@@ -190,7 +190,8 @@ def test_magnitudes_are_those_of_the_band(guide):
     offset = guide.magnitude[single] - sky.magnitude_g[at][single]
     sunlike = np.abs(colour - 0.82) < 0.02
     assert np.abs(offset[sunlike]).max() < 0.02
-    assert np.ptp(offset[np.isfinite(colour)]) > 0.1
+    assert np.median(offset[colour > 2]) > 0.02
+    assert np.median(offset[colour < 0.2]) > 0.02
 
 
 def test_the_page_has_the_layout_of_the_file():

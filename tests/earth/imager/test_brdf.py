@@ -89,6 +89,15 @@ def test_the_sky_reflects_the_mean_over_all_suns(law, within):
         assert mean == pytest.approx(sky, rel=within)
 
 
+def test_the_albedo_of_land_is_that_of_the_polynomials_of_modis():
+    """Under an even sky: 1, 0.189184, -1.377622 times the weights (Lucht et al. 2000)."""
+    node, weight = np.polynomial.legendre.leggauss(40)
+    camera = (node + 1) / 2
+    sky = sky_factor(RossLi(), np.full(camera.shape, MEADOW[0]), MEADOW, camera)
+    published = MEADOW @ np.array([1, 0.189184, -1.377622])
+    assert sky @ (weight * camera) == pytest.approx(published, rel=2e-3)
+
+
 def below(sun: float, camera: float, height: float = 0.0) -> Ground:
     """One ray at an angle from the vertical, away from the Sun, in radian."""
     rise = up(*PLACE)
