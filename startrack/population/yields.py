@@ -70,7 +70,8 @@ def per_unit(table: NDArray[np.void]) -> PerUnit:
 def explain(case: Case, seed: int, units: Units, unit: int) -> list[tuple[str, float]]:
     """What a unit's rms across changes by if each number that varies is as designed instead.
 
-    On the same sky and noise, in fidelity covariance. The residual field counts as one.
+    On the same sky and noise, in fidelity covariance. The residual field counts as one; the tracker
+    still weights its stars as if it were there.
 
     Returns  name of each number and scope, and the relative change, the greatest gain first
     Raises   ValueError where fidelity covariance cannot compute the design.

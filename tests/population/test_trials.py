@@ -12,7 +12,7 @@ from startrack.detection import DarkMap
 from startrack.detector import Age, dark
 from startrack.io import shipped
 from startrack.optics import Residual
-from startrack.population import Units, unit_of, unit_trials
+from startrack.population import Units, explain, unit_of, unit_trials
 from startrack.trial import detection_plan, run_trials
 
 CASE = load_design(shipped("designs/nanosatellite.toml")).case
@@ -64,6 +64,22 @@ def test_trials_do_not_depend_on_which_others_are_run():
     assert (table["environment"] == np.arange(30) % 10 // 2).all()
     part = unit_trials(VARIED, 2, range(13, 22), units)
     assert (part == table[13:22]).all()
+
+
+def test_what_makes_a_unit_bad_is_its_trials_without_it():
+    """Of a unit that is not the first."""
+    case, units, numbers = (
+        replace(CASE, variation=VARIED.variation[:1]),
+        Units(20, 2),
+        range(40, 60),
+    )
+    whole, without = (
+        rms(unit_trials(one, 2, numbers, units)) for one in (case, replace(case, variation=()))
+    )
+    [(name, change)] = explain(case, 2, units, 2)
+    assert name == "instrument.optics.focal_length per unit"
+    assert change == pytest.approx(without / whole - 1, abs=0.002)
+    assert change < -0.1
 
 
 def test_a_unit_that_nothing_varies_in_is_the_design():
