@@ -8,7 +8,8 @@ least_squares  Least squares in three unknowns without normal equations, which w
 wahba          Solvers of Wahba's problem: Davenport's eigenvector, SVD, QUEST and FOAM.
 align          Attitudes from many sets of matched unit vectors, to rounding error.
 consensus      The largest set of matched directions that one attitude explains.
-own_method     Matched directions -> attitude and covariance, by code that is not part of startrack.
+extension_method  Matched directions -> attitude and covariance, by code that is not part of
+               startrack.
 refine         Gauss-Newton on the residuals in the image plane, and the covariance of the
                attitude.
 solve          Estimate from Spots and Matches: attitude, covariance and status.
@@ -19,9 +20,9 @@ follow         Filtered attitude and gyroscope bias from attitudes in time and g
 from startrack.attitude.align import Alignment, Observability, align
 from startrack.attitude.camera import UNKNOWNS, Calibrated, Calibration, calibrate, camera_slopes
 from startrack.attitude.consensus import consensus
+from startrack.attitude.extension_method import AttitudeInput, AttitudeMethod
 from startrack.attitude.follow import Gyroscope, State, correct, predict, start
 from startrack.attitude.mounting import Mounting
-from startrack.attitude.own_method import AttitudeInput, AttitudeMethod
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, refine, tangent
 from startrack.attitude.solve import scale_unknown, solve

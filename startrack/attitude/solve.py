@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from startrack.attitude.consensus import consensus
-from startrack.attitude.own_method import AttitudeInput, own_attitude
+from startrack.attitude.extension_method import AttitudeInput, attitude_by_code
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, refine
 from startrack.attitude.wahba import svd
@@ -128,7 +128,7 @@ def _by_code(name: str, pixel: Floats, covariance: Floats, matches: Matches) -> 
     camera = matches.camera
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / camera.focal_length_px
     given = AttitudeInput(camera.unproject(pixel), matches.direction, sigma)
-    attitude, known = own_attitude(name, given)
+    attitude, known = attitude_by_code(name, given)
     residual = pixel - camera.project(attitude.apply(matches.direction))
     return Estimate(
         *(Status.SOLVED, matches.reason, attitude, known),

@@ -29,7 +29,7 @@ REFUSED = 0.3  # of the stars above the threshold
 def of_the_case(case: Case) -> Iterator[str]:
     """What the budget leaves out of a design, by its parameters alone."""
     detector, motion = case.instrument.detector, case.instrument.motion
-    for effect in detector.own_effects:
+    for effect in detector.effects_by_code:
         yield f"{effect} (not part of startrack)"
     for name in motion.jitter:
         yield f"jitter by {name} (motion.jitter)"

@@ -28,8 +28,8 @@ fit          Windows and a model of a star enter; the most likely positions and 
              leave.
 s_curve      Psf -> how far the centre of gravity in a window is wrong, and its measurements set
              right.
-own_search   Pixels -> Candidates, by code that is not part of startrack.
-own_centroid  Sample -> a row per star, by a centroid that is not part of startrack.
+extension_search  Pixels -> Candidates, by code that is not part of startrack.
+extension_centroid  Sample -> a row per star, by a centroid that is not part of startrack.
 methods      Sample and Psf -> a row per star, by each of the centroid methods that a design can
              name.
 centroid     Pixels and Candidates -> Spots, by the centroid method of the settings.
@@ -57,10 +57,10 @@ from startrack.detection.centroid import centroid, places
 from startrack.detection.dark_map import DarkFrames, DarkMap, correction_image
 from startrack.detection.detect import detect, detect_near
 from startrack.detection.expectation import Expectation, chance_kept, expect
+from startrack.detection.extension_centroid import Centroid, CentroidInput
+from startrack.detection.extension_search import DetectionInput, DetectionMethod
 from startrack.detection.find import Candidates
 from startrack.detection.matched import filtered
-from startrack.detection.own_centroid import Centroid, CentroidInput
-from startrack.detection.own_search import DetectionInput, DetectionMethod
 from startrack.detection.parameters import LONGEST_STREAK, Detection
 from startrack.detection.pixels import divide_flat, pixels, subtract_dark, without_pixels
 from startrack.detection.plan import (

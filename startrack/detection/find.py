@@ -12,8 +12,8 @@ from startrack.core import Ints, is_code, kernel
 from startrack.detection.background import Sky, sky, with_gain_noise
 from startrack.detection.connect import lit, peaks, split
 from startrack.detection.examine import has_dead_pixel, is_hot, largest_fraction, stands_out
+from startrack.detection.extension_search import peaks_by_code
 from startrack.detection.matched import Kernel, filtered
-from startrack.detection.own_search import own_peaks
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan
@@ -42,7 +42,7 @@ def find(pixels: Pixels, plan: DetectionPlan, mesh: int | None = None) -> Candid
     """
     settings, kernel = plan.settings, plan.kernel
     if is_code(settings.search):
-        x, y = own_peaks(pixels, plan)
+        x, y = peaks_by_code(pixels, plan)
         return Candidates(x, y, np.ones(len(x), np.int64))
     image = filtered(pixels.value, kernel)
     ground = ground_of(pixels, image, kernel, mesh or settings.mesh)

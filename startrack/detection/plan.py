@@ -8,9 +8,9 @@ from functools import cached_property, lru_cache
 
 from startrack.core import Floats, Frame, Psf, Workspace, is_code
 from startrack.detection.dark_map import Calibration, Correction, corrected, correction_of
+from startrack.detection.extension_centroid import method_of
 from startrack.detection.matched import Kernel, kernel_of
 from startrack.detection.methods import CENTROIDS, CentroidMethod
-from startrack.detection.own_centroid import method_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, pixels
 from startrack.detection.psf_table import gaussian_psf

@@ -14,7 +14,7 @@ collect              Light and detector -> electrons of stars, of the background
 shutter              Positions of stars during the exposure, with a global or a rolling shutter.
 stamp                Stars onto pixels: six-point Lagrange interpolation of the table of the PSF.
 effects              Residual charge, crosstalk, blooming, electron multiplication, settling.
-own_effects          Charge, signal or image of a frame -> the same after effects that are not part
+extension_effects    Charge, signal or image of a frame -> the same after effects that are not part
                      of startrack.
 law                  Signal chain of a pixel: its digital number from its electrons and its read
                      noise.
@@ -56,12 +56,12 @@ from startrack.detector.expose import (
     seen,
     to_frame,
 )
+from startrack.detector.extension_effects import Effect, EffectInput
 from startrack.detector.hits import Hits
 from startrack.detector.law import law_of, nonlinear_signal, with_adc_inl
 from startrack.detector.lines import Line, Scan, staggered, tdi
 from startrack.detector.maps import dark, device_streams, flickering, read_noise, response
 from startrack.detector.nonuniformity import Defects, Pattern, offsets
-from startrack.detector.own_effects import Effect, EffectInput
 from startrack.detector.parameters import Detector, RegionOfInterest
 from startrack.detector.readout import read_out
 from startrack.detector.scan import scan

@@ -27,7 +27,7 @@ from startrack.detector.lines import Scan
 from startrack.detector.nonuniformity import Defects, Pattern
 from startrack.detector.thermal import Thermal
 
-OWN_EFFECTS = ("charge_effects", "signal_effects", "image_effects")
+EFFECTS_BY_CODE = ("charge_effects", "signal_effects", "image_effects")
 ROOM = ZERO_CELSIUS + 20  # kelvin, of a detector without a temperature
 
 
@@ -161,7 +161,7 @@ class Detector:
         )  # beyond, more light would give less signal
         within(0, 2, read_noise_spread=self.read_noise_spread)
         finite(adc_inl=self.adc_inl)
-        for group in OWN_EFFECTS:
+        for group in EFFECTS_BY_CODE:
             names = tuple(full_name(group, (), one) for one in getattr(self, group))
             object.__setattr__(self, group, names)
             for one in names:
@@ -246,9 +246,11 @@ class Detector:
         return self.age.sensitivity if self.age else 1.0
 
     @property
-    def own_effects(self) -> tuple[str, ...]:
+    def effects_by_code(self) -> tuple[str, ...]:
         """Keys, and names of the code that they name."""
-        return tuple(f"{group} {name}" for group in OWN_EFFECTS for name in getattr(self, group))
+        return tuple(
+            f"{group} {name}" for group in EFFECTS_BY_CODE for name in getattr(self, group)
+        )
 
     @property
     def flickers(self) -> bool:

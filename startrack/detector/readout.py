@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from startrack.core import Floats, Streams
 from startrack.detector.digitise import digitise, digitise_hit, normals, shot
 from startrack.detector.effects import bloom, multiply, settle
+from startrack.detector.extension_effects import after_effects
 from startrack.detector.hits import tracks
 from startrack.detector.law import Image, Law, blank, converted, law_of, nonlinear_signal
 from startrack.detector.maps import device_streams, read_noise
 from startrack.detector.nonuniformity import offsets
-from startrack.detector.own_effects import after_effects
 from startrack.detector.parameters import Detector
 from startrack.detector.tables import Tables
 
@@ -56,7 +56,7 @@ def in_steps(detector: Detector) -> bool:
         or detector.pattern
         or detector.settling
         or detector.read_noise_spread
-        or detector.own_effects
+        or detector.effects_by_code
     )
 
 

@@ -67,7 +67,7 @@ def require_independent_pixels(detector: Detector) -> None:
         "read_noise_spread": detector.read_noise_spread,
         "lag": detector.lag,
         "scan": detector.scan,
-        **dict.fromkeys(detector.own_effects, True),
+        **dict.fromkeys(detector.effects_by_code, True),
         "age.transfer_loss": detector.age and detector.age.transfer_loss,
     }
     named = [name for name, there in effects.items() if there]

@@ -14,8 +14,8 @@ evidence     The log-evidence for a match, from positions and from brightness.
 verify       How many spots a hypothesis explains, and the bound on chance.
 search       The first accepted hypothesis from triangles of spots, brightest first.
 identify     Matches from spots, the believed camera and the catalogue.
-own_method   Spots, the believed camera and the catalogue -> Matches, by code that is not part of
-             startrack.
+extension_method  Spots, the believed camera and the catalogue -> Matches, by code that is not
+             part of startrack.
 blind        Matches and field of view from the spots of an unknown camera.
 lens_fit     Matches of one image of an unknown lens -> its distortion, and more matches.
 track        Matches from spots and a predicted attitude.
@@ -24,6 +24,7 @@ track        Matches from spots and a predicted attitude.
 from startrack.identification.agree import refit
 from startrack.identification.blind import identify_blind
 from startrack.identification.cache import PatternIndexes, cached_index
+from startrack.identification.extension_method import IdentificationInput, IdentificationMethod
 from startrack.identification.identify import identify, identify_all, is_ready
 from startrack.identification.index import (
     POINTS,
@@ -33,7 +34,6 @@ from startrack.identification.index import (
 )
 from startrack.identification.index_stars import local_rank, merged
 from startrack.identification.lens_fit import LensFit, fit_lens
-from startrack.identification.own_method import IdentificationInput, IdentificationMethod
 from startrack.identification.parameters import Identification
 from startrack.identification.track import track
 

@@ -22,8 +22,8 @@ from startrack.core import (
     kernel,
 )
 from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
+from startrack.identification.extension_method import matches_by_code
 from startrack.identification.index import CodeTable, PatternIndex
-from startrack.identification.own_method import own_matches
 from startrack.identification.parameters import Identification
 from startrack.identification.search import breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable
@@ -62,7 +62,7 @@ def identify(
         )
     finite = usable(spots)
     if is_code(settings.method):
-        return own_matches(spots, finite, camera, stars, settings)
+        return matches_by_code(spots, finite, camera, stars, settings)
     if len(finite) < settings.min_matches:
         return _too_few(len(finite), camera, settings)
     log_accepted = math.log(settings.max_false_probability)

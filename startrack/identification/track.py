@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Matches, Spots, Stars, is_code, kernel
+from startrack.identification.extension_method import matches_by_code
 from startrack.identification.fit import derivatives, fit, turned
 from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
-from startrack.identification.own_method import own_matches
 from startrack.identification.parameters import Identification
 from startrack.identification.predict import predict, project
 from startrack.identification.seen import Seen, keep_brightest, see, usable
@@ -220,7 +220,7 @@ def track(
     believed = replace(settings, focal_tolerance=0.0)
     finite = usable(spots)
     if is_code(settings.method):
-        return own_matches(spots, finite, camera, stars, settings, predicted, covariance)
+        return matches_by_code(spots, finite, camera, stars, settings, predicted, covariance)
     if len(finite) >= FEWEST:
         seen = keep_brightest(see(spots, finite, camera, believed), settings.verify_spots)
         # A star whose predicted position is outside the image may be inside.

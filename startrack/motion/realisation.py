@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from startrack.core import Floats, Streams
-from startrack.motion.own_jitter import own_lines
+from startrack.motion.extension_jitter import lines_by_code
 from startrack.motion.parameters import AXES, Broadband, Motion, Tone
 
 BANDS_PER_OCTAVE = 8  # chosen by hand: a sum of tens of lines is nearly normal
@@ -154,7 +154,8 @@ def realise_motion(
     ]
     lines += [_broadband(one, exposure, streams) for one in motion.broadband]
     lines += [
-        own_lines(name, exposure, _generator(streams, f"jitter {name}")) for name in motion.jitter
+        lines_by_code(name, exposure, _generator(streams, f"jitter {name}"))
+        for name in motion.jitter
     ]
     rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
     frequency = np.concatenate([np.zeros(0), *(f for f, _ in lines)])

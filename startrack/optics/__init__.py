@@ -1,7 +1,8 @@
 """How a point is blurred: Optics become a Psf.
 
 parameters    Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF.
-own_psf       Points on the detector -> irradiance of a star, by code that is not part of startrack.
+extension_psf  Points on the detector -> irradiance of a star, by code that is not part of
+              startrack.
 pupil         Shape of the aperture: clear, obscured, crossed by a spider, segmented or sparse.
 zernike       Zernike polynomials by Noll's index: the shapes of wavefront errors.
 wavefront     Optics -> the complex pupil of each diffraction model.
@@ -41,6 +42,7 @@ baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle
 from startrack.optics.baffle import Baffle, stray_light
 from startrack.optics.choose import Choice, choose
 from startrack.optics.closed_forms import airy, blur_transfer, pixel_transfer, pupil_transfer
+from startrack.optics.extension_psf import PsfInput, PsfModel
 from startrack.optics.field_images import COARSE
 from startrack.optics.fraunhofer import intensity, pupil_samples
 from startrack.optics.ghosts import Ghosts, add_ghosts, lens_surfaces, save_ghosts
@@ -69,7 +71,6 @@ from startrack.optics.lens_table import (
 )
 from startrack.optics.measured_psf import Stars, brightest, file_of, lone_stars, reconstruct
 from startrack.optics.over_field import at_field, over_field
-from startrack.optics.own_psf import PsfInput, PsfModel
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import pixel_psf, pixel_response
 from startrack.optics.psf_cube import camera_of_cube, cube_psf

@@ -13,8 +13,8 @@ from scipy.linalg import eigh_tridiagonal
 from startrack.core import Floats, Psf, is_code, non_negative, positive, require_memory, within
 from startrack.optics.choose import AIRY_SIGMA, choose
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
+from startrack.optics.extension_psf import irradiance_by_code
 from startrack.optics.fraunhofer import intensity, pupil_samples
-from startrack.optics.own_psf import own_irradiance
 from startrack.optics.parameters import Optics
 from startrack.optics.psf_file import open_psf_file, psf_of_file
 from startrack.optics.wavefront import steepest_slope, wavefront
@@ -65,7 +65,7 @@ FINEST, COARSEST = 64, 12  # samples per pixel; chosen by hand: memory against t
 PER_SIGMA = 8.0  # samples per sigma of the core: six-point interpolation errs by 1e-6 of the peak
 MOST_SAMPLES = 1024  # across a pupil; chosen by hand: seconds of computing time
 BYTES = 72  # of a sample of a transfer function; measured
-OWN_BOX = 8.0  # pixel, least half width of the table of a PSF of one's own; chosen by hand
+EXTENSION_BOX = 8.0  # pixel, least half width of the table of a PSF of one's own; chosen by hand
 OWN_SAMPLES = 12  # least of these per pixel; chosen by hand
 MOST_POINTS = 3072  # across the field of an irradiance; chosen by hand: 75 MB
 
@@ -122,7 +122,7 @@ def pixel_psf(
         blur, core = math.sqrt(blur**2 + least**2 - core**2), least
     model = optics.psf
     if is_code(model):
-        reach = max(OWN_BOX * pitch, AIRY_BOX * disk + 5 * blur)
+        reach = max(EXTENSION_BOX * pitch, AIRY_BOX * disk + 5 * blur)
         return _own(optics, pitch, side, wavelength, weight, blur, reach)
     if model == "auto":
         model = choose(optics, pitch, mean_wavelength, side).model
@@ -142,7 +142,7 @@ def _own(
     spacing = pitch / OWN_SAMPLES
     half = _half_samples(reach / pitch, OWN_SAMPLES)
     margin = math.ceil((side / 2 + 6 * blur) / spacing) + 24
-    plane = own_irradiance(optics, wavelength, weight, spacing, 2 * (half + margin) + 1)
+    plane = irradiance_by_code(optics, wavelength, weight, spacing, 2 * (half + margin) + 1)
     table = pixel_average(plane, spacing, side, blur)[margin:-margin, margin:-margin] * pitch**2
     return Psf(np.ascontiguousarray(table), OWN_SAMPLES, _energy(table, OWN_SAMPLES))
 

@@ -1,7 +1,7 @@
 """What light arrives: stars, sky and bodies become photons per wavelength at the entrance pupil.
 
 parameters  Scene: what there is to see besides the stars, when and from where.
-own_light   Directions in the field -> diffuse light, by code that is not part of startrack.
+extension_light  Directions in the field -> diffuse light, by code that is not part of startrack.
 photometry  Magnitude and colour into a photon spectrum: blackbodies through Gaia's passbands.
 ephemeris   Scene, Streams -> where the bodies of the solar system are, seen by the observer.
 planets     Body -> V magnitude of a planet.
@@ -20,9 +20,9 @@ illuminate  Stars -> Light: photons at the entrance pupil.
 from startrack.scene.angles import BODIES, body_angles
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, date_of, orbital_velocity
+from startrack.scene.extension_light import DiffuseSource, LightInput
 from startrack.scene.illuminate import Sight, illuminate
 from startrack.scene.limb import Limb, load_limb, save_limb
-from startrack.scene.own_light import DiffuseSource, LightInput
 from startrack.scene.parameters import DARK, Orbit, Scene
 from startrack.scene.photometry import (
     SUN,

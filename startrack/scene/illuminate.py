@@ -25,8 +25,8 @@ from startrack.scene.airglow import HIGHEST, airglow
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, Observer, observer_of
+from startrack.scene.extension_light import LightInput, light_by_code
 from startrack.scene.limb import limb_light
-from startrack.scene.own_light import LightInput, own_light
 from startrack.scene.parameters import Scene
 from startrack.scene.photometry import (
     BIN,
@@ -128,7 +128,7 @@ def _diffuse_light(
             yield diffuse(spectrum, fraction)
     for name in filter(is_code, scene.lights):
         random = sight.streams(f"light {name}")
-        yield from own_light(name, LightInput(line, WAVELENGTH, BIN, scene, random))
+        yield from light_by_code(name, LightInput(line, WAVELENGTH, BIN, scene, random))
 
 
 def _with_air(earth: Earth) -> Disc:

@@ -257,14 +257,14 @@ def test_an_own_attitude_is_as_accurate_and_states_its_covariance(others):
 def test_an_own_attitude_is_exact_for_exact_stars_and_not_for_covariance(others):
     from scipy.spatial.transform import Rotation
 
-    from startrack.attitude.own_method import AttitudeInput, own_attitude
+    from startrack.attitude.extension_method import AttitudeInput, attitude_by_code
 
     case = others("tracker.attitude.method=mylab.others:wahba").case
     rng = np.random.default_rng(1)
     true, seen = Rotation.random(random_state=rng), rng.normal([0, 0, 5], 1, (30, 3))
     seen /= np.linalg.norm(seen, axis=1)[:, None]
     given = AttitudeInput(seen, true.inv().apply(seen), np.full(30, 1e-5))
-    attitude, covariance = own_attitude(case.tracker.attitude.method, given)
+    attitude, covariance = attitude_by_code(case.tracker.attitude.method, given)
     assert (attitude * true.inv()).magnitude() < 1e-12
     # Information of unit vectors with equal errors (Shuster and Oh 1981).
     information = (np.eye(3) - seen[:, :, None] * seen[:, None]).sum(axis=0) / 1e-5**2

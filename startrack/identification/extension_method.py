@@ -65,7 +65,7 @@ class IdentificationMethod(Protocol):
         """Match spots with stars, or none of them."""
 
 
-def own_matches(
+def matches_by_code(
     spots: Spots,
     usable: Ints,
     camera: Camera,

@@ -70,14 +70,14 @@ def method_of(name: str) -> CentroidMethod:
     if not is_code(name):
         return CENTROIDS[name]
     return CentroidMethod(
-        partial(own_centroid, name),
+        partial(centroids_by_code, name),
         reads=lambda half, sigma, star: half + FARTHEST,
         moved_by=lambda half, sigma, star: half + FARTHEST,
-        place=partial(own_centroid, name, stated=False),
+        place=partial(centroids_by_code, name, stated=False),
     )
 
 
-def own_centroid(
+def centroids_by_code(
     name: str,
     sample: Sample,
     star: StarModel,

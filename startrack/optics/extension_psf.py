@@ -41,7 +41,7 @@ class PsfModel(Protocol):
         """Compute the irradiance at all points."""
 
 
-def own_irradiance(
+def irradiance_by_code(
     optics: Optics, wavelength: Floats, weight: Floats, spacing: float, count: int
 ) -> Floats:
     """The irradiance (count, count) of a function that a design names, whose integral is one.

@@ -36,7 +36,7 @@ class Jitter(Protocol):
         """Draw the lines of one trial; the same for the same random numbers."""
 
 
-def own_lines(
+def lines_by_code(
     name: str, exposure: float, generator: np.random.Generator
 ) -> tuple[Floats, NDArray[np.complex128]]:
     """Frequencies (k,) hertz and complex amplitudes (k, 3) radian of a function of a design.

@@ -41,7 +41,7 @@ class AttitudeMethod(Protocol):
         """Estimate the attitude; outliers are its own concern."""
 
 
-def own_attitude(name: str, given: AttitudeInput) -> tuple[Rotation, Floats]:
+def attitude_by_code(name: str, given: AttitudeInput) -> tuple[Rotation, Floats]:
     """The attitude icrs_to_camera and its covariance (3, 3) of a function that a design names.
 
     Raises  ValueError where the function raises an error, or returns what it must not.

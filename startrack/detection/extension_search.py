@@ -46,7 +46,7 @@ class DetectionMethod(Protocol):
         """Find the stars of a frame."""
 
 
-def own_peaks(pixels: Pixels, plan: DetectionPlan) -> tuple[Ints, Ints]:
+def peaks_by_code(pixels: Pixels, plan: DetectionPlan) -> tuple[Ints, Ints]:
     """Columns and rows (n,) of the stars that a function of the design finds.
 
     Raises  ValueError where the function raises an error, or returns what it must not.

@@ -44,7 +44,7 @@ class DiffuseSource(Protocol):
         """Compute the light; it is linear between the points."""
 
 
-def own_light(name: str, given: LightInput) -> Iterator[DiffuseLight]:
+def light_by_code(name: str, given: LightInput) -> Iterator[DiffuseLight]:
     """The light of a function that a design names, as sums of a spectrum times a map.
 
     Raises    ValueError where the function raises an error, or returns what it must not.
