@@ -164,7 +164,7 @@ def images(quick: bool) -> float:
 def apart(plan: _Plan, star: Any, wanted: Floats) -> float:
     """Largest difference of two images over the peak, where they fit best on each other."""
     plan.count, plan.spacing = len(wanted) + 1, MICROMETRE
-    middle = star.centroid()
+    middle = star.centroid
 
     def image_at(shift: Floats) -> Floats:
         u, v = middle[0] + shift[0] * 1e-6, middle[1] + shift[1] * 1e-6

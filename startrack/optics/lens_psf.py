@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -33,6 +33,7 @@ from startrack.optics.lens_table import (
     open_lens,
     rim_distance,
     rim_harmonics,
+    spline,
 )
 from startrack.optics.over_field import at_field
 from startrack.optics.parameters import Optics
@@ -41,19 +42,23 @@ from startrack.optics.pupil import MARGIN, soft_step
 from startrack.optics.zernike import noll_to_nm, zernike
 
 ROOM = 293.15  # kelvin, of a lens whose design names no temperature
-RINGS, SPOKES = 16, 24  # rays from which centroids and widths are taken
+RINGS, SPOKES = 16, 24  # rays from which widths are taken
+GAUSS, TURNS = 7, 16  # rays of half a pupil, from which centroids are taken
 STEP = 1e-5  # of the radius of the pupil, for slopes
 AIRY_BOX = 6.0  # wavelength * f-number, beyond the outermost ray
 PER_SIGMA = 4.0  # samples per sigma of the core: interpolation errs by 2e-5 of the peak
 LEAST_CORE = 1 / 8  # pixel; a finer image is blurred to that
 FINEST, COARSEST = 32, 12  # samples per pixel
-ROUGH = 10  # the same where the tolerance of the design is COARSE
-NYQUIST = 2.05  # samples per wavelength * f-number: just finer than needed
-ALIAS = 1.3  # of the points of an image that its transform has at least
+ROUGH = 9, 10  # the same where the tolerance of the design is COARSE: that of the fewest points
+SAMPLED = 1.025  # of the highest frequencies that are told apart: just finer than needed
+PASSED = 1e-5  # of a blur's transfer, below which it hides what the samples confuse
+ALIAS, ROUGH_ALIAS = 1.3, 1.05  # of the points of an image that its transform has at least
+GUARD, ROUGH_GUARD = (6.0, 24), (4.0, 4)  # of a blur, and points, that an image has at its edge
 LEAST_POINTS = 320  # of a transform
 FILLED = 0.6  # of a transform, that the pupil may fill
 MOST_POINTS = 3072  # along a side of an irradiance
 MOST_NUMBERS = 60_000_000  # of all tables together
+CAMERA_NODES = 25  # field angles from which a camera is fitted
 AROUND = np.linspace(0, math.pi, 49)  # radian, where the rim of a stopped pupil is found
 RIM_STEPS = 12  # each leaves a third of the error or less
 KEPT_RAYS = 2e-3  # of the light of a star, whose rays may meet the detector outside the tables
@@ -149,7 +154,8 @@ def open_optics(optics: Optics, temperature: float = ROOM) -> Lens:
     return Lens(optics, table, temperature)
 
 
-class _Star(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Star:
     """A star at one wavelength through a lens; p runs along the radius.
 
     extra       the design, with the aberrations that it adds at this field angle
@@ -184,14 +190,19 @@ class _Star(NamedTuple):
                 total += each.rms * zernike(each.noll, x, y)
         return total
 
+    @cached_property
     def rays(self) -> tuple[Floats, Floats, Floats]:
-        """Where rays spread over the pupil meet the detector, metre from `place`; their weights.
+        """Where rays spread evenly over the pupil meet the detector, metre from `place`; weights.
 
         The weights add up to one.
         """
+        return self._rays(*EVEN)
+
+    def _rays(self, u: Floats, v: Floats, weight: Floats) -> tuple[Floats, Floats, Floats]:
+        """`rays` at places (n,) of the unit disk."""
         centre, half_p, half_q = self.pupil[3:]
-        farther = 1 / rim_distance(self.outline, EVEN_P, EVEN_Q) * np.hypot(EVEN_P, EVEN_Q)
-        p, q = centre + half_p * EVEN_P * farther, half_q * EVEN_Q * farther
+        farther = np.hypot(u, v) / rim_distance(self.outline, u, v)
+        p, q = centre + half_p * u * farther, half_q * v * farther
         step_p, step_q = STEP * half_p, STEP * half_q
         # One call for the four shifted sets of rays.
         path = self.path(
@@ -199,45 +210,56 @@ class _Star(NamedTuple):
             np.concatenate([q, q, q + step_q, q - step_q]),
         ).reshape(4, -1)
         x, y = (path[1] - path[0]) / (2 * step_p), (path[3] - path[2]) / (2 * step_q)
-        return x, y, farther**2 / (farther**2).sum()
+        weight = weight * farther**2
+        return x, y, weight / weight.sum()
 
+    @cached_property
     def centroid(self) -> tuple[float, float]:
-        """Of its rays: along the radius from the axis and across it, metre."""
-        x, y, weight = self.rays()
+        """Of its light: along the radius from the axis and across it, metre."""
+        x, y, weight = self._rays(*GAUSSIAN)
         return self.place + float(x @ weight), float(y @ weight)
 
-    @property
+    @cached_property
     def radius(self) -> float:
         """Largest distance from the centre of the pupil to its rim, 1."""
         return float(max(self.pupil[4], self.pupil[5])) / float(self.around.min())
 
-    @property
+    @cached_property
     def around(self) -> Floats:
         """The ellipse over the rim, in the directions AROUND."""
         return np.asarray(rim_distance(self.outline, COSINES, SINES), float)
 
 
-def _even_rays() -> tuple[Floats, Floats]:
-    """Rays of equal weight over the unit disk: rings of equal area, each as a Gaussian node."""
-    ring, turn = np.divmod(np.arange(RINGS * SPOKES), SPOKES)
-    radius = np.sqrt((ring + 0.5) / RINGS)
-    azimuth = (turn + 0.5) * (2 * math.pi / SPOKES)
-    return radius * np.cos(azimuth), radius * np.sin(azimuth)
+def _disk(square: Floats, weight: Floats, spokes: int) -> tuple[Floats, Floats, Floats]:
+    """Places (n,) on rings of the unit disk, whose squared radii and weights these are; weights."""
+    azimuth = (np.arange(spokes) + 0.5) * (2 * math.pi / spokes)
+    radius = np.sqrt(square)[:, None]
+    x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
+    return x.ravel(), y.ravel(), np.repeat(weight, spokes)
 
 
-EVEN_P, EVEN_Q = _even_rays()
+def _gaussian() -> tuple[Floats, Floats, Floats]:
+    """Places of a quadrature that is exact for polynomials of degree 15."""
+    node, weight = np.polynomial.legendre.leggauss(GAUSS)
+    return _disk((1 + node) / 2, weight, TURNS)
+
+
+EVEN = _disk((np.arange(RINGS) + 0.5) / RINGS, np.ones(RINGS), SPOKES)  # of equal weight
+GAUSSIAN = _gaussian()
 COSINES, SINES = np.cos(AROUND), np.sin(AROUND)
 
 
 def _polynomial(power: Floats, u: Reals, w: Reals) -> Reals:
-    """Sum of power[i, j] u^i w^j, by Horner's rule."""
-    total, power = np.zeros_like(u), power.astype(u.dtype)
-    for j in range(power.shape[1] - 1, -1, -1):
-        inner = np.full_like(u, power[-1, j])
-        for i in range(power.shape[0] - 2, -1, -1):
-            if i + 2 * j < power.shape[0]:
+    """Sum of power[..., i, j] u^i w^j of u and w (..., n), by Horner's rule."""
+    degree, squares = power.shape[-2:]
+    total, terms = np.zeros_like(u), np.moveaxis(power, (-2, -1), (0, 1))[..., None]
+    terms = terms.astype(u.dtype)
+    for j in range(squares - 1, -1, -1):
+        inner = np.zeros_like(u)
+        for i in range(degree - 1, -1, -1):
+            if i + 2 * j < degree:
                 inner *= u
-                inner += power[i, j]
+                inner += terms[i, j]
         total *= w
         total += inner
     return total
@@ -300,26 +322,38 @@ def fit_camera(
                `field_psf`.
     """
     refuse_band("lens_file", lens.table.wavelength, wavelength, spectrum[None])
-    band = band_of(wavelength, spectrum[None])
-    plain = lens._replace(optics=replace(lens.optics, aberrations=()))
+    band = band_of(wavelength, spectrum[None], _wavelengths(lens.optics))
+    last = float(lens.table.field[-1])
+    nodes = np.linspace(0, last, CAMERA_NODES)
+    found = lens.at(band.wavelength, nodes)
+    flux = band.weight[0][:, None] * found.area
+    centroid = (flux * _centroids(lens, found)).sum(axis=0) / flux.sum(axis=0)
+    mirrored = np.concatenate([-nodes[:0:-1], nodes]), np.concatenate([-centroid[:0:-1], centroid])
 
     def places(angles: Floats) -> Floats:
-        rows = _stars(plain, band.wavelength, angles, 0.0)
-        return np.array([_centroid(stars, band, lens.optics.area)[0, 0] for stars in rows])
+        return spline(*mirrored, angles, 0)
 
-    last = float(lens.table.field[-1])
     return camera_through(places, last, "lens_file", columns, rows, pitch, principal)
 
 
-def _centroid(stars: list[_Star], band: Band, area: float) -> Floats:
-    """Centroid (c, 3) of each spectrum: along the radius and across it, metre; relative flux."""
-    rows = []
-    for star in stars:
-        rows.append((*star.centroid(), star.area / area))
-    x, y, bright = np.array(rows).T
-    flux = band.weight * bright
-    total = flux.sum(axis=1)
-    return np.column_stack([flux @ x / total, flux @ y / total, total])
+def _centroids(lens: Lens, found: LensPoints) -> Floats:
+    """Centroids (n, m) of stars along the radius, metre, without the design's aberrations."""
+    power = np.tensordot(found.wavefront, _powers(tuple(lens.table.noll.tolist())), 1)
+    centre, half_p, half_q, middle, open_p, open_q = np.moveaxis(found.pupil, -1, 0)[..., None]
+    u, v, weight = GAUSSIAN
+    farther = np.hypot(u, v) / rim_distance(found.outline, *np.broadcast_arrays(u, v, middle)[:2])
+    p, q = middle + open_p * u * farther, open_q * v * farther
+    # A ray meets the detector at -dW/dp.
+    along = power[..., 1:, :] * np.arange(1.0, power.shape[-2])[:, None]
+    x = _polynomial(along, (centre - p) / half_p, (q / half_q) ** 2) / half_p
+    x += lens.optics.defocus * p / np.sqrt(1 - p * p - q * q)
+    weight = weight * farther**2
+    return np.asarray(found.place + (x * weight).sum(axis=-1) / weight.sum(axis=-1))
+
+
+def _wavelengths(optics: Optics) -> int:
+    """How many stand for a band."""
+    return BAND_NODES if optics.psf_tolerance < COARSE else FEW_NODES
 
 
 def field_psf(
@@ -346,8 +380,8 @@ def field_psf(
                  returned.
     """
     refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
-    count = BAND_NODES if lens.optics.psf_tolerance < COARSE else FEW_NODES
-    plan = _Plan(lens, camera, pitch, band_of(wavelength, spectra, count), fill_factor, diffusion)
+    band = band_of(wavelength, spectra, _wavelengths(lens.optics))
+    plan = _Plan(lens, camera, pitch, band, fill_factor, diffusion)
     return images_over_frame(plan, camera, colour, lens.optics.psf_tolerance < COARSE)
 
 
@@ -361,12 +395,6 @@ def mirrored(optics: Optics, camera: Camera) -> bool:
     return centred and not constant and not odd
 
 
-def _shift(size: int, x: float, y: float) -> Floats:
-    """Factor of a spectrum that moves the plane by x and y samples."""
-    along, down = fft.rfftfreq(size), fft.fftfreq(size)
-    return np.multiply.outer(np.exp(-2j * np.pi * y * down), np.exp(-2j * np.pi * x * along))
-
-
 class _Plan:
     """What the images of all places share."""
 
@@ -376,13 +404,17 @@ class _Plan:
     ) -> None:  # fmt: skip
         self.lens, self.camera, self.pitch, self.band = lens, camera, pitch, band
         self.side_of_pixel = pitch * math.sqrt(fill_factor)
+        self._known = dict[tuple[float, float], list[_Star]]()
         optics = lens.optics
+        self.rough = optics.psf_tolerance >= COARSE
         blur = math.hypot(optics.total_blur, diffusion)
         corners = [
             (u, v) for u in frame_nodes(camera)[0][[0, -1]] for v in frame_nodes(camera)[1][[0, -1]]
         ]
         away = [(x - camera.centre[0], y - camera.centre[1]) for x, y in corners]
-        away += [(0.0, 0.0), (away[0][0] / 2, away[0][1] / 2)]
+        if self.symmetric:
+            away = away[-1:]
+        away += [(0.0, 0.0), (away[-1][0] / 2, away[-1][1] / 2)]
         stars = [star for u, v in away for star in self.stars(u, v)]
         # An ellipse's narrower axis makes the wider image.
         f_number = max(1 / (2 * float(min(star.pupil[4:6]))) for star in stars)
@@ -395,22 +427,25 @@ class _Plan:
         spread = max(self._spread(u, v) for u, v in away)
         shift = self._lateral(away)
         reach = (AIRY_BOX * longest * f_number + 4 * blur + spread + shift) / pitch
-        finest = ROUGH if optics.psf_tolerance >= COARSE else FINEST
+        highest = 1 / (float(band.wavelength.min()) * self._fastest(stars))
+        # Of two frequencies that samples confuse, the higher one must be beyond the lens, or the
+        # lower one hidden by the blur.
+        passed = math.sqrt(-math.log(PASSED) / 2) / math.pi / max(blur, 1e-12)
+        points = SAMPLED * (highest + min(highest, passed)) * pitch
         sampling = int(np.clip(math.ceil(PER_SIGMA * pitch / core), COARSEST, FINEST))
-        sampling = min(sampling, finest)
+        if self.rough:
+            sampling = min(ROUGH, key=lambda one: (one * math.ceil(points / one), one))
         tables = NODES**2 * len(band.weight)
-        while (
-            sampling > min(COARSEST, finest)
-            and tables * (2 * (reach + 1) * sampling) ** 2 > MOST_NUMBERS
-        ):
+        while sampling > COARSEST and tables * (2 * (reach + 1) * sampling) ** 2 > MOST_NUMBERS:
             sampling -= 1
         self.oversampling = sampling
         half = math.ceil((math.ceil(max(reach, 1.0)) + 0.5) * sampling) + 3
         self.side = 2 * half + 1
-        fastest = self._fastest(stars)
-        fine = math.ceil(pitch / sampling / (float(band.wavelength.min()) * fastest / NYQUIST))
+        fine = math.ceil(points / sampling)
         self.fine, self.spacing = fine, pitch / sampling / fine
-        self.margin = math.ceil((self.side_of_pixel / 2 + 6 * blur + shift) / self.spacing) + 24
+        sigmas, more = ROUGH_GUARD if self.rough else GUARD
+        around = self.side_of_pixel / 2 + sigmas * blur + shift
+        self.margin = math.ceil(around / self.spacing) + more
         self.count = 2 * (half * fine + self.margin) + 1
         if self.count > MOST_POINTS:
             raise ValueError(
@@ -430,6 +465,11 @@ class _Plan:
 
     def stars(self, away_x: float, away_y: float) -> list[_Star]:
         """A star at each wavelength, which the camera projects to a place (pixel from the axis)."""
+        if (away_x, away_y) not in self._known:
+            self._known[away_x, away_y] = self._stars(away_x, away_y)
+        return self._known[away_x, away_y]
+
+    def _stars(self, away_x: float, away_y: float) -> list[_Star]:
         place = np.array([[away_x + self.camera.centre[0], away_y + self.camera.centre[1]]])
         direction = self.camera.unproject(place)[0]
         field = math.atan2(math.hypot(direction[0], direction[1]), direction[2])
@@ -439,7 +479,7 @@ class _Plan:
 
     def _spread(self, away_x: float, away_y: float) -> float:
         """Metre, within which all but KEPT_RAYS of the light meets the detector."""
-        x, y, share = np.array([star.rays() for star in self.stars(away_x, away_y)]).swapaxes(0, 1)
+        x, y, share = np.array([star.rays for star in self.stars(away_x, away_y)]).swapaxes(0, 1)
         middle_x, middle_y = ((one * share).sum(axis=1)[:, None] for one in (x, y))
         radius = np.hypot(x - middle_x, y - middle_y).ravel()
         order = np.argsort(radius)
@@ -452,7 +492,7 @@ class _Plan:
         """Metre, largest distance of a wavelength's centroid from that of all."""
         largest = 0.0
         for u, v in away:
-            place = [star.centroid()[0] for star in self.stars(u, v)]
+            place = [star.centroid[0] for star in self.stars(u, v)]
             largest = max(largest, float(np.ptp(place)))
         return largest
 
@@ -460,7 +500,7 @@ class _Plan:
         """Table (c, m, m) of each spectrum; its shift (pixel) and relative flux, (c, 3)."""
         stars = self.stars(away_x, away_y)
         azimuth, optics = stars[0].azimuth, self.lens.optics
-        x, y = np.array([star.centroid() for star in stars]).T
+        x, y = np.array([star.centroid for star in stars]).T
         flux = self.band.weight * (np.array([star.area for star in stars]) / optics.area)
         total = flux.sum(axis=1)
         along, across = flux @ x / total, flux @ y / total
@@ -469,15 +509,15 @@ class _Plan:
         sums = np.tensordot((flux / total[:, None]).astype(np.float32), planes, 1)
         cosine, sine = math.cos(azimuth), math.sin(azimuth)
         middle_x, middle_y = along * cosine - across * sine, along * sine + across * cosine
-        tables = []
-        for plane, u, v in zip(sums, middle_x, middle_y, strict=True):
-            away = (middle_x[0] - u) / self.spacing, (middle_y[0] - v) / self.spacing
-            spectrum = fft.rfft2(plane, s=(self.size, self.size))
-            tables.append(self._pixels(spectrum * _shift(self.size, *away)))
+        tables = [
+            self._pixels((middle_y[0] - v) / self.spacing) @ plane
+            @ self._pixels((middle_x[0] - u) / self.spacing).T
+            for plane, u, v in zip(sums, middle_x, middle_y, strict=True)
+        ]  # fmt: skip
         centre = np.column_stack([
             middle_x / self.pitch - away_x, middle_y / self.pitch - away_y, total,
         ])  # fmt: skip
-        return np.array(tables), centre
+        return np.array(tables, float), centre
 
     def _irradiance(self, star: _Star, u: float, v: float) -> NDArray[np.float32]:
         """Of one wavelength about a place (metre, along the radius and across it).
@@ -485,10 +525,11 @@ class _Plan:
         Its integral is one. A fast transform of the pupil, whose samples are so far apart that the
         points of the image are `spacing` apart at any wavelength.
         """
-        x, y, _ = star.rays()
+        x, y, _ = star.rays
         far = float(np.hypot(star.place + x - u, y - v).max()) / self.spacing
         # What is beyond the period comes back at the other side, beyond the image.
-        size = max(ALIAS * self.count, far + self.count / 2, LEAST_POINTS)
+        alias = ROUGH_ALIAS if self.rough else ALIAS
+        size = max(alias * self.count, far + self.count / 2, LEAST_POINTS)
         if size > MOST_POINTS:
             raise ValueError(
                 f"the images of lens_file must fit {MOST_POINTS} points a side, got {size:.0f}: "
@@ -536,10 +577,15 @@ class _Plan:
         more = math.ceil((self.side_of_pixel / 2 + 6 * self.blur) / self.spacing)
         return int(fft.next_fast_len(self.count + more, real=True))
 
-    def _pixels(self, spectrum: Floats) -> Floats:
-        fx, fy = fft.rfftfreq(self.size, self.spacing), fft.fftfreq(self.size, self.spacing)
-        along = pixel_transfer(fx, self.side_of_pixel) * blur_transfer(fx, self.blur)
-        down = pixel_transfer(fy, self.side_of_pixel) * blur_transfer(fy, self.blur)
-        plane = fft.irfft2(spectrum * along * down[:, None], s=(self.size, self.size))
-        inner = slice(self.margin, self.count - self.margin, self.fine)
-        return plane[inner, inner] * self.pitch**2
+    def _pixels(self, shift: float) -> NDArray[np.float32]:
+        """Weights (m, n) of the points of an image along an axis for the samples of its table.
+
+        shift  points, by which the image is moved
+        """
+        frequency = fft.rfftfreq(self.size, self.spacing)
+        transfer = pixel_transfer(frequency, self.side_of_pixel)
+        transfer = transfer * blur_transfer(frequency, self.blur)
+        turned = np.exp(-2j * np.pi * shift * self.spacing * frequency)
+        line = fft.irfft(transfer * turned, self.size) * self.pitch
+        at = np.arange(self.margin, self.count - self.margin, self.fine)
+        return np.asarray(line[at[:, None] - np.arange(self.count)], np.float32)

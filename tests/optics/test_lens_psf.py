@@ -185,7 +185,7 @@ def compared(plan, lens, wavelength, angle, wanted):
 
     plan.count, plan.spacing = len(wanted) + 1, SPACING
     star = _stars(lens, wavelength, np.array([angle]), np.pi / 2)[0][0]
-    place = star.centroid()
+    place = star.centroid
 
     def image_at(shift):
         mine = plan._irradiance(star, place[0] + shift[0] * 1e-6, place[1] + shift[1] * 1e-6)
