@@ -118,7 +118,7 @@ def _believing(case: Case, **changes: object) -> Case:
 
 
 def _calm(case: Case) -> Case:
-    motion = replace(case.instrument.motion, tones=(), broadband=())
+    motion = replace(case.instrument.motion, tones=(), broadband=(), jitter=())
     return replace(case, instrument=replace(case.instrument, motion=motion))
 
 

@@ -24,10 +24,17 @@ CELSIUS = ("degC", "deg_C", "°C", "Celsius", "celsius")
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radian; turns by it fill a disc evenly
 
 LONGEST = 100  # characters of a quantity, so that no text takes long to read
-ELECTRON = re.compile(r"\be-")  # as datasheets write it
+# Units as datasheets write them -> as astropy does.
+SPELLINGS = (
+    (re.compile(r"\s+rms$"), ""),
+    (re.compile(r"\bke-"), "1000 electron"),
+    (re.compile(r"\be-|\belectrons\b"), "electron"),
+)
+A_PIXEL = re.compile(r"\s*/\s*(px|pix|pixel)\b")  # of charge: "e-/px/s"
+DOSE = re.compile(r"\b([kM]?)rad(\(Si\))?")  # of radiation, where the unit is no angle
 PERCENT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*%\s*")
 CLOCK = re.compile(r"\s*(\d{1,2}):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?\s*")  # hours, minutes, seconds
-NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*?)?\s*")
+NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[^\W\d]|°).*?)?\s*")
 
 
 class Unit(NamedTuple):
@@ -61,7 +68,7 @@ def parse(text: str, unit: str, absolute: bool = False, clock: bool = False) -> 
     37800.0
 
     text      a number and a unit as astropy writes them: "50 mm", "5 deg", "10 electron / s"; also
-              "10 e-/s"
+              "10 e-/s", "10 e-/px/s", "20 ke-", "5 e- rms", and "3 krad(Si)" or "3 krad" of a dose
     unit      unit of the result
     absolute  whether degC is a unit too, for the temperature itself and no difference
     clock     whether hours:minutes and hours:minutes:seconds are a time of day, in second
@@ -126,8 +133,13 @@ def _scale(source: str, target: str) -> Decimal | None:
     """Factor between two units, None where they do not convert."""
     from astropy import units  # costs 0.3 s, and only files with units need it
 
+    for pattern, spelling in SPELLINGS:
+        source = pattern.sub(spelling, source)
+    if "electron" in source and "pix" not in target:
+        source = A_PIXEL.sub("", source)
+    if "Gy" in target:
+        source = DOSE.sub(r"0.01 \1Gy", source)
     try:
-        source = ELECTRON.sub("electron", source)
         scale = float(units.Unit(source).to(units.Unit(target)))
     except Exception:  # a text from anybody: its parser raises errors of many kinds
         return None

@@ -20,11 +20,12 @@ from startrack.core import (
     positive,
     within,
 )
-from startrack.detector.shielding import damage_fluence
+from startrack.detector.shielding import damage_fluence, proton_dose
 
 YEAR = 365.25 * 86400.0  # second
 ELECTRON_VOLT = 1.602176634e-19  # joule
 SQUARE_CM, CUBIC_CM = 1e-4, 1e-6
+RAD = 0.01  # gray
 
 # Of the family "interactions". Srour and Lo (2000), Universal damage factor for radiation-induced
 # dark current in silicon devices, IEEE Transactions on Nuclear Science 47, 2451: 1.9e5 (+- 0.6e5)
@@ -171,6 +172,8 @@ class Age:
                   of the family "interactions"
     inclination   radian, of a circular orbit at 550 km, from which the fluence then follows
     shielding     metre of aluminium around the detector in that orbit, 1 to 20 mm
+    dose          gray / second, ionising, of protons in silicon behind the shield, from which the
+                  fluence then follows
     depleted      metre, depth of the silicon whose damage makes dark current; of the same
     interaction   electron / second, mean dark current of an interaction, at 296 K; of the same
     annealed      1, fraction of the damage's dark current that annealing took away
@@ -188,6 +191,7 @@ class Age:
     fluence: Annotated[float, Unit("m-2 / s", "cm-2 / yr")] = 0.0
     inclination: Annotated[float | None, Unit("rad", "deg")] = None
     shielding: Annotated[float | None, Unit("m", "mm")] = None
+    dose: Annotated[float | None, Unit("Gy / s", "krad / yr")] = None
     depleted: Annotated[float, Unit("m", "um")] = 10e-6
     interaction: Annotated[float, Unit("electron / s")] = 4000.0
     annealed: float = 0.0
@@ -215,15 +219,23 @@ class Age:
             raise ValueError("age must have inclination and shielding together, or neither")
         if self.inclination is not None and self.fluence:
             raise ValueError("fluence must be left out where inclination and shielding give it")
+        if self.dose is not None:
+            non_negative(dose=self.dose)
+            if self.inclination is not None or self.fluence:
+                raise ValueError("dose must be left out beside fluence, inclination and shielding")
         if self.protons and self.family != "interactions":
             raise ValueError("fluence must be left out beside a family with a law of its own")
 
     @property
     def protons(self) -> float:
         """Proton equivalents of 10 MeV, of a square metre and a second; see `proton_dose`."""
-        if self.inclination is None or self.shielding is None:
+        if self.dose is not None:
+            dose = self.dose * YEAR / RAD
+        elif self.inclination is None or self.shielding is None:
             return self.fluence
-        return damage_fluence(self.inclination, self.shielding, NIEL) / SQUARE_CM / YEAR
+        else:
+            dose = proton_dose(self.inclination, self.shielding)
+        return damage_fluence(dose, NIEL) / SQUARE_CM / YEAR
 
     @property
     def years(self) -> float:

@@ -49,10 +49,11 @@ def proton_dose(inclination: float, shielding: float) -> float:
     return float(np.exp(np.interp(math.log(shielding), np.log(THICKNESS), np.log(columns))))
 
 
-def damage_fluence(inclination: float, shielding: float, niel: float) -> float:
+def damage_fluence(dose: float, niel: float) -> float:
     """Protons of 10 MeV, of a square centimetre and a year, that displace as many atoms.
 
+    dose      rad in a year, ionising, of protons in silicon behind the shield
     niel      MeV cm^2 / g, of protons of 10 MeV
-    Accuracy  that of `proton_dose`, and 30 % of the ratio of energy losses.
+    Accuracy  30 % of the ratio of energy losses, for protons of 30 to 100 MeV.
     """
-    return proton_dose(inclination, shielding) * RAD * NON_IONISING / niel
+    return dose * RAD * NON_IONISING / niel

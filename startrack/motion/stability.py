@@ -45,7 +45,7 @@ def stability(path: LineOfSight) -> Stability:
 
 
 def blur(motion: Motion, exposure: float) -> Floats:
-    """Expected blur: rms about the mean of an exposure, over all trials.
+    """Expected blur: rms about the mean of an exposure, over all trials; `jitter` is left out.
 
         blur^2 = deterministic part + Int S(f) [1 - sinc(f T)^2] df,   sinc(a) = sin(pi a) / (pi a)
 
@@ -58,9 +58,8 @@ def blur(motion: Motion, exposure: float) -> Floats:
     """
     positive(exposure=exposure)
     given = tuple(tone for tone in motion.tones if tone.phase is not None)
-    square = _deterministic_square(
-        realise_motion(replace(motion, tones=given, broadband=()), exposure), exposure
-    )
+    certain = replace(motion, tones=given, broadband=(), jitter=())
+    square = _deterministic_square(realise_motion(certain, exposure), exposure)
     for tone in motion.tones:
         if tone.phase is None:
             rms = np.array([tone.rms_x, tone.rms_y, tone.rms_z])
@@ -76,6 +75,8 @@ def blur(motion: Motion, exposure: float) -> Floats:
 
 def jitter_rms(motion: Motion, exposure: float) -> Floats:
     """Distance between the mean of an exposure and its middle by jitter: rms over all trials.
+
+    `motion.jitter` is left out.
 
         jitter_rms^2 = Int S(f) [1 - sinc(f T)]^2 df
 

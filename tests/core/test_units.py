@@ -17,6 +17,15 @@ from startrack.core.units import fraction, parse, write
         ("60 e-/s", "electron / s", 60.0),
         ("8e-", "electron", 8.0),
         ("5e3 e-", "electron", 5000.0),
+        ("20 ke-", "electron", 20000.0),
+        ("5 e- rms", "electron", 5.0),
+        ("3 electrons", "electron", 3.0),
+        ("0.5 e-/px/s", "electron / s", 0.5),
+        ("3 krad(Si)", "Gy", 30.0),
+        ("3 krad / yr", "Gy / s", 30.0 / 31557600.0),
+        ("2 krad", "rad", 2000.0),
+        ("3 arcmin", "rad", math.radians(0.05)),
+        ("10°", "rad", math.radians(10.0)),
         ("1 arcsec", "rad", math.pi / 648000),
         ("40 Mpix / s", "pix / s", 40e6),
     ],
@@ -53,7 +62,7 @@ def test_what_is_no_time_of_day_is_refused(text):
         parse("10:30", "s")  # a duration: minutes or hours?
 
 
-@pytest.mark.parametrize("text", ["50 kg", "50 parsnips", "50 mm/s"])
+@pytest.mark.parametrize("text", ["50 kg", "50 parsnips", "50 mm/s", "50 m/px"])
 def test_a_wrong_unit_is_refused(text):
     with pytest.raises(ValueError, match=r"must have a unit that converts to m, got"):
         parse(text, "m")

@@ -136,6 +136,8 @@ def test_a_thicker_shield_lets_a_detector_age_less():
     thin, thick = (Age(time=YEAR, inclination=polar, shielding=mm * 1e-3) for mm in (2, 10))
     ratio = thin.protons / thick.protons
     assert ratio == pytest.approx(proton_dose(polar, 2e-3) / proton_dose(polar, 10e-3))
+    dose = 0.01 * proton_dose(polar, 2e-3) / YEAR  # gray / s
+    assert Age(time=YEAR, dose=dose).protons == pytest.approx(thin.protons)
     middle = Age(time=YEAR, inclination=polar, shielding=5e-3).protons * 1e-4 * YEAR
     assert middle == pytest.approx(4.3e8, rel=0.05)
     detector = Detector(64, 64, 10e-6, 1.0, dark_current=10.0, thermal=Thermal(300.0, 300.0))
@@ -164,6 +166,7 @@ def test_charge_that_is_left_behind_arrives_a_row_later():
         ({"time": 1.0, "inclination": 1.7}, "together"),
         ({"time": 1.0, "inclination": 1.7, "shielding": 5e-3, "fluence": 1.0}, "left out"),
         ({"time": 1.0, "inclination": 1.7, "shielding": 1e-4}, "shielding"),
+        ({"time": 1.0, "dose": 1e-8, "fluence": 1.0}, "left out"),
     ],
 )
 def test_ages_that_make_no_sense_are_refused(values, rule):

@@ -292,10 +292,10 @@ def test_an_own_light_is_as_the_uniform_background_that_it_repeats(others):
 
 def test_an_own_jitter_is_a_tone(others):
     from startrack.core import Streams
-    from startrack.motion import Motion, Tone, realise_motion
+    from startrack.motion import Motion, Tone, blur, realise_motion
 
-    own = realise_motion(others('instrument.motion.jitter=["mylab.others:wheel"]').case.instrument
-                         .motion, 0.1, Streams(1, 1))  # fmt: skip
+    motion = others('instrument.motion.jitter=["mylab.others:wheel"]').case.instrument.motion
+    own = realise_motion(motion, 0.1, Streams(1, 1))
     x, y = (Tone(30.0, **{f"rms_{axis}": size * 2**-0.5}, phase=phase)
             for axis, size, phase in (("x", 2e-5, 0.0), ("y", 1e-5, -np.pi / 2)))  # fmt: skip
     time = np.linspace(-0.1, 0.2, 7)
@@ -304,6 +304,7 @@ def test_an_own_jitter_is_a_tone(others):
     slew = realise_motion(replace(rates, tones=(), broadband=()), 0.1, Streams(1, 1))
     expected = tones.at(time) + slew.at(time)
     assert own.at(time) == pytest.approx(expected, abs=1e-12)
+    assert blur(motion, 0.1) == pytest.approx(blur(replace(motion, jitter=()), 0.1))  # left out
 
 
 def test_an_own_psf_has_its_width_with_blur_and_pixel(others):
