@@ -91,7 +91,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=20, help="in each ring (default: 20)")
     options = command.read(parser, trials=1)
-    plain = load_design(shipped("designs/nanosatellite.toml")).case
+    plain = load_design(shipped("designs/noise_only.toml")).case
     case = dataclasses.replace(
         plain, scene=SCENE, instrument=dataclasses.replace(plain.instrument, baffle=BAFFLE)
     )

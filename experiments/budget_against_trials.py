@@ -43,7 +43,7 @@ from startrack.trial import (
 SEED = 24
 RATES = (0.0, 0.05, 0.3, 1.0, 2.0, 3.0)  # deg / s, of the designs
 AGREE = 1.15  # ratio up to which formula and trials agree
-EXAMPLE = load_design(shipped("designs/nanosatellite.toml")).case
+EXAMPLE = load_design(shipped("designs/noise_only.toml")).case
 
 
 def changed(case: Case, **changes: object) -> Case:

@@ -43,7 +43,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
     options = command.read(parser, kills=1, parts=ALONE)
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     figures = {}
     if options.json and options.json.is_file():
         figures = json.loads(options.json.read_text())
@@ -132,7 +132,7 @@ def efficiency(trials: int = 640, repeats: int = 5) -> dict[str, Any]:
 
 def large() -> Case:
     """The example with four times as many pixels of half the width."""
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     truth = case.instrument
     pitch = truth.detector.pixel_pitch / 2
     detector = dataclasses.replace(truth.detector, columns=1024, rows=1024, pixel_pitch=pitch)
@@ -303,7 +303,7 @@ def kill_and_resume(
 
 def small() -> Case:
     """The example with a quarter of the pixels, twice as wide: trials of milliseconds."""
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     truth = case.instrument
     pitch = 2 * truth.detector.pixel_pitch
     detector = dataclasses.replace(truth.detector, columns=256, rows=256, pixel_pitch=pitch)

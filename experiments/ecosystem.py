@@ -83,7 +83,7 @@ CODE = (
     "tracker.identification.method=mylab.identifications:vote",
     'instrument.detector.charge_effects=["mylab.effects:amplifier_glow"]',
 )
-EXAMPLE_DESIGN = "designs/nanosatellite.toml"
+EXAMPLE_DESIGN = "designs/noise_only.toml"
 WRONG = 8.0  # arcmin
 NEAR = 60 * arcsec
 SEED = 3

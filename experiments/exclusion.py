@@ -36,7 +36,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--figure", type=Path, help="draw the curves here")
     chosen = command.read(parser)
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     case = replace(case, instrument=replace(case.instrument, baffle=BAFFLE))
     angles = ANGLES[::22] if chosen.quick else ANGLES
     found = exclusions(case, angles)

@@ -52,7 +52,7 @@ from startrack.trial.window import spots_in_windows
 
 Drawn = dict[str, list[Floats]]  # errors of each fidelity by the design's name, radian
 
-EXAMPLE = load_design(shipped("designs/nanosatellite.toml")).case
+EXAMPLE = load_design(shipped("designs/noise_only.toml")).case
 TRIALS = 5000
 DRAWN = 20_000  # trials of the covariance
 ROUNDS = 60  # of each time, of which the least counts

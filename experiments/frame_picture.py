@@ -23,7 +23,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--picture", type=Path, default=PICTURE, help="(default: docs/frame.png)")
     options = command.read(parser)
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     record = observe(case, pointing(*ORION), Streams(seed=1, trial=0))
     error = 206265 * (record.outcome.error_x**2 + record.outcome.error_y**2) ** 0.5
     draw_solution(

@@ -79,7 +79,7 @@ MICROMETRE = 48 / 47 * 1e-6  # metre: the 48 points of optiland share 48 um, end
 
 def the_case(pixels: int) -> Case:
     """The nanosatellite's tracker behind a double Gauss, at rest."""
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     optics = replace(
         case.instrument.optics, psf="auto", lens_file="double_gauss", defocus=30e-6, blur=5e-6
     )

@@ -379,7 +379,7 @@ def exported(sequences: int) -> float | None:
     if compiler is None:
         print("export_spectrum_error left out: no C compiler", flush=True)
         return None
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     motion = case.instrument.motion
     model, frames = head_model(case, "nanosatellite"), 16
     leg = Leg(frames * model.period * 1.001, motion.rate_x, motion.rate_y)

@@ -56,7 +56,7 @@ def main() -> None:
 
 def shaken(rms: float) -> Case:
     """The example design on a bus that shakes."""
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     about_x, about_y = FREQUENCIES
     tones = (Tone(about_x, rms_x=rms, phase=-90 * deg),
              Tone(about_y, rms_y=rms, phase=0.0, lead_y=-90 * deg))  # fmt: skip

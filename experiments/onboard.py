@@ -66,7 +66,7 @@ def main() -> None:
 
 def figures(field: float, limit: float, skies: int) -> dict[str, Any]:
     """One row of the table."""
-    case = with_field(load_design(shipped("designs/nanosatellite.toml")).case, field * deg)
+    case = with_field(load_design(shipped("designs/noise_only.toml")).case, field * deg)
     guide = guide_stars(case, GuideSettings(limit=limit), read_variables())
     data = bytes(guide)
     row: dict[str, Any] = {

@@ -277,7 +277,7 @@ def best_width(window: int) -> float:
 
 
 def example() -> tuple[Case, Campaign]:
-    design = load_design(shipped("designs/nanosatellite.toml"))
+    design = load_design(shipped("designs/noise_only.toml"))
     assert design.campaign
     return design.case, design.campaign
 

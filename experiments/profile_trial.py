@@ -37,7 +37,7 @@ from startrack.benchmark.table import spent
 from startrack.io.saving import save_json, save_text
 
 HOME = Path(startrack.__file__).parent
-DESIGN = "designs/nanosatellite.toml"
+DESIGN = "designs/noise_only.toml"
 ROUNDS = 3
 AT_ONCE = 50  # spots are drawn by the thousand, frames are not
 FILES = 5  # of a fidelity, that are named

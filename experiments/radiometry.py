@@ -357,7 +357,7 @@ def limb() -> dict[str, float]:
 
 def tracker_at_the_limb(trials: int) -> dict[str, Any]:
     """The nanosatellite's tracker with the sunlit Earth over a third of its field."""
-    design = load_design(shipped("designs/nanosatellite.toml")).case
+    design = load_design(shipped("designs/noise_only.toml")).case
     orbit = Orbit(600e3, phase=0.0)
     scene = Scene(lights=("earth", "sun"), date="2026-03-20T12:00:00", orbit=orbit)
     case = replace(design, scene=scene)

@@ -47,7 +47,7 @@ NIGHT = Scene(
 
 def views() -> Iterator[View]:
     """The scenes, one after the other."""
-    case = everything(load_design(shipped("designs/nanosatellite.toml")).case)
+    case = everything(load_design(shipped("designs/noise_only.toml")).case)
     observer = observer_of(NIGHT, None)
     down = observer.earth / np.linalg.norm(observer.earth)
     horizon = math.asin(EARTH_RADIUS / float(np.linalg.norm(observer.earth)))

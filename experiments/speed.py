@@ -60,7 +60,7 @@ def main() -> None:
     parser.add_argument("--picture", type=Path, help="of the scaling, beside the speeds")
     options = command.read(parser)
     one_opencv_thread()
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     figures = speeds(sized(case, 1024), options.quick)
     if options.picture:
         figures["scaling"] = scaling(case, options.quick)

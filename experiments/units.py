@@ -305,7 +305,7 @@ def main() -> None:
     options = command.read(
         parser, units=2, thousand=2, repetitions=2, calibrations=2, choices=2, workers=1
     )
-    case = varied("designs/nanosatellite.toml", "space-lens")
+    case = varied("designs/noise_only.toml", "space-lens")
     if options.quick:  # fewer numbers that vary, for fewer plans
         kept = tuple(one for one in case.variation if not one.name.startswith("instrument.det"))
         case = replace(case, variation=kept[:4])

@@ -65,7 +65,7 @@ def main() -> None:
     parser.add_argument("--windows", type=int, default=20, help="for each frame (default: 20)")
     options = command.read(parser, trials=2 * REPLICATES, windows=2)
     one_opencv_thread()
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     figures = measure(
         case, options.trials // REPLICATES * REPLICATES, options.windows, options.quick
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from startrack.cli import terminal
 from startrack.core import Curve
 from startrack.design import Case, Design, load_design
 from startrack.io import shipped
@@ -28,6 +29,14 @@ def _no_cache_but_ours(tmp_path_factory):
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _quick_example():
+    """Commands without a design take that of noise alone, whose frames and budgets are quick."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(terminal, "EXAMPLE", "designs/noise_only.toml")
+        yield
+
+
 @pytest.fixture(scope="session")
 def outside() -> Path:
     """The folder of data from outside, which is not part of the project."""
@@ -45,8 +54,8 @@ def oracle():
 
 @pytest.fixture(scope="session")
 def small() -> Design:
-    """The example with a quarter of the pixels, twice as wide, and few trials."""
-    design = load_design(shipped("designs/nanosatellite.toml"))
+    """The design of noise alone with a quarter of the pixels, twice as wide, and few trials."""
+    design = load_design(shipped("designs/noise_only.toml"))
     assert design.campaign is not None
     instrument = design.case.instrument
     detector = dataclasses.replace(

@@ -137,7 +137,7 @@ def none(faults: Iterable[str]) -> None:
 
 SCRIPT = """
 from startrack import budget, load_design, run_trials, shipped
-case = load_design(shipped("designs/nanosatellite.toml")).case
+case = load_design(shipped("designs/noise_only.toml")).case
 reveal_type(budget.analytic(case).whole.across)
 reveal_type(run_trials)
 run_trials(case, "one", [1])

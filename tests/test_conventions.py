@@ -37,7 +37,7 @@ MINUTE = deg / 60
 @pytest.fixture(scope="module")
 def case() -> Case:
     """A camera that stands still, with more columns than rows."""
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     detector = replace(case.instrument.detector, columns=512, rows=384)
     return replace(case, instrument=replace(case.instrument, detector=detector, motion=Motion()))
 

@@ -28,7 +28,7 @@ import astropy.time, matplotlib.pyplot, numpy, scipy.optimize, scipy.stats
 from startrack import Fidelity, load_design, run_trials, shipped
 
 for fidelity in Fidelity:
-    run_trials(load_design(shipped("designs/nanosatellite.toml")).case, 1, range(1), fidelity)
+    run_trials(load_design(shipped("designs/noise_only.toml")).case, 1, range(1), fidelity)
 for line in sys.stdin:
     script, folder = line.rstrip("\\n").split("\\t")
     child = os.fork()

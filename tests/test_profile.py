@@ -59,7 +59,7 @@ def test_a_profile_of_a_real_trial_adds_up_and_sees_the_kernels():
     from startrack.design.files import load_design
     from startrack.io.shipped import shipped
 
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     run(case, Fidelity.FRAME, 3)
     profiler = cProfile.Profile()
     began = time.perf_counter()

@@ -6,7 +6,7 @@ from startrack.plots import draw_budget
 
 for f_number in (1.4, 2.4):
     changes = [f"instrument.optics.f_number={f_number}"]
-    budget = analytic(load_design(shipped("designs/nanosatellite.toml"), changes).case)
+    budget = analytic(load_design(shipped("designs/noise_only.toml"), changes).case)
     worst = max(budget.lines, key=lambda line: line.across)
     print(f"f/{f_number}: {budget.across / arcsec:.3f} arcsec across, most by {worst.name}")
     print(budget)

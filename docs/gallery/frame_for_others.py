@@ -9,7 +9,7 @@ from startrack import FrameFiles, Layout, Streams, load_design, pointing, read_i
 from startrack.detection import detect, plan_detection
 from startrack.trial import observe
 
-case = load_design(shipped("designs/nanosatellite.toml")).case
+case = load_design(shipped("designs/noise_only.toml")).case
 orion = pointing(83.8, -1.2, 0.0)  # degree
 record = observe(case, orion, Streams(1, 0))
 for kind in ("fits", "ser"):

@@ -7,7 +7,7 @@ import numpy as np
 from startrack import load_design, shipped
 from startrack.onboard import CompiledGuide, GuideSettings, guide_stars, read_guide, write_guide
 
-case = load_design(shipped("designs/nanosatellite.toml")).case
+case = load_design(shipped("designs/noise_only.toml")).case
 settings = GuideSettings(limit=5.0, epoch=2031.5, variables="omit")
 files = write_guide(Path("flight"), guide_stars(case, settings))
 guide = read_guide(files[0])

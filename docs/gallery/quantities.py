@@ -5,7 +5,7 @@ from startrack.metrics import summarise
 
 for limit in (5.5, 6.5):
     changes = [f"catalog.limit_g={limit}"]
-    case = load_design(shipped("designs/nanosatellite.toml"), changes).case
+    case = load_design(shipped("designs/noise_only.toml"), changes).case
     outcomes = run_trials(case, seed=1, numbers=range(100), fidelity=Fidelity.COVARIANCE)
     table = to_qtable(outcomes[outcomes["solved"]])
     print(limit, table["error_x"].std().to("arcsec"), summarise(outcomes))

@@ -2,7 +2,7 @@
 
 from startrack import Fidelity, load_design, run_trials, shipped, to_pandas
 
-case = load_design(shipped("designs/nanosatellite.toml")).case
+case = load_design(shipped("designs/noise_only.toml")).case
 trials = to_pandas(run_trials(case, seed=1, numbers=range(200), fidelity=Fidelity.COVARIANCE))
 print("units:", trials.attrs["units"])
 trials["across"] = (trials.error_x**2 + trials.error_y**2) ** 0.5 * 206265

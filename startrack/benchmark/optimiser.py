@@ -29,7 +29,7 @@ class Hill(NamedTuple):
 
 def hill() -> Hill:
     """The example's campaign, its designs judged without a trial."""
-    design = load_design(shipped("designs/nanosatellite.toml"))
+    design = load_design(shipped("designs/noise_only.toml"))
     assert design.campaign
     space, campaign = DesignSpace(design.case, design.campaign.variables), design.campaign
     score = partial(foresee, space, campaign)

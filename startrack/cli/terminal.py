@@ -35,6 +35,7 @@ from startrack.io import (
 from startrack.metrics import STATED, STATED_ALONE, Interval, Limits, Summary
 from startrack.sequence import Sequence, load_sequence
 
+EXAMPLE = "designs/nanosatellite.toml"
 CATALOGS = ("bright", "deep")
 LONG_COMPILING = 2.0  # second
 UNKEPT_CODE = (
@@ -46,7 +47,7 @@ COMPILING = "startrack: compiling for this machine; once after an installation, 
 
 def example() -> Path:
     """The design that is shipped as an example: a tracker for a nanosatellite."""
-    return shipped("designs/nanosatellite.toml")
+    return shipped(EXAMPLE)
 
 
 def read_design(path: Path, changes: Iterable[str] = ()) -> Design:

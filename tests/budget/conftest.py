@@ -10,7 +10,7 @@ from startrack.io import shipped
 @pytest.fixture(scope="session")
 def case() -> Case:
     """The nanosatellite's tracker."""
-    return load_design(shipped("designs/nanosatellite.toml")).case
+    return load_design(shipped("designs/noise_only.toml")).case
 
 
 @pytest.fixture(scope="session")

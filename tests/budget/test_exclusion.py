@@ -16,7 +16,7 @@ ANGLES = np.array([5.0, 10, 20, 30, 40, 60, 80]) * deg
 
 @pytest.fixture(scope="module")
 def found():
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     baffle = Baffle((0.0, 30 * deg, 60 * deg), (1e-2, 1e-6, 1e-9))
     case = replace(case, instrument=replace(case.instrument, baffle=baffle))
     return case, exclusions(case, ANGLES)
@@ -60,6 +60,6 @@ def test_the_least_angle_is_where_all_beyond_is_well():
 
 
 def test_without_a_baffle_there_is_no_angle():
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     with pytest.raises(ValueError, match=r"instrument\.baffle must be given"):
         exclusions(case, ANGLES)

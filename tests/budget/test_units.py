@@ -14,7 +14,7 @@ from startrack.detector import Age
 from startrack.io import shipped
 from startrack.metrics import Interpretation, fraction_interval, level
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 ONE = np.ones
 
 

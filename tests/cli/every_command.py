@@ -125,7 +125,7 @@ def changed(text: str, *changes: tuple[str, str]) -> str:
 def write_designs(folder: Path) -> None:
     """A design with two variables and few trials, and one with a dated scene."""
     design = changed(
-        shipped("designs/nanosatellite.toml").read_text(),
+        shipped("designs/noise_only.toml").read_text(),
         ("columns = 512", "columns = 256"),
         ("rows = 512", "rows = 256"),
         ('pixel_pitch = "11 um"', 'pixel_pitch = "22 um"'),

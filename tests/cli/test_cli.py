@@ -20,7 +20,7 @@ from startrack.montecarlo.precision import STATISTICS
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store
 
-EXAMPLE = shipped("designs/nanosatellite.toml")
+EXAMPLE = shipped("designs/noise_only.toml")
 PARTS = ("earth geometry", "earth render", "earth process", "earth terrain")
 
 

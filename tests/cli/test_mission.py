@@ -119,7 +119,7 @@ def test_a_design_is_exported(capsys, tmp_path):
     out = tmp_path / "export"
     assert main(["export", "aocs", "--out", str(out), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert result["name"] == "nanosatellite"
+    assert result["name"] == "noise_only"
     assert {path.name for path in out.iterdir()} == {
         "startrack_head.c", "startrack_head.h", "startrack_head_data.h", "startrack_head.json"
     }  # fmt: skip

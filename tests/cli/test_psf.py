@@ -36,7 +36,7 @@ def test_a_missing_design_is_wrong_use(tmp_path: Path, capsys):
 
 def test_diffusion_has_its_own_line(tmp_path: Path, capsys):
     design = tmp_path / "diffuse.toml"
-    text = shipped("designs/nanosatellite.toml").read_text(encoding="utf-8")
+    text = shipped("designs/noise_only.toml").read_text(encoding="utf-8")
     design.write_text(text.replace("prnu = 0.01", 'prnu = 0.01\ndiffusion = "3 um"'))
     assert main(["psf", str(design), "--json", "--out", str(tmp_path)]) == 0
     result = json.loads(capsys.readouterr().out)["mtf_nyquist_x"]

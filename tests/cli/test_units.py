@@ -9,7 +9,7 @@ from startrack.cli.main import main
 from startrack.montecarlo import Store
 
 DESIGN = """
-base = "designs/nanosatellite.toml"
+base = "designs/noise_only.toml"
 lifetime = "5 yr"
 [instrument.residual]
 rms = 0.1

@@ -13,7 +13,7 @@ from startrack.optics import Optics
 
 
 def behind(focal_length=0.035, **optics):
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     optics = replace(
         Optics(focal_length, 2.4, **optics), transmission=case.instrument.optics.transmission
     )

@@ -4,7 +4,7 @@ from startrack.design.choice import Choice, branches
 from startrack.design.files import load_design
 from startrack.io import shipped
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 
 
 def test_every_combination_is_a_branch():

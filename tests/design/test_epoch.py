@@ -13,7 +13,7 @@ from startrack.io import shipped
 from startrack.scene import AU, Orbit, Scene
 from startrack.scene.ephemeris import EARTH_RADIUS, observer_of, on_orbit, orbital_velocity
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 DATE = "2026-03-20T12:00:00"
 ORBIT = Orbit(600e3, 51.6 * deg, 30 * deg, 100 * deg)
 

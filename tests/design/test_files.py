@@ -7,7 +7,7 @@ from startrack.design.files import Design, load_design, save_design
 from startrack.io import shipped
 from startrack.io.tables import from_table, to_table
 
-EXAMPLE = shipped("designs/nanosatellite.toml")
+EXAMPLE = shipped("designs/noise_only.toml")
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def test_a_failed_save_leaves_the_old_file(tmp_path):
 
 def test_a_fidelity_is_read_by_its_name(tmp_path):
     path = tmp_path / "design.toml"
-    text = shipped("designs/nanosatellite.toml").read_text()
+    text = shipped("designs/noise_only.toml").read_text()
     path.write_text(text.replace("trials = 50", 'trials = 50\nfidelity = "frame"', 1))
     design = load_design(path)
     assert design.campaign is not None
@@ -119,7 +119,7 @@ def test_a_fidelity_is_read_by_its_name(tmp_path):
 def test_a_design_lies_over_another_and_a_change_over_both(tmp_path):
     path = tmp_path / "faster.toml"
     path.write_text(
-        'base = "designs/nanosatellite.toml"\n[instrument.optics]\nf_number = 1.9\n'
+        'base = "designs/noise_only.toml"\n[instrument.optics]\nf_number = 1.9\n'
         "[campaign]\ntrials = 77\n"
     )
     plain = load_design(EXAMPLE)
@@ -132,7 +132,7 @@ def test_a_design_lies_over_another_and_a_change_over_both(tmp_path):
 
 def test_a_wrong_value_is_told_with_the_file_that_it_is_from(tmp_path):
     ground, path = tmp_path / "ground.toml", tmp_path / "top.toml"
-    ground.write_text('base = "designs/nanosatellite.toml"\n[instrument.optics]\nf_number = -2\n')
+    ground.write_text('base = "designs/noise_only.toml"\n[instrument.optics]\nf_number = -2\n')
     path.write_text('base = "ground.toml"\n')
     with pytest.raises(ValueError, match=f"^{ground}: instrument.optics.f_number must lie"):
         load_design(path)
@@ -142,7 +142,7 @@ def test_a_wrong_value_is_told_with_the_file_that_it_is_from(tmp_path):
 
 def test_a_percentage_may_stand_for_a_fraction(tmp_path):
     path = tmp_path / "percent.toml"
-    text = 'base = "designs/nanosatellite.toml"\n[instrument.detector]\nprnu = "{}"\n'
+    text = 'base = "designs/noise_only.toml"\n[instrument.detector]\nprnu = "{}"\n'
     path.write_text(text.format("1.5 %"))
     assert load_design(path).case.instrument.detector.prnu == 0.015
     path.write_text(text.format("1.5"))

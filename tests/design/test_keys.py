@@ -64,8 +64,8 @@ def test_type_unit_and_default(name, kind, unit, default):
 
 def test_a_default_may_be_written_into_a_file():
     """Each default that is no list or table, written out, changes nothing."""
-    plain = load_design(shipped("designs/nanosatellite.toml"))
-    held = keys_of(tomllib.loads(shipped("designs/nanosatellite.toml").read_text()))
+    plain = load_design(shipped("designs/noise_only.toml"))
+    held = keys_of(tomllib.loads(shipped("designs/noise_only.toml").read_text()))
     tables = {"instrument.optics", "instrument.detector", "scene", "catalog", "campaign"}
     changes = [
         f"{name}={key.default}"
@@ -76,7 +76,7 @@ def test_a_default_may_be_written_into_a_file():
         and not key.default.startswith("[")
     ]
     assert len(changes) > 30
-    assert load_design(shipped("designs/nanosatellite.toml"), changes) == plain
+    assert load_design(shipped("designs/noise_only.toml"), changes) == plain
 
 
 def test_entries_of_a_docstring():

@@ -13,7 +13,7 @@ from startrack.io import from_table, shipped, to_table
 from startrack.optics import open_lens
 from startrack.trial import view
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 
 
 def behind_the_petzval(case=CASE, **tracker):

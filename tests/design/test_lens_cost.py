@@ -65,7 +65,7 @@ def test_glass_of_a_ball_and_of_a_plate_has_its_volume():
 
 
 def test_a_lens_counts_by_its_own_mass(tmp_path):
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     needs = Requirements()
     plain = needs.mass(case)
     assert plain == needs.mass_fixed + needs.mass_per_volume * case.instrument.optics.aperture**3
@@ -113,7 +113,7 @@ def test_built_trackers_have_the_spread_that_the_page_says():
 
 def test_a_baffle_is_a_cone_that_keeps_the_sun_from_the_lens():
     """By rays: the lowest that passes the front's edge reaches the lens's far edge."""
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     bare, angle = Requirements(), np.radians(40.0)
     baffled = dataclasses.replace(bare, baffle_angle=angle)
     volume = baffled.volume(case) - bare.volume(case)
@@ -130,7 +130,7 @@ def test_a_baffle_is_a_cone_that_keeps_the_sun_from_the_lens():
 
 
 def test_a_density_weighs_the_volume_and_a_shield_its_surface():
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     needs = Requirements(density=950.0)
     assert needs.mass(case) == pytest.approx(950 * needs.volume(case))
     # A litre in a cube has 0.06 m2: 2 mm of aluminium weigh 0.324 kg.

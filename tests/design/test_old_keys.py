@@ -15,7 +15,7 @@ from startrack.io.tables import from_table
 from startrack.montecarlo.store import Store
 from startrack.sequence.parameters import Sequence
 
-EXAMPLE = shipped("designs/nanosatellite.toml").read_text()
+EXAMPLE = shipped("designs/noise_only.toml").read_text()
 DETECTOR = "bits = 12\nnonlinearity = 0.02\nadc_inl = 1.5\nem_gain = 3.0"
 NEW = (
     EXAMPLE.replace("bits = 12", DETECTOR)

@@ -12,7 +12,7 @@ from startrack.design.parameter import find
 from startrack.detector.parameters import RegionOfInterest
 from startrack.io import shipped
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 DETECTOR = "instrument.detector"
 REGION = replaced(CASE, f"{DETECTOR}.region", RegionOfInterest(256, 256, 1024, 1024))
 

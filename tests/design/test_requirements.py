@@ -14,7 +14,7 @@ from startrack.trial.view import random_attitude, stars_in_field
 from startrack.verification.margins import limiting_magnitude, needed_magnitude
 from startrack.verification.margins import margins as margins_of
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 
 
 def changed(**parts):

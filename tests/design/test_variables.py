@@ -9,7 +9,7 @@ from startrack.design.variables import DesignSpace, Link, Variable
 from startrack.io import shipped
 from startrack.motion import Tone
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 FOCAL = Variable("instrument.optics.focal_length", "20 mm", "80 mm", "log")
 SHARP = Variable("tracker.detection.threshold", 4.0, 10.0)
 

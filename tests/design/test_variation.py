@@ -19,7 +19,7 @@ from startrack.design import (
 )
 from startrack.io import shipped
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 FOCAL, READ = "instrument.optics.focal_length", "instrument.detector.read_noise"
 MANY = 2000
 
@@ -151,7 +151,7 @@ def test_a_unit_that_a_parameter_refuses_is_named():
 def test_variations_are_read_from_a_design_file(tmp_path):
     path = tmp_path / "varied.toml"
     path.write_text(
-        'base = "designs/nanosatellite.toml"\nlifetime = "5 yr"\n[[variation]]\n'
+        'base = "designs/noise_only.toml"\nlifetime = "5 yr"\n[[variation]]\n'
         f'name = "{READ}"\nsigma = "1 electron"\nper = "life"\n'
     )
     case = load_design(path).case
@@ -163,7 +163,7 @@ def test_variations_of_a_design_and_of_its_class_count_together(tmp_path):
     """One of the same name and scope replaces that of the class."""
     path, name = tmp_path / "varied.toml", "instrument.optics.focal_length"
     path.write_text(
-        'base = "designs/nanosatellite.toml"\ninclude = ["variations/space-lens.toml"]\n'
+        'base = "designs/noise_only.toml"\ninclude = ["variations/space-lens.toml"]\n'
         f'[[variation]]\nname = "{READ}"\nsigma = "1 electron"\n'
         f'[[variation]]\nname = "{name}"\nper = "unit"\nvary = "relative"\nsigma = 0.5\n'
     )
@@ -177,7 +177,7 @@ def test_a_design_lies_over_its_class_and_its_orbit(tmp_path):
     """Both parts count: what differs between units, and what the tracker does not know."""
     path = tmp_path / "flown.toml"
     path.write_text(
-        'base = "designs/nanosatellite.toml"\n'
+        'base = "designs/noise_only.toml"\n'
         'include = ["variations/space-lens.toml", "variations/low-orbit.toml"]\n'
     )
     case = load_design(path).case

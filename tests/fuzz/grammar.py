@@ -74,7 +74,7 @@ def bases() -> dict[str, dict[str, Any]]:
     """Valid tables that run quickly."""
     scenes, designs = shipped("scenes"), shipped("designs")
     return {
-        "design": changed((designs / "nanosatellite.toml").read_text(), SMALL),
+        "design": changed((designs / "noise_only.toml").read_text(), SMALL),
         "scene": changed(
             (scenes / "mountains.toml").read_text(),
             (

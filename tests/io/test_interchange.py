@@ -12,7 +12,7 @@ from startrack.core import Frame, arcsec, html_table
 from startrack.io import to_pandas, to_qtable, to_xarray
 from startrack.metrics import summarise
 
-DESIGN = load_design(shipped("designs/nanosatellite.toml"))
+DESIGN = load_design(shipped("designs/noise_only.toml"))
 
 
 @pytest.fixture(scope="module")

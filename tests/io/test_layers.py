@@ -51,7 +51,7 @@ def test_names_are_those_beside_the_file_that_names_them_or_of_the_catalogue(tmp
     (tmp_path / "inner" / "middle.toml").write_text('base = "ground.toml"\nb = 2')
     (tmp_path / "inner" / "ground.toml").write_text("a = 1")
     assert table(written(top='base = "inner/middle.toml"')) == {"a": 1, "b": 2}
-    shipped = table(written(top='base = "designs/nanosatellite.toml"\n[scene]\nbackground_g = 20'))
+    shipped = table(written(top='base = "designs/noise_only.toml"\n[scene]\nbackground_g = 20'))
     assert shipped["scene"]["background_g"] == 20
     assert "instrument" in shipped
 

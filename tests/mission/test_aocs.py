@@ -18,7 +18,7 @@ from startrack.mission.aocs import head_model, write_model
 from startrack.mission.simulators import write_42, write_basilisk, write_fmu
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 MAIN = """
 #include "startrack_head.h"
 #include <stdio.h>

@@ -206,17 +206,17 @@ def test_a_written_mission_may_move(tmp_path):
     """Own files are named from the folder, shipped designs by name; both read back as they were."""
     own = tmp_path / "designs" / "mine.toml"
     own.parent.mkdir()
-    own.write_text(shipped("designs/nanosatellite.toml").read_text())
+    own.write_text(shipped("designs/noise_only.toml").read_text())
     text = Path(EXAMPLE).read_text()
     (tmp_path / "mission.toml").write_text(
-        text.replace("designs/nanosatellite.toml", "designs/mine.toml", 1)
+        text.replace("designs/noise_only.toml", "designs/mine.toml", 1)
     )
     first = load_mission(tmp_path / "mission.toml")
     out = tmp_path / "out" / "placed.toml"
     save_mission(out, first.mission)
     assert str(tmp_path) not in out.read_text()
     assert [one["design"] for one in tomllib.loads(out.read_text())["heads"]] == [
-        "../designs/mine.toml", *["designs/nanosatellite.toml"] * 2
+        "../designs/mine.toml", *["designs/noise_only.toml"] * 2
     ]  # fmt: skip
     moved = tmp_path.parent / f"{tmp_path.name}-moved"
     tmp_path.rename(moved)

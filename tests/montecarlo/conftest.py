@@ -10,7 +10,7 @@ from startrack.trial.chain import OUTCOMES
 
 @pytest.fixture(scope="session")
 def case():
-    return load_design(shipped("designs/nanosatellite.toml")).case
+    return load_design(shipped("designs/noise_only.toml")).case
 
 
 @pytest.fixture

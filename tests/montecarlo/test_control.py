@@ -15,7 +15,7 @@ from startrack.montecarlo.estimate import controlled, plain
 from startrack.montecarlo.sampling import sample_controlled, squares, surplus
 from startrack.trial.view import random_attitude, stars_in_field
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 CAMERA = CASE.instrument.camera
 
 

@@ -61,7 +61,7 @@ def test_a_read_only_folder_ends_clearly():
             "from startrack.montecarlo.store import Store\n"
             "from startrack.io import shipped\n"
             "from startrack.design import load_design\n"
-            "case = load_design(shipped('designs/nanosatellite.toml')).case\n"
+            "case = load_design(shipped('designs/noise_only.toml')).case\n"
             "os.setuid(65534)\n"
             f"path = pathlib.Path({str(folder / 'campaign.sqlite')!r})\n"
             "try:\n    Store(path, case, 1)\nexcept OSError as error:\n    sys.exit(str(error))\n"
@@ -204,7 +204,7 @@ def missed():
     return sum(found.values())
 
 if __name__ == "__main__":
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     warm(case)
     with pool(2) as executor:
         run(case, 16, 1, executor, workers=2)

@@ -16,7 +16,7 @@ from startrack.montecarlo.store import Store
 from startrack.montecarlo.workers import Serial
 from startrack.trial.chain import OUTCOMES, run_trials
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 
 
 @pytest.mark.parametrize("fidelity", Fidelity)

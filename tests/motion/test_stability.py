@@ -88,7 +88,7 @@ def test_tones_blur_as_their_trials_do():
 
 def test_the_truth_is_the_middle_of_the_exposure():
     """A camera at the turning point of a slow swing: stars are seen where it was on the mean."""
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     swing = Motion(tones=(Tone(5.0, rms_y=4e-4, phase=0.0),))
     case = dataclasses.replace(case, instrument=dataclasses.replace(case.instrument, motion=swing))
     errors, means = [], []
@@ -109,7 +109,7 @@ def test_the_truth_is_the_middle_of_the_exposure():
 
 def test_what_moves_not_costs_no_draw_in_the_chain():
     """Jitter of no amplitude, and so small that no pixel sees it: the same frame."""
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     frames = []
     for size in (0.0, 1e-15):
         motion = Motion(tones=(Tone(30.0, rms_x=size),))

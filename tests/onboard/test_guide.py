@@ -26,7 +26,7 @@ from startrack.onboard import (
     write_guide,
 )
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 SETTINGS = GuideSettings(limit=5.5, resolution=60 * arcsec)
 SIGMA = 5 * arcsec
 needs_c = pytest.mark.skipif(c_compiler() is None, reason="needs a C compiler")

@@ -134,7 +134,7 @@ def test_the_file_of_a_lens_holds_its_pairs():
 
 
 def test_ghosts_are_refused_where_they_cannot_be_made():
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     instrument = case.instrument
     with pytest.raises(
         ValueError, match="ghosts must be left out where no lens table has SURFACES"

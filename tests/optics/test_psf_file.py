@@ -91,7 +91,7 @@ def test_trials_of_all_fidelities_take_it(tmp_path):
 
     Single electrons fall otherwise, where the fractions differ in their last digits.
     """
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     optics = case.instrument.optics
     psf = psf_of(case.instrument)
     pitch = case.instrument.detector.pitch

@@ -14,7 +14,7 @@ from startrack.optimise.ledger import Ledger
 from startrack.optimise.runner import TrialRunner, described
 from startrack.trial import OUTCOMES
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 KEY = "52e1599bf12b9cfb2fe17eeab5ca69be"
 
 

@@ -26,7 +26,7 @@ from startrack.optimise import TrialRunner, allocation, evaluate, expected_objec
 from startrack.optimise.units import compare_units
 from startrack.trial import OUTCOMES
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 TURNED = replace(
     CASE, variation=(Variation("instrument.mounting.x", sigma="60 arcsec"),), lifetime=3 * YEAR
 )

@@ -11,7 +11,7 @@ from startrack.io import shipped
 from startrack.optics import Residual
 from startrack.population import calibrated, drawn, left_over, unit_of
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 VARIED = replace(
     CASE,
     instrument=replace(CASE.instrument, residual=Residual(0.05)),

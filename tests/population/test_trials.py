@@ -15,7 +15,7 @@ from startrack.optics import Residual
 from startrack.population import Units, explain, unit_of, unit_trials
 from startrack.trial import detection_plan, run_trials
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 VARIED = replace(
     CASE,
     instrument=replace(CASE.instrument, residual=Residual(0.05, drift=0.002)),

@@ -46,7 +46,7 @@ def _few_rates():
 @pytest.fixture(scope="module")
 def case():
     """A small tracker: its trials take milliseconds."""
-    case = load_design(shipped("designs/nanosatellite.toml")).case
+    case = load_design(shipped("designs/noise_only.toml")).case
     instrument = case.instrument
     pitch = 2 * instrument.detector.pixel_pitch
     detector = dataclasses.replace(instrument.detector, columns=256, rows=256, pixel_pitch=pitch)

@@ -11,7 +11,7 @@ from startrack.io import shipped
 @pytest.fixture(scope="session")
 def small() -> Design:
     """The example with a quarter of the pixels, twice as wide."""
-    design = load_design(shipped("designs/nanosatellite.toml"))
+    design = load_design(shipped("designs/noise_only.toml"))
     instrument = design.case.instrument
     detector = dataclasses.replace(
         instrument.detector, columns=256, rows=256, pixel_pitch=2 * instrument.detector.pixel_pitch

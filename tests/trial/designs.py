@@ -6,7 +6,7 @@ from startrack.design.files import load_design
 from startrack.detection import Detection
 from startrack.io import shipped
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 
 
 def changed(**parts):

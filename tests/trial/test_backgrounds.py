@@ -27,7 +27,7 @@ from startrack.trial.view import (
     throughput,
 )
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 DATE = "2026-03-25T12:00:00"
 BAFFLE = Baffle((10 * deg, 30 * deg, 60 * deg), (1e-5, 1e-8, 1e-10))
 

@@ -12,7 +12,7 @@ from startrack.trial.chain import lost_in_space, observe, pattern_indexes, run_r
 from startrack.trial.systematic import systematic_variance
 from startrack.trial.view import psf_of, random_attitude
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 
 
 def test_a_trial_finds_its_attitude():

@@ -15,7 +15,7 @@ from startrack.io import shipped
 from startrack.trial.conditions import dark_currents, dark_electrons, dark_residual
 from startrack.trial.view import detection_plan
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 SENSOR = CASE.instrument.detector
 
 

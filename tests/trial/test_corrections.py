@@ -16,7 +16,7 @@ from startrack.io.tables import from_table, to_table
 from startrack.motion import Motion
 from startrack.trial.chain import run_random_trial
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 ORBIT = (0.0, 4600.0, -6050.0)  # m/s; 7.6 km/s together
 
 

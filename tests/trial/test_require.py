@@ -8,7 +8,7 @@ from startrack.io import shipped
 from startrack.optics import Baffle
 from startrack.trial import require_fidelity, run_trials
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 
 
 def lit(*lights, baffle=None):

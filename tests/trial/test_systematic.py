@@ -40,7 +40,7 @@ def test_trackers_state_the_covariance_of_their_errors(name):
 
 def test_a_sharper_star_is_trusted_less():
     """A star that fills few pixels: its S-curve and its pixels' response count for more."""
-    case = tracker("designs/nanosatellite.toml")
+    case = tracker("designs/noise_only.toml")
     sharp = replace(case.instrument.optics, blur=1e-6)
     keen = replace(case, instrument=replace(case.instrument, optics=sharp))
     assert np.median(systematic_variance(keen)) > 2 * np.median(systematic_variance(case))
@@ -48,7 +48,7 @@ def test_a_sharper_star_is_trusted_less():
 
 def test_a_star_beside_another_is_trusted_less():
     """Within two pixels of a star of equal brightness: tenths of a pixel, others hundredths."""
-    case = tracker("designs/nanosatellite.toml")
+    case = tracker("designs/noise_only.toml")
     stars, pixel = open_sky(case.catalog).stars, 1 / case.instrument.camera.focal_length_px
     distance, _ = np.array(
         [
@@ -65,19 +65,19 @@ def test_a_star_beside_another_is_trusted_less():
 
 
 def test_a_given_floor_is_that_of_all_stars():
-    case = believing(tracker("designs/nanosatellite.toml"), 0.02)
+    case = believing(tracker("designs/noise_only.toml"), 0.02)
     np.testing.assert_allclose(systematic_variance(case), 4e-4)
 
 
 def test_a_scan_is_trusted_as_an_unknown_camera():
-    case = tracker("designs/nanosatellite.toml")
+    case = tracker("designs/noise_only.toml")
     detector = replace(case.instrument.detector, scan=Scan())
     lines = replace(case, instrument=replace(case.instrument, detector=detector))
     np.testing.assert_allclose(systematic_variance(lines), UNKNOWN_FLOOR**2)
 
 
 def test_stars_of_the_true_sky_find_their_trust():
-    case = tracker("designs/nanosatellite.toml")
+    case = tracker("designs/noise_only.toml")
     stars = open_sky(case.catalog).stars
     np.testing.assert_array_equal(
         systematic_variance_of(case, stars[5:9]), systematic_variance(case)[5:9]

@@ -20,7 +20,7 @@ from startrack.trial.view import random_attitude
 from startrack.trial.window import plan_of, spots_in_windows
 
 MARGINAL = 60.0  # digital number, twice the flux at which the threshold lies
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 BLIND = Curve((300e-9, 1200e-9), (1e-9, 1e-9))
 
 

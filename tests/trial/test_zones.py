@@ -21,7 +21,7 @@ from startrack.trial.view import field_psf_of
 from startrack.trial.zones import focal_stretch, unique_places
 from tests.optics.lenses import ideal
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 
 
 def behind(lens: str, pixels: int, **tracker):

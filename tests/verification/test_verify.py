@@ -20,7 +20,7 @@ from startrack.trial import OUTCOMES
 from startrack.verification import Answer, Looks, cases, counted, unit_text, verify, verify_units
 from startrack.verification.accuracy import expected_availability
 
-CASE = load_design(shipped("designs/nanosatellite.toml")).case
+CASE = load_design(shipped("designs/noise_only.toml")).case
 NEEDS = Requirements(max_across=1 * arcsec, max_about=20 * arcsec, min_availability=0.9)
 
 
