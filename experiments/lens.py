@@ -368,7 +368,7 @@ def optimum_on_bounds(quick: bool) -> list[str]:
 
     Under --quick of two designs at rest without a lens table, whose answer means nothing.
     """
-    name = "nanosatellite" if quick else "nanosatellite-lens"
+    name = "noise_only" if quick else "nanosatellite"
     design = load_design(shipped(f"designs/{name}.toml"))
     assert design.campaign
     case = at_rest(design.case) if quick else design.case

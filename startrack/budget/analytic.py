@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import ndtr
@@ -48,11 +49,13 @@ from startrack.trial import (
 FINE = 0.05  # magnitude between two entries
 
 
-def response(case: Case, star: Errors) -> tuple[Response, list[str]]:
+@lru_cache(maxsize=2)
+def response(case: Case) -> tuple[Response, list[str]]:
     """Detection and errors of single stars, as a table of small steps of magnitude.
 
-    Returns  it, and the names of its random causes
+    Returns  it, and the names of its random causes; kept for the 2 last cases, as units share one
     """
+    star = errors(case)
     grid = np.arange(star.magnitude[0], star.magnitude[-1] + FINE / 2, FINE)
     if case.instrument.optics.tabulated:
         zone = zone_errors(case)
@@ -132,13 +135,14 @@ def of_fields(
     refuse_scans(case)
     same = like or case
     star, gate = errors(same), case.tracker.attitude.gate
-    table, random = response(same, star)
+    table, random = response(same)
     if not table.fraction.any():
         return None
     faint = colour_correction(same, view.sky.stars.colour)
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), faint)
     systematic = systematic_variance_of(same, view.sky.stars)[view.star[inside]]
-    near, lens = displaced(same, view, inside), through_lens(case, view, inside)
+    near = displaced(same, view, inside)
+    lens = through_lens(same, case.instrument.camera, view, inside)
     magnitude = magnitude + lens.fainter
     # A star that its neighbours or the lens move by more than the gate is left out, with the
     # probability of that.

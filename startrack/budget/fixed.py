@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from startrack.budget.causes import LENS_COLOUR, SHUTTER, Cause, Term
 from startrack.budget.fields import Fields
 from startrack.catalog import Selection, open_sky
-from startrack.core import Floats, Ints
+from startrack.core import Camera, Floats, Ints
 from startrack.design import Case
 from startrack.motion import jitter_rms
 from startrack.trial import LENS_FIELD, blending_shift, mean_colour, residual_shift, zones_of
@@ -60,9 +60,12 @@ class ThroughLens(NamedTuple):
     shift: dict[str, Floats]
 
 
-def through_lens(case: Case, view: Fields, inside: Ints) -> ThroughLens:
-    """What the lens table of a case does to stars of the fields; nothing where there is none."""
-    many, camera = len(inside), case.instrument.camera
+def through_lens(case: Case, camera: Camera, view: Fields, inside: Ints) -> ThroughLens:
+    """What the lens table of a case does to stars of the fields; nothing where there is none.
+
+    camera  that the stars are seen with; of a unit it may differ from that of the case
+    """
+    many = len(inside)
     if not case.instrument.optics.tabulated:
         return ThroughLens(np.zeros(many, np.int64), np.zeros(many), {})
     colour = mean_colour(case, view.sky.stars.colour)[view.star[inside]]

@@ -15,7 +15,7 @@ from startrack.budget.fields import attitudes, fields
 from startrack.core import Floats, whole
 from startrack.design import Case, Moment, Scope
 from startrack.metrics import Interpretation
-from startrack.population import of_places, unit_of
+from startrack.population import middle_of, of_places, unit_of
 
 OF_THE_CAMERA = ("camera model", "mounting")  # calibrated together, so that parts of them cancel
 FIELDS = 64  # of each unit in each environment
@@ -132,11 +132,13 @@ def unit_budgets(
     first         number of the first unit
     apart         whether biases are apart; False: they are in the means, in a third less time
     Raises    as `analytic`; ValueError where a unit cannot be solved in any field.
-    Accuracy  that of `analytic`; 10 % of a unit's rms for 64 fields in 3 environments.
+    Accuracy  that of `analytic`; 10 % of a unit's rms for 64 fields in 3 environments. Behind a
+              lens table all units have the noise of the middle one, see `middle_of`.
     """
     whole(1, 10**6, count=count)
     whole(1, 1000, environments=environments)
-    settings = _Settings(age, range(-1 if apart else 0, environments), count_fields, _alike(case))
+    numbers = range(-1 if apart else 0, environments)
+    settings = _Settings(age, numbers, count_fields, _alike(case), middle_of(case, age))
     parts = []
     for unit in range(first, first + count):
         parts.append(_of_unit(case, seed, unit, settings))
@@ -172,12 +174,14 @@ class _Settings(NamedTuple):
 
     environments  numbers; with -1 first, that of its calibration, its bias is apart
     alike         whether stars are measured alike in all environments of a unit
+    middle        unit for which stars are measured once, for all units; None: each has its own
     """
 
     age: float
     environments: range
     fields: int
     alike: bool
+    middle: Case | None
 
 
 def _alike(case: Case) -> bool:
@@ -192,7 +196,7 @@ def _of_unit(
     """Mean, sigma (m, 3), weight (m,), bias (3,), availability, classes of one unit."""
     means, sigmas, weights = (list[Floats]() for _ in range(3))
     squares, available, bias = dict[Term, list[Floats]](), list[float](), np.zeros(3)
-    like: Case | None = None
+    like = settings.middle
     for environment in settings.environments:
         one = unit_of(case, seed, Moment(unit, environment, environment, settings.age))
         view = fields(one.catalog, one.instrument.camera, attitudes, settings.fields)

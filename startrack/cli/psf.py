@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 from typing import Any
 
 from startrack.cli.imports import deferred
@@ -35,6 +36,7 @@ with deferred():
     from startrack.trial import detected_spectrum, line_of_sight, psf_of
 
 NYQUIST = 0.5  # cycle / pixel
+SMALL = 0.01  # fill factor, least of a detector, so that images through a lens are without pixels
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -60,10 +62,16 @@ def command(options: argparse.Namespace) -> int:
         )
     weight = detected_spectrum(instrument)
     response = psf_of(instrument)
-    image = pixel_psf(instrument.optics, instrument.detector.pitch, WAVELENGTH, weight, POINT)
     mean = float(weight @ WAVELENGTH / weight.sum())
     pitch = instrument.detector.pitch
-    choice = choose(instrument.optics, pitch, mean)
+    if instrument.optics.traced:
+        point = replace(instrument.detector, fill_factor=SMALL, diffusion=0.0)
+        image = psf_of(replace(instrument, detector=point))
+        reason = "the lens has a table; the image is its mean over the frame"
+        choice = Choice("lens table", instrument.optics.psf_tolerance, reason, {})
+    else:
+        image = pixel_psf(instrument.optics, pitch, WAVELENGTH, weight, POINT)
+        choice = choose(instrument.optics, pitch, mean)
     judged = quality(response, image)
     frequency = np.linspace(0.0, NYQUIST, 51)
     curves = [
@@ -89,7 +97,7 @@ def _curves(
         "optics": modulation(image, frequency, angle),
         "pixel": np.abs(pixel_transfer(frequency, math.sqrt(detector.fill_factor))),
     }
-    if optics.total_blur:
+    if optics.total_blur and not optics.traced:  # whose images have it
         factors["blur in optics"] = blur_transfer(frequency, optics.total_blur / pitch)
     if detector.diffusion:
         factors["diffusion"] = blur_transfer(frequency, detector.diffusion / pitch)

@@ -58,6 +58,7 @@ from startrack.design.variation import (
     Variation,
     differences,
     law_of,
+    middle_case,
     unit_case,
 )
 

@@ -83,6 +83,8 @@ class Instrument:
     thermal   temperatures; None: the lens is at 20 degC
     ghosts    reflections in the lens that make ghosts of bright sources; None: no ghosts
     residual  displacements that no camera model holds, which a calibration leaves; None: none
+    imaged    the instrument whose images and distortion behind a lens table these are, scaled by
+              the focal length; None: its own. No file holds it
     """
 
     optics: Optics
@@ -94,6 +96,7 @@ class Instrument:
     thermal: Temperatures | None = None
     ghosts: Ghosts | None = None
     residual: Residual | None = None
+    imaged: Instrument | None = field(default=None, metadata={"computed": True})
 
     def __post_init__(self) -> None:
         finite(delay=self.delay)
@@ -128,6 +131,14 @@ class Instrument:
     def _camera_model(self) -> Camera:
         optics = self.optics
         shift_x, shift_y = self.detector.shift
+        if self.imaged:
+            model, known = self.imaged.camera.ideal, self.imaged.optics
+            return replace(
+                model,
+                focal_length_px=model.focal_length_px * optics.focal_length / known.focal_length,
+                principal_x=optics.principal_x + shift_x,
+                principal_y=optics.principal_y + shift_y,
+            )
         places = bool(optics.psf_file) and open_psf_file(optics.psf_file).place is not None
         if optics.traced or places:
             frame = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
@@ -277,18 +278,8 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     bare = case.without_units
     if moment.unit < 0:
         return bare
-    factor, shift = dict[str, float](), dict[str, float]()
-    for one, by in differences(case, seed, moment):
-        where = factor if one.vary == RELATIVE else shift
-        where[one.name] = where.get(one.name, 0.0) + by
     bare = _aged(bare, moment.age)
-    values = dict[str, Any]()
-    for name in factor.keys() | shift.keys():
-        held = find(case, name)
-        if isinstance(held, Curve):
-            values[name] = held.scaled(1 + factor[name])
-        else:
-            values[name] = held * (1 + factor.get(name, 0.0)) + shift.get(name, 0.0)
+    values = _values(case, differences(case, seed, moment))
     own = Streams(seed, moment.unit)
     design = case.without_units
     # The maps of its pixels and its residual are those of the unit; a dark map is taken on it.
@@ -303,6 +294,37 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     except ValueError as error:
         raise ValueError(f"unit {moment.unit} of seed {seed}: {error}") from None
     return truth.unit_of(design)
+
+
+def middle_case(case: Any, age: float, names: Collection[str]) -> Any:
+    """The unit for which some numbers are those of the middle unit, and all others as designed.
+
+    age    second
+    names  of the numbers: as for z = 0, as built and with age
+    """
+    found = [
+        (one, law.difference(0.0) * (age / YEAR if one.per is Scope.LIFE else 1.0))
+        for one, law in zip(case.variation, case.laws, strict=True)
+        if one.name in names and one.per in (Scope.UNIT, Scope.LIFE)
+    ]
+    bare = case.without_units
+    return replaced_all(_aged(bare, age), _values(case, found)).unit_of(bare)
+
+
+def _values(case: Any, found: list[tuple[Variation, float]]) -> dict[str, Any]:
+    """The numbers of a design with their differences, by name."""
+    factor, shift = dict[str, float](), dict[str, float]()
+    for one, by in found:
+        where = factor if one.vary == RELATIVE else shift
+        where[one.name] = where.get(one.name, 0.0) + by
+    values = dict[str, Any]()
+    for name in factor.keys() | shift.keys():
+        held = find(case, name)
+        if isinstance(held, Curve):
+            values[name] = held.scaled(1 + factor[name])
+        else:
+            values[name] = held * (1 + factor.get(name, 0.0)) + shift.get(name, 0.0)
+    return values
 
 
 def _aged(case: Any, age: float) -> Any:

@@ -217,6 +217,11 @@ def combined_forecasts(
     return geometric_mean(counted, [weight for weight in weights if weight]), found
 
 
+def without_units(case: Case) -> Case:
+    """The unit as designed, whose budget does not name as left out what units differ by."""
+    return replace(case.without_units, instrument=replace(case.instrument, residual=None))
+
+
 def expect(case: Case, campaign: Campaign, seed: int = 1) -> tuple[Budget[Law], dict[str, float]]:
     """The analytic budget of a design in its own condition, and all its margins without a trial.
 
@@ -224,7 +229,8 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> tuple[Budget[Law], 
     Raises  ValueError where the budget expects no attitude anywhere, or a condition does not fit.
     """
     judged = campaign.judged(case)
-    budget = _budget(case) or analytic(case)  # which says why there is none
+    alone = case if judged[0].units is None else without_units(case)
+    budget = _budget(alone) or analytic(alone)  # which says why there is none
     margins = margins_of(campaign.requirements, case)
     if judged[0].units is None:
         margins |= expected_margins(campaign.requirements, budget)

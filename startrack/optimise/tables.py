@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from startrack.io import save_csv
 from startrack.metrics import Interval
 from startrack.optimise.ensemble import Chains
 from startrack.optimise.evaluate import Evaluation
+from startrack.optimise.forecast import without_units
 from startrack.optimise.optimise import Optimum
 from startrack.optimise.tolerance import Tolerance
 from startrack.optimise.units import ComparedUnits
@@ -188,7 +189,7 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
     """Where formula and fresh trials of the best differ, why, and what the formula leaves out."""
     best, summary = optimum.best, optimum.fresh[1]
     if optimum.units:  # whose budgets count their residual
-        best = replace(best.without_units, instrument=replace(best.instrument, residual=None))
+        best = without_units(best)
     try:
         budget = analytic(best)
     except ValueError as reason:

@@ -24,6 +24,15 @@ PLACES = (
     *(f"instrument.optics.{name}" for name in ("k1", "k2", "k3", "p1", "p2")),
     *("instrument.mounting.", "instrument.residual.", "instrument.delay"),
 )
+TRANSMISSION = "instrument.optics.transmission"
+# What changes the noise of stars behind a lens table, and their detection, but not their images.
+NOISE = (TRANSMISSION, "instrument.detector.read_noise", "instrument.detector.dark_current")
+# What changes the images of stars, but for what moves places and TRANSMISSION.
+IMAGES = (
+    "instrument.optics.", "instrument.thermal.", "instrument.detector.pixel_pitch",
+    "instrument.detector.fill_factor", "instrument.detector.diffusion",
+    "instrument.detector.quantum_efficiency",
+)  # fmt: skip
 
 
 class Axis(NamedTuple):
@@ -58,6 +67,20 @@ def of_places(case: Case, name: str) -> bool:
         held = case.instrument.optics.focal_length
         return max(high - held, held - low) <= SMALL * held
     return name.startswith(PLACES)
+
+
+def imaged_alike(case: Case) -> bool:
+    """Whether a lens table gives all units the images of the design, but for their places.
+
+    A relative difference of what the design has none of, such as its blur, is none.
+    """
+    return case.instrument.optics.tabulated and not any(
+        one.name.startswith(IMAGES)
+        and one.name != TRANSMISSION
+        and not of_places(case, one.name)
+        and not (one.vary == "relative" and found_at(case, one.name) == 0)
+        for one in case.variation
+    )
 
 
 def coordinate(case: Case, design: Case, name: str) -> float:

@@ -7,8 +7,9 @@ from functools import lru_cache
 
 from startrack.attitude import Mounting
 from startrack.core import Camera, Streams
-from startrack.design import Case, Moment, replaced, unit_case
+from startrack.design import Case, Moment, found_at, middle_case, replaced, unit_case
 from startrack.population.calibrate import alignment, calibrated, drawn
+from startrack.population.nodes import NOISE, imaged_alike, of_places
 
 
 def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
@@ -18,7 +19,7 @@ def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
     run     whether its calibration is run; false: drawn from its covariance
     Raises  ValueError with unit and name, where a parameter refuses what was drawn.
     """
-    unit = unit_case(case, seed, moment)
+    unit = _built(case, seed, moment)
     if unit.design is None or case.tracker.calibration is None:
         return unit
     camera, mounting = _beliefs(case, seed, moment.unit, run)
@@ -28,12 +29,39 @@ def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
     )
 
 
+def _built(case: Case, seed: int, moment: Moment) -> Case:
+    unit: Case = unit_case(case, seed, moment)
+    return _imaged_as(unit, case) if unit.design and imaged_alike(case) else unit
+
+
+def _imaged_as(unit: Case, case: Case) -> Case:
+    return replace(unit, instrument=replace(unit.instrument, imaged=case.instrument))
+
+
+def middle_of(case: Case, age: float) -> Case | None:
+    """The unit for whose noise and detection those of all units may stand; None: there is none.
+
+    Behind a lens table, where each unit's own would take as long as those of the design, and where
+    units differ by places, and by noise that is the middle unit's here.
+
+    age  second
+    """
+    if not imaged_alike(case) or case.instrument.detector.age:
+        return None
+    names = {one.name for one in case.variation if one.name.startswith(NOISE)}
+    for one in case.variation:
+        changes = found_at(case, one.name) != 0 or one.vary != "relative"
+        if changes and one.name not in names and not of_places(case, one.name):
+            return None
+    return _imaged_as(middle_case(case, age, names), case)
+
+
 @lru_cache(maxsize=64)
 def _beliefs(case: Case, seed: int, number: int, run: bool) -> tuple[Camera, Mounting]:
     """Camera and mounting that the calibration of a unit finds; kept for the 64 last units."""
     settings = case.tracker.calibration
     assert settings
-    built = unit_case(case, seed, Moment(number, launched=settings.place == "orbit"))
+    built = _built(case, seed, Moment(number, launched=settings.place == "orbit"))
     if built.instrument.residual is not None and settings.temperature:
         warm = built.instrument.residual.temperature + settings.temperature
         built = replaced(built, "instrument.residual.temperature", warm)

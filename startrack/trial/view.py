@@ -172,6 +172,7 @@ def field_psf_of(instrument: Instrument) -> FieldPsf:
 
 def _whole_images(instrument: Instrument) -> FieldPsf:
     """The images with all effects of the lens; instruments of one lens and detector share them."""
+    instrument = instrument.imaged or instrument
     detector = instrument.detector
     spectra = instrument.detected_spectra(TEMPERATURES)
     return _computed(
