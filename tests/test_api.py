@@ -41,7 +41,7 @@ def test_the_page_is_of_today():
 def test_the_pages_example_runs(capsys):
     (block,) = re.findall(r"```python\n(.*?)```", list_api.PAGE.read_text(), re.DOTALL)
     exec(compile(block, "api.md", "exec"), {})
-    assert re.fullmatch(r"\d+ stars matched; 0\.\d+\n", capsys.readouterr().out)
+    assert re.fullmatch(r"\d+ stars matched; \d\.\d+\n", capsys.readouterr().out)
 
 
 def test_a_module_shows_its_list_and_nothing_else():
