@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from startrack.core import Camera, FieldPsf, Floats
+from startrack.core import Camera, FieldPsf, Floats, Ints
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer
 from startrack.optics.field_images import (
     BAND_NODES,
@@ -52,7 +52,8 @@ FINEST, COARSEST = 32, 12  # samples per pixel
 ROUGH = 9, 10  # the same where the tolerance of the design is COARSE: that of the fewest points
 SAMPLED = 1.025  # of the highest frequencies that are told apart: just finer than needed
 PASSED = 1e-5  # of a blur's transfer, below which it hides what the samples confuse
-ALIAS, ROUGH_ALIAS = 1.3, 1.05  # of the points of an image that its transform has at least
+ALIAS = 1.3  # of the points of an image that its transform has at least, unless it is rough
+MORE_NODES = 10  # than the degree of a wavefront, so that the sphere of a defocus is a polynomial
 GUARD, ROUGH_GUARD = (6.0, 24), (4.0, 4)  # of a blur, and points, that an image has at its edge
 LEAST_POINTS = 320  # of a transform
 FILLED = 0.6  # of a transform, that the pupil may fill
@@ -190,6 +191,53 @@ class _Star:
                 total += each.rms * zernike(each.noll, x, y)
         return total
 
+    def over_square(self, coordinate: Floats, u: float, v: float) -> Floats:
+        """`path` about a place (metre, along the radius and across it) over the pupil's square.
+
+        A product of polynomials along both sides, through Chebyshev nodes.
+
+        coordinate  (n,) rising, direction cosines from the middle of the pupil, along the columns
+                    and the rows of the detector
+        Returns     (n, n) metre
+        """
+        added = [noll_to_nm(each.noll)[0] for each in self.extra.aberrations]
+        degree = max([self.power.shape[0] - 1, *added])
+        node, through = _chebyshev(degree + MORE_NODES)
+        reach = float(np.abs(coordinate).max())
+        x, y = node * reach, node[:, None] * reach
+        cosine, sine = math.cos(self.azimuth), math.sin(self.azimuth)
+        p, q = self.pupil[3] - (x * cosine + y * sine), x * sine - y * cosine
+        path = self.path(p.ravel(), q.ravel()).reshape(p.shape)
+        path += p * (u - self.place) + q * v
+        weight = np.polynomial.chebyshev.chebvander(coordinate / reach, len(node) - 1) @ through
+        return np.asarray(weight @ path @ weight.T)
+
+    def open_pupil(
+        self, coordinate: NDArray[np.float32], cell: float
+    ) -> tuple[NDArray[np.float32], Ints]:
+        """How far points are open, softly at the rim, where any light passes; the points' indices.
+
+        coordinate, cell  of a square, as those of `over_square`; their spacing
+        """
+        cosine, sine = np.float32(math.cos(self.azimuth)), np.float32(math.sin(self.azimuth))
+        half_p, half_q = (np.float32(one) for one in self.pupil[4:])
+        column = coordinate[:, None]
+        # The direction cosines from the centre, in half axes.
+        a = coordinate * (-cosine / half_p) + column * (-sine / half_p)
+        b = coordinate * (sine / half_q) - column * (cosine / half_q)
+        away = np.hypot(a, b)
+        soft = MARGIN * cell / float(min(half_p, half_q))
+        near = np.flatnonzero(away < 1 / self.around.min() + soft)
+        a, b, away = a.ravel()[near], b.ravel()[near], away.ravel()[near]
+        opened = np.ones_like(away)
+        edge = np.flatnonzero(away > 1 / self.around.max() - soft)
+        a, b = a[edge], b[edge]
+        rim = rim_distance(self.outline, a, b)
+        # Of an ellipse the gradient of its distance is this over the distance itself.
+        steep = np.hypot(a / half_p, b / half_q)
+        opened[edge] = soft_step((rim - 1) * (a * a + b * b) / (rim * steep * np.float32(cell)))
+        return opened, near
+
     @cached_property
     def rays(self) -> tuple[Floats, Floats, Floats]:
         """Where rays spread evenly over the pupil meet the detector, metre from `place`; weights.
@@ -242,6 +290,15 @@ def _gaussian() -> tuple[Floats, Floats, Floats]:
     """Places of a quadrature that is exact for polynomials of degree 15."""
     node, weight = np.polynomial.legendre.leggauss(GAUSS)
     return _disk((1 + node) / 2, weight, TURNS)
+
+
+@lru_cache(maxsize=8)
+def _chebyshev(count: int) -> tuple[Floats, Floats]:
+    """Nodes (n,) in [-1, 1], and the matrix (n, n) of a polynomial's terms by its values there."""
+    turn = (np.arange(count) + 0.5) * math.pi / count
+    through = np.cos(np.outer(np.arange(count), turn)) * (2 / count)
+    through[0] /= 2
+    return np.cos(turn), through
 
 
 EVEN = _disk((np.arange(RINGS) + 0.5) / RINGS, np.ones(RINGS), SPOKES)  # of equal weight
@@ -377,7 +434,8 @@ def field_psf(
                  aberrations need more than 3072 points across the image.
     Accuracy     model: Fraunhofer diffraction of a pupil of even transmission. numerical: the error
                  between the nodes is measured at places of the largest distance from them, and
-                 returned.
+                 returned; where the tolerance is COARSE it is NaN, and 0.3 % of the light, of the
+                 outermost rings, may lie evenly over the image instead of beyond it.
     """
     refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
     band = band_of(wavelength, spectra, _wavelengths(lens.optics))
@@ -528,8 +586,9 @@ class _Plan:
         x, y, _ = star.rays
         far = float(np.hypot(star.place + x - u, y - v).max()) / self.spacing
         # What is beyond the period comes back at the other side, beyond the image.
-        alias = ROUGH_ALIAS if self.rough else ALIAS
-        size = max(alias * self.count, far + self.count / 2, LEAST_POINTS)
+        size = max(far + self.count / 2, LEAST_POINTS)
+        if not self.rough:
+            size = max(size, ALIAS * self.count)
         if size > MOST_POINTS:
             raise ValueError(
                 f"the images of lens_file must fit {MOST_POINTS} points a side, got {size:.0f}: "
@@ -542,27 +601,11 @@ class _Plan:
         size = int(fft.next_fast_len(math.ceil(size * fine)))
         cell = wavelength * fine / (size * self.spacing)
         half = math.ceil(radius / cell) + MARGIN
-        coordinate = (np.arange(2 * half, dtype=np.float32) - half) * np.float32(cell)
-        cosine, sine = np.float32(math.cos(star.azimuth)), np.float32(math.sin(star.azimuth))
-        across = coordinate * cosine + coordinate[:, None] * sine
-        beside = coordinate[:, None] * cosine - coordinate * sine
-        centre, half_p, half_q = (np.float32(one) for one in star.pupil[3:])
-        a, b = -across / half_p, -beside / half_q  # the direction cosines from the centre
-        rim = rim_distance(star.outline, a, b)
-        # Beyond the soft edge the polynomials may be huge, and are not read.
-        soft = MARGIN * cell / float(min(half_p, half_q)) * float(star.around.max())
-        near = np.flatnonzero(rim < 1 + soft)
-        across, beside, rim = across.ravel()[near], beside.ravel()[near], rim.ravel()[near]
-        opened = np.ones_like(rim)
-        edge = np.flatnonzero(rim > 0.5)
-        a, b, rim = a.ravel()[near][edge], b.ravel()[near][edge], rim[edge]
-        # Of an ellipse the gradient of its distance is this over the distance itself.
-        steep = np.hypot(a / half_p, b / half_q)
-        distance = (rim - 1) * (a * a + b * b) / (rim * steep * np.float32(cell))
-        opened[edge] = soft_step(distance)
-        p, q = centre - across, -beside
-        path = star.path(p, q) + p * np.float32(u - star.place) + q * np.float32(v)
-        phase = path * np.float32(2 * math.pi / wavelength)
+        coordinate = (np.arange(2 * half) - half) * cell
+        path = star.over_square(coordinate, u, v)
+        opened, near = star.open_pupil(coordinate.astype(np.float32), cell)
+        phase = path.ravel()[near] / wavelength
+        phase = ((phase - np.rint(phase)) * (2 * math.pi)).astype(np.float32)
         pupil = np.zeros(4 * half * half, np.complex64)
         pupil.real[near], pupil.imag[near] = opened * np.cos(phase), opened * np.sin(phase)
         # The image's y runs down, and its x along the columns, as the coordinates of the pupil.

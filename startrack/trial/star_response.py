@@ -208,15 +208,16 @@ def kept_fraction(case: Case, plain: Chart, point: Floats | None = None) -> Floa
 
 
 def noise_covariance(
-    case: Case, plain: Chart, point: Floats | None = None, place: Floats | None = None
-) -> Floats:
+    case: Case, plain: Chart, point: Floats | None = None, place: Floats | None = None,
+    once: bool = False,
+) -> Floats:  # fmt: skip
     """The true covariance (m, p, 2, 2) pixel^2 of a chart, by the case `without_saturation`.
 
-    plain, point, place  as `kept_fraction` and `chart` take them
+    plain, point, place, once  as `kept_fraction` and `chart` take them
     """
     detection, bold = case.tracker.detection, without_saturation(case)
     if case.design is not None:
-        return chart(bold, plain.magnitude, None, None, True, point, place, False).covariance
+        return chart(bold, plain.magnitude, None, None, True, point, place, False, once).covariance
     if detection.saturation is None:
         return plain.covariance
     size = scale(case)
@@ -228,7 +229,9 @@ def noise_covariance(
     near = detector.offset + peak / detector.electrons_per_dn > NEAR * detection.saturation
     covariance = plain.covariance.copy()
     if near.any():
-        covariance[near] = chart(bold, plain.magnitude[near], point=point, place=place).covariance
+        covariance[near] = chart(
+            bold, plain.magnitude[near], point=point, place=place, once=once
+        ).covariance
     return covariance
 
 

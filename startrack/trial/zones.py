@@ -31,7 +31,9 @@ from startrack.trial.view import field_psf_of, psf_of, sunlike_colour
 
 PLACES = 5  # zones along each side of the frame
 COLOURS = 3  # classes of stars, each a third of them
-POSITIONS = 3  # sub-pixel positions per axis
+# Sub-pixel positions, each with its own x and its own y: a lattice that takes the means of waves of
+# one and of two a pixel along the axes and of their products but for one pair.
+POSITIONS, TURN = 5, 2
 EVERY = 3  # magnitudes of `errors` between two of a zone
 STILL = 1.0  # pixel of smear; chosen by hand
 HALF = 0.5  # of the largest signal of a pixel, for the star whose shifts are measured
@@ -108,7 +110,7 @@ def centroid_shift(case: Case) -> FieldPsf:
     unique, which, mirror = unique_places(case, nodes)
     point = np.concatenate([_mean_points(case), *(_points(case, *node) for node in unique)])
     places = np.tile(place, (len(unique) + 1, 1))
-    offset = chart(case, _typical(case), point=point, place=places).offset[0]
+    offset = chart(case, _typical(case), point=point, place=places, once=True).offset[0]
     offset = np.nan_to_num(offset.reshape(len(unique) + 1, len(place), 2)).mean(axis=1)
     apart = (mirror @ (offset[1:] - offset[0])[which][..., None])[..., 0]
     value = images.value[..., :3].copy()
@@ -192,7 +194,7 @@ class ZoneErrors(NamedTuple):
 def zone_errors(case: Case) -> ZoneErrors:
     """Errors of single stars in each zone; kept for the 8 last cases.
 
-    Measured at nine sub-pixel positions and at every third magnitude of `errors`, as ratios to
+    Measured at five sub-pixel positions and at every third magnitude of `errors`, as ratios to
     those of the mean image, which are interpolated. What the tracker's centroids of a zone's image
     and of the mean image differ by, beside the mean over all positions, is the random error
     LENS_FIELD.
@@ -211,7 +213,9 @@ def zone_errors(case: Case) -> ZoneErrors:
     for one in parts:
         stated.append(_as(star, star.stated, magnitude, one.stated, mean.stated))
         shot.append(_as(star, star.random[SHOT], magnitude, one.shot, mean.shot))
-        read.append(_as(star, star.random[READ], magnitude, one.read, mean.read))
+        # Read noise alone is nearly none, of either sign, where the brightest stars saturate.
+        whole = star.random[SHOT] + star.random[READ]
+        read.append(_as(star, whole, magnitude, one.noise, mean.noise) - shot[-1])
         apart = one.offset - mean.offset
         both = np.minimum(one.kept, mean.kept)
         moved = moment_of(apart - mean_of(apart, both)[:, None], both)
@@ -237,19 +241,20 @@ class _Charted(NamedTuple):
     kept: Floats
     stated: Floats
     shot: Floats
-    read: Floats
+    noise: Floats
 
 
 def _charted(case: Case, magnitude: Floats, point: Floats) -> _Charted:
     place = _positions()
-    plain = chart(case, magnitude, point=point, place=place)
+    # Once, because only differences from the mean image count.
+    plain = chart(case, magnitude, point=point, place=place, once=True)
     kept = kept_fraction(case, plain, point)
     # The tracker overstates the covariance of a saturated star on purpose.
-    noise = mean_of(noise_covariance(case, plain, point, place), kept)
+    noise = mean_of(noise_covariance(case, plain, point, place, True), kept)
     bold = without_saturation(case)
     bare = chart(bold, magnitude, None, None, False, point, place, False, once=True)
     shot = mean_of(bare.covariance, kept)
-    return _Charted(point, plain.offset, kept, mean_of(plain.covariance, kept), shot, noise - shot)
+    return _Charted(point, plain.offset, kept, mean_of(plain.covariance, kept), shot, noise)
 
 
 def _as(star: Errors, whole: Floats, magnitude: Floats, zone: Floats, mean: Floats) -> Floats:
@@ -318,8 +323,8 @@ def unique_places(
 
 @lru_cache(maxsize=1)
 def _positions() -> Floats:
-    line = (np.arange(POSITIONS) + 0.5) / POSITIONS - 0.5
-    return np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    step = np.arange(POSITIONS)
+    return np.stack([step, step * TURN % POSITIONS], axis=-1) / POSITIONS - (1 - 1 / POSITIONS) / 2
 
 
 def _points(case: Case, x: float, y: float, colour: float) -> Floats:
