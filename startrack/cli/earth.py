@@ -15,13 +15,14 @@ with deferred():
     import numpy as np
 
     from startrack.cli.terminal import print_result, progress
-    from startrack.core import Floats, Streams, require_memory, um
+    from startrack.core import Camera, FieldPsf, Floats, Streams, require_memory, um
     from startrack.earth.geometry import EarthScene, Strip, find, observe_earth
     from startrack.earth.imager import (
         Channel,
         Picture,
         Setting,
         cameras,
+        lens_registration,
         load_survey,
         misregistration,
         open_fits,
@@ -204,6 +205,7 @@ def rendered(options: argparse.Namespace) -> int:
     path = _scene_path(options.scene or "hsrs")
     with as_wrong_use():
         survey = load_survey(path)
+    first = None
     for channel in survey.channels:
         lines, columns = channel.detector.rows, channel.columns
         start = options.out / channel.name
@@ -230,6 +232,9 @@ def rendered(options: argparse.Namespace) -> int:
         result = _picture_values(channel, picture, setting) | {"fits": str(fits), "png": str(png)}
         if survey.motion != Motion():
             result["misregistration_px"] = misregistration(survey, channel, options.seed)
+        first = first or (channel, setting.camera)
+        if channel.optics.tabulated or survey.camera.spectrometer:
+            result |= _lens_values(channel, setting, *first)
         result |= frames
         print_result(options, result, _picture_text(result))
     return Exit.DONE
@@ -264,6 +269,21 @@ def _picture_values(channel: Channel, picture: Picture, setting: Setting) -> dic
     }
 
 
+def _lens_values(
+    channel: Channel, setting: Setting, first: Channel, other: Camera
+) -> dict[str, Any]:
+    """What the lens does over the field of an image."""
+    across, along = lens_registration(channel, setting.camera, first, other)
+    light = np.ones(1) if setting.light is None else setting.light
+    found = {
+        "lens_misregistration_px": [across, along],
+        "illumination": float(light.min() / light.max()),
+    }
+    if isinstance(setting.psf, FieldPsf) and math.isfinite(setting.psf.error):
+        found["lens_error_of_peak"] = setting.psf.error
+    return found
+
+
 def _picture_text(result: dict[str, Any]) -> str:
     terms = ", ".join(f"{name} {value:.4g}" for name, value in result["radiance"].items())
     return "\n".join(
@@ -274,11 +294,22 @@ def _picture_text(result: dict[str, Any]) -> str:
             f"numbers   mean {result['number_mean']:.1f}, {100 * result['saturated']:.2f} % "
             f"saturated; {result['electrons_per_radiance']:.4g} electrons for 1 W / m^2 / sr / um",
             f"exposure  {1e3 * result['exposure_s']:.4g} ms, smear {result['smear_px']:.2f} pixel",
+            *_lens_text(result),
             *_moved_text(result),
             f"wrote {result['fits']} and {result['png']}",
             *([f"wrote {result['calibration']}"] if "calibration" in result else []),
         ]
     )
+
+
+def _lens_text(result: dict[str, Any]) -> list[str]:
+    if "illumination" not in result:
+        return []
+    across, along = result["lens_misregistration_px"]
+    return [
+        f"lens      darkest pixel {100 * result['illumination']:.1f} % of the brightest; at most "
+        f"{across:.3g} pixel across and {along:.3g} along off the first channel",
+    ]
 
 
 def _moved_text(result: dict[str, Any]) -> list[str]:

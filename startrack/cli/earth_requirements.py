@@ -70,6 +70,11 @@ def _figures_text(channel: Channel, found: Figures, height: float) -> str:
     bits = math.log2(found.dynamics)
     beside = {name: _beside(channel, name) for name in vars(channel.required)}
     missed = [name for name, margin in margins_of(channel, found).items() if margin < 0]
+    edge = (
+        ""
+        if found.illumination is None
+        else (f", lowest over the field; light {100 * found.illumination:.1f} % of the middle's")
+    )
     step = "" if found.nedt is None else f", NEdT {1e3 * found.nedt:.4g} mK{beside['nedt']}"
     return "\n".join(
         [
@@ -80,7 +85,7 @@ def _figures_text(channel: Channel, found: Figures, height: float) -> str:
             f"{math.degrees(found.field):.2f} deg",
             f"  Rayleigh             {found.rayleigh:.4g} m on the ground",
             f"  MTF at Nyquist       {found.mtf_across:.3f} across, {found.mtf_along:.3f} along"
-            f"{beside['mtf']}",
+            f"{beside['mtf']}{edge}",
             f"  SNR                  {found.snr:.4g} at {found.radiance * um:.4g} "
             f"W / m^2 / sr / um{beside['snr']}: {found.electrons:.4g} electrons, "
             f"noise {found.noise:.4g}{step}",

@@ -119,15 +119,18 @@ def camera_through(
     return Camera(columns, rows, float(found[0]) / pitch, *principal, k1=k1, k2=k2, k3=k3)
 
 
-def images_over_frame(plan: Plan, camera: Camera, colour: Floats, checked: bool = True) -> FieldPsf:
+def images_over_frame(
+    plan: Plan, camera: Camera, colour: Floats, checked: bool = True, nodes: int = NODES
+) -> FieldPsf:
     """The images of a plan at nodes over the frame, as sums of their principal components.
 
     As many are kept as every image needs to within 4e-3 of its norm.
 
     colour   (c,) metre, mean wavelength of each spectrum of the plan
     checked  whether the error between the nodes is measured; otherwise it is NaN
+    nodes    along the longer side of the frame
     """
-    x, y = frame_nodes(camera)
+    x, y = frame_nodes(camera, nodes)
     symmetric = plan.symmetric
     made: dict[tuple[float, float], tuple[Floats, Floats]] = {}
 
@@ -160,11 +163,11 @@ def images_over_frame(plan: Plan, camera: Camera, colour: Floats, checked: bool 
     return replace(made_of, error=error, place_error=place_error)
 
 
-def frame_nodes(camera: Camera) -> tuple[Floats, Floats]:
+def frame_nodes(camera: Camera, nodes: int = NODES) -> tuple[Floats, Floats]:
     """Evenly spaced places from border to border of the frame."""
     longer = max(camera.columns, camera.rows)
     counts = [
-        max(math.ceil((NODES - 1) * size / longer) + 1, 4) for size in (camera.columns, camera.rows)
+        max(math.ceil((nodes - 1) * size / longer) + 1, 4) for size in (camera.columns, camera.rows)
     ]
     # An odd number of places has one in the middle, so that mirror images share their nodes.
     x, y = (

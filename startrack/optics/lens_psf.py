@@ -415,7 +415,7 @@ def _wavelengths(optics: Optics) -> int:
 
 def field_psf(
     lens: Lens, camera: Camera, pitch: float, wavelength: Floats, spectra: Floats, colour: Floats,
-    fill_factor: float = 1.0, diffusion: float = 0.0,
+    fill_factor: float = 1.0, diffusion: float = 0.0, nodes: int = NODES,
 ) -> FieldPsf:  # fmt: skip
     """Images of stars over the frame and over their colour.
 
@@ -430,6 +430,7 @@ def field_psf(
     spectra      (c, k) detected photons per bin of stars of rising `colour`
     colour       (c,) metre, mean wavelength of each
     fill_factor, diffusion  as in `pixel_psf`
+    nodes        along the longer side of the frame, between which images are interpolated
     Raises       ValueError where the table does not hold the frame or the band, or where the
                  aberrations need more than 3072 points across the image.
     Accuracy     model: Fraunhofer diffraction of a pupil of even transmission. numerical: the error
@@ -440,7 +441,7 @@ def field_psf(
     refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
     band = band_of(wavelength, spectra, _wavelengths(lens.optics))
     plan = _Plan(lens, camera, pitch, band, fill_factor, diffusion)
-    return images_over_frame(plan, camera, colour, lens.optics.psf_tolerance < COARSE)
+    return images_over_frame(plan, camera, colour, lens.optics.psf_tolerance < COARSE, nodes)
 
 
 def mirrored(optics: Optics, camera: Camera) -> bool:

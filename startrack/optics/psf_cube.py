@@ -12,6 +12,7 @@ from startrack.optics.field_images import (
     BAND_NODES,
     COARSE,
     FEW_NODES,
+    NODES,
     Band,
     band_of,
     camera_through,
@@ -27,7 +28,7 @@ DEGREE = 3  # of the splines between the nodes of a file
 
 def cube_psf(
     optics: Optics, camera: Camera, pitch: float, wavelength: Floats, spectra: Floats,
-    colour: Floats, fill_factor: float, diffusion: float,
+    colour: Floats, fill_factor: float, diffusion: float, nodes: int = NODES,
 ) -> FieldPsf:  # fmt: skip
     """Images of stars over the frame and over their colour, from those of a `psf_file`.
 
@@ -44,7 +45,7 @@ def cube_psf(
     plan = _Plan(
         optics, found, camera, pitch, band_of(wavelength, spectra, count), fill_factor, diffusion
     )
-    return images_over_frame(plan, camera, colour, optics.psf_tolerance < COARSE)
+    return images_over_frame(plan, camera, colour, optics.psf_tolerance < COARSE, nodes)
 
 
 def camera_of_cube(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from startrack.core import Floats
+from startrack.core import Camera, Floats
 from startrack.earth.geometry.orbit import sun_direction
 from startrack.earth.geometry.parameters import EarthScene
 from startrack.earth.geometry.sensor import together
@@ -39,11 +39,14 @@ class Strip:
             return np.where(known, rays, 0).sum(axis=2) / known.sum(axis=2)
 
 
-def observe_earth(scene: EarthScene, folder: Path, turn: Jitter | None = None) -> Iterator[Strip]:
+def observe_earth(
+    scene: EarthScene, folder: Path, turn: Jitter | None = None, camera: Camera | None = None
+) -> Iterator[Strip]:
     """Ground that all pixels of a scene see, some lines at a time.
 
     folder   folder of the files
     turn     attitude jitter, as in `sight`
+    camera   of the sensor's pixels, with its distortion; None: the sensor's own, without
     """
     terrain, charts = scene.terrain.open(folder), scene.terrain.charts(folder)
     cell = terrain.terrain.grid.step_y
@@ -58,7 +61,7 @@ def observe_earth(scene: EarthScene, folder: Path, turn: Jitter | None = None) -
         if len(elements) > 1:  # a matrix, whose rows are exposed together
             row, lines = together(elements[first : first + count]), np.zeros(1)
         rays = scan_lines(
-            sensor.camera, row, lines, dating, orbit, scene.pointing, turn, sensor.rays
+            camera or sensor.camera, row, lines, dating, orbit, scene.pointing, turn, sensor.rays
         )
         ground = survey(terrain, rays, sun, scene.sky_rays)
         ground = read_charts(ground, charts, cell)

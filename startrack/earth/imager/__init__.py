@@ -7,6 +7,8 @@ parameters  Imager, its channels, and Survey (camera, land and air of an Earth i
             files.
 band        BandTable and thermal radiance of one channel, weighted with its response.
 blur        Weights of the rays around a pixel, from optics, motion and pixel.
+lens        The lens of a channel over its field: where it looks, its images of points, its
+            illumination.
 figures     Ground resolution, swath, MTF, SNR, dynamic range and data rate of a channel at a
             height and speed.
 first       First parameters of a camera from goals: focal length, aperture, pixel rate.
@@ -28,11 +30,13 @@ from startrack.earth.imager.figures import (
 from startrack.earth.imager.files import ABOUT, RADIANCE, open_fits, thinned, write_geotiff
 from startrack.earth.imager.first import First, Goals, first_parameters
 from startrack.earth.imager.land import Cover, HotSpot, Land, ReflectanceMap
+from startrack.earth.imager.lens import FieldLens, field_lens, lens_registration
 from startrack.earth.imager.parameters import (
     Channel,
     Imager,
     Performance,
     Reference,
+    Spectrometer,
     Survey,
     cameras,
     load_imager,
@@ -56,6 +60,7 @@ __all__ = [
     "Band",
     "Channel",
     "Cover",
+    "FieldLens",
     "Figures",
     "First",
     "Goals",
@@ -69,14 +74,17 @@ __all__ = [
     "RossLi",
     "Setting",
     "Snow",
+    "Spectrometer",
     "Survey",
     "Water",
     "band_of",
     "cameras",
+    "field_lens",
     "figures",
     "figures_of",
     "first_parameters",
     "known",
+    "lens_registration",
     "load_imager",
     "load_survey",
     "margins_of",

@@ -60,13 +60,7 @@ def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: fl
     altitude  metre above the ground
     Raises    ValueError where no shipped table has this air, or covers this band.
     """
-    fine = np.geomspace(0.2, 60, 20001) * um
-    every = channel.photoelectrons(fine) * np.gradient(fine)
-    if not every.any():
-        raise ValueError(
-            f"channel {channel.name}: band, transmission and quantum_efficiency must overlap "
-            "between 0.2 and 60 um"
-        )
+    fine, every = _answers(channel)
     middle = float(every @ fine / every.sum())
     table = _table(air, middle > INFRARED)
     step = np.gradient(table.spectrum)
@@ -88,6 +82,24 @@ def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: fl
     weight = flat[0] * step
     irradiance = float(weight @ sun) / sun_distance**2
     return Band(table.spectrum, weight, electrons, bands, warm, irradiance)
+
+
+def mean_wavelength(channel: Channel) -> float:
+    """Of a channel's response to an even spectrum of energy, metre."""
+    fine, every = _answers(channel)
+    return float(every @ fine / every.sum())
+
+
+def _answers(channel: Channel) -> tuple[Floats, Floats]:
+    """Wavelengths (f,) metre, and the response in the interval of each."""
+    fine = np.geomspace(0.2, 60, 20001) * um
+    every = channel.photoelectrons(fine) * np.gradient(fine)
+    if not every.any():
+        raise ValueError(
+            f"channel {channel.name}: band, transmission and quantum_efficiency must overlap "
+            "between 0.2 and 60 um"
+        )
+    return fine, every
 
 
 def _in_cells(channel: Channel, spectrum: Floats) -> Floats:

@@ -8,15 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from startrack.core import deg, um
+from startrack.core import FieldPsf, deg, um
 from startrack.detector import Detector
 from startrack.earth.atmosphere import Reach, Sight, radiance, refine
 from startrack.earth.geometry import fly, ground_rate
 from startrack.earth.imager.band import INFRARED, Band, band_of
+from startrack.earth.imager.lens import field_lens, image_pixels
 from startrack.earth.imager.parameters import Channel, Performance, Survey, exposure_of, smear
 from startrack.earth.terrain import geodetic
-from startrack.optics import blur_transfer, pixel_transfer, pupil_transfer
+from startrack.optics import blur_transfer, modulation, pixel_transfer, pupil_transfer
 
+PLACES = 17  # along a line, whose lowest MTF is taken
 GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # the scene of the reference radiance; chosen by hand
 
 
@@ -31,7 +33,9 @@ class Figures:
     rayleigh          metre, on the ground: 1.22 lambda H / D
     mtf_across, mtf_along  1, at half a cycle per pixel, or per `average` pixels: lens, blur, pixel,
                       smear. The Nyquist frequency of staggered lines is twice that, where the
-                      MTF of a pixel is 0
+                      MTF of a pixel is 0. With a lens table the lowest over the field
+    illumination      1, of the darkest pixel over that of the middle; None without a lens table.
+                      SNR and saturation are those of the middle
     radiance          watt / m^2 / sr / m, of the SNR
     electrons, noise  electron, of this radiance
     snr               1; of the mean of `average` columns, as all that follows
@@ -52,6 +56,7 @@ class Figures:
     rayleigh: float
     mtf_across: float
     mtf_along: float
+    illumination: float | None
     radiance: float
     electrons: float
     noise: float
@@ -77,8 +82,9 @@ def figures(
     height  metre above the ground
     rate    radian / second of the ground below
     light   watt / m^2 / sr / m; None for that of the channel, else that of `reference`
-    Accuracy  model: flat ground; a lens without aberrations beyond its blur, at the mean
-              wavelength.
+    Raises    ValueError as `field_lens`, of a lens table that does not hold field or band.
+    Accuracy  model: flat ground; without a lens table, a lens without aberrations beyond its blur,
+              at the mean wavelength.
     """
     optics, detector = channel.optics, channel.detector
     focal, pitch = optics.image_distance, detector.pitch
@@ -97,13 +103,17 @@ def figures(
     dark = detector.dark_rate * exposure
     noise = _noise(detector, electrons, dark)
     mean_noise = noise / math.sqrt(channel.average)
+    if optics.tabulated:
+        across, along, illumination = _lens_over_field(channel, band, rate, drift)
+    else:
+        across = sharpness(channel, wavelength, 0.0, channel.average)
+        along, illumination = sharpness(channel, wavelength, drift), None
     numbers = 2**detector.bits - 1
     full = detector.full_well * min(1.0, (1 - detector.offset / numbers) / detector.gain)
     return Figures(
         footprint, columns, lines, 2 * height * math.tan(half), 2 * half,
         1.22 * wavelength * height / optics.aperture,
-        sharpness(channel, wavelength, 0.0, channel.average),
-        sharpness(channel, wavelength, drift),
+        across, along, illumination,
         light, electrons, noise, electrons / mean_noise, mean_noise / per_radiance,
         _temperature_step(channel, band, mean_noise / per_radiance), full / per_radiance,
         detector.full_well / _noise(detector, 0.0, dark),
@@ -162,9 +172,37 @@ def sharpness(channel: Channel, wavelength: float, drift: float, merged: int = 1
     optics, side = channel.optics, channel.detector.pitch * math.sqrt(channel.detector.fill_factor)
     lens = pupil_transfer(nyquist, wavelength, optics.working_f_number)
     blur = blur_transfer(nyquist, math.hypot(optics.total_blur, channel.detector.diffusion))
-    mean = abs(np.mean(np.exp(1j * math.pi / channel.average * np.arange(merged))))
+    mean = _merged(channel) if merged > 1 else 1.0
     both = pixel_transfer(nyquist, side) * pixel_transfer(nyquist, drift)
     return float((lens * blur * np.abs(both))[0] * mean)
+
+
+def _lens_over_field(
+    channel: Channel, band: Band, rate: float, drift: float
+) -> tuple[float, float, float]:
+    """Lowest MTF across and along, and illumination, over the field of a lens table."""
+    sensor = channel.sensor(1, rate)
+    lens = field_lens(channel, sensor, channel.optics, band.wavelength, band.weight)
+    assert isinstance(lens.images, FieldPsf)
+    assert lens.light is not None
+    columns, rows = image_pixels(channel, sensor)
+    nyquist = np.array([0.5 / channel.average])
+    colour, found = float(lens.images.colour[0]), []
+    for y in np.unique(rows[[0, len(rows) // 2, -1]]).tolist():
+        for x in np.linspace(columns[0], columns[-1], PLACES).tolist():
+            image = lens.images.image(x, y, colour)[0]
+            values = [modulation(image, nyquist, turn)[0] for turn in (0.0, math.pi / 2)]
+            found.append(np.array(values) / image.energy)
+    across, along = np.min(found, axis=0)
+    along *= abs(pixel_transfer(nyquist / channel.detector.pitch, drift)[0])
+    middle = lens.light[len(rows) // 2, channel.columns // 2]
+    return float(across * _merged(channel)), float(along), float(lens.light.min() / middle)
+
+
+def _merged(channel: Channel) -> float:
+    """MTF of the mean of `average` columns at their Nyquist frequency."""
+    turn = math.pi / channel.average * np.arange(channel.average)
+    return float(abs(np.mean(np.exp(1j * turn))))
 
 
 def reference(band: Band) -> float:

@@ -97,14 +97,16 @@ class Performance:
 class Channel:
     """One image that a camera makes: a lens, a filter, a detector of one kind.
 
-    Effects that its images do not simulate are refused: distortion, an offset principal point, row
-    delay, residual charge and crosstalk.
+    Effects that its images do not simulate are refused: coefficients of distortion, an offset
+    principal point, row delay, residual charge and crosstalk. Distortion, lateral colour,
+    vignetting and images over the field are those of `lens_file`, `lens_family` or `psf_file`.
 
     band      transmittance of the filter, 1 over wavelength
     response  spectral response of the whole channel to radiance, over its peak, as it is measured;
               None: that of band, transmission and quantum efficiency. With it `band` is left
               out, and transmission and quantum efficiency are those at its mean wavelength
-    forwards  radian ahead of the camera's axis; different for stereo lines
+    forwards  radian ahead of the camera's axis; different for stereo lines. With a lens table the
+              line lies there in the focal plane of the one lens, else it has a lens of its own
     period    second from line to line; None for square pixels below, exposed all the time
     average   columns of the detector that the ground segment averages to one; counts in the
               figures of the channel, not in its images
@@ -138,6 +140,10 @@ class Channel:
             raise ValueError("detector.scan.kind must be line, staggered or tdi, got lines")
         if not self.name or "/" in self.name:
             raise ValueError(f"name must be a name for a file, got {self.name!r}")
+        if not self.optics.lens_colour:
+            raise ValueError(
+                "optics.lens_colour must be left out: each channel has the colour of its band"
+            )
         for part, names in UNKNOWN.items():
             for name in names:
                 if value := getattr(getattr(self, part), name):
@@ -192,6 +198,14 @@ class Channel:
             self.period, max(stages, 1), rays, late,
         )  # fmt: skip
 
+    def shifted(self, by: float) -> Channel:
+        """The same with its filter, or its response, at wavelengths longer by so many metre."""
+        key = "band" if self.response is None else "response"
+        curve = getattr(self, key)
+        return replace(
+            self, **{key: replace(curve, wavelength=tuple(one + by for one in curve.wavelength))}
+        )
+
     def cropped(self, columns: int | None, lines: int | None) -> Channel:
         """The same with only the middle columns and lines of its image."""
         detector = self.detector
@@ -203,15 +217,60 @@ class Channel:
 
 
 @dataclass(frozen=True)
+class Spectrometer:
+    """Distortions of an imaging spectrometer, whose channels are bands of one spectrum.
+
+        lambda(x) = lambda + smile (x / X)^2
+        x' = x + keystone (x / X) (lambda - lambda_m) / Lambda
+
+    with X half the line of the detector, lambda_m and Lambda the middle and half the range of the
+    channels' mean wavelengths.
+
+    smile     metre, wavelength by which a channel at the ends of its line lies above that in its
+              middle: the image of a spectral line bends
+    keystone  metre on the detector, by which the longest wavelength's image lies farther out at the
+              ends of the line than that of the middle of the spectrum: the spectrum of a point is
+              oblique
+    """
+
+    smile: Annotated[float, Unit("m", "nm")] = 0.0
+    keystone: Annotated[float, Unit("m", "um")] = 0.0
+
+    def __post_init__(self) -> None:
+        within(-1e-7, 1e-7, smile=self.smile)
+        within(-1e-3, 1e-3, keystone=self.keystone)
+
+
+@dataclass(frozen=True)
 class Imager:
-    """A camera with one or more channels that images extended scenes."""
+    """A camera with one or more channels that images extended scenes.
+
+    spectrometer  smile and keystone, where the channels are lines of one spectrum
+    """
 
     channels: tuple[Channel, ...]
+    spectrometer: Spectrometer | None = None
 
     def __post_init__(self) -> None:
         names = [channel.name for channel in self.channels]
         if not names or len(set(names)) < len(names):
             raise ValueError(f"channels must be one or more with different names, got {names}")
+        if self.spectrometer:
+            self._refuse_other_than_spectra(self.spectrometer)
+
+    def _refuse_other_than_spectra(self, spectrometer: Spectrometer) -> None:
+        if spectrometer.keystone and len(self.channels) < 2:
+            raise ValueError("spectrometer.keystone must be left out of a camera with one channel")
+        for each in self.channels:
+            if each.kind == "matrix":
+                raise ValueError(
+                    f"spectrometer must be left out where a channel is no line, got {each.name}"
+                )
+            if spectrometer.smile and each.response is None and not each.band.wavelength:
+                raise ValueError(
+                    f"channel {each.name} must have band or response where spectrometer.smile "
+                    "moves it"
+                )
 
 
 @dataclass(frozen=True)
@@ -268,9 +327,14 @@ class Survey:
         """Those of the camera, cropped to the size of the image."""
         return tuple(each.cropped(self.columns, self.lines) for each in self.camera.channels)
 
+    def whole(self, channel: Channel) -> Channel:
+        """A channel of `channels` with all columns of its detector."""
+        return next(each for each in self.camera.channels if each.name == channel.name)
+
     def scene(self, channel: Channel) -> EarthScene:
-        """The geometry of one channel's image."""
-        turned = replace(self.pointing, pitch=self.pointing.pitch + channel.forwards)
+        """The geometry of one channel's image, whose camera is `nominal` or `field_lens`."""
+        ahead = 0.0 if channel.optics.tabulated else channel.forwards
+        turned = replace(self.pointing, pitch=self.pointing.pitch + ahead)
         rate = ground_rate(self.carrier)
         return EarthScene(
             self.terrain, channel.sensor(self.rays, rate, self.pointing.pitch), self.orbit,

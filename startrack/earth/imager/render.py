@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Psf, Streams, deg, um
+from startrack.core import Camera, FieldPsf, Floats, Psf, Streams, deg, lagrange_weights, um
 from startrack.detector import Detector, dark, read_out, response
 from startrack.earth.atmosphere import Terms, at_sensor
 from startrack.earth.geometry import (
@@ -24,18 +24,20 @@ from startrack.earth.geometry import (
     ground_rate,
     observe_earth,
 )
-from startrack.earth.imager.band import Band, band_of
-from startrack.earth.imager.blur import blur_strips, blur_weights
+from startrack.earth.imager.band import Band, band_of, mean_wavelength
+from startrack.earth.imager.blur import blur_strips, blur_weights, field_blur
 from startrack.earth.imager.land import Land, burning_fraction, reflection, temperature
+from startrack.earth.imager.lens import field_lens, image_pixels, nominal
 from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
 from startrack.earth.terrain import Ground, geodetic
 from startrack.motion import Motion, realise_motion
 from startrack.motion import blur as motion_blur
-from startrack.optics import Optics, pixel_psf
+from startrack.optics import Optics
 
 COARSE = 24  # lines or columns, at most, of the preview for `surroundings`; chosen by hand
 FAINT = 1e-12  # fraction of a pixel below which a fire is neglected
 BLACK = np.zeros(1)  # reflectance
+SMILES = 3  # bands, between which those of a bent line are interpolated
 MOST_LINES = 2**20  # of an image, so that no two channels share their noise
 
 
@@ -70,19 +72,26 @@ class Setting(NamedTuple):
     period       second between lines, 0 for a matrix
     exposure     second, of a pixel of the image
     smear        pixel along the track
-    psf          of its pixels
+    psf          of its pixels, or the images of a lens table over its field
     band         the channel and the air in its band
     surroundings  1, mean reflectance of the ground
     electrons    electron of a mean spectral radiance of 1 watt / m^2 / sr / m
+    camera       directions of its pixels
+    light        (1, columns) of a scanner, (rows, columns) of a matrix: electrons of each pixel
+                 over `electrons`; None: the same everywhere
+    smile        bands of a line that smile bends, and the share of each in each column (columns,)
     """
 
     period: float
     exposure: float
     smear: float
-    psf: Psf
+    psf: Psf | FieldPsf
     band: Band
     surroundings: float
     electrons: float
+    camera: Camera
+    light: Floats | None = None
+    smile: tuple[tuple[Band, Floats], ...] = ()
 
 
 def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
@@ -96,25 +105,61 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     """
     scene = survey.scene(channel)
     flight = scene.carrier
-    glimpse = _coarse_ground(scene, folder)
+    glimpse = _coarse_ground(scene, channel, folder)
     start = fly(flight, np.zeros(1)).position
     ground = np.concatenate([seen.height for seen in glimpse])
     above = float(geodetic(start)[2][0]) - (float(ground.mean()) if len(ground) else 0.0)
     band = band_of(channel, survey.air, max(above, 1.0), survey.sun_distance)
     period = scene.sensor.dating(flight).period
     exposure = exposure_of(channel, period)
-    detector = channel.detector
-    psf = pixel_psf(
-        _shaken(survey.motion, channel, period), detector.pitch, band.wavelength, band.weight,
-        detector.fill_factor,
-        detector.diffusion,
+    lens = field_lens(
+        channel, scene.sensor, _shaken(survey.motion, channel, period), band.wavelength,
+        band.weight, *_keystone(survey, channel),
     )  # fmt: skip
     around = survey.surroundings
     if around is None:
         around = _mean_reflectance(survey.land, glimpse, band)
     electrons = channel.etendue() * exposure * band.electrons
     drift = smear(channel, period, ground_rate(flight))
-    return Setting(period, exposure, drift, psf, band, around, electrons)
+    setting = Setting(
+        period, exposure, drift, lens.images, band, around, electrons, lens.camera, lens.light
+    )
+    return _with_smile(survey, channel, setting, max(above, 1.0))
+
+
+def _keystone(survey: Survey, channel: Channel) -> tuple[float, float]:
+    """Metre by which a channel's image lies farther out at the end of its line, and half of it."""
+    whole = survey.whole(channel)
+    half = whole.detector.columns / 2 * whole.detector.pitch
+    spectrometer = survey.camera.spectrometer
+    if spectrometer is None or not spectrometer.keystone:
+        return 0.0, half
+    means = [mean_wavelength(each) for each in survey.camera.channels]
+    low, high = min(means), max(means)
+    if low == high:
+        raise ValueError(
+            "spectrometer.keystone must be left out of a camera whose channels have one wavelength"
+        )
+    return spectrometer.keystone * (2 * mean_wavelength(whole) - low - high) / (high - low), half
+
+
+def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float) -> Setting:
+    """The setting with the bands along a line that smile bends."""
+    spectrometer = survey.camera.spectrometer
+    if spectrometer is None or not spectrometer.smile:
+        return setting
+    middle = (channel.columns - 1) / 2
+    place = (np.arange(channel.columns) - middle) / (survey.whole(channel).columns / 2)
+    shift = spectrometer.smile * place**2
+    nodes = np.unique(np.linspace(shift.min(), shift.max(), SMILES))
+    share = lagrange_weights(nodes, np.asarray(shift, float)).T
+    bands = [
+        band_of(channel.shifted(one), survey.air, above, survey.sun_distance)
+        for one in nodes.tolist()
+    ]
+    answers = np.array([band.electrons for band in bands]) @ share / setting.band.electrons
+    light = answers[None] if setting.light is None else setting.light * answers
+    return setting._replace(light=light, smile=tuple(zip(bands, share, strict=True)))
 
 
 def render(
@@ -131,27 +176,39 @@ def render(
     seed     of the noise, and of the motion, which is the same for all channels of a seed
     advance  called with the number of lines that were just rendered
     Raises    as `prepare`.
-    Accuracy  model: the solid angle of a pixel is that on the axis; the PSF is that of the axis.
-              Motion moves each line by the angle at its middle, and blurs it by what is expected
-              within an exposure, the same in all lines and along both axes. It needs memory for
-              some lines besides the picture.
+    Accuracy  model: without a lens table the solid angle of a pixel and the PSF are those on the
+              axis. With one, weights of rays change over the field as `field_blur` says, to 2e-3 of
+              the light of each point, and a pixel's illumination is that at its middle; over the
+              exposure of a scanner's line the image moves as on the axis. Bands of a bent line are
+              interpolated between three. Motion moves each line by the angle at its middle, and
+              blurs it by what is expected within an exposure, the same in all lines and along both
+              axes. It needs memory for some lines besides the picture.
     """
     setting = prepare(survey, channel, folder)
-    weights = blur_weights(
-        setting.psf, survey.rays, channel.detector.columns / channel.columns,
-        _lines_apart(channel, setting), setting.smear,
-    )  # fmt: skip
     turn = turn_of(survey, seed)
     strips = _strips(survey, channel, folder, setting, picture, advance, turn)
     names = [each.name for each in survey.camera.channels]
     first, offset = 0, names.index(channel.name) * MOST_LINES
-    for light in blur_strips(strips, weights):
-        electrons = pixel_electrons(channel, setting, light)
+    for light in _blurred(survey, channel, setting, strips):
+        electrons = pixel_electrons(channel, setting, light, first)
         streams = Streams(seed, offset + first)
         numbers = read_out(electrons, as_matrix(channel, len(light)), streams)
         picture.numbers[first : first + len(light)] = numbers
         first += len(light)
     return setting
+
+
+def _blurred(
+    survey: Survey, channel: Channel, setting: Setting, strips: Iterator[NDArray[np.float32]]
+) -> Iterator[NDArray[np.float32]]:
+    """Strips of rays as strips of pixels."""
+    across = channel.detector.columns / channel.columns
+    along, drift = _lines_apart(channel, setting), setting.smear
+    if isinstance(setting.psf, Psf):
+        return blur_strips(strips, blur_weights(setting.psf, survey.rays, across, along, drift))
+    columns, rows = image_pixels(channel, survey.scene(channel).sensor)
+    blur = field_blur(setting.psf, columns, rows, survey.rays, across, along, drift)
+    return blur.blurred(strips)
 
 
 def turn_of(survey: Survey, seed: int) -> Jitter | None:
@@ -193,10 +250,13 @@ def _shaken(motion: Motion, channel: Channel, period: float) -> Optics:
     return replace(optics, blur=math.hypot(optics.blur, mean * optics.image_distance))
 
 
-def pixel_electrons(channel: Channel, setting: Setting, light: NDArray[np.floating]) -> Floats:
+def pixel_electrons(
+    channel: Channel, setting: Setting, light: NDArray[np.floating], first: int = 0
+) -> Floats:
     """Expected electrons of lines of an image.
 
     light    (lines, columns) watt / m^2 / sr / m
+    first    number of the first line
     Returns  (lines, columns)
     """
     scan = channel.detector.scan
@@ -205,10 +265,13 @@ def pixel_electrons(channel: Channel, setting: Setting, light: NDArray[np.floati
     if scan:  # a column of the image averages its stages
         gain = None if gain is None else gain.mean(0)
         current = current.mean(0) if current.ndim else current
+    here = slice(None) if scan else slice(first, first + len(light))
     electrons = setting.electrons * light.astype(np.float64)
+    if setting.light is not None:
+        electrons *= setting.light[here]
     if gain is not None:
-        electrons *= gain
-    return electrons + current * setting.exposure
+        electrons *= gain if scan else gain[here]
+    return electrons + (current[here] if current.ndim == 2 else current) * setting.exposure
 
 
 def _strips(
@@ -218,10 +281,10 @@ def _strips(
     """Radiance (lines, columns, rays), before the lens; also fills in the picture's terms."""
     scene = survey.scene(channel)
     spread = channel.detector.pitch / channel.optics.image_distance / survey.rays
-    for strip in observe_earth(scene, folder, turn):
+    for strip in observe_earth(scene, folder, turn, setting.camera):
         lines, columns, rays = strip.shape
         here = slice(strip.first, strip.first + lines)
-        terms = radiance_terms(survey.land, strip.ground, setting, spread)
+        terms = _along_smile(survey.land, strip, setting, spread)
         for whole, part in zip(picture.terms, terms, strict=True):
             whole[here] = part.reshape(strip.shape).mean(2) * um
         longitude, latitude = _place(strip)
@@ -230,6 +293,20 @@ def _strips(
         total = terms.total.reshape(lines, columns, stages, survey.rays**2)
         yield total.mean(2)
         advance(lines)
+
+
+def _along_smile(land: Land, strip: Strip, setting: Setting, spread: float) -> Terms:
+    """The terms of all rays of a strip, each in the band of its column."""
+    if not setting.smile:
+        return radiance_terms(land, strip.ground, setting, spread)
+    parts = [
+        [
+            np.broadcast_to(share[:, None].astype(np.float32), strip.shape).ravel() * each
+            for each in radiance_terms(land, strip.ground, setting._replace(band=band), spread)
+        ]
+        for band, share in setting.smile
+    ]
+    return Terms(*(np.sum(each, axis=0) for each in zip(*parts, strict=True)))
 
 
 def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) -> Terms:
@@ -265,10 +342,11 @@ def _place(strip: Strip) -> tuple[Floats, Floats]:
     return geodetic(point)[:2]
 
 
-def _coarse_ground(scene: EarthScene, folder: Path) -> list[Ground]:
+def _coarse_ground(scene: EarthScene, channel: Channel, folder: Path) -> list[Ground]:
     """The ground of the image by a few rays."""
     coarse = replace(scene, sensor=_coarse(scene.sensor, scene.carrier), sky_rays=0)
-    return [strip.ground[strip.ground.hit] for strip in observe_earth(coarse, folder)]
+    camera = nominal(channel, coarse.sensor)
+    return [strip.ground[strip.ground.hit] for strip in observe_earth(coarse, folder, None, camera)]
 
 
 def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:

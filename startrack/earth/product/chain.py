@@ -98,7 +98,8 @@ def make_product(
     advance  called with parts of the work, of sum one
     Raises   ValueError where frames do not fit, or no ground is seen; ImportError without rasterio.
     Accuracy model: flight, pointing and terrain are known exactly, of drift and jitter nothing; a
-             pixel's ground is where its middle ray meets it.
+             pixel's ground is where its middle ray meets it. Distortion and keystone are known;
+             reflectance along a line that smile bends is by the band of its middle.
     """
     lines, columns = numbers.shape
     require_memory(PIXEL_BYTES * lines * columns, f"a product of {columns} x {lines} pixels")
@@ -108,7 +109,7 @@ def make_product(
     saturated = numbers >= calibration.saturation
     scene = survey.scene(channel)
     grounds = []
-    for strip in observe_earth(scene, folder):
+    for strip in observe_earth(scene, folder, None, setting.camera):
         which = np.arange(len(strip.ground)).reshape(strip.shape)[..., strip.shape[2] // 2]
         grounds.append(strip.ground[which.ravel()])
         advance(0.3 * strip.shape[0] / lines)
@@ -126,7 +127,7 @@ def make_product(
     require_memory(40 * grid.rows * grid.columns, f"a map of {grid.columns} x {grid.rows} cells")
     layers = {name: np.full((grid.rows, grid.columns), math.nan) for name in image}
     quality = np.zeros((grid.rows, grid.columns), np.uint8)
-    for part in place_cells(scene, folder, grid, distance, size):
+    for part in place_cells(scene, folder, grid, distance, size, setting.camera):
         bits = part.quality | np.where(touched(saturated, part.pixel), SATURATED, 0)
         for name, values in image.items():
             found = resample(values, part.pixel, settings.resampling)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from startrack.core import LIGHT_SPEED, Floats
+from startrack.core import LIGHT_SPEED, Camera, Floats
 from startrack.earth.geometry import EarthScene, Elements, fly
 
 NODES = 65  # of the flight's spline over the image
@@ -24,9 +24,11 @@ class Locator:
     Newton's method on splines of position, velocity and attitude.
 
     scene  with its sensor
+    lens   camera of the sensor's pixels, with its distortion; None: the sensor's own, without
     """
 
     scene: EarthScene
+    lens: Camera | None = None
     _flight: CubicSpline = field(init=False)
     _row: Elements = field(init=False)
     _at_once: bool = field(init=False)  # a matrix
@@ -101,4 +103,5 @@ class Locator:
         square = np.einsum("ij,ij->i", drift, drift)
         sight = (np.sqrt(along**2 + 1 - square) - along)[:, None] * sight + drift
         turn = flight[:, 6:].reshape(-1, 3, 3)
-        return self.scene.sensor.camera.project(np.einsum("nij,ni->nj", turn, sight))
+        camera = self.lens or self.scene.sensor.camera
+        return camera.project(np.einsum("nij,ni->nj", turn, sight))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, maximum_filter
 
-from startrack.core import Floats, deg, one_of, positive
+from startrack.core import Camera, Floats, deg, one_of, positive
 from startrack.earth.geometry import EarthScene, sun_direction
 from startrack.earth.product.locate import Locator
 from startrack.earth.terrain import (
@@ -124,14 +124,16 @@ class Part(NamedTuple):
 
 
 def place_cells(
-    scene: EarthScene, folder: Path, grid: MapGrid, distance: Floats, spread: float
-) -> Iterator[Part]:
+    scene: EarthScene, folder: Path, grid: MapGrid, distance: Floats, spread: float,
+    lens: Camera | None = None,
+) -> Iterator[Part]:  # fmt: skip
     """Where the image shows the terrain of each cell, some rows at a time.
 
     distance  (lines, columns) metre from the camera to the ground of each pixel; NaN for the sky
     spread    metre on the ground between rays of the image, which set the terrain's level
+    lens      as for `Locator`
     """
-    terrain, locator = scene.terrain.open(folder), Locator(scene)
+    terrain, locator = scene.terrain.open(folder), Locator(scene, lens)
     sun = sun_direction(scene.carrier.epoch, scene.sensor.delay)
     # The farthest of the pixels around, so that slopes are not taken for hidden.
     farthest = maximum_filter(np.nan_to_num(distance, nan=0.0), 3)
