@@ -602,7 +602,7 @@ class _Plan:
         size = int(fft.next_fast_len(math.ceil(size * fine)))
         cell = wavelength * fine / (size * self.spacing)
         half = math.ceil(radius / cell) + MARGIN
-        coordinate = (np.arange(2 * half) - half) * cell
+        coordinate = cell * np.arange(-float(half), half)
         path = star.over_square(coordinate, u, v)
         opened, near = star.open_pupil(coordinate.astype(np.float32), cell)
         phase = path.ravel()[near] / wavelength
