@@ -90,12 +90,14 @@ def _align(b, r, weight, matrix, covariance, condition, loss, status):  # type: 
     count = weight.shape[1]
     columns = np.empty((4, 3 * count))
     products, triangle, inverse = np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
-    w, step = np.empty(count), np.empty(3)
+    w, step, square = np.empty(count), np.empty(3), np.empty((3, 3))
     for k in range(len(weight)):
         most = 0.0
         for i in range(count):
             most = max(most, weight[k, i])
-        w[:] = weight[k] / (most if most > 0 else 1.0)
+        scale = most if most > 0 else 1.0
+        for i in range(count):
+            w[i] = weight[k, i] / scale
         a = matrix[k]
         _multiply(b[k], r[k], w, products)
         axis = best_rotation(products, a)
@@ -104,15 +106,15 @@ def _align(b, r, weight, matrix, covariance, condition, loss, status):  # type: 
             _linearise(b[k], r[k], w, a, columns)
             least_squares(columns, triangle, step)
             invert(triangle, inverse)
-            least = math.sqrt((triangle**2).sum() * (inverse**2).sum())  # of the condition's root
+            least = math.sqrt(_square(triangle) * _square(inverse))  # of the condition's root
             if not least < 1 / (100 * EPS):
                 break
             turn_by(step, a)
-            if math.sqrt((step**2).sum()) < EPS * least:
+            if math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) < EPS * least:
                 break
-        covariance[k] = inverse @ inverse.T
-        condition[k] = largest_eigenvalue(triangle.T @ triangle) * largest_eigenvalue(covariance[k])
-        covariance[k] /= most
+        _product(inverse, inverse, True, covariance[k])
+        _product(triangle, triangle, False, square)
+        condition[k] = largest_eigenvalue(square) * largest_eigenvalue(covariance[k])
         loss[k], curved = _loss(b[k], r[k], w, a, inverse)
         loss[k] *= most
         if not condition[k] < LARGEST_CONDITION:
@@ -120,18 +122,45 @@ def _align(b, r, weight, matrix, covariance, condition, loss, status):  # type: 
         else:
             status[k] = 0 if curved else 2
         if status[k] != 0:
-            covariance[k] = np.inf
             condition[k] = np.inf
+        for i in range(3):
+            for j in range(3):
+                covariance[k, i, j] = covariance[k, i, j] / most if status[k] == 0 else np.inf
 
 
 @kernel
 def _multiply(b, r, w, products):  # type: ignore[no-untyped-def]
     """Write sum_i w_i b_i r_i^T."""
-    products[:] = 0.0
-    for i in range(len(w)):
-        for j in range(3):
-            for k in range(3):
+    for j in range(3):
+        for k in range(3):
+            products[j, k] = 0.0
+            for i in range(len(w)):
                 products[j, k] += w[i] * b[i, j] * r[i, k]
+
+
+@kernel
+def _square(matrix):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for j in range(3):
+        for k in range(3):
+            total += matrix[j, k] ** 2
+    return total
+
+
+@kernel
+def _product(one, other, rows, out):  # type: ignore[no-untyped-def]
+    """Write the products of the rows of two matrices (3, 3) of each other, or of their columns.
+
+    Not `@`, whose last digit depends on the processor, and which takes a second to compile.
+    """
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = 0.0
+            for k in range(3):
+                if rows:
+                    out[i, j] += one[i, k] * other[j, k]
+                else:
+                    out[i, j] += one[k, i] * other[k, j]
 
 
 @kernel
@@ -153,7 +182,11 @@ def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
             + axis[1] * (pz * bx - px * bz)
             + axis[2] * (px * by - py * bx)
         )
-    turn_by(math.atan2(sine, cosine) * axis, a)
+    angle = math.atan2(sine, cosine)
+    turn = np.empty(3)
+    for k in range(3):
+        turn[k] = angle * axis[k]
+    turn_by(turn, a)
 
 
 @kernel
@@ -174,7 +207,7 @@ def _linearise(b, r, w, a, columns):  # type: ignore[no-untyped-def]
 @kernel
 def turn_by(turn, a):  # type: ignore[no-untyped-def]
     """Rotate a by a rotation vector (Rodrigues' formula, with half angles for small ones)."""
-    angle = math.sqrt((turn**2).sum())
+    angle = math.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
     sine = math.sin(angle) / angle if angle > 0 else 1.0
     versine = 2 * (math.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
     x, y, z = turn
@@ -196,17 +229,26 @@ def _loss(b, r, w, a, inverse):  # type: ignore[no-untyped-def]
         H = G + sum_i w_i ((e_i . p_i) I - (e_i p_i^T + p_i e_i^T) / 2)
     """
     loss = 0.0
-    h = np.zeros((3, 3))
+    h, half = np.zeros((3, 3)), np.empty((3, 3))
+    p, e = np.empty(3), np.empty(3)
     for i in range(len(w)):
-        p = np.array(_apply(a, r[i]))
-        e = b[i] - p
-        loss += w[i] * (e**2).sum() / 2
-        along = (e * p).sum()
+        p[0], p[1], p[2] = _apply(a, r[i])
+        along = square = 0.0
+        for j in range(3):
+            e[j] = b[i, j] - p[j]
+            square += e[j] ** 2
+            along += e[j] * p[j]
+        loss += w[i] * square / 2
         for j in range(3):
             h[j, j] += w[i] * along
             for k in range(3):
                 h[j, k] -= w[i] * (e[j] * p[k] + e[k] * p[j]) / 2
-    h = inverse.T @ h @ inverse + (1 - SMALLEST_CURVATURE) * np.eye(3)
+    _product(inverse, h, False, half)
+    for i in range(3):
+        for j in range(3):
+            h[i, j] = 1 - SMALLEST_CURVATURE if i == j else 0.0
+            for k in range(3):
+                h[i, j] += half[i, k] * inverse[k, j]
     # LAPACK's determinant fails at the infinities of unobservable sets.
     minor = h[0, 0] * h[1, 1] - h[0, 1] ** 2
     determinant = (

@@ -42,27 +42,40 @@ def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -
 def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untyped-def]
     count = len(sigma)
     trial, products = np.zeros(count, np.bool_), np.empty((3, 3))
+    seen, known, attitude = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     most, least = 2, np.inf
     for i in range(count):
         for j in range(i + 1, count):
-            seen, known = observed[j] - observed[i], reference[j] - reference[i]
-            near, far = math.sqrt((seen**2).sum()), math.sqrt((known**2).sum())
+            near, far = _apart(observed, i, j), _apart(reference, i, j)
             spread = math.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
             if abs(near - far) > gate * spread or far <= gate * spread:
                 continue
-            attitude = _frame(observed[i], observed[j]) @ _frame(reference[i], reference[j]).T
+            _frame(observed[i], observed[j], seen)
+            _frame(reference[i], reference[j], known)
+            for m in range(3):
+                for n in range(3):
+                    attitude[m, n] = 0.0
+                    for axis in range(3):
+                        attitude[m, n] += seen[m, axis] * known[n, axis]
+            agree = 0
             for k in range(count):
                 # Error of the pair's middle: spread / 2; of the rotation about it: spread / far.
-                arm = math.sqrt(((reference[k] - reference[i] - known / 2) ** 2).sum()) / far
+                square = 0.0
+                for m in range(3):
+                    square += (reference[k, m] - (reference[i, m] + reference[j, m]) / 2) ** 2
+                arm = math.sqrt(square) / far
                 total = math.sqrt(sigma[k] ** 2 + spread**2 * (0.25 + arm**2))
                 trial[k] = _distance(observed[k], attitude, reference[k]) <= gate * total
-            if trial.sum() < most:
+                agree += trial[k]
+            if agree < most:
                 continue
             # The gate of a close pair is wide; so the attitude of all these stars is tested again.
             products[:] = 0.0
             for k in range(count):
                 if trial[k]:
-                    products += np.outer(observed[k], reference[k]) / sigma[k] ** 2
+                    for m in range(3):
+                        for n in range(3):
+                            products[m, n] += observed[k, m] * reference[k, n] / sigma[k] ** 2
             best_rotation(products, attitude)
             agree, squares = 0, 0.0
             for k in range(count):
@@ -73,21 +86,37 @@ def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untype
                     squares += ratio**2
             if agree > most or (agree == most and squares < least):
                 most, least = agree, squares
-                chosen[:] = trial
+                for k in range(count):
+                    chosen[k] = trial[k]
+
+
+@kernel
+def _apart(direction, i, j):  # type: ignore[no-untyped-def]
+    x, y, z = direction[i]
+    u, v, w = direction[j]
+    return math.sqrt((u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2)
 
 
 @kernel
 def _distance(seen, attitude, known):  # type: ignore[no-untyped-def]
-    return math.sqrt(((seen - attitude @ known) ** 2).sum())
+    x, y, z = known
+    square = 0.0
+    for k in range(3):
+        turned = attitude[k, 0] * x + attitude[k, 1] * y + attitude[k, 2] * z
+        square += (seen[k] - turned) ** 2
+    return math.sqrt(square)
 
 
 @kernel
-def _frame(a, b):  # type: ignore[no-untyped-def]
+def _frame(a, b, frame):  # type: ignore[no-untyped-def]
     """Columns: along the sum of two unit vectors, along their difference, and across both."""
-    frame = np.empty((3, 3))
-    frame[:, 0] = (a + b) / math.sqrt(((a + b) ** 2).sum())
-    frame[:, 1] = (b - a) / math.sqrt(((b - a) ** 2).sum())
+    along = across = 0.0
+    for k in range(3):
+        along += (a[k] + b[k]) ** 2
+        across += (b[k] - a[k]) ** 2
+    along, across = math.sqrt(along), math.sqrt(across)
+    for k in range(3):
+        frame[k, 0], frame[k, 1] = (a[k] + b[k]) / along, (b[k] - a[k]) / across
     frame[0, 2] = frame[1, 0] * frame[2, 1] - frame[2, 0] * frame[1, 1]
     frame[1, 2] = frame[2, 0] * frame[0, 1] - frame[0, 0] * frame[2, 1]
     frame[2, 2] = frame[0, 0] * frame[1, 1] - frame[1, 0] * frame[0, 1]
-    return frame

@@ -25,15 +25,19 @@ def best_rotation(b, rotation):  # type: ignore[no-untyped-def]
     rotation  (3, 3), written
     Returns   (3,) u1
     """
-    v = np.eye(3)
+    v = np.zeros((3, 3))
+    v[0, 0] = v[1, 1] = v[2, 2] = 1.0
     for _ in range(MOST_SWEEPS):
         turned = False
         for i, j in ((0, 1), (0, 2), (1, 2)):
             turned |= _make_orthogonal(b, v, i, j)
         if not turned:
             break
-    length = np.sqrt((b**2).sum(axis=0))
-    first = np.argmax(length)
+    length, first = np.empty(3), 0
+    for j in range(3):
+        length[j] = math.sqrt(b[0, j] ** 2 + b[1, j] ** 2 + b[2, j] ** 2)
+        if length[j] > length[first]:
+            first = j
     second = (first + 1) % 3
     if length[(first + 2) % 3] > length[second]:
         second = (first + 2) % 3
@@ -70,19 +74,43 @@ def _make_orthogonal(b, v, i, j):  # type: ignore[no-untyped-def]
 @kernel
 def _frame(first, second):  # type: ignore[no-untyped-def]
     """Two orthogonal unit vectors: along the first, and as near as can be to the second."""
-    size = math.sqrt((first**2).sum())
-    u1 = first / size if size > 0 else np.array([1.0, 0.0, 0.0])
-    u2 = second - u1 * (u1 * second).sum()
-    if math.sqrt((u2**2).sum()) <= EPS * size:
-        u2 = np.zeros(3)
-        u2[np.argmin(np.abs(u1))] = 1.0
-    u2 = u2 / math.sqrt((u2**2).sum())
-    u2 = u2 - u1 * (u1 * u2).sum()  # again: a short or chosen vector is not orthogonal yet
-    return u1, u2 / math.sqrt((u2**2).sum())
+    size, least = math.sqrt(_dot(first, first)), 0
+    u1, u2 = np.empty(3), np.empty(3)
+    for k in range(3):
+        u1[k] = first[k] / size if size > 0 else (1.0 if k == 0 else 0.0)
+        if abs(u1[k]) < abs(u1[least]):
+            least = k
+    along = _dot(u1, second)
+    for k in range(3):
+        u2[k] = second[k] - u1[k] * along
+    if math.sqrt(_dot(u2, u2)) <= EPS * size:
+        for k in range(3):
+            u2[k] = 1.0 if k == least else 0.0
+    _normalise(u2)
+    along = _dot(u1, u2)
+    for k in range(3):
+        u2[k] -= u1[k] * along  # again: a short or chosen vector is not orthogonal yet
+    _normalise(u2)
+    return u1, u2
+
+
+@kernel
+def _dot(a, b):  # type: ignore[no-untyped-def]
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def _normalise(vector):  # type: ignore[no-untyped-def]
+    """Make its length one."""
+    length = math.sqrt(_dot(vector, vector))
+    for k in range(3):
+        vector[k] /= length
 
 
 @kernel
 def _cross(a, b):  # type: ignore[no-untyped-def]
-    return np.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
+    out = np.empty(3)
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        out[k] = a[i] * b[j] - a[j] * b[i]
+    return out

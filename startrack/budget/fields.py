@@ -220,7 +220,10 @@ def _propagate(seen, response, solver, found):  # type: ignore[no-untyped-def]
                 total += p
             end += 1
         info = full[:3, :3].copy()
-        stars[f], information[f] = total, info
+        stars[f] = total
+        for a in range(3):
+            for b in range(3):
+                information[f, a, b] = info[a, b]
         solved[f] = 1 - chance.sum()
         if solved[f] < 1e-6 or total < 2.0 or not np.linalg.cond(info) < 1e15:
             solved[f] = 0.0
@@ -270,8 +273,10 @@ def _propagate(seen, response, solver, found):  # type: ignore[no-untyped-def]
 @kernel
 def _design(x, y, focal, design):  # type: ignore[no-untyped-def]
     """How a star's position (pixel) changes with a rotation of the sky and with the scale."""
-    design[0] = focal * (-x * y), focal * (1 + x * x), -focal * y, focal * x
-    design[1] = -focal * (1 + y * y), focal * x * y, focal * x, focal * y
+    design[0, 0], design[0, 1] = focal * (-x * y), focal * (1 + x * x)
+    design[0, 2], design[0, 3] = -focal * y, focal * x
+    design[1, 0], design[1, 1] = -focal * (1 + y * y), focal * x * y
+    design[1, 2], design[1, 3] = focal * x, focal * y
 
 
 @kernel

@@ -15,10 +15,11 @@ from typing import Any
 
 from numba.core import sigutils
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
+from numba.core.compiler import Compiler, Flags
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import lookup_environment
 from numba.core.registry import CPUDispatcher
+from numba.core.target_extension import dispatcher_registry, target_registry
 
 from startrack.core.interpret import interpreter
 
@@ -66,6 +67,24 @@ class _Outer(Compiler):
         return super().define_pipelines()
 
 
+class _Flags(Flags):
+    """Numba's options of a function, compared by those that are set.
+
+    Numba looks for each function that a kernel calls under these options, and for that writes out
+    all forty of them, a tenth of the time of compiling.
+    """
+
+    HASH = hash(Flags())  # of names alone, and so the same for all
+
+    def __hash__(self) -> int:
+        return self.HASH
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, Flags) and self._values == other._values:
+            return True
+        return super().__eq__(other)
+
+
 class _Place:
     """Stands where numba keeps what Python calls: numba finds the intermediate code by it."""
 
@@ -78,6 +97,10 @@ class KernelDispatcher(CPUDispatcher):
     calls_within = 0  # of `get_call_template`: a kernel is being compiled, and calls this one
     _compiler: Any  # numba's, of this function
     _cache: Any  # its compiled code on disk
+
+    def __init__(self, *args: Any, **options: Any):
+        super().__init__(*args, **options)
+        self._compiler._customize_flags = _Flags
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """As numba, which asks when it finds a call of this kernel in another one."""
@@ -102,7 +125,7 @@ class KernelDispatcher(CPUDispatcher):
                     return found
                 self._wait()
             self._compiler.pipeline_class = _Outer
-            with _without_collection():
+            with _without_collection(), _numbas_own_inside():
                 return super().compile(sig)
 
     def _wait(self) -> None:
@@ -135,6 +158,21 @@ def _without_collection() -> Iterator[None]:
     finally:
         if resting:
             gc.enable()
+
+
+@contextmanager
+def _numbas_own_inside() -> Iterator[None]:
+    """Treat functions that numba compiles for a kernel, as for np.zeros, as kernels that it calls.
+
+    Else each becomes machine code that nothing calls, as the kernel has a copy of it.
+    """
+    cpu, registry = target_registry["cpu"], dispatcher_registry
+    before = registry[cpu]
+    dict.__setitem__(registry, cpu, KernelDispatcher)
+    try:
+        yield
+    finally:
+        dict.__setitem__(registry, cpu, before)
 
 
 @contextmanager

@@ -129,11 +129,15 @@ def _information_of_one(
             y1 += weight * y
             f1 += weight * f
             one += weight
-    matrix[0] = xx, xy, xf, x1
-    matrix[1] = xy, yy, yf, y1
-    matrix[2] = xf, yf, ff, f1
-    matrix[3] = x1, y1, f1, one
-    right[:] = by_x, by_y, by_f, by_1
+    # Not row by row: numba would compile the sentence of a row that does not fit.
+    matrix[0, 0], matrix[1, 1], matrix[2, 2], matrix[3, 3] = xx, yy, ff, one
+    matrix[0, 1] = matrix[1, 0] = xy
+    matrix[0, 2] = matrix[2, 0] = xf
+    matrix[0, 3] = matrix[3, 0] = x1
+    matrix[1, 2] = matrix[2, 1] = yf
+    matrix[1, 3] = matrix[3, 1] = y1
+    matrix[2, 3] = matrix[3, 2] = f1
+    right[0], right[1], right[2], right[3] = by_x, by_y, by_f, by_1
     return count
 
 
@@ -147,7 +151,8 @@ def brightness(data: Floats, star: Floats, value: Floats) -> None:
         for i in range(columns):
             if np.isnan(data[j, i]):
                 continue
-            part[:stars] = star[:, 0, j, i]
+            for s in range(stars):
+                part[s] = star[s, 0, j, i]
             for k in range(stars + 1):
                 right[k] += part[k] * data[j, i]
                 for m in range(stars + 1):
@@ -260,7 +265,8 @@ def fitted(sample: Sample, model: Model) -> Floats:
     """
     count = len(sample.x)
     table = np.full((count, COLUMNS), np.nan)
-    table[:, WINDOW_X], table[:, WINDOW_Y] = sample.x, sample.y
+    for i in range(count):
+        table[i, WINDOW_X], table[i, WINDOW_Y] = sample.x[i], sample.y[i]
     waiting = np.ones(count, np.bool_)
     for i in range(count):
         if not waiting[i]:

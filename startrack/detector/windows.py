@@ -230,7 +230,7 @@ def _path_bounds(x, y):  # type: ignore[no-untyped-def]
     """(n, 4) least x and y, largest x and y of each path."""
     ends = np.empty((x.shape[1], 4))
     for n in range(len(ends)):
-        ends[n] = x[0, n], y[0, n], x[0, n], y[0, n]
+        ends[n, 0], ends[n, 1], ends[n, 2], ends[n, 3] = x[0, n], y[0, n], x[0, n], y[0, n]
         for m in range(1, len(x)):
             ends[n, 0], ends[n, 1] = min(x[m, n], ends[n, 0]), min(y[m, n], ends[n, 1])
             ends[n, 2], ends[n, 3] = max(x[m, n], ends[n, 2]), max(y[m, n], ends[n, 3])

@@ -105,7 +105,7 @@ def agree(
     scale: float,
     reach: float,
     fewest: int,
-    without: int = -1,
+    without: int,
 ) -> Agreed:  # pragma: no cover
     """Match and fit in turns until the matches stay the same.
 
@@ -234,7 +234,7 @@ def gather(
     """
     star, place = _brightest(seen, faint, magnitude, rotation, scale)
     reach = max(seen.excess, REACH * median(seen.sigma))
-    found = agree(seen, faint.direction, star, place, rotation, scale, reach, 2)
+    found = agree(seen, faint.direction, star, place, rotation, scale, reach, 2, -1)
     matched = star[found.taken]
     return Gathered(
         found.spot,

@@ -258,7 +258,8 @@ def _triangles(
                 continue
             if count + len(near) > len(found):
                 more = np.empty((2 * len(found), 3), np.int32)
-                more[: len(found)] = found
+                for k in range(count):
+                    more[k, 0], more[k, 1], more[k, 2] = found[k, 0], found[k, 1], found[k, 2]
                 found = more
             for j in range(len(near)):
                 c = near[j]

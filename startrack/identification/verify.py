@@ -90,6 +90,7 @@ def verify(
         scale,
         FIRST_RADIUS * seen.radius,
         fewest,
+        -1,
     )
     return _verdict(seen, voters, star, found, fewest)
 

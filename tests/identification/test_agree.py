@@ -35,7 +35,7 @@ def test_a_match_left_out_of_the_first_fit_has_no_weight(spots_at, number):
     seen = seen_at(spots_at, spot)
     reach, every = 20 / 4000, np.arange(6)
     start = TURN.as_matrix()
-    lured = agree(seen, direction, every, place, start, 1.0, reach, 3)
+    lured = agree(seen, direction, every, place, start, 1.0, reach, 3, -1)
     assert number in lured.spot
     free = agree(seen, direction, every, place, start, 1.0, reach, 3, number)
     assert free.spot.tolist() == [k for k in range(6) if k != number]
@@ -52,7 +52,7 @@ def test_an_attitude_wrong_by_some_pixels_is_corrected(spots_at):
     x, y, z = off.apply(direction).T
     found = agree(
         seen_at(spots_at, spot), direction, np.arange(20), np.column_stack([x / z, y / z]),
-        off.as_matrix(), 1.0, 6 / 4000, 4,
+        off.as_matrix(), 1.0, 6 / 4000, 4, -1,
     )  # fmt: skip
     assert found.spot.tolist() == found.taken.tolist() == list(range(20))
     assert found.scale == pytest.approx(1.002, rel=1e-6)
@@ -108,7 +108,7 @@ def fits(monkeypatch, spots_at, spot, sigma, start=TURN, **settings):
     x, y, z = start.apply(direction).T
     plain(
         seen_at(spots_at, star + spot, sigma, **settings), direction, np.arange(5),
-        np.column_stack([x / z, y / z]), start.as_matrix(), 1.0, 6 / 4000, 3,
+        np.column_stack([x / z, y / z]), start.as_matrix(), 1.0, 6 / 4000, 3, -1,
     )  # fmt: skip
     return np.array(weights)
 
