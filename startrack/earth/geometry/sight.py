@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
@@ -127,10 +128,12 @@ def scan_lines(
     )
 
 
+@lru_cache(maxsize=16)
 def ground_rate(orbit: Carrier) -> float:
     """Radian per second at which the ground below the satellite moves at its epoch.
 
-    Times the focal length in pixels it is the line rate that makes square pixels at the nadir.
+    Times the focal length in pixels it is the line rate that makes square pixels at the nadir. Kept
+    for the 16 last orbits, because the Earth's axes take astropy a tenth of a second.
     """
     flight = fly(orbit, np.zeros(1))
     position, velocity = flight.position[0], flight.velocity[0]

@@ -18,6 +18,7 @@ from startrack.earth.product.locate import Locator
 from startrack.earth.terrain import (
     EQUATORIAL,
     Ground,
+    NorthUp,
     Rays,
     between,
     cartesian,
@@ -41,22 +42,13 @@ SLACK = 0.5  # pixel on the ground by which a hidden point lies behind the one t
 
 
 @dataclass(frozen=True)
-class MapGrid:
-    """Cells of a map, from the north-west corner.
+class MapGrid(NorthUp):
+    """Cells of a map, from the outer corner of the first; in metre, or degree if geographic.
 
-    system        coordinate system, such as EPSG:32632
-    west, north   outer corner of the first cell: metre, or degree in a geographic system
-    step_x, step_y  size of a cell, in the same unit
-    columns, rows
+    system  coordinate system, such as EPSG:32632
     """
 
     system: str
-    west: float
-    north: float
-    step_x: float
-    step_y: float
-    columns: int
-    rows: int
 
     def places(self, rows: slice) -> tuple[Floats, Floats]:
         """Longitude and latitude (n,) radian of the middles of the cells of some rows."""
@@ -107,7 +99,7 @@ def grid_of(longitude: Floats, latitude: Floats, projection: str, cell: float) -
     west, top = math.floor(x.min() / step_x) * step_x, math.ceil(y.max() / step_y) * step_y
     columns = max(math.ceil((x.max() - west) / step_x), 1)
     rows = max(math.ceil((top - y.min()) / step_y), 1)
-    return MapGrid(system, west, top, step_x, step_y, columns, rows)
+    return MapGrid(west, top, step_x, step_y, columns, rows, system)
 
 
 class Part(NamedTuple):

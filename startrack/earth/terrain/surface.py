@@ -24,12 +24,12 @@ SEAM = 1e-6  # of a step, within which a grid closes around the Earth or reaches
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Vertices of an array of heights: north up, west left, evenly spaced in angle.
+class NorthUp:
+    """An array on the ground, north up and west left, evenly spaced.
 
-    west, north      radian, longitude and latitude of the vertex [0, 0]
-    step_x, step_y   radian, to the next column eastwards and to the next row southwards
-    columns, rows    vertices
+    west, north      where it begins
+    step_x, step_y   to the next column eastwards and to the next row southwards
+    columns, rows    how many
     """
 
     west: float
@@ -38,6 +38,11 @@ class Grid:
     step_y: float
     columns: int
     rows: int
+
+
+@dataclass(frozen=True)
+class Grid(NorthUp):
+    """Vertices of an array of heights; in radian, from the longitude and latitude of [0, 0]."""
 
     def __post_init__(self) -> None:
         finite(west=self.west, north=self.north)

@@ -35,6 +35,8 @@ from startrack.io.shipped import shipped
 from startrack.motion import Broadband, Motion, Tone
 from startrack.optics import Aberration, Optics, pixel_psf
 
+from ..terrain.scenes import CAMERA, SCENE
+
 PLANCK_TIMES_C = 1.98644586e-25  # J m, CODATA 2018
 EPOCH = "2026-06-21T10:00:00"
 FLAT = Terrain(fractal=Fractal(10 * deg, 47 * deg, 20.0, 64, 1e-3), highest=100.0, lowest=-10.0)
@@ -363,49 +365,8 @@ def test_fast_jitter_blurs(tmp_path):
     )
 
 
-PLANE = """
-camera = "small.toml"
-lines = 30
-columns = 24
-[aircraft]
-epoch = "2026-06-21T10:00:00"
-longitude = "10 deg"
-latitude = "47 deg"
-[air]
-[terrain]
-highest = "500 m"
-[terrain.fractal]
-longitude = "10 deg"
-latitude = "47 deg"
-cell = "5 m"
-cells = 128
-relief = "100 m"
-[land]
-texture = 0.3
-"""
-CAMERA = """
-[[channels]]
-name = "green"
-[channels.optics]
-focal_length = "50 mm"
-f_number = 4
-psf = "airy"
-[channels.band]
-wavelength = ["520 nm", "525 nm", "575 nm", "580 nm"]
-value = [0.0, 1.0, 1.0, 0.0]
-[channels.detector]
-columns = 512
-rows = 30
-pixel_pitch = "20 um"
-exposure = "1 ms"
-full_well = "500e3 electron"
-[channels.detector.scan]
-kind = "line"
-"""
-
-
 def test_the_command_leaves_a_picture_and_its_terms(tmp_path, capsys):
-    (tmp_path / "scene.toml").write_text(PLANE)
+    (tmp_path / "scene.toml").write_text(SCENE)
     (tmp_path / "small.toml").write_text(CAMERA)
     out = tmp_path / "out"
     scene = str(tmp_path / "scene.toml")
@@ -426,7 +387,7 @@ def test_the_command_leaves_a_picture_and_its_terms(tmp_path, capsys):
 
 def test_geotiff_is_tied_to_the_ground(tmp_path, capsys):
     rasterio = pytest.importorskip("rasterio")
-    (tmp_path / "scene.toml").write_text(PLANE)
+    (tmp_path / "scene.toml").write_text(SCENE)
     (tmp_path / "small.toml").write_text(CAMERA)
     scene = str(tmp_path / "scene.toml")
     assert main(["earth", "render", scene, "--out", str(tmp_path), "--geotiff"]) == 0

@@ -51,6 +51,8 @@ from startrack.earth.product.ortho import grid_of, place_cells, resample
 from startrack.earth.terrain import Rays, cartesian, survey, up
 from startrack.optics import Optics
 
+from ..terrain.scenes import CAMERA, SCENE
+
 sys.path.append(str(Path(__file__).parents[3] / "experiments"))
 HILLS = Terrain(fractal=Fractal(10 * deg, 47 * deg, 10.0, 256, 600.0), highest=700, lowest=-10)
 PLANE = Aircraft("2026-06-21T10:00:00", 10 * deg, 47 * deg, 3e3, speed=100.0)
@@ -195,47 +197,6 @@ def test_resampling_between_pixels():
     assert resample(values, place, "nearest")[0] == 3 * 2 - 5
     values[2, 5] = math.nan
     assert np.isnan(resample(values, place, "bilinear")[0])
-
-
-SCENE = """
-camera = "small.toml"
-lines = 30
-columns = 24
-[aircraft]
-epoch = "2026-06-21T10:00:00"
-longitude = "10 deg"
-latitude = "47 deg"
-[air]
-[terrain]
-highest = "500 m"
-[terrain.fractal]
-longitude = "10 deg"
-latitude = "47 deg"
-cell = "5 m"
-cells = 128
-relief = "100 m"
-[land]
-texture = 0.3
-"""
-CAMERA = """
-[[channels]]
-name = "green"
-[channels.optics]
-focal_length = "50 mm"
-f_number = 4
-psf = "airy"
-[channels.band]
-wavelength = ["520 nm", "525 nm", "575 nm", "580 nm"]
-value = [0.0, 1.0, 1.0, 0.0]
-[channels.detector]
-columns = 512
-rows = 30
-pixel_pitch = "20 um"
-exposure = "1 ms"
-full_well = "500e3 electron"
-[channels.detector.scan]
-kind = "line"
-"""
 
 
 def test_the_command_maps_what_was_rendered_and_refuses_the_rest(tmp_path, capsys):

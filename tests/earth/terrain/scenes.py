@@ -1,4 +1,4 @@
-"""Small terrain and rays at it, for the tests of this folder."""
+"""Small terrain and rays at it, and files of a small scene and its camera, for tests of `earth`."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,3 +68,44 @@ def globe(per_degree: float = 1.0) -> tuple[Grid, NDArray[np.float32]]:
     lon = grid.west + step * np.arange(columns)
     lat = grid.north - step * np.arange(rows)[:, None]
     return grid, (3000 + 2000 * np.sin(3 * lon) * np.cos(lat)).astype(np.float32)
+
+
+SCENE = """
+camera = "small.toml"
+lines = 30
+columns = 24
+[aircraft]
+epoch = "2026-06-21T10:00:00"
+longitude = "10 deg"
+latitude = "47 deg"
+[air]
+[terrain]
+highest = "500 m"
+[terrain.fractal]
+longitude = "10 deg"
+latitude = "47 deg"
+cell = "5 m"
+cells = 128
+relief = "100 m"
+[land]
+texture = 0.3
+"""
+CAMERA = """
+[[channels]]
+name = "green"
+[channels.optics]
+focal_length = "50 mm"
+f_number = 4
+psf = "airy"
+[channels.band]
+wavelength = ["520 nm", "525 nm", "575 nm", "580 nm"]
+value = [0.0, 1.0, 1.0, 0.0]
+[channels.detector]
+columns = 512
+rows = 30
+pixel_pitch = "20 um"
+exposure = "1 ms"
+full_well = "500e3 electron"
+[channels.detector.scan]
+kind = "line"
+"""
