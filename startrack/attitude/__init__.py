@@ -12,6 +12,8 @@ extension_method  Matched directions -> attitude and covariance, by code that is
                startrack.
 refine         Gauss-Newton on the residuals in the image plane, and the covariance of the
                attitude.
+shared         Errors that the stars of a frame share -> what they add to the covariance of an
+               attitude.
 solve          Estimate from Spots and Matches: attitude, covariance and status.
 camera         Identified frames of one camera -> the camera model that fits them all.
 follow         Filtered attitude and gyroscope bias from attitudes in time and gyroscope rates.
@@ -25,6 +27,7 @@ from startrack.attitude.follow import Gyroscope, State, correct, predict, start
 from startrack.attitude.mounting import Mounting
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, refine, tangent
+from startrack.attitude.shared import SharedErrors, attitude_gain
 from startrack.attitude.solve import scale_unknown, solve
 from startrack.attitude.wahba import davenport, foam, quest, svd
 
@@ -39,6 +42,7 @@ __all__ = [
     "Mounting",
     "Observability",
     "Refinement",
+    "SharedErrors",
     "SolverSettings",
     "State",
     "align",

@@ -10,6 +10,7 @@ from startrack.attitude.consensus import consensus
 from startrack.attitude.extension_method import AttitudeInput, attitude_by_code
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, refine
+from startrack.attitude.shared import SharedErrors, attitude_gain
 from startrack.attitude.wahba import svd
 from startrack.core import Estimate, Floats, Matches, Spots, Status, is_code, kernel
 
@@ -66,6 +67,7 @@ def solve(
     settings: SolverSettings,
     tolerance: float = 0.0,
     own: Floats | None = None,
+    shared: SharedErrors | None = None,
 ) -> Estimate:
     """The attitude from matched stars, weighted by the covariance of their centroids.
 
@@ -81,6 +83,7 @@ def solve(
                attitude; 0: it is held
     own        (m,) pixel^2 per axis, systematic variance of the matched stars' centroids; None: the
                square of `settings.centroid_floor`
+    shared     errors that stars have alike, which the covariance then holds; None: none are known
     Returns    Estimate; not solved where the matches are not, or do not determine the attitude
     """
     if matches.status is not Status.SOLVED:
@@ -112,11 +115,18 @@ def solve(
     total = float(best.chi_square.sum())
     chance = special.chdtrc(freedom, total) if freedom > 0 else 1.0
     excess = total / freedom if chance < SIGNIFICANCE else 1.0
+    stated = best.covariance * excess
+    if shared is not None:
+        plane = _plane(matches, best, used)
+        focal = matches.camera.focal_length_px
+        inverse: Floats = np.linalg.inv(covariance[used]).astype(np.float64)
+        gain = attitude_gain(plane, inverse, focal, tolerance)
+        stated = stated + shared.added(gain, pixel[used])
     return Estimate(
         Status.SOLVED,
         matches.reason,
         best.icrs_to_camera,
-        best.covariance * excess,
+        stated,
         float(np.sqrt(np.mean(best.residual**2))),
         len(used),
         matches.false_probability,
@@ -147,6 +157,12 @@ def _fit(
     weight = 2 / np.trace(covariance, axis1=1, axis2=2)
     start = svd(matches.camera.unproject(pixel), direction, weight)
     return refine(pixel, covariance, direction, matches.camera, start, tolerance)
+
+
+def _plane(matches: Matches, best: Refinement, used: NDArray[np.int64]) -> Floats:
+    """Places (n, 2) of the stars in the image plane, where the attitude has them."""
+    direction = best.icrs_to_camera.apply(matches.direction[used])
+    return np.asarray(direction[:, :2] / direction[:, 2:])
 
 
 def _agreeing(

@@ -56,6 +56,7 @@ from startrack.design.variation import (
     Moment,
     Scope,
     Variation,
+    aged,
     differences,
     law_of,
     middle_case,

@@ -18,6 +18,7 @@ LAWS = ("normal", "truncated", "uniform", "lognormal", "sinusoid", "table")
 ABSOLUTE, RELATIVE = "absolute", "relative"
 TRUTH = ("instrument.", "scene.", "catalog.")
 YEAR = 365.25 * 86400  # second, the Julian year
+QUANTILES = 400  # of a law, for its mean square: of a normal law within 0.4 %
 
 
 class Scope(StrEnum):
@@ -163,6 +164,11 @@ class Law:
         place = np.linspace(0, 1, len(self.values))
         return self.mean + one.scale * float(np.interp(ndtr(z), place, self.values))
 
+    def mean_square(self) -> float:
+        """Mean square of the difference, over the middles of equally likely parts."""
+        u = (np.arange(QUANTILES) + 0.5) / QUANTILES
+        return float(np.mean([self.difference(float(z)) ** 2 for z in ndtri(u)]))
+
 
 def law_of(case: Any, one: Variation) -> Law:
     """The variation in the units of its parameter.
@@ -278,10 +284,10 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     bare = case.without_units
     if moment.unit < 0:
         return bare
-    bare = _aged(bare, moment.age)
+    bare = aged(bare, moment.age)
     values = _values(case, differences(case, seed, moment))
     own = Streams(seed, moment.unit)
-    design = case.without_units
+    design = case
     # The maps of its pixels and its residual are those of the unit; a dark map is taken on it.
     device = int(own("device of a unit").integers(2**62))
     if case.tracker.detection.dark_map is not None:
@@ -308,7 +314,7 @@ def middle_case(case: Any, age: float, names: Collection[str]) -> Any:
         if one.name in names and one.per in (Scope.UNIT, Scope.LIFE)
     ]
     bare = case.without_units
-    return replaced_all(_aged(bare, age), _values(case, found)).unit_of(bare)
+    return replaced_all(aged(bare, age), _values(case, found)).unit_of(case)
 
 
 def _values(case: Any, found: list[tuple[Variation, float]]) -> dict[str, Any]:
@@ -327,7 +333,7 @@ def _values(case: Any, found: list[tuple[Variation, float]]) -> dict[str, Any]:
     return values
 
 
-def _aged(case: Any, age: float) -> Any:
+def aged(case: Any, age: float) -> Any:
     """A case whose detector, if it has an ageing law, is `age` seconds in orbit."""
     detector, detection = case.instrument.detector, case.tracker.detection
     if not detector.age:

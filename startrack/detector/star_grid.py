@@ -22,10 +22,11 @@ def star_grid(
     psf: Psf,
     detector: Detector,
     sky: float,
+    dark: Floats | None = None,
 ) -> tuple[Frame, Floats]:
     """Expected digital numbers of stars, each in the middle of its cell.
 
-    Cells in the same column have pixels of the same random response.
+    Cells in the same column have pixels of the same random response and dark signal.
 
     stars       (n, 3) x and y (pixel) from the middle of the cell, electron
     companions  (n, 3) x and y (pixel) from the star, electron, of another star in the cell
@@ -33,6 +34,7 @@ def star_grid(
     side        pixel, odd, of a cell
     smear       (m, 3) weight, x and y (pixel) of the points of a star's path
     sky         electron of the uniform background in a pixel of mean response
+    dark        (across, side, side) electron above the dark signal of all pixels; None: zero
     Returns     Frame of numbers that are not rounded, and (n, 2) pixel, positions of the stars
     """
     gain = np.ones((side, across * side))
@@ -50,4 +52,7 @@ def star_grid(
     if detector.crosstalk:
         electrons = diffuse(electrons, detector.crosstalk)
     electrons += detector.dark_rate * detector.exposure
+    if dark is not None:
+        row_of_cells = dark.transpose(1, 0, 2).reshape(side, across * side)
+        electrons += np.tile(row_of_cells, (len(stars) // across, 1))
     return to_frame(mean_numbers(electrons, law_of(detector)), detector), position

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import refine, tangent
+from startrack.attitude import attitude_gain, refine
 from startrack.core import Camera, Floats, Frame, Ints, Stars
 from startrack.design import Case
 from startrack.detection import Response, half_of, joined, peak_border, response
@@ -195,12 +195,7 @@ def _gain(direction: Floats, covariance: Floats, case: Case, attitude: Rotation)
     A tracker that refines its focal length fits it together with the attitude.
     """
     x, y, z = attitude.apply(direction).T
-    plane = np.column_stack([x / z, y / z])
+    plane, tolerance = np.column_stack([x / z, y / z]), case.tracker.identification.focal_tolerance
     focal = case.believed_camera.focal_length_px
-    design, known = focal * tangent(plane), np.zeros((3, 3))
-    if tolerance := case.tracker.identification.focal_tolerance:
-        design = np.concatenate([design, focal * plane[:, :, None]], axis=2)
-        known = np.diag([0, 0, 0, tolerance**-2])
-    left = np.einsum("nia,nij->anj", design, np.linalg.inv(covariance)).reshape(len(known), -1)
-    gain = np.linalg.solve(left @ design.reshape(-1, len(known)) + known, left)
-    return gain[:3].reshape(3, -1, 2)
+    inverse: Floats = np.linalg.inv(covariance).astype(np.float64)
+    return attitude_gain(plane, inverse, focal, tolerance)

@@ -84,7 +84,7 @@ from startrack.optics.ray_trace import (
     surfaces_of,
     trace_lens,
 )
-from startrack.optics.residual import Residual
+from startrack.optics.residual import Residual, residual_law
 from startrack.optics.surfaces import Surfaces, load_surfaces, open_surfaces, save_surfaces
 from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_of_pages
 from startrack.optics.zernike import Aberration, zernike

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from startrack.core import Curve, Floats, local_weights
-from startrack.design import YEAR, Case, Scope, found_at, law_of, replaced
+from startrack.design import YEAR, Case, Scope, aged, found_at, law_of, replaced
 from startrack.trial import Limits, Plan, limits_of, plan_within, refuse, through_of, view_of
 
 NODES = 9  # of each number, evenly over its range; cubic between the four nearest
@@ -163,20 +163,21 @@ class UnitPlans:
 
 
 @lru_cache(maxsize=2)
-def unit_plans(case: Case) -> UnitPlans:
+def unit_plans(case: Case, age: float = 0.0) -> UnitPlans:
     """Measure the stars of a design at the nodes of all numbers that vary; kept for the 2 last.
 
+    age     second, of the detector where it has an ageing law
     Raises  ValueError where fidelity covariance cannot compute the design, or a number.
     """
-    refuse(case)
+    bare = aged(case.without_units, age)
+    refuse(bare)
     names = list(dict.fromkeys(one.name for one in case.variation))
     for name in names:
         if name.startswith("catalog."):
             raise ValueError(f"{name} must not vary in fidelity covariance; choose frame or window")
     axes = [_axis(case, name) for name in names if not of_places(case, name)]
-    design = case.without_units
-    unit = design.unit_of(design)  # in which nothing differs
-    cases = [[_at(case, axis.name, value) for value in axis.values()] for axis in axes]
+    unit = bare.unit_of(case)  # in which nothing differs
+    cases = [[_at(case, bare, axis.name, value) for value in axis.values()] for axis in axes]
     every = [limits_of(one) for one in (unit, *(one for row in cases for one in row))]
     found = max((one.found for one in every), key=len)
     limits = Limits(min(one.faintest for one in every), max(one.brightest for one in every), found)
@@ -200,15 +201,14 @@ def _axis(case: Case, name: str) -> Axis:
     return Axis(name, np.linspace(low, high, NODES), log)
 
 
-def _at(case: Case, name: str, value: float) -> Case:
-    """A unit of the case with another value of a number, or another factor of a curve."""
+def _at(case: Case, bare: Case, name: str, value: float) -> Case:
+    """A unit of the case with another value of a number of its truth, or factor of a curve."""
     held: Any = found_at(case, name)
     new: Any = float(value)
     if isinstance(held, Curve):
         new = held.scaled(float(value))
-    bare = case.without_units
     changed: Case = replaced(bare, name, new)
-    return changed.unit_of(bare)
+    return changed.unit_of(case)
 
 
 def _parts(plan: Plan) -> list[Floats]:

@@ -69,7 +69,7 @@ def unit_trials(
     """
     table = np.empty(len(numbers), UNITS)
     fast = fidelity is Fidelity.COVARIANCE and not units.exact
-    plans = unit_plans(case) if fast else None
+    plans = unit_plans(case, units.age) if fast else None
     attitudes = random_attitudes(seed, numbers) if icrs_to_camera is None else icrs_to_camera
     for moment, each in groupby(range(len(numbers)), lambda n: units.moment(case, numbers[n])):
         rows = list(each)

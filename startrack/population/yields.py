@@ -93,7 +93,7 @@ def explain(case: Case, seed: int, units: Units, unit: int) -> list[tuple[str, f
 
 def _rms(case: Case, other: Case, seed: int, units: Units, numbers: list[int]) -> float:
     """Radian, rms across of trials of a unit of another case, by the plans of a case."""
-    plans, across = unit_plans(case), Objective("across")
+    plans, across = unit_plans(case, units.age), Objective("across")
     squares = []
     for environment in range(units.environments):
         some = [n for n in numbers if units.moment(case, n).environment == environment]

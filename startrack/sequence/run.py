@@ -29,7 +29,7 @@ from startrack.core import (
     Streams,
     whole,
 )
-from startrack.design import Case, Tracker
+from startrack.design import Case
 from startrack.detection import detect
 from startrack.detector import Exposure, expected, flickering, frame_of
 from startrack.identification import identify, track
@@ -45,15 +45,13 @@ from startrack.trial import (
     as_believed,
     boxed,
     detection_plan,
-    focal_stretches,
+    estimate_of,
     images_of,
     light_of,
     pattern_indexes,
     random_attitude,
     smear_of,
-    solve_matches,
     stars_in_field,
-    systematic_variance,
     take_boxes,
     throughput,
 )
@@ -222,7 +220,7 @@ def _see(
     if boxed(case) and predicted is not None:
         plan = detection_plan(case, smear=(x, y))
         spots, matches = take_boxes(case, frame, camera, predicted.icrs_to_camera, plan)
-        return spots, matches, _solved(case, agreeing(tracker), spots, matches)
+        return spots, matches, estimate_of(case, agreeing(tracker), spots, matches)
     stars = open_sky(case.believed_catalog).stars
     spots = detect(as_believed(case, frame), detection_plan(case, smear=(x, y)))
     rooms = spots, camera, stars, pattern_indexes(case.believed_catalog)(case.believed_camera)
@@ -231,11 +229,7 @@ def _see(
     else:
         spread = predicted.covariance[:3, :3]
         matches = track(*rooms, predicted.icrs_to_camera, spread, tracker.identification)
-    return spots, matches, _solved(case, tracker, spots, matches)
-
-
-def _solved(case: Case, tracker: Tracker, spots: Spots, matches: Matches) -> Estimate:
-    return solve_matches(spots, matches, tracker, systematic_variance(case), focal_stretches(case))
+    return spots, matches, estimate_of(case, tracker, spots, matches)
 
 
 def _mode(known: TrackerState, estimate: Estimate) -> Mode:

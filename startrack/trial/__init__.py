@@ -14,6 +14,8 @@ zones          Case with a lens table -> how single stars are measured over the 
 neighbours     Case -> shift of the centroid of each star by the light of its neighbours.
 systematic     Case -> systematic variance of each star, which the tracker adds to that of the
                noise.
+dark_pattern   Case -> the same case with an even dark current and more noise, and what its hot
+               pixels do.
 spot_response  Case -> detection and centroid of a star, over its flux and position in the pixel.
 spot_plan      Case -> plan of its statistical trials: detectable stars, their response, and what
                is refused.
@@ -30,6 +32,7 @@ from startrack.trial.boxes import agreeing, boxed, take_boxes
 from startrack.trial.chain import (
     OUTCOMES,
     Record,
+    estimate_of,
     identify_and_solve,
     lost_in_space,
     observe,
@@ -73,7 +76,12 @@ from startrack.trial.star_response import (
     scale,
     star_images,
 )
-from startrack.trial.systematic import focal_stretches, systematic_variance, systematic_variance_of
+from startrack.trial.systematic import (
+    focal_stretches,
+    shared_errors,
+    systematic_variance,
+    systematic_variance_of,
+)
 from startrack.trial.view import (
     as_believed,
     detected_spectrum,

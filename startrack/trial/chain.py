@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import solve
+from startrack.attitude import SharedErrors, solve
 from startrack.catalog import Selection, open_sky
 from startrack.core import (
     Camera,
@@ -39,7 +39,7 @@ from startrack.trial.boxes import agreeing, boxed, boxes_in_windows, expected_at
 from startrack.trial.covariance import outcomes as drawn_outcomes
 from startrack.trial.spots import spots_of
 from startrack.trial.sweep import straighten, sweep
-from startrack.trial.systematic import focal_stretches, systematic_variance
+from startrack.trial.systematic import focal_stretches, shared_errors, systematic_variance
 from startrack.trial.view import (
     as_believed,
     detection_plan,
@@ -129,16 +129,14 @@ def run_trial(
         return Outcome(*drawn[0].item())
     if fidelity is Fidelity.WINDOW and boxed(case):
         spots, matches = boxes_in_windows(case, icrs_to_camera, streams)
-        estimate = solve_matches(
-            spots, matches, agreeing(case.tracker), systematic_variance(case), focal_stretches(case)
-        )
+        estimate = estimate_of(case, agreeing(case.tracker), spots, matches)
         return judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
     make = spots_in_windows if fidelity is Fidelity.WINDOW else spots_of
     spots = make(case, icrs_to_camera, streams)
-    indexes, systematic = pattern_indexes(case.believed_catalog), systematic_variance(case)
-    _, estimate = identify_and_solve(
-        spots, case.believed_camera, indexes, case.tracker, systematic, focal_stretches(case)
-    )
+    indexes, camera = pattern_indexes(case.believed_catalog), case.believed_camera
+    known = case.tracker.identification
+    matches = identify(spots, camera, indexes.stars, indexes(camera), known)
+    estimate = estimate_of(case, case.tracker, spots, matches)
     return judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
 
 
@@ -161,9 +159,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
         spots = _detected(case, frame)
         index = pattern_indexes(case.believed_catalog)(believed)
         matches = identify(spots, believed, catalog, index, case.tracker.identification)
-    estimate = solve_matches(
-        spots, matches, tracker, systematic_variance(case), focal_stretches(case)
-    )
+    estimate = estimate_of(case, tracker, spots, matches)
     outcome = judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
     return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
 
@@ -232,19 +228,31 @@ def identify_and_solve(
     return matches, solve_matches(spots, matches, tracker, systematic, stretch)
 
 
+def estimate_of(case: Case, tracker: Tracker, spots: Spots, matches: Matches) -> Estimate:
+    """The attitude from matched stars, with what the tracker of a case knows of their errors."""
+    return solve_matches(
+        *(spots, matches, tracker, systematic_variance(case)),
+        *(focal_stretches(case), shared_errors(case)),
+    )
+
+
 def solve_matches(
     spots: Spots,
     matches: Matches,
     tracker: Tracker,
     systematic: Floats | None = None,
     stretch: Floats | None = None,
+    shared: SharedErrors | None = None,
 ) -> Estimate:
-    """The attitude from matched stars; arguments as of `identify_and_solve`."""
+    """The attitude from matched stars; arguments as of `identify_and_solve`.
+
+    shared   errors that stars have alike; None: none are known
+    """
     tolerance = tracker.identification.focal_tolerance
     if stretch is not None and len(matches):
         spots, matches = shrunk(spots, matches, tracker, stretch)
     known = None if systematic is None else systematic[matches.star]
-    return solve(spots, matches, tracker.attitude, tolerance, known)
+    return solve(spots, matches, tracker.attitude, tolerance, known, shared)
 
 
 def shrunk(
@@ -252,7 +260,7 @@ def shrunk(
 ) -> tuple[Spots, Matches]:
     """The spots where stars of the Sun's colour would be, and the focal length that fits them.
 
-    stretch  as of `identify_and_solve`
+    stretch  as of `solve_matches`
     """
     x, y = spots.x.copy(), spots.y.copy()
     longer = 1 + stretch[matches.star]

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import Alignment, Observability, align, scale_unknown
+from startrack.attitude import Alignment, Observability, align, attitude_gain, scale_unknown
 from startrack.core import Floats, Ints, Streams, is_code, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
 from startrack.trial.spot_plan import Plan, plan_of, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
+from startrack.trial.systematic import shared_errors
 from startrack.trial.view import random_attitudes, reference_attitude
 
 SURPRISE = 1e-3  # probability below which noise alone does not explain the residuals; as `solve`
@@ -53,7 +54,15 @@ def fitted(
     covariance = found.covariance
     if tolerance:
         covariance = scale_unknown(covariance, observed, weight, tolerance)
-    return found, covariance * excess[:, None, None]
+    covariance = covariance * excess[:, None, None]
+    shared = shared_errors(case)
+    if shared is not None:
+        enough = found.observability == Observability.OBSERVED
+        inverse = (there / noise)[enough, :, None, None] * np.eye(2)
+        plane = observed[enough, :, :2] / observed[enough, :, 2:]
+        gain = attitude_gain(plane, inverse, camera.focal_length_px, tolerance)
+        covariance[enough] += shared.added(gain, seen[enough])
+    return found, covariance
 
 
 @kernel
@@ -213,12 +222,13 @@ def _tried(
 @kernel
 def _draw(attitude, keys, plan, drawn):  # type: ignore[no-untyped-def]
     """Write the detected stars of each trial, and how many matches and spots it has."""
-    response, pull, field, companions, view, gate, false, through = plan
+    response, pull, field, companions, view, gate, false, through, hot = plan
     most = drawn.star.shape[1]
     flux = np.empty(most)
+    near = response, pull, field, companions, view, through, hot
     for n in range(len(attitude)):
         count = others = 0
-        for seen in sights(attitude[n], keys[n], response, pull, field, companions, view, through):
+        for seen in sights(attitude[n], keys[n], *near):
             i = seen.star
             # The tracker's focal length for the star's colour.
             stretch = field.stretch[i] / (1 + field.stretch[i])

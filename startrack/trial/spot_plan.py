@@ -18,12 +18,14 @@ from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
 from startrack.scene import Scene, illuminate
 from startrack.trial.conditions import mean_colour
+from startrack.trial.dark_pattern import HotPixels, dark_pattern, evened, hot_spots
 from startrack.trial.spot_response import (
     RATIOS,
     REACH,
     Grid,
     Response,
     companion_shift,
+    hot_pixels,
     response_of,
     response_of_zones,
 )
@@ -34,6 +36,7 @@ from startrack.trial.zones import centroid_shift, focal_stretch, zones_of
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
 LEAST = 0.5  # sigma, for thresholds so low that all stars would count; chosen by hand
 MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
+CROWDED = 0.1  # spots by hot pixels over those that are kept; chosen by hand
 STEPS, COLOURS = 16, 32  # of the shifts by a lens table: along a side, and over colour
 TYPICAL = 5.0  # times the faintest flux: star for which shifts by companions are measured
 
@@ -119,7 +122,10 @@ NO_LENS = Through(np.zeros((0, 1, 1, 3)), 1.0, 1.0, 1.0, 1.0, 1, 1, 0.0)
 
 
 class Plan(NamedTuple):
-    """What the trials of a case have in common; gate as in the solver, false spots per frame."""
+    """What the trials of a case have in common; gate as in the solver, false spots per frame.
+
+    Accuracy  model: hot pixels near companions, and which of two spots is brighter, are left out.
+    """
 
     response: Response
     pull: Floats
@@ -129,6 +135,7 @@ class Plan(NamedTuple):
     gate: float
     false: float
     through: Through
+    hot: HotPixels
 
 
 def refuse(case: Case) -> None:
@@ -144,8 +151,8 @@ def refuse(case: Case) -> None:
         "ghosts": instrument.ghosts,
         "a polynomial of the optics": instrument.optics.polynomial,
         "hits": detector.hits,
-        "defects": detector.defects,
-        "age": detector.age,
+        "dead pixels": detector.defects
+        and (detector.defects.dead or detector.defects.dead_columns),
         "row_delay": detector.row_delay,
         "jitter that each trial draws": motion.drawn,
         "a rate_z that smears stars in the corners": (
@@ -154,7 +161,6 @@ def refuse(case: Case) -> None:
         "lights of the scene": case.scene.lights,
         "acquisition in boxes": case.tracker.acquisition == "box",
         f"the search by {case.tracker.detection.search}": is_code(case.tracker.detection.search),
-        "a dark map of the tracker": case.tracker.detection.dark_map,
     }
     named = [name for name, is_there in there.items() if is_there]
     if named:
@@ -162,6 +168,28 @@ def refuse(case: Case) -> None:
             f"covariance needs a case without {' and '.join(named)}; choose the fidelity window "
             "or frame"
         )
+    _refuse_crowded(case)
+
+
+def _refuse_crowded(case: Case) -> None:
+    """Refuse hot pixels that take the places of stars among the spots that are kept."""
+    if dark_pattern(case) is None:
+        return
+    many = hot_spots(case, arriving_sky(case))
+    most = case.tracker.detection.max_spots
+    if many > CROWDED * most:
+        raise ValueError(
+            f"covariance needs fewer hot pixels: they make {many:.0f} spots in a frame, of which "
+            f"the tracker keeps {most} (tracker.detection.max_spots); choose the fidelity window "
+            "or frame, or give the tracker a dark map"
+        )
+
+
+def arriving_sky(case: Case) -> float:
+    """Electron in a pixel, of the sky's uniform light."""
+    instrument = case.instrument
+    light, camera = _light(case.catalog, case.scene), instrument.camera
+    return arriving(light, camera, instrument.detector, throughput(instrument))[1]
 
 
 class Limits(NamedTuple):
@@ -178,6 +206,7 @@ class Limits(NamedTuple):
 
 def limits_of(case: Case) -> Limits:
     """The stars that can be detected."""
+    case = evened(case)
     instrument = case.instrument
     detector, camera, psf = instrument.detector, instrument.camera, psf_of(instrument)
     stars = open_sky(case.catalog).stars
@@ -209,7 +238,8 @@ def plan_of(case: Case) -> Plan:
 
 def plan_within(case: Case, limits: Limits) -> Plan:
     """`plan_of`, with given stars, so that the plans of several cases have the same shape."""
-    instrument, settings = case.instrument, case.tracker.detection
+    even, settings = evened(case), case.tracker.detection
+    instrument = even.instrument
     detector, camera = instrument.detector, instrument.camera
     stars = open_sky(case.catalog).stars
     flux, sky = arriving(_light(case.catalog, case.scene), camera, detector, throughput(instrument))
@@ -217,10 +247,10 @@ def plan_within(case: Case, limits: Limits) -> Plan:
     lens = instrument.optics.tabulated
     believed = open_sky(case.believed_catalog).stars
     there, known = believed.find(stars.identifier[found])
-    grid = Grid(case, sky)
+    grid = Grid(even, sky)
     radius = (REACH + 1) / camera.focal_length_px
     return Plan(
-        response_of_zones(case, sky, faintest, brightest)
+        response_of_zones(even, sky, faintest, brightest)
         if lens
         else response_of(grid, faintest, brightest),
         companion_shift(grid, TYPICAL * faintest),
@@ -233,8 +263,9 @@ def plan_within(case: Case, limits: Limits) -> Plan:
         _companions(stars.direction, flux, found, radius),
         view_of(camera, peak_border(settings)),
         case.tracker.attitude.gate,
-        false_alarms(detection_plan(case), detector.columns, detector.rows),
+        false_alarms(detection_plan(even), detector.columns, detector.rows) + hot_spots(case, sky),
         through_of(case),
+        hot_pixels(grid, case, faintest, brightest),
     )  # fmt: skip
 
 

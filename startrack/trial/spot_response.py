@@ -14,12 +14,14 @@ from startrack.core import Floats, Psf, Streams
 from startrack.design import Case
 from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
+from startrack.trial.dark_pattern import NO_HOT, HotPixels, near_stars
 from startrack.trial.star_response import PHASES, phases
 from startrack.trial.view import detection_plan, field_psf_of, line_of_sight, psf_of
 from startrack.trial.zones import centroid_shift, unique_places, zones_of
 
 STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
 REACH = 7  # pixel, within which a companion shifts a star; chosen by hand, a window and its ring
+KEPT = 0.5  # chance to pass for a star, below which hot pixels make it lost
 RATIOS = np.arange(-4, 4) * 0.8  # logarithm of a companion's flux over the star's
 
 
@@ -58,24 +60,31 @@ class Grid:
     sky: float
     psf: Psf | None = None
 
-    def expect(self, stars: Floats, companions: Floats, across: int) -> tuple[Expectation, Floats]:
+    @property
+    def side(self) -> int:
+        """Pixel, of a cell."""
+        longest = math.ceil(np.abs(_smear(self.case)[:, 1:]).max())
+        return 2 * (margin(detection_plan(self.case)) + longest + 2) + 1
+
+    def expect(
+        self, stars: Floats, companions: Floats, across: int, dark: Floats | None = None
+    ) -> tuple[Expectation, Floats]:
         """What is to be expected of stars (n, 3), and their places; arguments as `star_grid`."""
         detector = self.case.instrument.detector
         plan = detection_plan(self.case)
         psf, smear = self.psf or psf_of(self.case.instrument), _smear(self.case)
-        longest = math.ceil(np.abs(smear[:, 1:]).max())
-        side = 2 * (margin(plan) + longest + 2) + 1
-        frame, place = star_grid(stars, companions, across, side, smear, psf, detector, self.sky)
-        dark = self.sky + detector.dark_rate * detector.exposure
-        level = detector.offset + dark / detector.electrons_per_dn
+        cells = across, self.side, smear, psf, detector, self.sky, dark
+        frame, place = star_grid(stars, companions, *cells)
+        empty = self.sky + detector.dark_rate * detector.exposure
+        level = detector.offset + empty / detector.electrons_per_dn
         area = detector.columns * detector.rows
         return expect(frame, place, level, area, plan), place
 
 
 def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
     """The response of the detection to stars of all fluxes and positions in the pixel."""
-    count = math.ceil(math.log(brightest / faintest) / STEP) + 2
-    flux = faintest * np.exp(STEP * np.arange(count))
+    flux = _fluxes(faintest, brightest)
+    count = len(flux)
     stars = np.column_stack([np.tile(phases(), (count, 1)), np.repeat(flux, PHASES**2)])
     seen, place = grid.expect(stars, np.zeros_like(stars), PHASES**2)
     shape = (count, PHASES, PHASES)
@@ -156,6 +165,32 @@ def _at_threshold(seen: Expectation, good: NDArray[np.bool_]) -> Floats:
     # A saturated star may pass by less than a fainter one.
     above = np.maximum.accumulate(above)
     return np.array([np.interp(0.0, above, one) if len(above) else np.nan for one in rest])
+
+
+def hot_pixels(grid: Grid, true: Case, faintest: float, brightest: float) -> HotPixels:
+    """What hot pixels do to the centroids of stars of all fluxes.
+
+    grid  of the case `evened`;  true  the case with its hot pixels
+    """
+    chance, dark = near_stars(true, grid.side)
+    if not chance:
+        return NO_HOT
+    flux, samples = _fluxes(faintest, brightest), len(dark)
+    phase = Streams(0, 0)("places of stars near hot pixels").random((samples, 2)) - 0.5
+    stars = np.column_stack([np.tile(phase, (len(flux), 1)), np.repeat(flux, samples)])
+    none = np.zeros_like(stars)
+    alone, _ = grid.expect(stars, none, samples)
+    seen, _ = grid.expect(stars, none, samples, dark)
+    shift = np.column_stack([seen.x - alone.x, seen.y - alone.y])
+    shift[~(seen.kept > KEPT)] = np.nan
+    shift[~((alone.above > 0) & np.isfinite(alone.x))] = 0.0  # such a star is lost anyway
+    return HotPixels(chance, shift.reshape(len(flux), samples, 2))
+
+
+def _fluxes(faintest: float, brightest: float) -> Floats:
+    """Electron, of the stars of a `Response`."""
+    count = math.ceil(math.log(brightest / faintest) / STEP) + 2
+    return np.asarray(faintest * np.exp(STEP * np.arange(count)))
 
 
 def companion_shift(grid: Grid, flux: float) -> Floats:

@@ -43,7 +43,7 @@ SIGHT = np.dtype([
 
 
 @kernel
-def sights(a, key, response, pull, field, companions, view, through):  # type: ignore[no-untyped-def]
+def sights(a, key, response, pull, field, companions, view, through, hot):  # type: ignore[no-untyped-def]
     """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
     near = in_view(a, field.direction, view)
     found = np.empty(len(near), SIGHT)
@@ -62,7 +62,7 @@ def sights(a, key, response, pull, field, companions, view, through):  # type: i
         ):
             continue
         start, seen = bits(key, field.number[i]), found[count]
-        if not _measure(x, y, column, row, flux, zone, start, response, seen):
+        if not _measure(x, y, column, row, flux, zone, start, response, hot, seen):
             continue
         if lens:
             x, y = x - shift_x, y - shift_y
@@ -151,7 +151,7 @@ def _shifted(x, y, colour, through):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _measure(x, y, column, row, flux, zone, start, response, seen):  # type: ignore[no-untyped-def]
+def _measure(x, y, column, row, flux, zone, start, response, hot, seen):  # type: ignore[no-untyped-def]
     """Whether a single star is detected at a position in a pixel; writes its measurement."""
     i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
     j = min(int((y - row + 0.5) * PHASES), PHASES - 1)
@@ -173,7 +173,11 @@ def _measure(x, y, column, row, flux, zone, start, response, seen):  # type: ign
     seen.dy = _between(response.bias, zone, k, t, j, i, 1) + seen.yx * normal_x + seen.yy * normal_y
     seen.flux = _between(response.light, zone, k, t, j, i, 0) * electrons
     seen.blur = _between(response.light, zone, k, t, j, i, 1)
-    return True
+    if hot.chance > 0 and uniform(bits(start, np.uint64(4))) < hot.chance:
+        n = int(uniform(bits(start, np.uint64(5))) * hot.shift.shape[1])
+        seen.dx += (1 - t) * hot.shift[k, n, 0] + t * hot.shift[k + 1, n, 0]
+        seen.dy += (1 - t) * hot.shift[k, n, 1] + t * hot.shift[k + 1, n, 1]
+    return not np.isnan(seen.dx + seen.dy)
 
 
 @kernel(inline="always")
@@ -230,9 +234,9 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 
 
 @kernel
-def _draw(a, key, response, pull, field, companions, view, gate, false, through):  # type: ignore[no-untyped-def]
+def _draw(a, key, response, pull, field, companions, view, gate, false, through, hot):  # type: ignore[no-untyped-def]
     """The table of all spots, stars first; the gate is applied by the solver."""
-    stars = sights(a, key, response, pull, field, companions, view, through)
+    stars = sights(a, key, response, pull, field, companions, view, through, hot)
     noise = false_spots(key, false)
     table = np.empty((len(stars) + noise, ROW))
     for n in range(len(stars)):

@@ -1,4 +1,5 @@
-"""Case -> systematic variance of each star, which the tracker adds to that of the noise."""
+"""Case -> systematic variance of each star, which the tracker adds to that of the noise, and the
+errors that stars share."""
 
 from __future__ import annotations
 
@@ -6,14 +7,17 @@ from functools import lru_cache
 
 import numpy as np
 
-from startrack.attitude import UNKNOWN_FLOOR
+from startrack.attitude import UNKNOWN_FLOOR, SharedErrors
 from startrack.catalog import open_sky
 from startrack.core import Floats, Stars
-from startrack.design import Case
+from startrack.design import Case, Scope, found_at
+from startrack.optics import residual_law
 from startrack.trial.conditions import colour_correction, mean_colour, separable_stars
 from startrack.trial.neighbours import blending_shift
 from startrack.trial.star_errors import errors, lasting
 from startrack.trial.zones import focal_stretch, lens_variance
+
+TURNS = tuple(f"instrument.mounting.{axis}" for axis in "xyz")
 
 
 def systematic_variance(case: Case) -> Floats:
@@ -30,8 +34,8 @@ def systematic_variance(case: Case) -> Floats:
 
     Returns  (n,) pixel^2, for the stars of the believed catalogue
     Accuracy  those of `errors` and `blending_shift`. model: for a detector that scans, the tracker
-              assumes UNKNOWN_FLOOR; what a residual moves near stars by alike, and
-              with temperature, is not known to the tracker, whose covariance is then too small.
+              assumes UNKNOWN_FLOOR; what a residual changes by with temperature is not known to the
+              tracker.
     """
     known = _systematic_variance(case.as_designed)
     residual = case.as_designed.instrument.residual if case.design else None
@@ -54,6 +58,50 @@ def _systematic_variance(case: Case) -> Floats:
     if case.instrument.optics.tabulated:
         variance += lens_variance(case, mean_colour(case, stars.colour))
     return variance
+
+
+def shared_errors(case: Case) -> SharedErrors | None:
+    """Errors that stars of a unit share, by the laws that its tracker knows, never by their draws.
+
+    Those of the `Residual` that its calibration leaves, by rms and correlation length; and turns of
+    the camera to the spacecraft that vary after the calibration: with environment and frame, at
+    launch where it was calibrated on the ground, and from unit to unit where it never was.
+
+    Returns  None where the case is as designed, or shares none
+    Accuracy  model: what drifts over life, and what temperature changes of a residual, is not known
+              to the tracker.
+    """
+    if case.design is None:
+        return None
+    return _shared_errors(case.as_designed)
+
+
+@lru_cache(maxsize=8)
+def _shared_errors(design: Case) -> SharedErrors | None:
+    residual, camera = design.instrument.residual, design.believed_camera.ideal
+    rms = residual.rms if residual and design.tracker.attitude.centroid_floor is None else 0.0
+    turn = _turns(design)
+    if not (rms or turn.any()):
+        return None
+    table = np.zeros((1, 1, 2, 1))
+    if residual and rms:
+        table = rms * residual_law(camera, residual.scale)
+    return SharedErrors(camera.columns, camera.rows, table, rms**2, turn)
+
+
+def _turns(design: Case) -> Floats:
+    """Radian^2 (3,) about each axis."""
+    calibration, turn = design.tracker.calibration, np.zeros(3)
+    left = {Scope.ENVIRONMENT, Scope.FRAME}
+    if calibration is None or calibration.place == "ground":
+        left.add(Scope.LAUNCH)
+    if calibration is None:
+        left.add(Scope.UNIT)
+    for one, law in zip(design.variation, design.laws, strict=True):
+        if one.per in left and one.name in TURNS:
+            size = found_at(design, one.name) if one.vary == "relative" else 1.0
+            turn[TURNS.index(one.name)] += size**2 * law.mean_square()
+    return turn
 
 
 def focal_stretches(case: Case) -> Floats | None:

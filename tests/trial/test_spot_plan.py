@@ -4,8 +4,7 @@ import dataclasses
 
 import pytest
 
-from startrack.design.case import Fidelity, Tracker
-from startrack.detection import DarkMap, Detection
+from startrack.design.case import Fidelity
 from startrack.detector import Defects, Hits
 from startrack.motion import Motion, Tone
 from startrack.scene import Scene
@@ -18,15 +17,11 @@ from .designs import CASE, changed, with_detector
     ("case", "named"),
     [
         (with_detector(hits=Hits(1e4)), "hits"),
-        (with_detector(defects=Defects(hot=1e-3, hot_current=100.0)), "defects"),
+        (with_detector(defects=Defects(dead=1e-3)), "dead pixels"),
         (with_detector(row_delay=1e-5), "row_delay"),
         (with_detector(blooming=True), "blooming"),
         (changed(motion=Motion(tones=(Tone(30.0, 1e-5),))), "jitter that each trial draws"),
         (changed(motion=Motion(rate_z=0.1)), "a rate_z that smears"),
-        (
-            dataclasses.replace(CASE, tracker=Tracker(Detection(dark_map=DarkMap()))),
-            "a dark map of the tracker",
-        ),
         (dataclasses.replace(CASE, scene=Scene(lights=("starlight",))), "lights of the scene"),
     ],
 )

@@ -1,0 +1,158 @@
+"""Case -> the same case with an even dark current and more noise, and what its hot pixels do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from startrack.core import Floats, Ints, Streams
+from startrack.design import Case
+from startrack.detection import detect, false_alarms
+from startrack.detector import Detector, dark, flickering, frame_of
+from startrack.trial.view import as_believed, detection_plan
+
+OUTLYING = 5.0  # sigma of the even pixels, beyond which a pixel is apart; chosen by hand
+ROUNDS = 20  # of leaving out such pixels
+SAMPLES = 128  # of windows with outlying pixels
+
+
+class HotPixels(NamedTuple):
+    """What pixels of outlying dark current do to the centroid of a star near them.
+
+    chance  1, that one is near a star
+    shift   (l, k, 2) pixel, over the fluxes of `Response`, in k samples; NaN where the star is lost
+    """
+
+    chance: float
+    shift: Floats
+
+
+NO_HOT = HotPixels(0.0, np.zeros((2, 1, 2)))
+
+
+class DarkPattern(NamedTuple):
+    """Dark signal of the pixels of an image, as the tracker's dark map leaves it.
+
+    mean      electron, of the pixels that are not outlying
+    spread    electron rms about it
+    outlying  (k,) row * columns + column of the others
+    excess    (k,) electron, of theirs above the mean
+    """
+
+    mean: float
+    spread: float
+    outlying: Ints
+    excess: Floats
+
+
+def dark_pattern(case: Case) -> DarkPattern | None:
+    """The pattern of the dark signal in an exposure; None where all pixels are alike.
+
+    Pixels that flicker are in one random state. What a dark map marks as hot counts as even.
+    """
+    detector = case.instrument.detector
+    defects, has_map = detector.defects, case.tracker.detection.dark_map is not None
+    if not (has_map or detector.age or (defects and (defects.dsnu or defects.hot))):
+        return None
+    return _pattern(_still(detector), case if has_map else None)
+
+
+def _still(detector: Detector) -> Detector:
+    """A detector without what does not change its dark signal, so that cases share a pattern."""
+    return replace(detector, prnu=0.0, read_noise=0.0, offset=0, pixel_rate=1e6, hits=None)
+
+
+@lru_cache(maxsize=4)
+def _pattern(detector: Detector, mapped: Case | None) -> DarkPattern:
+    """The pattern of a detector, with the dark map of a case."""
+    signal = np.full((detector.rows, detector.columns), dark(detector)) * detector.exposure
+    flicker = flickering(detector, Streams(0, 0))
+    if flicker is not None:
+        signal = flicker.add_to(signal, detector.exposure)
+    if mapped is not None:
+        correction = detection_plan(mapped).correction
+        assert correction is not None
+        signal = signal - correction.offset * mapped.instrument.detector.electrons_per_dn
+        signal = np.where(correction.marks > 0, np.median(signal), signal)
+    flat = signal.ravel()
+    even, kept = np.ones(len(flat), bool), -1
+    mean = spread = 0.0
+    for _ in range(ROUNDS):
+        mean, spread = float(flat[even].mean()), float(flat[even].std())
+        even = np.abs(flat - mean) <= OUTLYING * spread + 1e-9
+        if kept == (kept := int(even.sum())):
+            break
+    outlying = np.flatnonzero(~even)
+    return DarkPattern(mean, spread, outlying, flat[outlying] - mean)
+
+
+def evened(case: Case) -> Case:
+    """The case whose pixels all have the mean dark current, and its spread as noise of the pixels.
+
+    Stars lie anywhere on the pixels, so that the spread acts as noise does, from trial to trial.
+    What age took of the light is in the fill factor. A case without a pattern is returned as it is.
+    """
+    pattern = dark_pattern(case)
+    if pattern is None:
+        return case
+    detector = case.instrument.detector
+    growth = detector.thermal.growth if detector.thermal else 1.0
+    even = replace(
+        detector,
+        defects=None,
+        age=None,
+        dark_current=max(pattern.mean, 0.0) / detector.exposure / growth / detector.binning**2,
+        read_noise=math.hypot(detector.read_noise, pattern.spread),
+        fill_factor=max(detector.fill_factor * detector.sensitivity, 0.01),
+    )
+    tracker = replace(
+        case.tracker, detection=replace(case.tracker.detection, dark_map=None, dark_map_age=None)
+    )
+    return replace(case, instrument=replace(case.instrument, detector=even), tracker=tracker)
+
+
+def near_stars(case: Case, side: int) -> tuple[float, Floats]:
+    """Chance of outlying pixels in a window about a star, and samples of windows with some.
+
+    side     pixel, of the window
+    Returns  1, and (k, side, side) electron above the mean
+    """
+    pattern, detector = dark_pattern(case), case.instrument.detector
+    if pattern is None or not len(pattern.outlying):
+        return 0.0, np.zeros((0, side, side))
+    half = side // 2
+    excess = np.zeros((detector.rows, detector.columns))
+    excess.ravel()[pattern.outlying] = pattern.excess
+    inside = (slice(half, detector.rows - half), slice(half, detector.columns - half))
+    near = ndimage.maximum_filter(np.abs(excess), side)[inside] > 0
+    random = Streams(0, 0)("windows with hot pixels")
+    chosen = random.choice(np.flatnonzero(near), SAMPLES)
+    row, column = np.divmod(chosen, near.shape[1])
+    windows = [excess[y : y + side, x : x + side] for y, x in zip(row, column, strict=True)]
+    return float(near.mean()), np.array(windows)
+
+
+def hot_spots(case: Case, sky: float) -> float:
+    """Spots of a frame without stars beyond those that noise makes of even pixels.
+
+    sky  electron in a pixel
+    """
+    pattern = dark_pattern(case)
+    if pattern is None or not len(pattern.outlying):
+        return 0.0
+    return _hot_spots(case, sky)
+
+
+@lru_cache(maxsize=4)
+def _hot_spots(case: Case, sky: float) -> float:
+    detector, plan = case.instrument.detector, detection_plan(case)
+    shape = detector.rows, detector.columns
+    electrons = np.full(shape, sky + dark(detector) * detector.exposure)
+    frame = frame_of(electrons, detector, Streams(0, 0))
+    spots = detect(as_believed(case, frame), plan)
+    return max(len(spots) - false_alarms(plan, detector.columns, detector.rows), 0.0)
