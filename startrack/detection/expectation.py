@@ -49,6 +49,7 @@ def expect(
     level: float,
     area: int,
     plan: DetectionPlan,
+    search: tuple[float, float] | None = None,
 ) -> Expectation:
     """Search and measure a frame without noise.
 
@@ -58,6 +59,8 @@ def expect(
     place  (n, 2) pixel, where the stars are; no two so near that one sees the other
     level  digital number where no star is
     area   pixel, of the frames that are searched, on which the threshold may depend
+    search  noise of the filtered frame (digital number), and how many sigma a star must stand out
+            by, as the tiles of a frame show them; None: by the gain
     Accuracy  model: the highest of the noise about a star is that of a place fitted to it, whose
               squared height has two degrees of freedom more (Wilks); found within 2 % of the stars.
     """
@@ -67,6 +70,8 @@ def expect(
     column, row = _peaks(filtered(image, kernel), np.rint(place).astype(np.int64))
     rms, skewness, kurtosis = noise_from_gain(np.array([level], np.float32), gain, 1.0, kernel)
     far = equivalent_sigmas(plan.threshold(area), skewness, kurtosis)
+    if search is not None:
+        rms, far = (np.array([one], np.float32) for one in search)
     height = _heights(image, column, row, level, plan.filters) / rms
     # The star's own photons add to the noise of what the filter makes of it.
     light = _light(image, column, row, level, kernel.whole)

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from startrack.core import Floats, Ints, Streams
 from startrack.design import Case
-from startrack.detection import detect, false_alarms
+from startrack.detection import detect, false_alarms, measure_ground
 from startrack.detector import Detector, dark, flickering, frame_of
 from startrack.trial.view import as_believed, detection_plan
 
@@ -40,12 +40,14 @@ class DarkPattern(NamedTuple):
 
     mean      electron, of the pixels that are not outlying
     spread    electron rms about it
+    marked    1, fraction of the pixels that the tracker's dark map marks as hot
     outlying  (k,) row * columns + column of the others
     excess    (k,) electron, of theirs above the mean
     """
 
     mean: float
     spread: float
+    marked: float
     outlying: Ints
     excess: Floats
 
@@ -74,10 +76,12 @@ def _pattern(detector: Detector, mapped: Case | None) -> DarkPattern:
     flicker = flickering(detector, Streams(0, 0))
     if flicker is not None:
         signal = flicker.add_to(signal, detector.exposure)
+    marked = 0.0
     if mapped is not None:
         correction = detection_plan(mapped).correction
         assert correction is not None
         signal = signal - correction.offset * mapped.instrument.detector.electrons_per_dn
+        marked = len(correction.hot) / signal.size
         signal = np.where(correction.marks > 0, np.median(signal), signal)
     flat = signal.ravel()
     even, kept = np.ones(len(flat), bool), -1
@@ -88,7 +92,7 @@ def _pattern(detector: Detector, mapped: Case | None) -> DarkPattern:
         if kept == (kept := int(even.sum())):
             break
     outlying = np.flatnonzero(~even)
-    return DarkPattern(mean, spread, outlying, flat[outlying] - mean)
+    return DarkPattern(mean, spread, marked, outlying, flat[outlying] - mean)
 
 
 def evened(case: Case) -> Case:
@@ -137,22 +141,34 @@ def near_stars(case: Case, side: int) -> tuple[float, Floats]:
     return float(near.mean()), np.array(windows)
 
 
-def hot_spots(case: Case, sky: float) -> float:
-    """Spots of a frame without stars beyond those that noise makes of even pixels.
+class Empty(NamedTuple):
+    """What the search makes of a frame without stars.
+
+    spots  beyond those that noise makes of even pixels
+    noise  digital number, of the filtered frame in a typical tile
+    far    sigma, by which a star must stand out there
+    """
+
+    spots: float
+    noise: float
+    far: float
+
+
+def empty_frame(case: Case, sky: float) -> Empty | None:
+    """The search of a frame with the pattern of a case; None where all pixels are alike.
 
     sky  electron in a pixel
     """
-    pattern = dark_pattern(case)
-    if pattern is None or not len(pattern.outlying):
-        return 0.0
-    return _hot_spots(case, sky)
+    return None if dark_pattern(case) is None else _empty_frame(case, sky)
 
 
-@lru_cache(maxsize=4)
-def _hot_spots(case: Case, sky: float) -> float:
+@lru_cache(maxsize=128)
+def _empty_frame(case: Case, sky: float) -> Empty:
     detector, plan = case.instrument.detector, detection_plan(case)
     shape = detector.rows, detector.columns
     electrons = np.full(shape, sky + dark(detector) * detector.exposure)
-    frame = frame_of(electrons, detector, Streams(0, 0))
-    spots = detect(as_believed(case, frame), plan)
-    return max(len(spots) - false_alarms(plan, detector.columns, detector.rows), 0.0)
+    frame = as_believed(case, frame_of(electrons, detector, Streams(0, 0)))
+    ground = measure_ground(frame, plan)
+    noise = false_alarms(plan, detector.columns, detector.rows)
+    spots = max(len(detect(frame, plan)) - noise, 0.0)
+    return Empty(spots, ground.noise, float(np.median(ground.far)))

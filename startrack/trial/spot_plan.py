@@ -18,7 +18,7 @@ from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
 from startrack.scene import Scene, illuminate
 from startrack.trial.conditions import mean_colour
-from startrack.trial.dark_pattern import HotPixels, dark_pattern, evened, hot_spots
+from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, evened
 from startrack.trial.spot_response import (
     RATIOS,
     REACH,
@@ -37,6 +37,7 @@ FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a m
 LEAST = 0.5  # sigma, for thresholds so low that all stars would count; chosen by hand
 MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
 CROWDED = 0.1  # spots by hot pixels over those that are kept; chosen by hand
+MARKED = 0.003  # of the pixels, as hot ones by a dark map; chosen by hand
 STEPS, COLOURS = 16, 32  # of the shifts by a lens table: along a side, and over colour
 TYPICAL = 5.0  # times the faintest flux: star for which shifts by companions are measured
 
@@ -172,16 +173,21 @@ def refuse(case: Case) -> None:
 
 
 def _refuse_crowded(case: Case) -> None:
-    """Refuse hot pixels that take the places of stars among the spots that are kept."""
-    if dark_pattern(case) is None:
+    """Refuse hot pixels that take the places of stars among the spots, or in a map of them."""
+    pattern, empty = dark_pattern(case), empty_frame(case, arriving_sky(case))
+    if pattern is None or empty is None:
         return
-    many = hot_spots(case, arriving_sky(case))
     most = case.tracker.detection.max_spots
-    if many > CROWDED * most:
+    if empty.spots > CROWDED * most:
         raise ValueError(
-            f"covariance needs fewer hot pixels: they make {many:.0f} spots in a frame, of which "
-            f"the tracker keeps {most} (tracker.detection.max_spots); choose the fidelity window "
-            "or frame, or give the tracker a dark map"
+            f"covariance needs fewer hot pixels: they make {empty.spots:.0f} spots in a frame, of "
+            f"which the tracker keeps {most} (tracker.detection.max_spots); choose the fidelity "
+            "window or frame, or give the tracker a dark map"
+        )
+    if pattern.marked > MARKED:
+        raise ValueError(
+            f"covariance needs a dark map that marks at most {MARKED:.1%} of the pixels as hot, "
+            f"got {pattern.marked:.2%}; choose the fidelity window or frame"
         )
 
 
@@ -247,10 +253,11 @@ def plan_within(case: Case, limits: Limits) -> Plan:
     lens = instrument.optics.tabulated
     believed = open_sky(case.believed_catalog).stars
     there, known = believed.find(stars.identifier[found])
-    grid = Grid(even, sky)
+    empty = empty_frame(case, sky)
+    grid = Grid(even, sky, search=empty and (empty.noise, empty.far))
     radius = (REACH + 1) / camera.focal_length_px
     return Plan(
-        response_of_zones(even, sky, faintest, brightest)
+        response_of_zones(grid, faintest, brightest)
         if lens
         else response_of(grid, faintest, brightest),
         companion_shift(grid, TYPICAL * faintest),
@@ -263,7 +270,8 @@ def plan_within(case: Case, limits: Limits) -> Plan:
         _companions(stars.direction, flux, found, radius),
         view_of(camera, peak_border(settings)),
         case.tracker.attitude.gate,
-        false_alarms(detection_plan(even), detector.columns, detector.rows) + hot_spots(case, sky),
+        false_alarms(detection_plan(even), detector.columns, detector.rows)
+        + (empty.spots if empty else 0.0),
         through_of(case),
         hot_pixels(grid, case, faintest, brightest),
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -52,13 +52,15 @@ class Response(NamedTuple):
 class Grid:
     """Stars of a case on a grid of cells, which the detection measures.
 
-    sky  electron in a pixel
-    psf  of the stars; None for that of the instrument
+    sky     electron in a pixel
+    psf     of the stars; None for that of the instrument
+    search  as `expect` takes it
     """
 
     case: Case
     sky: float
     psf: Psf | None = None
+    search: tuple[float, float] | None = None
 
     @property
     def side(self) -> int:
@@ -78,7 +80,7 @@ class Grid:
         empty = self.sky + detector.dark_rate * detector.exposure
         level = detector.offset + empty / detector.electrons_per_dn
         area = detector.columns * detector.rows
-        return expect(frame, place, level, area, plan), place
+        return expect(frame, place, level, area, plan, self.search), place
 
 
 def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
@@ -108,20 +110,21 @@ def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
     )
 
 
-def response_of_zones(case: Case, sky: float, faintest: float, brightest: float) -> Response:
+def response_of_zones(grid: Grid, faintest: float, brightest: float) -> Response:
     """`response_of` in each zone of a lens table.
 
     The bias is without the part that `centroid_shift` has beside the shift of the image, which
     changes from star to star. False spots have the flux of those of the mean image.
     """
+    case = grid.case
     images, shift = field_psf_of(case.instrument), centroid_shift(case)
-    mean = response_of(Grid(case, sky), faintest, brightest)
+    mean = response_of(grid, faintest, brightest)
     middles = zones_of(case).middles
     unique, which, mirror = unique_places(case, middles)
     measured = []
     for place in unique:
         psf, _ = images.image(*place)
-        measured.append(response_of(Grid(case, sky, psf), faintest, brightest))
+        measured.append(response_of(replace(grid, psf=psf), faintest, brightest))
     zones = []
     for (x, y, colour), u, turn in zip(middles, which, mirror, strict=True):
         one = _mirrored(measured[u], turn)

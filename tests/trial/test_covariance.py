@@ -8,6 +8,8 @@ from scipy import stats
 
 from startrack.core.curve import Curve
 from startrack.design.case import Fidelity
+from startrack.detection import DarkMap, Detection
+from startrack.detector import YEAR, Age, Defects, Thermal
 from startrack.trial.chain import run_random_trial, run_trials
 
 from .designs import CASE, with_detector
@@ -45,6 +47,37 @@ def test_errors_are_those_of_rendered_trials():
         doubt = 3 * np.sqrt(stats.kurtosis(rendered[f"error_{axis}"]) + 2) / 2 / np.sqrt(3000)
         assert rms(drawn, axis) == pytest.approx(rms(rendered, axis), rel=0.05 + doubt)
     assert drawn["nees"].mean() == pytest.approx(rendered["nees"].mean(), rel=0.15)
+
+
+AGED = Age(time=5 * YEAR, fluence=1e13 / YEAR)  # 1e9 protons / cm^2 a year
+COLD = Thermal(temperature=263.0, reference=293.0, doubling=8.0)
+
+
+@pytest.mark.parametrize(
+    "detector",
+    [
+        {"defects": Defects(dsnu=200.0, hot=1e-3, hot_current=3000.0)},
+        pytest.param({"age": AGED, "thermal": COLD}, marks=pytest.mark.slow),
+    ],
+    ids=["defects", "age"],
+)
+def test_dark_pixels_that_differ_do_what_they_do_in_windows(detector):
+    """The rms across within 20 %, three standard deviations of 120 trials with few outliers."""
+    case = with_detector(**detector)
+    drawn = run_trials(case, 5, range(1000), Fidelity.COVARIANCE)
+    rendered = run_trials(case, 5, range(120), Fidelity.WINDOW)
+    plain = run_trials(CASE, 5, range(120), Fidelity.COVARIANCE)
+    across = [np.hypot(rms(one, "x"), rms(one, "y")) for one in (drawn, rendered, plain)]
+    assert across[0] == pytest.approx(across[1], rel=0.2)
+    assert across[1] > 1.3 * across[2]
+    assert drawn["stars"].mean() == pytest.approx(rendered["stars"].mean(), rel=0.15)
+
+
+def test_a_map_of_too_many_hot_pixels_is_refused():
+    tracker = dataclasses.replace(CASE.tracker, detection=Detection(dark_map=DarkMap()))
+    case = dataclasses.replace(with_detector(columns=256, rows=256, age=AGED), tracker=tracker)
+    with pytest.raises(ValueError, match=r"marks at most 0\.3% of the pixels"):
+        run_random_trial(case, 1, 0, Fidelity.COVARIANCE)
 
 
 def test_a_misbelieved_camera_errs_by_its_own():
