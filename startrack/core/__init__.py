@@ -63,7 +63,7 @@ from startrack.core.extension import (
     used_code,
 )
 from startrack.core.field_polynomial import FieldPolynomial, monomials
-from startrack.core.field_psf import FieldPsf
+from startrack.core.field_psf import LEAST, FieldPsf
 from startrack.core.interpret import instead_of, interpreted
 from startrack.core.kernel import FOLDERS, UNKEPT, is_compiled, kernel
 from startrack.core.lagrange import lagrange_weights, local_weights

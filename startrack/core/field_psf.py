@@ -9,10 +9,12 @@ import numpy as np
 
 from startrack.core.arrays import Floats
 from startrack.core.kernel import kernel
-from startrack.core.lagrange import lagrange_weights, local_weights
+from startrack.core.lagrange import lagrange_weights
 from startrack.core.values import Psf
 
-LEAST = 0.5  # electron in a pixel, below which a term of a star is left out; chosen by hand
+# Electron in a pixel, below which a term of a star is left out, and the curve between the samples of
+# the first; chosen by hand.
+LEAST = 0.5
 SHIFT = 2  # columns of `value` before the relative flux
 
 
@@ -48,11 +50,9 @@ class FieldPsf:
 
     def at(self, x: Floats, y: Floats, colour: Floats) -> Floats:
         """Shift, relative flux and coefficients (n, 3 + k) at places and colours (n,)."""
-        first_x, weight_x = local_weights(self.x, x)
-        first_y, weight_y = local_weights(self.y, y)
-        weight_c = lagrange_weights(self.colour, np.clip(colour, self.colour[0], self.colour[-1]))
-        found = np.zeros((len(first_x), self.value.shape[-1]))
-        _add_near(self.value, first_x, weight_x, first_y, weight_y, weight_c, found)
+        found = np.zeros((len(x), self.value.shape[-1]))
+        at = (np.ascontiguousarray(each, float) for each in (x, y, colour))
+        _add_near(self.value, self.x, self.y, self.colour, *at, found)
         return found
 
     @cached_property
@@ -134,13 +134,38 @@ class FieldPsf:
 
 
 @kernel
-def _add_near(value, first_x, weight_x, first_y, weight_y, weight_c, found):  # type: ignore[no-untyped-def]
+def _add_near(value, node_x, node_y, node_c, x, y, colour, found):  # type: ignore[no-untyped-def]
     """Add the weighted values of the nodes around each place."""
+    near_x, near_y, near_c = np.empty(4), np.empty(4), np.empty(len(node_c))
+    even = np.arange(4.0)
     for n in range(len(found)):
+        across = (x[n] - node_x[0]) / (node_x[1] - node_x[0])
+        down = (y[n] - node_y[0]) / (node_y[1] - node_y[0])
+        across, down = (
+            min(max(across, 0.0), len(node_x) - 1.0),
+            min(max(down, 0.0), len(node_y) - 1.0),
+        )
+        u, v = (
+            min(max(int(across) - 1, 0), len(node_x) - 4),
+            min(max(int(down) - 1, 0), len(node_y) - 4),
+        )
+        _lagrange(even, across - u, near_x)
+        _lagrange(even, down - v, near_y)
+        _lagrange(node_c, min(max(colour[n], node_c[0]), node_c[-1]), near_c)
         for c in range(len(value)):
             for j in range(4):
                 for i in range(4):
-                    weight = weight_c[n, c] * weight_y[n, j] * weight_x[n, i]
-                    near = value[c, first_y[n] + j, first_x[n] + i]
+                    weight = near_c[c] * near_y[j] * near_x[i]
+                    near = value[c, v + j, u + i]
                     for k in range(len(near)):
                         found[n, k] += weight * near[k]
+
+
+@kernel
+def _lagrange(nodes, at, weight):  # type: ignore[no-untyped-def]
+    """Write the weights of the values at nodes, as `lagrange_weights`."""
+    for k in range(len(nodes)):
+        weight[k] = 1.0
+        for other in range(len(nodes)):
+            if other != k:
+                weight[k] *= (at - nodes[other]) / (nodes[k] - nodes[other])

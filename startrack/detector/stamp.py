@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import FieldPsf, Floats, Psf, instead_of, kernel
+from startrack.core import LEAST, FieldPsf, Floats, Psf, instead_of, kernel
 
 UNIT_GAIN = np.ones((1, 1))
 UNIT_GAIN.flags.writeable = False
@@ -27,7 +27,8 @@ class PsfTable(NamedTuple):
 
     strides       (oversampling, oversampling, k) 1, for each first row and column of samples: the
                   pixels row by row, `across` of them in a row; of the first table
-    corrections   (tables - 1, oversampling, oversampling, k) float32, of the others
+    several       (tables, oversampling, oversampling, k) float32, of all tables of a FieldPsf
+    bend          1, error of straight lines between the samples of the first table; of a FieldPsf
     line, column  (m,) along x and along y, whose product is the only table; empty otherwise
     samples       along a side of a table
     oversampling  samples per pixel
@@ -35,7 +36,8 @@ class PsfTable(NamedTuple):
     """
 
     strides: Floats
-    corrections: NDArray[np.float32]
+    several: NDArray[np.float32]
+    bend: float
     line: Floats
     column: Floats
     samples: int
@@ -96,9 +98,16 @@ def psf_table(psf: Psf | FieldPsf) -> PsfTable:
         room = np.zeros((count, step, step, across * (across + 2)))
         room[..., : across**2] = strides.reshape(count, step, step, -1)
         lines = (EMPTY, EMPTY) if isinstance(psf, FieldPsf) else _separate(psf.table)
-        others = np.ascontiguousarray(room[1:], np.float32)
-        _shapes[psf] = PsfTable(room[0].copy(), others, *lines, side, step, across)
+        several, bend = np.empty((0, *room.shape[1:]), np.float32), np.inf
+        if isinstance(psf, FieldPsf):
+            several, bend = np.ascontiguousarray(room, np.float32), _bend(tables[0])
+        _shapes[psf] = PsfTable(room[0].copy(), several, bend, *lines, side, step, across)
     return _shapes[psf]
+
+
+def _bend(table: Floats) -> float:
+    """Largest error of straight lines between samples: an eighth of the second differences."""
+    return sum(float(np.abs(np.diff(table, 2, axis=axis)).max()) for axis in (0, 1)) / 8
 
 
 def _separate(table: Floats) -> tuple[Floats, Floats]:
@@ -146,14 +155,18 @@ def add_star(image, shape, x, y, share, electrons, gain, room):  # type: ignore[
     start_x, start_y = start_x + left * step, start_y + lowest * step
     even = gain.size == 1
     star = star[: (highest - lowest + 1) * shape.across]
+    first = 1
     if len(shape.line):
         _product(star, shape, start_x, start_y, wx, wy, right - left + 1)
+    elif abs(electrons[0]) * shape.bend <= LEAST:
+        star[:] = 0.0
+        first = 0
     else:
         _sum(star, shape, start_x, start_y, wx, wy)
     # In units of the light of the first table, which no image is without.
-    for k in range(1, len(electrons)):
+    for k in range(first, len(electrons)):
         if electrons[k] != 0.0:
-            _correct(star, shape, k - 1, start_x, start_y, wx, wy, electrons[k] / electrons[0])
+            _add_table(star, shape, k, start_x, start_y, wx, wy, electrons[k] / electrons[0])
     light = share * electrons[0]
     for j in range(lowest, highest + 1):
         line = star[(j - lowest) * shape.across :]
@@ -226,10 +239,10 @@ def _read(line, start, weight):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _correct(star, shape, which, x, y, wx, wy, size):  # type: ignore[no-untyped-def]
-    """Add one of the other tables of a FieldPsf, with straight lines between samples.
+def _add_table(star, shape, which, x, y, wx, wy, size):  # type: ignore[no-untyped-def]
+    """Add one of the tables of a FieldPsf, with straight lines between samples.
 
-    Its polynomials of the fifth degree are not needed: the centroid stays exact.
+    The centroid stays that of the polynomials of the fifth degree.
     """
     step, across, many = shape.oversampling, shape.across, len(star)
     u = v = 0.0
@@ -238,7 +251,7 @@ def _correct(star, shape, which, x, y, wx, wy, size):  # type: ignore[no-untyped
     x, y = x + 2, y + 2
     upper, lower = y // step * across, (y + 1) // step * across
     left, right = x // step, (x + 1) // step
-    table = shape.corrections[which]
+    table = shape.several[which]
     a = table[y % step, x % step][upper + left : upper + left + many]
     b = table[y % step, (x + 1) % step][upper + right : upper + right + many]
     c = table[(y + 1) % step, x % step][lower + left : lower + left + many]

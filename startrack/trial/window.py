@@ -199,7 +199,7 @@ def arrive(
     camera, detector = case.instrument.camera, case.instrument.detector
     if plan.star is not None:
         near = nearby(plan.catalog, icrs_to_camera, camera)
-        colour = colours_of(case)[near] if isinstance(plan.psf, FieldPsf) else None
+        colour = None if plan.colour is None else plan.colour[near]
         return plan.catalog.stars.direction[near], plan.star[near], colour
     light = light_of(
         case, stars_in_field(plan.catalog, icrs_to_camera, camera), icrs_to_camera, streams
@@ -258,6 +258,7 @@ class Plan:
 
     detector   without its lag, which changes stars only, not a uniform background
     catalog    the sky;  star  (n,) electron of each in it, None for a scene with other lights
+    colour     (n,) metre, their mean wavelengths, where the image changes with it
     sky        electron in a pixel of mean response
     noise      what makes false spots; None where whole frames take less time than windows
     threshold  sigma
@@ -272,6 +273,7 @@ class Plan:
     detector: Detector
     catalog: Sky
     star: Floats | None
+    colour: Floats | None
     sky: float
     psf: Psf | FieldPsf
     noise: Noise | None
@@ -316,6 +318,7 @@ def plan_of(case: Case) -> Plan:
         detector,
         open_sky(case.catalog),
         None if case.scene.lights else electrons_of(case),
+        colours_of(case) if instrument.optics.tabulated and not case.scene.lights else None,
         sky,
         images_of(instrument),
         None if detector.flickers else noise_of(detector, sky, grounds, detection),
