@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from startrack.core import COMPILED_BESIDE, FOLDERS, UNKEPT, interpreted
+from startrack.core import FOLDERS, UNKEPT, interpreted
 from startrack.identification import is_ready
 
 fcntl: Any
@@ -21,7 +20,6 @@ except ImportError:  # Windows
     fcntl = None
 
 TRIAL, IDENTIFICATION = "fidelity frame", "identification"  # parts of `startrack warm`
-ROOMS = ("startrack.identification", "startrack.attitude")  # about half of what a trial compiles
 # Commands of one trial, and what is compiled for the next command. The index of the patterns comes
 # first, which is the one thing that takes Python longer than compiling and running.
 ONE_TRIAL = {
@@ -29,6 +27,9 @@ ONE_TRIAL = {
     "solve": (IDENTIFICATION, TRIAL),
     "detect": (TRIAL,),
 }
+# What other commands need last comes first; of `warm` itself the second half of its parts.
+OTHERS = (IDENTIFICATION, "fidelity window")
+HALF_OF_WARM = (IDENTIFICATION, "fidelity covariance", "analytic budget")
 LOCK = "compiling.lock"  # held by the process that compiles, as long as it runs
 
 
@@ -37,9 +38,10 @@ def compiled_beside(command: str) -> Iterator[None]:
     """Compile on a second core what this process needs.
 
     A command of one trial runs kernels as Python code meanwhile, and the other process goes on
-    after its end, so that the next command finds all compiled. Other commands need compiled code,
-    and wait for that of the identification, which they need last. Nothing is started where all has
-    been compiled before, cannot be kept, or there is one core, or another command has started it.
+    after its end, so that the next command finds all compiled. Other commands need compiled code;
+    each kernel is compiled by the process that comes to it first, and the other one waits for it.
+    Nothing is started where all has been compiled before, cannot be kept, or there is one core, or
+    another command has started it.
     """
     first = bool(UNKEPT) or not is_ready()
     useful = (os.cpu_count() or 1) > 1 and first and not UNKEPT
@@ -51,19 +53,10 @@ def compiled_beside(command: str) -> Iterator[None]:
     if not useful:
         yield
         return
-    process = _start((IDENTIFICATION,))
-    working = _working(process)
-
-    def wait() -> None:
-        while working() and (process or not is_ready()):
-            time.sleep(0.05)
-
-    COMPILED_BESIDE.update(dict.fromkeys(ROOMS, wait))
+    process = _start(HALF_OF_WARM if command == "warm" else OTHERS)
     try:
         yield
     finally:
-        for room in ROOMS:
-            COMPILED_BESIDE.pop(room, None)
         if process:
             process.terminate()
             process.wait()

@@ -43,7 +43,6 @@ from startrack.core.checks import (
 )
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
-from startrack.core.dispatcher import COMPILED_BESIDE
 from startrack.core.displacement import NODES, Displacement, node_places
 from startrack.core.extension import (
     POINTS,

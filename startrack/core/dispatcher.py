@@ -9,8 +9,8 @@ becomes machine code as a part of those that Python calls.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from numba.core import sigutils
@@ -23,8 +23,6 @@ from numba.core.target_extension import dispatcher_registry, target_registry
 
 from startrack.core.interpret import interpreter
 
-# Module -> waits until another process has compiled its kernels, which are then read from disk.
-COMPILED_BESIDE = dict[str, Callable[[], object]]()
 _REPLACED = list[Any]()  # kernels that include this code point to its constants
 ENVIRONMENT = "_ZN08NumbaEnv"  # how numba names the globals that point to a function's constants
 
@@ -118,20 +116,15 @@ class KernelDispatcher(CPUDispatcher):
             if inner:
                 self._compiler.pipeline_class = _Inner
                 return super().compile(sig)
+            holds = getattr(self._cache, "holds", lambda _: False)
             if known is None:
-                holds = getattr(self._cache, "holds", lambda _: False)
                 found = interpreter(self, lambda: bool(holds(sig)))
                 if found is not None:
                     return found
-                self._wait()
+            claimed = nullcontext if holds(sig) else getattr(self._cache, "claimed", nullcontext)
             self._compiler.pipeline_class = _Outer
-            with _without_collection(), _numbas_own_inside():
+            with claimed(), _without_collection(), _numbas_own_inside():
                 return super().compile(sig)
-
-    def _wait(self) -> None:
-        for module in list(COMPILED_BESIDE):
-            if f"{self.py_func.__module__}.".startswith(f"{module}."):
-                COMPILED_BESIDE.pop(module)()
 
     def add_overload(self, cres: Any) -> None:
         """Keep what was compiled; Python finds it where it is machine code."""

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -26,9 +27,17 @@ from numba.core.serialize import loads
 from startrack.core.dispatcher import InnerCode, KernelDispatcher
 from startrack.core.trust import PRIVATE, trusted
 
+fcntl: Any
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
 HASHED = b"startrack sha256"  # begins a file of compiled code, before the hash of the rest
 DIGEST = 32  # byte, of that hash
 OTHERS = ("math", "numba", "numpy", "scipy")  # whose versions stand in the key
+CLAIMS = "compiling.claims"  # file of a folder of compiled code, in which processes claim kernels
+PATIENCE = 120.0  # second that a process waits for another one; chosen by hand
 UNKEPT = list[str]()  # kernels that no folder could be found for
 FOLDERS = set[str]()  # where those of this process are kept
 
@@ -208,6 +217,35 @@ class _Cache(FunctionCache):
         if sig is not None:
             return self._index_key(sig, codegen) in kept
         return any(key[1] == codegen.magic_tuple() for key in kept)
+
+    @contextmanager
+    def claimed(self) -> Iterator[None]:
+        """Compile a kernel in one process at a time: the next one then finds it on disk.
+
+        Where there are no locks, or another process holds one for too long, it is compiled twice.
+        """
+        file = self._claim() if fcntl else None
+        try:
+            yield
+        finally:
+            if file is not None:
+                os.close(file)  # which ends the claim, as does the end of the process
+
+    def _claim(self) -> int | None:
+        """The open file of claims, in which one byte is that of this kernel."""
+        place, began = int.from_bytes(self.stamp[-4:], "big") >> 1, time.monotonic()
+        try:
+            file = os.open(os.path.join(self.cache_path, CLAIMS), os.O_RDWR | os.O_CREAT, 0o600)
+        except OSError:
+            return None
+        with suppress(OSError):
+            while time.monotonic() < began + PATIENCE:
+                try:
+                    fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, place)
+                    break
+                except (BlockingIOError, PermissionError):
+                    time.sleep(0.02)
+        return file
 
     def _fresh(self) -> _File:
         self._cache_file = _File(self._cache_path, self._impl.filename_base, self.stamp)

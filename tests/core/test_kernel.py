@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,15 @@ def compiled(tmp_path_factory):
 def folder(compiled, tmp_path):
     """A copy of it; kernels are kept beside the code, by content."""
     return shutil.copytree(compiled, tmp_path / "kernels")
+
+
+def test_two_processes_compile_a_kernel_once(tmp_path):
+    """The one that comes second waits, and finds it on disk."""
+    (tmp_path / "inner.py").write_text(INNER)
+    (tmp_path / "outer.py").write_text(OUTER)
+    with ThreadPoolExecutor(2) as both:
+        found = list(both.map(result, [tmp_path, tmp_path]))
+    assert sorted(found) == [(705.0, 0), (705.0, 1)]
 
 
 def edit(folder, old, new):
