@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -19,6 +21,14 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
 )
 collect_ignore = ["oracle"]  # scripts that need what the tests do not
+
+
+def pytest_configure(config):
+    """Compile what most tests need once, before workers would each do so."""
+    alone = hasattr(config, "workerinput") or not config.getoption("numprocesses", None)
+    if not alone and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+        command = [sys.executable, "-m", "startrack.cli", "warm"]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 @pytest.fixture(scope="session", autouse=True)
