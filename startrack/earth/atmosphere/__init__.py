@@ -11,6 +11,8 @@ build     New tables by sasktran2 and pvlib: AirTable, the first of two steps, a
 bands     BandTable from AirTable and bands: every term as radiance in each band, from one
           altitude.
 look_up   Radiance of each pixel from BandTable and viewing geometry: the second of the two steps.
+cloud       Reflectance and transmission of a cloud layer, by doubling, with exact single
+            scattering.
 sunlight  Wavelengths -> irradiance of the Sun, as measured.
 infrared  BandTable from InfraredTable and bands: thermal radiance and transmittance of the air.
 radiance  At-sensor radiance in five terms, from the viewing geometry of pixels or from Ground.
@@ -18,8 +20,10 @@ runs      BandTable from runs of MODTRAN or libRadtran over three albedos.
 modtran   Run from output of MODTRAN (.7sc, .tp7, .chn, JSON).
 """
 
+from startrack.earth.atmosphere.aerosol import Haze
 from startrack.earth.atmosphere.bands import BandTable, in_bands
 from startrack.earth.atmosphere.build import Grid, build, build_limb
+from startrack.earth.atmosphere.cloud import LayerLight, LayerOptics, layer_optics
 from startrack.earth.atmosphere.infrared import (
     InfraredTable,
     infrared_bands,
@@ -48,8 +52,11 @@ __all__ = [
     "BandTable",
     "FineTable",
     "Grid",
+    "Haze",
     "Heat",
     "InfraredTable",
+    "LayerLight",
+    "LayerOptics",
     "Reach",
     "Sight",
     "Terms",
@@ -59,6 +66,7 @@ __all__ = [
     "heat_of",
     "in_bands",
     "infrared_bands",
+    "layer_optics",
     "load_infrared",
     "load_table",
     "look_up",

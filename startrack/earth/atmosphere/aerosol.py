@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, nm, um
+from startrack.core import Floats, finite, nm, non_negative, positive, um, within
 from startrack.earth.atmosphere.sasktran import mie
 
 REFERENCE = 550 * nm  # of visibility and extinction
@@ -66,6 +67,66 @@ class Particles:
     extinction: Floats
     albedo: Floats
     moments: Floats
+
+
+@dataclass(frozen=True)
+class Haze:
+    """Aerosol that thins out exponentially with height, and as a power of the wavelength.
+
+        extinction = optical_depth / scale_height exp(-height / scale_height)
+                     (wavelength / 550 nm)^-angstrom
+
+    optical_depth  1, vertical, at 550 nm above the sea
+    scale_height   metre
+    angstrom       1, exponent
+    albedo         1, of single scattering
+    asymmetry      1, mean cosine of the scattering angle
+    phase          1, of a measured phase function at `angles` instead of Henyey and Greenstein's;
+                   its scale is free
+    angles         radian from 0 to pi, rising
+    """
+
+    optical_depth: float
+    scale_height: float = 2e3
+    angstrom: float = 1.3
+    albedo: float = 0.95
+    asymmetry: float = 0.65
+    phase: tuple[float, ...] = ()
+    angles: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        non_negative(optical_depth=self.optical_depth)
+        positive(scale_height=self.scale_height)
+        finite(angstrom=self.angstrom)
+        within(0, 1, albedo=self.albedo)
+        within(-0.95, 0.95, asymmetry=self.asymmetry)
+        if len(self.phase) != len(self.angles):
+            raise ValueError(
+                f"phase and angles must be as many, got {len(self.phase)} and {len(self.angles)}"
+            )
+        if self.phase:
+            rising = all(b > a for a, b in pairwise(self.angles))
+            if not rising or self.angles[0] != 0 or abs(self.angles[-1] - math.pi) > 1e-6:
+                raise ValueError(f"angles must rise from 0 to pi, got {self.angles}")
+            if min(self.phase) < 0 or not max(self.phase) > 0:
+                raise ValueError(f"phase must be at least 0, and somewhere more: {self.phase}")
+
+    def profile(self, height: Floats) -> Floats:
+        """Extinction (n,) 1 / metre at 550 nm, at (n,) metre above the sea."""
+        return self.optical_depth / self.scale_height * np.exp(-height / self.scale_height)
+
+    def particles(self, wavelength: Floats, moments: int) -> Particles:
+        """At (k,) metre, with so many moments of the phase function."""
+        ones = np.ones(len(wavelength))
+        extinction = (wavelength / REFERENCE) ** -self.angstrom
+        order = np.arange(moments)
+        found = (2 * order + 1) * self.asymmetry**order
+        if self.phase:
+            nodes, weights = np.polynomial.legendre.leggauss(2 * moments)
+            weighted = np.interp(np.arccos(nodes), self.angles, self.phase) * weights
+            legendre = np.polynomial.legendre.legvander(nodes, moments - 1)
+            found = (2 * order + 1) * (weighted @ legendre) / weighted.sum()
+        return Particles(extinction, self.albedo * ones, ones[:, None] * found)
 
 
 def profile(visibility: float, height: Floats) -> Floats:

@@ -9,8 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Floats, deg, nm
-from startrack.earth.atmosphere.gases import GASES, sunlight, transmittance
+from startrack.earth.atmosphere.aerosol import Haze
+from startrack.earth.atmosphere.gases import GASES, transmittance
 from startrack.earth.atmosphere.solver import TOP, limb_radiance, solve_radiance
+from startrack.earth.atmosphere.sunlight import sun_spectrum
 from startrack.earth.atmosphere.table import Air, AirTable
 from startrack.scene import Limb
 
@@ -104,7 +106,7 @@ def build(
         around,
         backscatter,
         SPECTRUM,
-        sunlight(SPECTRUM),
+        sun_spectrum(SPECTRUM),
         MASS,
         gas,
     )
@@ -163,15 +165,21 @@ LIMB_SUN: Floats = np.array([0.0, 20, 40, 55, 65, 72, 78, 82, 85, 87, 89, 90]) *
 LIMB_AZIMUTH: Floats = np.array([0.0, 45, 90, 135, 180]) * deg
 
 
-def build_limb(albedo: float = 0.3, progress: Callable[[float], None] | None = None) -> Limb:
-    """Solve the radiative transfer in spherical layers of molecules.
+def build_limb(
+    albedo: float = 0.3,
+    aerosol: Air | Haze | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Limb:
+    """Solve the radiative transfer in spherical layers of molecules and aerosol.
 
-    Raises  ModuleNotFoundError where sasktran2 is missing.
+    aerosol   as for `limb_radiance`; None for molecules alone
+    progress  called with the fraction that is done
+    Raises    ModuleNotFoundError where sasktran2 is missing.
     """
     radiance = np.empty((len(LIMB_WAVELENGTH), len(LIMB_TANGENT), len(LIMB_SUN), len(LIMB_AZIMUTH)))
     rays = [(tangent, azimuth) for tangent in LIMB_TANGENT for azimuth in LIMB_AZIMUTH]
     for s, sun in enumerate(LIMB_SUN):
-        found = limb_radiance(LIMB_WAVELENGTH, math.cos(sun), rays, albedo)
+        found = limb_radiance(LIMB_WAVELENGTH, math.cos(sun), rays, albedo, aerosol)
         radiance[:, :, s] = found.reshape(
             len(LIMB_WAVELENGTH), len(LIMB_TANGENT), len(LIMB_AZIMUTH)
         )

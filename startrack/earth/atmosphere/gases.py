@@ -1,4 +1,4 @@
-"""Transmittance of water vapour, ozone and mixed gases over air mass, and the Sun's spectrum."""
+"""Transmittance of water vapour, ozone and mixed gases over air mass."""
 
 from __future__ import annotations
 
@@ -87,18 +87,6 @@ def _pairs(wavelength: Floats) -> Floats:
     away = wavelength[:, None] / nm - np.array([middle for middle, _, _ in PAIRS])
     peak, width = np.array([each[1:] for each in PAIRS]).T
     return np.asarray(np.exp(-4 * np.log(2) * (away / width) ** 2) @ peak) * PAIR_COLUMN
-
-
-def sunlight(wavelength: Floats) -> Floats:
-    """The Sun's irradiance at one astronomical unit.
-
-    wavelength  (f,) metre, between 280 and 4000 nm
-    Returns     (f,) watt / m^2 / m
-    Raises      ModuleNotFoundError where pvlib is missing.
-    Accuracy    model: the extraterrestrial spectrum of ASTM G173-03, in steps of 0.5 to 5 nm.
-    """
-    spectra = _pvlib().get_reference_spectra()["extraterrestrial"]
-    return np.interp(wavelength, spectra.index.to_numpy() * nm, spectra.to_numpy() / nm)
 
 
 def _column(gas: str, mass: float, water: float, ozone: float) -> tuple[Floats, Floats]:

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from startrack.core import Floats, nm
-from startrack.earth.atmosphere.aerosol import Particles, particles, profile
+from startrack.earth.atmosphere.aerosol import Haze, particles, profile
 from startrack.earth.atmosphere.sasktran import sasktran2
 from startrack.earth.atmosphere.table import Air
 
 TOP = 100e3  # metre, of the air
 EARTH = 6371e3  # metre, mean radius
+LIMB_STEP = 1e3  # metre, between the borders of spherical layers
 ORBIT = 600e3  # metre, of the observer of the limb; any height above the air is equivalent
 SINGLE_MOMENTS = 180  # of the phase function in single scattering, enough for its forward peak
 
@@ -88,23 +89,38 @@ def solve_radiance(
 
 
 def limb_radiance(
-    wavelength: Floats, sun: float, rays: Sequence[tuple[float, float]], albedo: float
+    wavelength: Floats,
+    sun: float,
+    rays: Sequence[tuple[float, float]],
+    albedo: float,
+    aerosol: Air | Haze | None = None,
+    multiple: bool = True,
 ) -> Floats:
-    """Radiance of lines of sight through spherical layers of molecules, seen from space.
+    """Radiance of lines of sight through spherical layers of air, seen from space.
 
     wavelength  (k,) metre
     sun         1, cosine of the Sun's zenith angle where the line is nearest to the ground
     rays        r of (tangent height, metre; azimuth, radian, 0 towards the Sun)
     albedo      of the ground
+    aerosol     type and visibility of Shettle and Fenn, or haze; None for molecules alone
+    multiple    whether light is scattered more than once, and by the ground
     Returns     (k, r) 1 / sr, over the Sun's irradiance
-    Accuracy    model: multiple scattering as in a column under the tangent point, straight rays.
+    Raises      ModuleNotFoundError where sasktran2 is missing.
+    Accuracy    model: multiple scattering as in a column under the tangent point, straight rays, no
+                absorption by gases, no polarisation. numerical: light that is scattered once is
+                within 0.5 % of an integral along the line of sight.
     """
     sk = sasktran2()
-    heights = np.arange(0.0, TOP + 1, 1e3)
+    heights = np.arange(0.0, TOP + 1, LIMB_STEP)
     config = sk.Config()
     config.num_streams = 8
-    config.multiple_scatter_source = sk.MultipleScatterSource.DiscreteOrdinates
+    source = sk.MultipleScatterSource
+    config.multiple_scatter_source = source.DiscreteOrdinates if multiple else source.NoSource
     config.single_scatter_source = sk.SingleScatterSource.Exact
+    aerosol = None if aerosol == Air("none") else aerosol
+    if aerosol is not None:
+        config.num_singlescatter_moments = SINGLE_MOMENTS
+        config.delta_m_scaling = multiple
     geometry = sk.Geometry1D(
         sun,
         0.0,
@@ -117,6 +133,8 @@ def limb_radiance(
     for tangent, azimuth in rays:
         view.add_ray(sk.TangentAltitudeSolar(tangent, azimuth, ORBIT, sun))
     state = _molecules(sk, geometry, config, wavelength)
+    if aerosol is not None:
+        state["aerosol"] = _aerosol(sk, aerosol, heights, wavelength, config.num_stokes)
     state["surface"] = sk.constituent.LambertianSurface(albedo)
     found = sk.Engine(config, geometry, view).calculate_radiance(state)
     return found.radiance.to_numpy()[:, :, 0]
@@ -131,9 +149,13 @@ def _molecules(sk: Any, geometry: Any, config: Any, wavelength: Floats) -> Any:
     return state
 
 
-def _aerosol(sk: Any, air: Air, heights: Floats, wavelength: Floats, stokes: int) -> Any:
-    mixture: Particles = particles(air.aerosol, tuple(wavelength))
-    extinction = profile(air.visibility, heights)[:, None] * mixture.extinction
+def _aerosol(sk: Any, air: Air | Haze, heights: Floats, wavelength: Floats, stokes: int) -> Any:
+    if isinstance(air, Haze):
+        mixture, at_reference = air.particles(wavelength, SINGLE_MOMENTS), air.profile(heights)
+    else:
+        mixture = particles(air.aerosol, tuple(wavelength))
+        at_reference = profile(air.visibility, heights)
+    extinction = at_reference[:, None] * mixture.extinction
     shape = (SINGLE_MOMENTS, *extinction.shape)
     phase = np.broadcast_to(mixture.moments[:, :SINGLE_MOMENTS].T[:, None, :], shape)
     if stokes > 1:  # light that particles scatter is assumed to be unpolarised

@@ -9,6 +9,8 @@ band        BandTable and thermal radiance of one channel, weighted with its res
 blur        Weights of the rays around a pixel, from optics, motion and pixel.
 lens        The lens of a channel over its field: where it looks, its images of points, its
             illumination.
+clouds      Cloud layers of a scene, and their optical depth over the ground.
+cloud_radiance  Radiance of ground and air under cloud layers, of the layers, and their shadows.
 figures     Ground resolution, swath, MTF, SNR, dynamic range and data rate of a channel at a
             height and speed.
 first       First parameters of a camera from goals: focal length, aperture, pixel rate.
@@ -19,6 +21,8 @@ files       FITS that is filled while an image is rendered; GeoTIFF with ground 
 
 from startrack.earth.imager.band import INFRARED, Band, band_of
 from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water
+from startrack.earth.imager.cloud_radiance import Deck
+from startrack.earth.imager.clouds import CloudLayer, Crossing, Field, Sheet, open_sheets
 from startrack.earth.imager.figures import (
     Figures,
     figures,
@@ -59,7 +63,11 @@ __all__ = [
     "Angles",
     "Band",
     "Channel",
+    "CloudLayer",
     "Cover",
+    "Crossing",
+    "Deck",
+    "Field",
     "FieldLens",
     "Figures",
     "First",
@@ -73,6 +81,7 @@ __all__ = [
     "ReflectanceMap",
     "RossLi",
     "Setting",
+    "Sheet",
     "Snow",
     "Spectrometer",
     "Survey",
@@ -90,6 +99,7 @@ __all__ = [
     "margins_of",
     "misregistration",
     "open_fits",
+    "open_sheets",
     "pixel_electrons",
     "prepare",
     "reference",

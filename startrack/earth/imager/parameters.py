@@ -37,6 +37,7 @@ from startrack.earth.geometry import (
     choose_carrier,
     ground_rate,
 )
+from startrack.earth.imager.clouds import CloudLayer
 from startrack.earth.imager.land import Land
 from startrack.io import Layers, from_table, read_table, regular_file, shipped
 from startrack.motion import Motion
@@ -283,6 +284,7 @@ class Survey:
     sky_rays       from each point that sample the sky; 0 for none
     air            its state, one of the shipped tables; None: no air
     land           reflectance and temperature of the ground
+    clouds         layers of cloud, which cast shadows
     surroundings   1, reflectance of the ground around, which illuminates air and slopes; None for
                    the mean of the image
     sun_distance   astronomical unit
@@ -302,6 +304,7 @@ class Survey:
     sky_rays: int = 0
     air: Air | None = None
     land: Land = field(default_factory=Land)
+    clouds: tuple[CloudLayer, ...] = ()
     surroundings: float | None = None
     sun_distance: float = 1.0
     motion: Motion = field(default_factory=Motion)

@@ -26,6 +26,7 @@ from startrack.earth.geometry import (
 )
 from startrack.earth.imager.band import Band, band_of, mean_wavelength
 from startrack.earth.imager.blur import blur_strips, blur_weights, field_blur
+from startrack.earth.imager.cloud_radiance import Deck, decks_of, with_clouds
 from startrack.earth.imager.land import Land, burning_fraction, reflection, temperature
 from startrack.earth.imager.lens import field_lens, image_pixels, nominal
 from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
@@ -80,6 +81,7 @@ class Setting(NamedTuple):
     light        (1, columns) of a scanner, (rows, columns) of a matrix: electrons of each pixel
                  over `electrons`; None: the same everywhere
     smile        bands of a line that smile bends, and the share of each in each column (columns,)
+    clouds       layers in this band
     """
 
     period: float
@@ -92,6 +94,7 @@ class Setting(NamedTuple):
     camera: Camera
     light: Floats | None = None
     smile: tuple[tuple[Band, Floats], ...] = ()
+    clouds: tuple[Deck, ...] = ()
 
 
 def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
@@ -122,8 +125,9 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     electrons = channel.etendue() * exposure * band.electrons
     drift = smear(channel, period, ground_rate(flight))
     setting = Setting(
-        period, exposure, drift, lens.images, band, around, electrons, lens.camera, lens.light
-    )
+        period, exposure, drift, lens.images, band, around, electrons, lens.camera, lens.light,
+        clouds=decks_of(survey.clouds, band, folder),
+    )  # fmt: skip
     return _with_smile(survey, channel, setting, max(above, 1.0))
 
 
@@ -321,8 +325,16 @@ def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) 
     direct = None if seen.direct is seen.sky else seen.direct[:, None]
     found = at_sensor(ground, band.table, seen.sky[:, None], around, band.heat, warm, direct)
     terms = Terms(*(each[:, 0] for each in found))
-    if band.heat is None or not land.hot_spots:
+    if band.heat is not None and land.hot_spots:
+        terms = _burning(terms, land, ground, setting, spread)
+    if not setting.clouds:
         return terms
+    return with_clouds(terms, setting.clouds, ground, band, seen.sky, setting.surroundings)
+
+
+def _burning(terms: Terms, land: Land, ground: Ground, setting: Setting, spread: float) -> Terms:
+    """The same with fires."""
+    band, around = setting.band, np.array([setting.surroundings])
     fractions = [burning_fraction(spot, ground, spread) for spot in land.hot_spots]
     emitted = terms.emitted.copy()
     for spot, fraction in zip(land.hot_spots, fractions, strict=True):

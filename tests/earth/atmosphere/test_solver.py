@@ -7,10 +7,10 @@ import pytest
 
 from startrack.core.units import nm
 from startrack.earth.atmosphere import Air
-from startrack.earth.atmosphere.aerosol import particles, profile
+from startrack.earth.atmosphere.aerosol import Haze, particles, profile
 
 pytest.importorskip("sasktran2", reason="new tables of the air need the extra `earth`")
-from startrack.earth.atmosphere.solver import TOP, layers, limb_radiance, solve_radiance
+from startrack.earth.atmosphere.solver import EARTH, TOP, layers, limb_radiance, solve_radiance
 
 GREEN = np.array([550 * nm])
 
@@ -121,3 +121,61 @@ def test_the_limb_is_as_bright_as_others_found():
     pixel = math.radians(1 / 60) ** 2
     magnitude = -2.5 * np.log10(light[0] * 1.863 * pixel / 3.63e-11)
     np.testing.assert_allclose(magnitude, [-5.5, -2.4, 0.3, 3.4], atol=0.3)
+
+
+def line_of_sight(haze, tangent, sun, azimuth, wavelength):
+    """Light that is scattered once by molecules and haze: sums along the line and to the Sun.
+
+    Air is linear between the borders of the solver's layers, which have 1 km.
+    """
+    heights = np.arange(0.0, TOP + 1, 1e3)
+    air = depth_profile(heights, wavelength)
+    grains = haze.optical_depth / haze.scale_height * np.exp(-heights / haze.scale_height)
+    grains *= (wavelength / 550e-9) ** -haze.angstrom
+    # Along the line, aside, and up at the tangent point; the camera is at -x.
+    to_sun = np.sin(sun) * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    to_sun[2] = np.cos(sun)
+    half = math.sqrt((EARTH + TOP) ** 2 - (EARTH + tangent) ** 2)
+    along = np.linspace(-half, half, 6001)
+    place = np.stack([along, 0 * along, np.full(6001, EARTH + tangent)], -1)
+    height = np.linalg.norm(place, axis=1) - EARTH
+    molecules, aerosol = (np.interp(height, heights, each) for each in (air, grains))
+    inward = place @ to_sun
+    length = -inward + np.sqrt(inward**2 + (EARTH + TOP) ** 2 - (place**2).sum(1))
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    sunward = np.zeros(6001)
+    for node, weight in zip((nodes + 1) / 2, weights / 2, strict=True):
+        there = np.linalg.norm(place + (node * length)[:, None] * to_sun, axis=1) - EARTH
+        sunward += weight * length * np.interp(there, heights, air + grains)
+    both = molecules + aerosol
+    step = along[1] - along[0]
+    camera = np.concatenate([[0.0], np.cumsum((both[1:] + both[:-1]) / 2 * step)])
+    cosine = float(to_sun[0])  # light flies from the Sun and leaves towards -x
+    g, k = haze.asymmetry, DEPOLARISATION
+    rayleigh = 0.75 * ((1 + k) + (1 - k) * cosine**2) / (1 + k / 2)
+    phase = (1 - g**2) / (1 + g**2 - 2 * g * cosine) ** 1.5
+    source = (molecules * rayleigh + haze.albedo * aerosol * phase) * np.exp(-camera - sunward)
+    return np.trapezoid(source, along) / 4 / math.pi
+
+
+DEPOLARISATION = 0.0277  # of air, Bates (1984)
+
+
+def depth_profile(heights, wavelength):
+    """Extinction of molecules at heights, from the solver's own plane layers."""
+    _, at, extinction = solve_radiance(
+        Air("none"), np.array([wavelength]), 0.0, 0.5371, [(1.0, 0.0, TOP)], (0.0,), 4
+    )
+    return np.exp(np.interp(heights, at, np.log(np.maximum(extinction[0], 1e-30))))
+
+
+@pytest.mark.parametrize("case", [(0.0, 25e3), (0.3, 12e3), (0.1, 3e3)])
+def test_haze_at_the_limb_is_the_integral_along_the_line(case):
+    optical_depth, tangent = case
+    haze = Haze(optical_depth, 3e3, 1.3, 0.9, 0.65)
+    for sun, azimuth in ((30.0, 40.0), (75.0, 120.0)):
+        sun, azimuth = math.radians(sun), math.radians(azimuth)
+        rays = [(tangent, azimuth)]
+        found = limb_radiance(800e-9 * np.ones(1), math.cos(sun), rays, 0.0, haze, False)[0, 0]
+        told = line_of_sight(haze, tangent, sun, azimuth, 800e-9)
+        assert found == pytest.approx(told, rel=0.02)

@@ -1,0 +1,232 @@
+"""Cloud layers of a scene, and their optical depth over the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, NamedTuple, Protocol
+
+import numpy as np
+
+from startrack.core import (
+    Curve,
+    Floats,
+    Streams,
+    Unit,
+    non_negative,
+    one_of,
+    positive,
+    um,
+    whole,
+    within,
+)
+from startrack.earth.terrain import (
+    EQUATORIAL,
+    Chart,
+    Mosaic,
+    Raster,
+    fractal,
+    geodetic,
+    up,
+)
+
+TEXELS = 1024  # along each side of a generated field, which is periodic
+ROUGHNESS = 4 / 3  # of it: a power spectrum of |k|^(-5/3) along a line, as that of clouds
+GRAZING = 0.02  # least cosine of the zenith angle of a path through a layer; chosen by hand
+STEPS = 4  # of Newton's method to the height of a layer; it begins within metres
+GROUND_TEMPERATURE, LAPSE, COLDEST = 288.15, 6.5e-3, 216.65  # US Standard Atmosphere 1976
+
+# 1 - albedo of single scattering: ice of 30 um by Ebert and Curry (1992), J. Geophys. Res. 97,
+# 3831, water drops of 10 um by Slingo (1989), J. Atmos. Sci. 46, 1419, four bands each; beyond 4
+# um 1 - absorption over extinction, of ice 0.005 + 1 / 30 and of water 0.0904 square metre / gram,
+# with the coefficients of the Community Atmosphere Model.
+EDGES = (0.2, 0.69, 1.19, 2.38, 4.0, 60.0)  # um
+ALBEDOS = {
+    "ice": (0.99999, 0.99947, 0.9564, 0.5328, 0.546),
+    "water": (1.0, 0.99977, 0.9871, 0.7234, 0.431),
+}
+
+
+@dataclass(frozen=True)
+class CloudLayer:
+    """A thin sheet of cloud at one height.
+
+    height         metre above the ellipsoid; terrain that is higher stands out of it
+    optical_depth  1, vertical, the same at all wavelengths: of an even layer, the mean inside the
+                   clouds of a generated one, or the factor of the values of a file
+    file           raster of optical depth in any projection, relative to the scene file; no cloud
+                   where it has no value
+    band           1, the first, of the file
+    cover          1, fraction of the sky that a generated field of clouds covers; None for an even
+                   layer or a file
+    cell           metre, smallest detail of generated clouds, which repeat themselves after 1024
+    seed           of generated clouds
+    particles      ice or water, for the albedo of single scattering
+    albedo         1 over wavelength, instead
+    asymmetry      1, mean cosine of the scattering angle
+    temperature    kelvin; None for that of the US Standard Atmosphere at this height
+    """
+
+    height: Annotated[float, Unit("m", "km")]
+    optical_depth: float = 1.0
+    file: str = ""
+    band: int = 1
+    cover: float | None = None
+    cell: Annotated[float, Unit("m")] = 100.0
+    seed: int = 1
+    particles: str = "ice"
+    albedo: Curve | None = None
+    asymmetry: float = 0.85
+    temperature: Annotated[float | None, Unit("K", absolute=True)] = None
+
+    def __post_init__(self) -> None:
+        within(0, 30e3, height=self.height)
+        non_negative(optical_depth=self.optical_depth)
+        if self.cover is not None:
+            within(0.001, 1, cover=self.cover)
+            if self.file:
+                raise ValueError("cover must be left out beside file, which has its own clouds")
+        whole(1, 2**16, band=self.band)
+        positive(cell=self.cell)
+        whole(0, 2**31, seed=self.seed)
+        one_of(tuple(ALBEDOS), particles=self.particles)
+        within(-0.99, 0.99, asymmetry=self.asymmetry)
+        if self.temperature is not None:
+            within(50, 400, temperature=self.temperature)
+
+    @property
+    def kelvin(self) -> float:
+        """Its temperature."""
+        if self.temperature is not None:
+            return self.temperature
+        return max(GROUND_TEMPERATURE - LAPSE * self.height, COLDEST)
+
+    @property
+    def spectrum(self) -> Curve:
+        """Albedo of single scattering."""
+        if self.albedo is not None:
+            return self.albedo
+        nodes = [end for low, high in pairwise(EDGES) for end in (low, high - 1e-6)]
+        values = [value for value in ALBEDOS[self.particles] for _ in range(2)]
+        return Curve(tuple(node * um for node in nodes), tuple(values))
+
+    def open(self, folder: Path) -> Sheet:
+        """The layer with its field of optical depth; its file is sought from a folder.
+
+        Raises  as Raster.
+        """
+        if self.file:
+            mosaic = Mosaic((Raster(folder / self.file, self.band),))
+            cell = mosaic.grid.step_y
+            return Sheet(self, _Mapped(Chart(mosaic, absent=0.0), cell, self.optical_depth))
+        if self.cover is None:
+            return Sheet(self, _Even(self.optical_depth))
+        return Sheet(self, _Generated(self))
+
+
+class Field(Protocol):
+    """Optical depth over the Earth."""
+
+    def __call__(self, longitude: Floats, latitude: Floats) -> Floats:
+        """(n,) 1 at (n,) radian."""
+        ...
+
+
+class _Even(NamedTuple):
+    depth: float
+
+    def __call__(self, longitude: Floats, latitude: Floats) -> Floats:
+        return np.full(len(longitude), self.depth)
+
+
+class _Mapped(NamedTuple):
+    chart: Chart
+    cell: float
+    factor: float
+
+    def __call__(self, longitude: Floats, latitude: Floats) -> Floats:
+        found = self.chart.at(longitude, latitude, np.full(len(longitude), self.cell))
+        return np.maximum(found * self.factor, 0.0)
+
+
+class _Generated(NamedTuple):
+    layer: CloudLayer
+
+    def __call__(self, longitude: Floats, latitude: Floats) -> Floats:
+        """Straight between texels, on a sinusoidal projection as the texture of the land."""
+        texels = _clouds(self.layer.seed, self.layer.cover or 1.0)
+        step = self.layer.cell / EQUATORIAL
+        x, y = longitude * np.cos(latitude) / step, latitude / step
+        i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+        u, v = x - i, y - j
+        found = np.zeros(len(x))
+        for down, across, weight in (
+            (0, 0, (1 - v) * (1 - u)), (0, 1, (1 - v) * u), (1, 0, v * (1 - u)), (1, 1, v * u),
+        ):  # fmt: skip
+            found += weight * texels[(j + down) % TEXELS, (i + across) % TEXELS]
+        return found * self.layer.optical_depth
+
+
+@lru_cache(maxsize=4)
+def _clouds(seed: int, cover: float) -> Floats:
+    """Optical depth of mean 1 inside the clouds, which cover so much of a fractal's highest."""
+    values = fractal(TEXELS, TEXELS, Streams(seed, 2), 1.0, ROUGHNESS).astype(np.float64)
+    above = np.maximum(values - np.quantile(values, 1 - cover), 0.0)
+    return above / above[above > 0].mean()
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A cloud layer with its field of optical depth."""
+
+    layer: CloudLayer
+    field: Field
+
+    def cross(self, point: Floats, direction: Floats) -> Crossing:
+        """Where straight paths leave the layer, and its optical depth there.
+
+        point      (n, 3) metre, Earth-fixed, where the paths begin
+        direction  (n, 3) or (3,) unit vectors
+        Returns    Crossing; optical depth 0 where a path begins above the layer or leads down
+        """
+        longitude, latitude, height = geodetic(point)
+        rise = (up(longitude, latitude) * direction).sum(-1)
+        below = (height < self.layer.height) & (rise > 0)
+        radius, slope = EQUATORIAL + height, np.maximum(rise, GRAZING)
+        climb = np.maximum(self.layer.height - height, 0.0)
+        distance = np.sqrt((radius * slope) ** 2 + climb * (2 * radius + climb)) - radius * slope
+        for _ in range(STEPS):
+            there = point + distance[:, None] * direction
+            longitude, latitude, height = geodetic(there)
+            zenith = up(longitude, latitude)
+            cosine = np.maximum((zenith * direction).sum(-1), GRAZING)
+            distance = np.maximum(distance + (self.layer.height - height) / cosine, 0.0)
+        depth = np.zeros(len(point))
+        depth[below] = self.field(longitude[below], latitude[below])
+        return Crossing(there, longitude, latitude, cosine, distance, depth)
+
+
+class Crossing(NamedTuple):
+    """Where n paths meet a layer.
+
+    point                (n, 3) metre, Earth-fixed
+    longitude, latitude  (n,) radian
+    cosine               (n,) 1, of the path's zenith angle there
+    distance             (n,) metre from the path's beginning
+    depth                (n,) 1, vertical optical depth
+    """
+
+    point: Floats
+    longitude: Floats
+    latitude: Floats
+    cosine: Floats
+    distance: Floats
+    depth: Floats
+
+
+def open_sheets(layers: Sequence[CloudLayer], folder: Path) -> tuple[Sheet, ...]:
+    """The layers with their fields, the lowest first."""
+    return tuple(one.open(folder) for one in sorted(layers, key=lambda layer: layer.height))
