@@ -44,8 +44,8 @@ class SharedErrors:
         Returns  (..., 3, 3) radian^2
         Accuracy  model: to first order in the errors; turns about different axes are independent.
         """
-        moved = np.einsum("...ina,...nak->...ik", gain, self.at(pixel))
-        flat = gain.reshape(*gain.shape[:-2], -1)
+        root, flat = self.at(pixel), gain.reshape(*gain.shape[:-2], -1)
+        moved = flat @ root.reshape(*flat.shape[:-2], flat.shape[-1], -1)
         apart = self.variance * flat @ flat.swapaxes(-1, -2)
         return moved @ moved.swapaxes(-1, -2) - apart + np.diag(self.turn)
 

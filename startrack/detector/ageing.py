@@ -170,10 +170,13 @@ class Age:
     family        "interactions" or "chandra-aca"
     fluence       proton equivalents of 10 MeV, of a square metre and a second, behind the shield;
                   of the family "interactions"
-    inclination   radian, of a circular orbit at 550 km, from which the fluence then follows
+    inclination   radian, of a circular orbit at 550 km, from which the fluence of trapped protons
+                  then follows; those of the Sun, which count from some 60 degrees on, and other
+                  orbits (higher, geostationary) are not in its table: give their dose or fluence
     shielding     metre of aluminium around the detector in that orbit, 1 to 20 mm
     dose          gray / second, ionising, of protons in silicon behind the shield, from which the
-                  fluence then follows
+                  fluence then follows: of any orbit, and with those of the Sun, such as SPENVIS
+                  computes by the models of ECSS-E-ST-10-04C
     depleted      metre, depth of the silicon whose damage makes dark current; of the same
     interaction   electron / second, mean dark current of an interaction, at 296 K; of the same
     annealed      1, fraction of the damage's dark current that annealing took away

@@ -39,8 +39,9 @@ def proton_dose(inclination: float, shielding: float) -> float:
     shielding    metre of aluminium all around
     Raises    ValueError outside 0 to 180 degrees, or 1 to 20 mm.
     Accuracy  between the nodes 8 %; AP-8 itself within a factor of two. Other altitudes are not in
-              the table (higher ones have several times as much), nor are solar protons, which
-              count in polar orbits.
+              the table (higher ones have several times as much), nor are solar protons, which count
+              in polar orbits and are nearly all in a geostationary one: of these, tables of
+              fluence behind a shield were not found (ECSS-E-ST-10-04C has their model, ESP).
     """
     within(0.0, math.pi, inclination=inclination)
     within(float(THICKNESS[0]), float(THICKNESS[-1]), shielding=shielding)

@@ -174,9 +174,11 @@ def refuse(case: Case) -> None:
 
 def _refuse_crowded(case: Case) -> None:
     """Refuse hot pixels that take the places of stars among the spots, or in a map of them."""
-    pattern, empty = dark_pattern(case), empty_frame(case, arriving_sky(case))
-    if pattern is None or empty is None:
+    pattern = dark_pattern(case)
+    if pattern is None:
         return
+    empty = empty_frame(case, arriving_sky(case))
+    assert empty is not None
     most = case.tracker.detection.max_spots
     if empty.spots > CROWDED * most:
         raise ValueError(
