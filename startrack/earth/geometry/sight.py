@@ -133,7 +133,7 @@ def ground_rate(orbit: Carrier) -> float:
     """Radian per second at which the ground below the satellite moves at its epoch.
 
     Times the focal length in pixels it is the line rate that makes square pixels at the nadir. Kept
-    for the 16 last orbits, because the Earth's axes take astropy a tenth of a second.
+    for the 16 last orbits, because astropy takes 7 ms for the axes of the Earth.
     """
     flight = fly(orbit, np.zeros(1))
     position, velocity = flight.position[0], flight.velocity[0]
