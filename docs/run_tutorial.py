@@ -147,6 +147,10 @@ def main() -> int:
     parser.add_argument("--write", action="store_true", help="update the page and its pictures")
     parser.add_argument("pages", nargs="*", metavar="PAGE", help="names of pages (default: all)")
     options = parser.parse_args()
+    known = [path.name for path in PAGES]
+    for name in options.pages:
+        if name not in known:
+            parser.error(f"PAGE must be one of {', '.join(known)}, got {name}")
     wrong = False
     for path in PAGES:
         if not options.pages or path.name in options.pages:
