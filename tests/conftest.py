@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,11 @@ def pytest_configure(config):
     alone = hasattr(config, "workerinput") or not config.getoption("numprocesses", None)
     if not alone and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
         command = [sys.executable, "-m", "startrack.cli", "warm"]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run(
+                command, check=True, env=os.environ | {"STARTRACK_CACHE": folder},
+                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            )  # fmt: skip
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -19,12 +19,14 @@ def pages(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_each_public_module_has_a_page_and_no_other(pages):
     built = {path.relative_to(pages).with_suffix("") for path in pages.rglob("*.html")}
     asked = {module.__name__.replace(".", "/") for module, _ in public()}
     assert {path.as_posix() for path in built} - {"index"} == asked
 
 
+@pytest.mark.slow
 def test_each_public_name_stands_on_its_page(pages):
     for module, names in public():
         page = (pages / f"{module.__name__.replace('.', '/')}.html").read_text(encoding="utf-8")
@@ -32,6 +34,7 @@ def test_each_public_name_stands_on_its_page(pages):
         assert not missing, module.__name__
 
 
+@pytest.mark.slow
 def test_an_equation_stands_as_it_was_written(pages):
     page = (pages / "startrack" / "optics.html").read_text(encoding="utf-8")
     shown = unescape(re.sub(r"<[^>]+>", "", page))

@@ -38,8 +38,16 @@ def solve(outside, capsys):
     return run
 
 
-@pytest.mark.parametrize("name", ESA + CEDAR)
-@pytest.mark.parametrize("factor", [0.91, 1.0, 1.09])
+FACTORS = (0.91, 1.0, 1.09)  # of the true field
+# Each image with one of them; with the others it is a slow test.
+ROUGH = [
+    pytest.param(name, factor, marks=() if n % len(FACTORS) == k else pytest.mark.slow)
+    for k, factor in enumerate(FACTORS)
+    for n, name in enumerate(ESA + CEDAR)
+]
+
+
+@pytest.mark.parametrize(("name", "factor"), ROUGH)
 def test_attitude_with_a_rough_field_of_view(solve, name, factor):
     """Within 60 arcsec across the boresight, the images' own aberration among them."""
     status, found, error = solve(name, factor)

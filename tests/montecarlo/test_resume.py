@@ -102,6 +102,7 @@ def test_the_time_budget_ends_it(store, outcomes):
     assert len(resume(store, Fake(outcomes(64)), 1, 64, seconds=1e-9)) == 0
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_bytes_and_survives_a_kill(store):
     """Its own executor; two processes, one of which is killed when it has begun."""
     distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
