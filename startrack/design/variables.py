@@ -55,6 +55,9 @@ class Link:
 
 AT_BOUND = 0.01  # of a variable's range: as near a bound counts as on it; chosen by hand
 
+# Of which images in a file do not follow.
+OF_IMAGES = "instrument.optics.focal_length", "instrument.optics.f_number"
+
 
 @dataclass(frozen=True)
 class DesignSpace:
@@ -101,6 +104,11 @@ class DesignSpace:
             raise ValueError(
                 f"{variable.name} must be {'.'.join([*part[:2], 'scale'])}, the factor on all "
                 "differences of a variation, which has its price"
+            )
+        if self.case.instrument.optics.psf_file and variable.name in OF_IMAGES:
+            raise ValueError(
+                f"{variable.name} must not be a variable beside psf_file, whose images are those "
+                "of one lens"
             )
         start = number(self.case, variable.name)
         if not low <= start <= high:

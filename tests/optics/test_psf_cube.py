@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from startrack import Fidelity, Instrument, load_design, run_random_trial, shipped
+from startrack import Fidelity, Instrument, load_design, run_random_trial, run_trials, shipped
+from startrack.budget import analytic
 from startrack.cli.main import main
 from startrack.core import Camera
+from startrack.metrics import summarise
 from startrack.optics import (
     Optics,
     PsfFile,
@@ -90,6 +92,24 @@ def test_a_trial_takes_a_cube(cube):
     # The file does not say that the lens loses light towards the edge of the field.
     assert errors[0][0] == pytest.approx(errors[1][0], abs=3)
     assert np.hypot(*errors[1][1:]) < 3 * np.hypot(*errors[0][1:]) + 1e-5
+
+
+@pytest.mark.slow
+def test_the_budget_and_covariances_of_a_cube_are_those_of_its_lens(cube):
+    """Errors within 2 %: the file says nothing of the light that the lens loses in the corners."""
+    path, optics = cube
+    case = load_design(shipped("designs/noise_only.toml")).case
+    found = []
+    for one in (optics, Optics(FOCAL, F_NUMBER, psf_file=str(path), blur=BLUR, psf_tolerance=0.05)):
+        behind = replace(case, instrument=the_instrument(one))
+        drawn = summarise(run_trials(behind, 1, range(300), Fidelity.COVARIANCE))
+        budget = analytic(behind)
+        lines = {line.name: line.across for line in budget.lines}
+        found.append((budget.whole.across, budget.whole.about, drawn.across.value, lines))
+    (*wanted, of_lens), (*made, of_cube) = found
+    assert made == pytest.approx(wanted, rel=0.02)
+    for name in ("PSF over the field", "lateral colour"):
+        assert of_cube[name] == pytest.approx(of_lens[name], rel=0.1)
 
 
 def page(path, data, wave, angle, kind, encoding="utf-8", extra=""):

@@ -11,6 +11,7 @@ import pytest
 from astropy.io import fits
 
 from startrack import Fidelity, load_design, run_random_trial, shipped
+from startrack.design import DesignSpace
 from startrack.detector import stamp
 from startrack.optics import (
     Aberration,
@@ -20,6 +21,8 @@ from startrack.optics import (
     pixel_psf,
     save_psf_file,
 )
+from startrack.optimise import TrialRunner
+from startrack.optimise.evaluate import evaluate
 from startrack.trial import psf_of
 
 ORACLE = Path(__file__).parents[1] / "oracle/chandra_psf.json"
@@ -86,32 +89,49 @@ def test_an_irradiance_is_averaged_over_pixels_after_blur_and_diffusion(tmp_path
         assert psf.energy == image.energy
 
 
+def of_its_own(case, path):
+    """A case whose PSF stands in a file."""
+    optics = case.instrument.optics
+    psf = psf_of(case.instrument)
+    pitch = case.instrument.detector.pitch
+    save_psf_file(
+        path, PsfFile("", psf.table[None, None], pitch / psf.oversampling, True, pitch, psf.energy)
+    )
+    optics = replace(optics, psf="auto", blur=0.0, psf_file=str(path))
+    return replace(case, instrument=replace(case.instrument, optics=optics))
+
+
 def test_trials_of_all_fidelities_take_it(tmp_path):
     """The example with its own PSF as a file: errors as with the model, for the same noise.
 
     Single electrons fall otherwise, where the fractions differ in their last digits.
     """
     case = load_design(shipped("designs/noise_only.toml")).case
-    optics = case.instrument.optics
-    psf = psf_of(case.instrument)
-    pitch = case.instrument.detector.pitch
-    save_psf_file(
-        tmp_path / "p.fits",
-        PsfFile("", psf.table[None, None], pitch / psf.oversampling, True, pitch, psf.energy),
-    )
-    filed = replace(
-        case,
-        instrument=replace(
-            case.instrument,
-            optics=replace(optics, psf="auto", blur=0.0, psf_file=str(tmp_path / "p.fits")),
-        ),
-    )
+    filed = of_its_own(case, tmp_path / "p.fits")
     for fidelity in (Fidelity.FRAME, Fidelity.SPOTS):
         wanted, made = (
             run_random_trial(one, seed=3, number=1, fidelity=fidelity) for one in (case, filed)
         )
         assert made.stars == wanted.stars
         assert made.error_x == pytest.approx(wanted.error_x, abs=5e-8)
+
+
+def test_a_campaign_of_covariances_takes_it(tmp_path):
+    """As with the model: the same fields, noise and statistics of stars; and what it refuses."""
+    design = load_design(shipped("designs/noise_only.toml"))
+    filed = of_its_own(design.case, tmp_path / "p.fits")
+    exposure = [one for one in design.campaign.variables if one.name.endswith("exposure")]
+    campaign = replace(design.campaign, variables=tuple(exposure), fidelity=Fidelity.COVARIANCE)
+    found = []
+    for case in (design.case, filed):
+        space = DesignSpace(case, campaign.variables)
+        found.append(evaluate(space, campaign, space.start, TrialRunner(1), 200))
+    wanted, made = found
+    assert (wanted.note, made.note) == ("", "")
+    assert made.error == pytest.approx(wanted.error, rel=0.01)
+    assert made.expected == pytest.approx(wanted.expected, rel=0.01)
+    with pytest.raises(ValueError, match="f_number must not be a variable beside psf_file"):
+        DesignSpace(filed, tuple(v for v in design.campaign.variables if "f_number" in v.name))
 
 
 def test_what_it_refuses(tmp_path):
