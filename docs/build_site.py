@@ -26,7 +26,7 @@ FOLDER = Path(__file__).parent / "site"
 FRONT = "docs/index"
 # The order of a newcomer; other pages follow by their names.
 FIRST = {
-    "Begin": ["README", "docs/tutorial", "docs/tutorial-earth", "docs/glossary"],
+    "Begin": ["README", "docs/tutorial", "docs/tutorial-earth", "docs/gallery", "docs/glossary"],
     "Guides": ["docs/units", "docs/mission", "docs/extensions", "docs/onboard", "docs/clusters"],
     "Does it hold?": [
         "docs/flight", "docs/earth-cameras", "docs/budget-against-trials", "docs/speed-vs-error",

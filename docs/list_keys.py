@@ -22,7 +22,10 @@ HEAD = """\
 Every key that a design file may hold, table by table; `startrack keys instrument.optics` prints \
 those of one table. A value with a unit is a text, such as `focal_length = "35 mm"`: in the unit \
 given here or in any that converts to it; a number without a unit may be a percentage \
-(`"35 %"`). Tables in double brackets may stand several times. The \
+(`"35 %"`). Tables in double brackets may stand several times. "Taken by" \
+names the fidelities of trials, and the error budget, that compute with a key; those in brackets \
+run the design but leave the key out, those that are not named refuse it \
+(`experiments/key_fidelities.py` finds it so). The \
 [conventions](conventions.md) say which way axes and angles go, the [models](models.md) what is \
 computed. `python docs/list_keys.py` writes this page.
 """
@@ -37,36 +40,38 @@ TABLES = ("table", "tables")
 
 def page() -> str:
     """The text of docs/reference.md."""
-    return _page(HEAD, design_keys())
+    return _page(HEAD, design_keys(), "taken by")
 
 
 def mission_page() -> str:
     """The text of docs/mission-keys.md."""
-    return _page(MISSION_HEAD, keys_of(Mission))
+    return _page(MISSION_HEAD, keys_of(Mission), "")
 
 
-def _page(head: str, keys: Iterable[Key]) -> str:
+def _page(head: str, keys: Iterable[Key], taken: str) -> str:
     about = {key.name: key for key in keys}
     tables = dict[str, list[Key]]()
     for key in about.values():
         if key.kind not in TABLES:
             tables.setdefault(key.name.rpartition(".")[0], []).append(key)
-    return "\n".join([head, *(_section(name, about, keys) for name, keys in tables.items())])
+    return "\n".join([head, *(_section(name, about, keys, taken) for name, keys in tables.items())])
 
 
-def _section(table: str, about: dict[str, Key], keys: list[Key]) -> str:
+def _section(table: str, about: dict[str, Key], keys: list[Key], taken: str) -> str:
     heading = "Top of the file"
     meaning = ""
     if table:
         one = about[table]
         heading = f"`[[{table}]]`" if one.kind == "tables" else f"`[{table}]`"
         meaning = f"{_cell(one.meaning[:1].upper() + one.meaning[1:]).rstrip('.')}.\n"
+    taken = taken if any(key.taken_by for key in keys) else ""
     rows = [
         f"| `{key.name.rpartition('.')[2]}` | {key.kind} | {key.unit} | {key.range} | "
-        f"{_default(key)} | {_cell(key.meaning)} |\n"
+        f"{_default(key)} | {f'{key.taken_by} | ' if taken else ''}{_cell(key.meaning)} |\n"
         for key in keys
     ]
-    head = "| key | type | unit | range | default | meaning |\n|---|---|---|---|---|---|\n"
+    names = ["key", "type", "unit", "range", "default", *([taken] if taken else []), "meaning"]
+    head = f"| {' | '.join(names)} |\n{'|---' * len(names)}|\n"
     return f"## {heading}\n{meaning}\n{head}{''.join(rows)}"
 
 

@@ -2,8 +2,10 @@
 
 python experiments/ecosystem.py [--json FILE] [--only PART] [--trials 64] [--quick]
 
-plugin_same         1, of the ways to run a design that names code of its own (two processes; Dask,
-                    where it is installed), those whose trials have the same bytes as in one process
+plugin_same         1, of the results of a design with a centroid, an identification and a detector
+                    effect of an installed package, in two processes and with Dask (where it is
+                    installed), those that are as in one process: bytes of trials, and the optimum
+                    and the fresh trials of `optimize`
 builtin_slowdown    1, CPU time of a trial of a design without such code over that of the same
                     trial without the places where code could be named; the median of neighbouring
                     pairs
@@ -19,12 +21,14 @@ onboard_solved      1, of other 1,000, those whose stars the C reader identifies
 hil_frames_per_s    1/s, frames of a megapixel of a sequence that are rendered, searched, followed
                     and written as FITS, raw or SER on two cores: twice those of a second of CPU
                     time of one process; the slowest of the formats
-hil_solved_by_peers 1, of the frames kept as 16-bit PNG, those that tetra3rs solves with its own
-                    detection, within 60 arcsec of the table beside them; null without tetra3rs
-sketch_gb           GB, largest memory of a process that sketches trials, which does not grow with
-                    their number, and of the merging of a thousand sketches
-sketch_same         1, of orders in which a thousand sketches were merged, those with the bytes of
-                    the sketch of all trials at once
+hil_solved_by_peers 1, of --frames frames of a slew of 0.3 deg/s, kept as 16-bit PNG, those that a
+                    peer solves within 60 arcsec of the table beside them; the least of the peers
+                    of hil_peers.py that are there, each of which has a figure of its own
+sketch_gb           GB, largest memory of a process that sketches --sketched trials, which does not
+                    grow with their number, and merges a thousand sketches of a million trials
+                    each; these repeat the counts of the sketched ones, 1e9 trials are not run
+sketch_same         1, of comparisons of bytes: ten parts in two orders with the sketch of all
+                    trials at once, and the thousand parts in one order with another
 A part whose data or packages are not there is left out.
 """
 
@@ -33,7 +37,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import copy
-import csv
+import dataclasses
 import importlib
 import io
 import json
@@ -42,51 +46,68 @@ import os
 import random
 import re
 import resource
+import shutil
 import statistics
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import one_thread  # noqa: F401  # isort: skip
 import command
-import cv2
-import numpy as np
+from hil_peers import solved_by_peers
 from onboard import AIM, figures
-from scipy.spatial.transform import Rotation
 
-from startrack import Case, Fidelity, arcsec, deg, load_design, run_trials, shipped
+from startrack import Case, Fidelity, deg, load_design, run_trials, shipped
 from startrack.cli.main import main as startrack
 from startrack.core import code_of_command
 from startrack.detection import DetectionPlan
 from startrack.detection.methods import CENTROIDS
 from startrack.montecarlo import (
+    Bins,
     Sampling,
     Serial,
+    Sketch,
     dask_pool,
+    load_sketch,
     merge_sketches,
     pool,
     resume_sketch,
     run,
     save_sketch,
 )
+from startrack.optimise import TrialRunner, optimize
 from startrack.sequence import Leg, Recording, Sequence
 from startrack.sequence import run as fly
 
 PAGE = Path(__file__).parents[1] / "docs" / "extensions.md"
 EXAMPLE = re.compile(r"in `(mylab/\w+\.py)`:\n\n```python\n(.*?)```", re.S)
+POINTS = {
+    "centroids": "mylab.centroids:snail",
+    "identifications": "mylab.identifications:vote",
+    "charge_effects": "mylab.effects:amplifier_glow",
+}
 CODE = (
-    "tracker.detection.centroid=mylab.centroids:snail",
-    "tracker.identification.method=mylab.identifications:vote",
-    'instrument.detector.charge_effects=["mylab.effects:amplifier_glow"]',
+    "tracker.detection.centroid=snail",
+    "tracker.identification.method=vote",
+    'instrument.detector.charge_effects=["amplifier_glow"]',
 )
+CAMPAIGN = (
+    "campaign.fidelity=frame", "campaign.trials=8", "campaign.most_trials=16",
+    "campaign.analytic_evaluations=12",
+    "campaign.evaluations=12", "campaign.fresh_trials=16",
+    'campaign.variables=[{name="instrument.detector.exposure", low="40 ms", high="200 ms"}, '
+    '{name="tracker.detection.threshold", low=4.0, high=12.0}]',
+)  # fmt: skip
 EXAMPLE_DESIGN = "designs/noise_only.toml"
 WRONG = 8.0  # arcmin
-NEAR = 60 * arcsec
+PERIOD, SLEW = 0.1, 0.3 * deg  # second, radian / second, of the frames for hardware in the loop
 SEED = 3
+DRAWN = 10  # parts of drawn trials
 
 
 def main() -> None:
@@ -95,7 +116,8 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=64)
     parser.add_argument("--repeats", type=int, default=15, help="pairs of timed runs")
     parser.add_argument("--sketched", type=int, default=200_000, help="trials (default: 200000)")
-    options = command.read(parser, trials=2, repeats=1)
+    parser.add_argument("--frames", type=int, default=500, help="for the peers (default: 500)")
+    options = command.read(parser, trials=2, repeats=1, frames=3)
     figures: dict[str, Any] = {}
     for name, part in PARTS.items():
         if options.only in (None, name):
@@ -107,28 +129,45 @@ def main() -> None:
 
 @contextlib.contextmanager
 def examples_installed() -> Iterator[None]:
-    """The examples of the page on code of one's own, as a package that processes find."""
-    with tempfile.TemporaryDirectory() as folder, code_of_command(allow=False):
-        (Path(folder) / "mylab").mkdir()
-        (Path(folder) / "mylab" / "__init__.py").write_text('__version__ = "1.0"\n')
-        for name, code in EXAMPLE.findall(PAGE.read_text(encoding="utf-8")):
-            (Path(folder) / name).write_text(code, encoding="utf-8")
-        sys.path.insert(0, folder)
+    """The examples of the page on code of one's own, as a distribution with entry points."""
+    with tempfile.TemporaryDirectory() as name, code_of_command(allow=False):
+        folder, points = Path(name), ""
+        (folder / "mylab").mkdir()
+        (folder / "mylab" / "__init__.py").write_text("")
+        for file, code in EXAMPLE.findall(PAGE.read_text(encoding="utf-8")):
+            (folder / file).write_text(code, encoding="utf-8")
+        for group, function in POINTS.items():
+            points += f"[startrack.{group}]\n{function.partition(':')[2]} = {function}\n"
+        about = folder / "mylab-1.0.dist-info"
+        about.mkdir()
+        (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mylab\nVersion: 1.0\n")
+        (about / "top_level.txt").write_text("mylab\n")
+        (about / "entry_points.txt").write_text(points)
+        sys.path.insert(0, name)
         importlib.invalidate_caches()
         try:
             yield
         finally:
-            sys.path.remove(folder)
+            sys.path.remove(name)
 
 
 def own_code(options: argparse.Namespace) -> dict[str, float]:
-    """The same trials in one process, in two, and with Dask."""
+    """The same trials and the same optimum in one process, in two, and with Dask."""
     with examples_installed():
-        case = load_design(shipped(EXAMPLE_DESIGN), CODE, allow_code=True).case
-        alone = run(case, options.trials, SEED, Serial()).tobytes()
+        design = load_design(shipped(EXAMPLE_DESIGN), [*CODE, *CAMPAIGN], allow_code=True)
+        assert design.campaign
+
+        def made(executor: Executor, workers: int) -> tuple[Any, ...]:
+            trials = run(design.case, options.trials, SEED, executor, workers=workers).tobytes()
+            if options.quick:  # tests/montecarlo/test_code.py optimises
+                return (trials,)
+            found = optimize(design.case, design.campaign, TrialRunner(SEED, executor, workers))
+            return trials, found.best, found.fresh
+
+        alone = made(Serial(), 1)
         # A process takes seconds to begin.
         with contextlib.nullcontext(Serial()) if options.quick else pool(2) as executor:
-            same = [run(case, options.trials, SEED, executor, workers=2).tobytes() == alone]
+            same = [one == other for one, other in zip(made(executor, 2), alone, strict=True)]
         if not options.quick and not command.missing("Dask", "distributed"):
             from distributed import LocalCluster
 
@@ -136,7 +175,7 @@ def own_code(options: argparse.Namespace) -> dict[str, float]:
                 LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
                 dask_pool(cluster.scheduler_address) as executor,
             ):
-                same.append(run(case, options.trials, SEED, executor, workers=2).tobytes() == alone)
+                same += [one == other for one, other in zip(made(executor, 2), alone, strict=True)]
     return {"plugin_same": sum(same) / len(same)} | slowdown(options)
 
 
@@ -184,9 +223,14 @@ def seconds(call: Callable[[], Any]) -> float:
 
 
 def sketches(options: argparse.Namespace) -> dict[str, float]:
-    """Memory and bytes of sketches of drawn trials, in one part and in a thousand."""
+    """Memory and bytes of sketches: of drawn trials, whole and in parts, and of a thousand parts.
+
+    The thousand parts have a million trials each, which were not run: the sums and counts are those
+    of the drawn parts, repeated.
+    """
     case, drawn = load_design(shipped(EXAMPLE_DESIGN)).case, Sampling(Fidelity.COVARIANCE)
     trials, parts = (400, 20) if options.quick else (options.sketched, 1000)
+    size, million = trials // DRAWN, trials // DRAWN if options.quick else 10**6
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
 
@@ -194,16 +238,35 @@ def sketches(options: argparse.Namespace) -> dict[str, float]:
             resume_sketch(folder / file, case, SEED, drawn, numbers, Serial())
             return folder / file
 
-        whole = made("whole", range(trials)).read_bytes()
-        size = trials // parts
-        files = [made(f"{k}", range(k * size, (k + 1) * size)) for k in range(parts)]
-        same = []
-        for order in range(3):
+        def merged(files: list[Path], order: int) -> bytes:
             random.Random(order).shuffle(files)
             save_sketch(folder / "merged", merge_sketches(files))
-            same.append((folder / "merged").read_bytes() == whole)
+            return (folder / "merged").read_bytes()
+
+        whole = made("whole", range(DRAWN * size)).read_bytes()
+        some = [made(f"{k}", range(k * size, (k + 1) * size)) for k in range(DRAWN)]
+        same = [merged(some, order) == whole for order in range(2)]
+        held, many = [load_sketch(one) for one in some], []
+        for k in range(parts):
+            many.append(folder / f"many{k}")
+            save_sketch(many[-1], repeated(held[k % DRAWN], million // size, k))
+        same.append(merged(many, 2) == merged(many, 3))
+        found = load_sketch(folder / "merged")
+        print(f"{found.trials:.3g} trials of {parts} parts: {found.rms('across')}", flush=True)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # KiB on Linux
     return {"sketch_gb": peak, "sketch_same": sum(same) / len(same)}
+
+
+def repeated(sketch: Sketch, times: int, part: int) -> Sketch:
+    """A part of a campaign as large as some repetitions of a sketch."""
+    trials = sketch.trials * times
+    return dataclasses.replace(
+        sketch,
+        ranges=[(part * trials, (part + 1) * trials)],
+        counts={name: count * times for name, count in sketch.counts.items()},
+        sums={name: total * times for name, total in sketch.sums.items()},
+        bins={name: Bins(one.index, one.count * times) for name, one in sketch.bins.items()},
+    )
 
 
 def documented(options: argparse.Namespace) -> dict[str, float]:
@@ -272,52 +335,35 @@ def onboard(options: argparse.Namespace) -> dict[str, float | None]:
     }
 
 
-def hardware(options: argparse.Namespace) -> dict[str, float | None]:
-    """Frames in time for hardware in the loop, and what another solver makes of them."""
+def hardware(options: argparse.Namespace) -> dict[str, Any]:
+    """Frames in time for hardware in the loop, and what other solvers make of them."""
     size = 256 if options.quick else 1024
-    sizes = [f"instrument.detector.{side}={size}" for side in ("columns", "rows")]
-    case = load_design(shipped(EXAMPLE_DESIGN), sizes).case
-    first = Sequence((Leg(0.5, rate_x=0.05 * deg),), period=0.25)
-    sequence = first if options.quick else Sequence((Leg(6.0, rate_x=0.05 * deg),), period=0.25)
+    changes = [f"instrument.detector.{side}={size}" for side in ("columns", "rows")]
+    changes.append("instrument.detector.pixel_rate=40 Mpix / s")  # for ten frames a second
+    case = load_design(shipped(EXAMPLE_DESIGN), changes).case
+
+    def turning(frames: int) -> Sequence:
+        return Sequence((Leg((frames + 0.5) * PERIOD, rate_x=SLEW),), period=PERIOD)
+
     rates = {}
     with tempfile.TemporaryDirectory() as folder:
-        fly(case, first, SEED, 0)  # compiles and opens what all frames use
+        fly(case, turning(2), SEED, 0)  # compiles and opens what all frames use
+        timed = turning(3 if options.quick else 100)
         for kind in ("fits", "ser", "raw"):
             began = time.process_time()
-            table = fly(case, sequence, SEED, 0, Recording(Path(folder) / kind, kind))
+            table = fly(case, timed, SEED, 0, Recording(Path(folder) / kind, kind))
             rates[kind] = 2 * len(table) / (time.process_time() - began)
             print(f"{kind}: {rates[kind]:.1f} frames/s on two cores", flush=True)
-        fly(case, sequence, SEED, 0, Recording(Path(folder) / "png", "png"))
-        solved = solved_by_tetra3rs(Path(folder) / "png", case)
-    return {"hil_frames_per_s": min(rates.values()), "hil_solved_by_peers": solved}
-
-
-def solved_by_tetra3rs(folder: Path, case: Case) -> float | None:
-    """Fraction of the PNG files whose boresight tetra3rs finds within NEAR of their table."""
-    if command.missing("frames solved by tetra3rs", "tetra3rs"):
-        return None
-    import tetra3rs
-
-    camera = case.instrument.camera
-    field = camera.fov_x / deg
-    database = tetra3rs.SolverDatabase.generate_from_gaia(max_fov_deg=field, star_max_magnitude=7.0)
-    with (folder / "sequence-0001.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    solved = 0
-    for row in rows:
-        image = np.asarray(cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED))
-        answer = database.solve_from_centroids(
-            tetra3rs.extract_centroids(image, threads=1).centroids,
-            fov_estimate_deg=field,
-            fov_max_error_deg=0.05 * field,
-            image_shape=image.shape,
-        )
-        if isinstance(answer, tetra3rs.SolveFailure):
-            continue
-        axis = np.array(answer.rotation_matrix_icrs_to_camera)[2]
-        true = Rotation.from_quat([float(row[f"icrs_to_camera_{name}"]) for name in "xyzw"])
-        solved += bool(np.linalg.norm(axis - true.as_matrix()[2]) < NEAR)
-    return solved / len(rows)
+            shutil.rmtree(Path(folder) / kind)
+        fly(case, turning(options.frames), SEED, 0, Recording(Path(folder) / "png", "png"))
+        solved = solved_by_peers(Path(folder) / "png", case)
+    for name, fraction in solved.items():
+        print(f"{name}: {fraction:.4f} of {options.frames} frames", flush=True)
+    return {
+        "hil_frames_per_s": min(rates.values()),
+        "hil_solved_by_peers": min(solved.values(), default=None),
+        **{f"hil_solved_by_{name}": fraction for name, fraction in solved.items()},
+    }
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {

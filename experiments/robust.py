@@ -1,6 +1,7 @@
 """How many inputs from anybody end in something else than a result or a sentence?
 
-    python experiments/robust.py [--json FILE] [--cases 10000] [--seed 1] [--keep DIR] [--quick]
+    python experiments/robust.py [--json FILE] [--cases 10000] [--kinds KIND ...] [--seed 1]
+                                 [--keep DIR] [--quick]
 
 Cases come from the grammar of tests/fuzz and a seed. Each runs a command in a process with a limit
 of 30 s and 1 GiB. Then commands are ended by SIGKILL, SIGTERM and SIGINT and started again: `lost`
@@ -25,6 +26,7 @@ sys.path.insert(0, str(ROOT))
 
 from tests.fuzz.arena import Case, Verdict  # noqa: E402
 from tests.fuzz.campaign import run_cases  # noqa: E402
+from tests.fuzz.exchange import ALL  # noqa: E402
 from tests.fuzz.kills import COMMANDS, kill_commands  # noqa: E402
 
 
@@ -32,6 +34,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
+    kinds = sorted({one.__name__.removesuffix("_case") for one in ALL})
+    parser.add_argument(
+        "--kinds", nargs="+", choices=kinds, default=kinds, metavar="KIND",
+        help=f"of cases: {', '.join(kinds)} (default: all)",
+    )  # fmt: skip
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--keep", type=Path, help="folder for the files of each fault")
     options = command.read(parser, cases=3, kills=0)
@@ -50,7 +57,9 @@ def main() -> None:
                 keep(options.keep / f"{sum(counted.values())}", case)
 
     if options.cases:
-        run_cases(options.cases, options.seed, report, primed=not options.quick)
+        wanted = [one for one in ALL if one.__name__.removesuffix("_case") in options.kinds]
+        primed = not options.quick and options.kinds == kinds
+        run_cases(options.cases, options.seed, report, kinds=wanted, primed=primed)
     ended = {"kills": 0, "lost": 0, "orphans": 0, "words": 0}
     if options.kills:
         with tempfile.TemporaryDirectory() as folder:

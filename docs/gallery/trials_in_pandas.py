@@ -7,3 +7,5 @@ trials = to_pandas(run_trials(case, seed=1, numbers=range(200), fidelity=Fidelit
 print("units:", trials.attrs["units"])
 trials["across"] = (trials.error_x**2 + trials.error_y**2) ** 0.5 * 206265
 print(trials.groupby(trials.stars // 20 * 20)["across"].agg(["count", "median", "max"]))
+axes = trials.plot.scatter("stars", "across", xlabel="matched stars", ylabel="across (arcsec)")
+axes.figure.savefig("stars.png")

@@ -10,6 +10,7 @@ imports             Imports of a command's file -> done when the command runs, s
                     needs none of them.
 campaign            What the commands on campaigns share: the design, the runner of its trials, and
                     the folder.
+scheduler           --workers, --scheduler and --tls -> the executor that trials run on.
 beside              At the first run, another process compiles while this one works.
 bench               `startrack bench`: the CPU time and the error of every stage, on this machine.
 budget              `startrack budget`: the error of a design cause by cause.

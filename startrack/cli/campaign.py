@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from startrack.cli.options import as_wrong_use
+from startrack.cli.scheduler import open_workers
 from startrack.cli.terminal import example, print_message, read_campaign
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, branches
-from startrack.montecarlo import Sampling, pool, warm
+from startrack.montecarlo import Sampling, warm
 from startrack.optimise import Ledger, TrialRunner
 from startrack.trial import require_fidelity
 
@@ -47,22 +48,24 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
     Kernels are compiled before the workers start, so that each reads them from the cache. The
     ledger holds the results of an interrupted run, from which the same command continues.
     """
-    path = options.campaign or example()
+    path, workers = options.campaign or example(), open_workers(options)
     design, campaign = read_campaign(path, options.set)
     with as_wrong_use(path=path):
         for branch in branches(design.case, campaign.choices):
             DesignSpace(branch.case, campaign.variables, campaign.links)
             require_campaign_fidelity(campaign, branch.case)
     print_message(
-        f"{doing} {path.stem} with {options.workers} workers; results go to {options.out}"
+        f"{doing} {path.stem} with {options.workers} workers"
+        + (f" of {options.scheduler}" if options.scheduler else "")
+        + f"; results go to {options.out}"
     )
-    if options.workers > 1:
+    if options.workers > 1 and not options.scheduler:
         for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
             with suppress(Exception):  # a start that cannot be rendered is judged by the search
                 warm(design.case, Sampling(fidelity))
     with (
         Ledger(options.out / LEDGER) as ledger,
-        pool(options.workers) as executor,
+        workers as executor,
     ):
         runner = TrialRunner(options.seed, executor, options.workers, ledger)
         yield OpenCampaign(design.case, campaign, runner, options.out)

@@ -24,7 +24,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
     describe(
         parser,
         "Prints each key of a design file with its type, the unit that its value is written with, "
-        "its range and default, and what it means: all, or those of one table. For example\n\n"
+        "its range and default, what it means, and which fidelities take it where some do not (in "
+        "brackets: run without it): all, or those of one table. For example\n\n"
         "  startrack keys instrument.detector\n\n"
         "--schema prints a JSON Schema of them, by which editors complete and check design files: "
         "with taplo, as in VS Code's Even Better TOML, by a first line\n\n"
@@ -63,5 +64,8 @@ def _text(key: Key, width: int) -> str:
     kind = f"{key.kind} in {key.unit}" if key.unit else key.kind
     kind += f", {key.range}" if key.range else ""
     default = {"required": ", required", "": ""}.get(key.default, f", default {key.default}")
-    meaning = fill(key.meaning, width, initial_indent="    ", subsequent_indent="    ")
+    meaning = key.meaning
+    if key.taken_by not in ("", "all"):
+        meaning = f"{meaning.rstrip('.')}. Taken by: {key.taken_by}."
+    meaning = fill(meaning, width, initial_indent="    ", subsequent_indent="    ")
     return f"{key.name}  ({kind}{default})\n{meaning}"

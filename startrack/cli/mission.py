@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.montecarlo import address
 from startrack.cli.options import (
     Exit,
     WrongUse,
@@ -23,6 +22,7 @@ from startrack.cli.options import (
     describe,
     whole,
 )
+from startrack.cli.scheduler import address
 
 with deferred():
     import numpy as np

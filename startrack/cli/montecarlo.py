@@ -23,12 +23,14 @@ from startrack.cli.options import (
     positive,
     whole,
 )
+from startrack.cli.scheduler import add_scheduler
 
 with deferred():
     import numpy as np
     from numpy.typing import NDArray
 
     from startrack.cli.merge import sketch_summary
+    from startrack.cli.scheduler import open_workers
     from startrack.cli.terminal import (
         example,
         finite,
@@ -43,22 +45,19 @@ with deferred():
     from startrack.cli.units import noise_only, require_units, trials_of
     from startrack.core import arcsec, parse
     from startrack.design import Case, Fidelity, Requirements
-    from startrack.io import regular_file, save_json
+    from startrack.io import save_json
     from startrack.metrics import STATED_ALONE, Limits, summarise
     from startrack.montecarlo import (
-        Certificates,
         Ending,
         Precision,
         Sampling,
         Store,
         Watch,
-        cluster,
         endings,
         export,
         half_width,
         last_words,
         mean_square,
-        pool,
         resume,
         resume_sketch,
         warm,
@@ -161,27 +160,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds", type=positive, metavar="SECONDS", help="start no trial after this time, s"
     )
-    parser.add_argument(
-        "--scheduler", type=address, metavar="ADDRESS",
-        help="use the workers of a Dask cluster (tcp://host:port or tls://host:port) or of MPI "
-        "(mpi)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--tls", type=Path, nargs=3, metavar=("CA", "CERT", "KEY"),
-        help="files in PEM for tls://host:port: certificate of the authority, own certificate and "
-        "own key",
-    )  # fmt: skip
+    add_scheduler(parser)
     parser.add_argument(
         "--log", type=Path, metavar="FILE",
         help="append rate, statistic, interval and remaining time, one JSON object per line",
     )  # fmt: skip
-
-
-def address(text: str) -> str:
-    """Read the address of a scheduler."""
-    if text != "mpi" and "://" not in text:
-        raise argparse.ArgumentTypeError(f"must be tcp://host:port or mpi, got {text!r}")
-    return text
 
 
 def command(options: argparse.Namespace) -> int:
@@ -206,7 +189,7 @@ def command(options: argparse.Namespace) -> int:
         require_fidelity(case, sampling.fidelity)
         conditions, refused = cases(case, design.campaign) if design.campaign else ((), ())
     where: Path | None = options.store or (options.out / STORE if options.out else None)
-    workers = _workers(options)
+    workers = open_workers(options)
     warm(case, sampling)  # what no trial can do is refused before the first
     began = time.perf_counter()
     if options.sketch:
@@ -341,18 +324,6 @@ def _sketch(
     head = {"sketch": str(options.sketch), "seed": options.seed, "fidelity": options.fidelity}
     print_result(options, head | values, text)
     return Exit.DONE if values["availability"] == 1 else Exit.UNSOLVED
-
-
-def _workers(options: argparse.Namespace) -> AbstractContextManager[Executor]:
-    """The executor of --workers or --scheduler, not yet open."""
-    encrypted = (options.scheduler or "").startswith("tls://")
-    if encrypted != bool(options.tls):
-        raise WrongUse("--tls must be given with --scheduler tls://host:port, and with no other")
-    if not options.scheduler:
-        return pool(options.workers)
-    with as_wrong_use(ValueError, OSError):
-        files = [regular_file(path, "a file in PEM") for path in options.tls or ()]
-    return cluster(options.scheduler, Certificates(*files) if files else None)
 
 
 def _precision(options: argparse.Namespace, relative: float, limits: Limits) -> Precision:

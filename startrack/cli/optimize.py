@@ -7,6 +7,7 @@ from typing import Any
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_campaign_options
+from startrack.cli.scheduler import add_scheduler
 
 with deferred():
     from startrack.cli.campaign import open_campaign
@@ -35,6 +36,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "which the same command continues after an interruption. The status is 3 if a "
         "requirement is not met.",
     )
+    add_scheduler(parser)
 
 
 def command(options: argparse.Namespace) -> int:

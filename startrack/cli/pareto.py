@@ -6,6 +6,7 @@ import argparse
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_campaign_options, as_wrong_use, whole
+from startrack.cli.scheduler import add_scheduler
 
 with deferred():
     import numpy as np
@@ -26,6 +27,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "Finds designs that no other beats in both goals, by the analytic budget, and measures "
         "each by trials. Writes front.md, front.png and result.json.",
     )
+    add_scheduler(parser)
     for which, goal in (("first", "across"), ("second", "mass")):
         parser.add_argument(
             f"--{which}", default=goal, metavar="GOAL",

@@ -6,6 +6,7 @@ import argparse
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_campaign_options
+from startrack.cli.scheduler import add_scheduler
 
 with deferred():
     from startrack.cli.campaign import open_campaign
@@ -31,6 +32,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "samples.csv and result.json. If the chains did not converge it writes nothing, and the "
         "status is 3.",
     )
+    add_scheduler(parser)
 
 
 def command(options: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ import math
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, add_campaign_options, power_of_two
+from startrack.cli.scheduler import add_scheduler
 
 with deferred():
     from startrack.cli.campaign import open_campaign
@@ -26,6 +27,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "and its Sobol indices over the ranges of all variables. Writes sensitivity.md, "
         "tornado.png and result.json.",
     )
+    add_scheduler(parser)
     parser.add_argument(
         "--designs", type=power_of_two, default=64, metavar="N",
         help="number of base designs of the Sobol indices, a power of two (default: 64)",

@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import json
 import math
 import re
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from functools import cache
 from typing import Annotated, Any, NamedTuple
 
 from startrack.core import Unit, write
 from startrack.design.campaign import Campaign
-from startrack.design.case import Case
+from startrack.design.case import Case, Fidelity
 from startrack.design.ranges import Range, ranges_of
-from startrack.io import Field, fields_of, written
+from startrack.io import Field, fields_of, shipped, written
 
 ENTRY = re.compile(r"((?:\w+)(?:, \w+)*)\s+(\S.*)")
 # In the docstrings, which have SI units; a file has its own.
 ONE = "(1|metre|radian|second|kelvin|hertz|kilogram|watt)"
 SI = re.compile(rf"\A{ONE}(\^2)?( / {ONE})*(, |\Z| (?=by|from|above|of|about|after))")
+COLUMNS = (*map(str, Fidelity), "budget")
+OF_TRIALS = ("instrument", "tracker", "scene", "catalog")
 WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 
 
@@ -36,6 +39,9 @@ class Key(NamedTuple):
     default  as a file would have it; "required" where it must be given, "none" where nothing is
              there unless it is given
     meaning  from the docstring of its class
+    taken_by  "all", or the fidelities (and the error budget) that compute with it, and, in
+             brackets, those that run a design with it but leave it out; the others refuse such a
+             design. "": trials do not depend on it
     """
 
     name: str
@@ -44,6 +50,7 @@ class Key(NamedTuple):
     range: str
     default: str
     meaning: str
+    taken_by: str = ""
 
 
 # What `load_design` takes from a file before the classes see it.
@@ -63,7 +70,22 @@ def design_keys() -> tuple[Key, ...]:
     found = [*OF_FILES, *keys_of(Case), Key("campaign", "table", "", "", "none", _first(Campaign))]
     found += keys_of(Campaign, "campaign")
     at = next(n for n, key in enumerate(found) if key.name == "instrument.detector") + 1
-    return (*found[:at], PRODUCT, *found[at:])
+    found = [*found[:at], PRODUCT, *found[at:]]
+    others = json.loads(shipped("designs/fidelities.json").read_text(encoding="utf-8"))
+    return tuple(
+        key._replace(taken_by=_taken_by(**others.get(key.name, {})))
+        if key.name.partition(".")[0] in OF_TRIALS and "table" not in key.kind
+        else key
+        for key in found
+    )
+
+
+def _taken_by(refused: Sequence[str] = (), left_out: Sequence[str] = ()) -> str:
+    """The column of a key; names as of `experiments/key_fidelities.py`, which finds them."""
+    taken = [one for one in COLUMNS if one not in refused and one not in left_out]
+    if len(taken) == len(COLUMNS):
+        return "all"
+    return ", ".join(taken) + (f" ({', '.join(left_out)})" if left_out else "")
 
 
 def keys_of(kind: type, place: str = "") -> Iterator[Key]:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
 from tests.fuzz.arena import SECONDS, Arena, Case, Verdict
-from tests.fuzz.grammar import WEIGHTS, Kind, cases, whole_cases
+from tests.fuzz.exchange import ALL, whole_exchanges
+from tests.fuzz.grammar import Kind, cases, whole_cases
 
 
 class Enough(Exception):
@@ -19,7 +20,7 @@ def run_cases(
     start: int,
     report: Callable[[Case, Verdict], object],
     seconds: float = SECONDS,
-    kinds: Iterable[Kind] = WEIGHTS,
+    kinds: Iterable[Kind] = ALL,
     fault: str = "",
     primed: bool = True,
 ) -> None:
@@ -32,7 +33,7 @@ def run_cases(
     """
     enough: list[bool] = []
     with Arena(seconds, fault=fault) as arena:
-        for case in whole_cases() if primed else ():
+        for case in (*whole_cases(), *whole_exchanges()) if primed else ():
             arena.prime(case)
 
         @seed(start)

@@ -357,12 +357,17 @@ def test_processes_and_dask_do_the_same_trials(installed, plain):
 
 
 @pytest.mark.slow
-def test_optimize_is_the_same_with_two_processes(installed, plain):
+def test_optimize_is_the_same_with_two_processes_and_with_dask(installed, plain):
+    distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
+    from startrack.montecarlo import dask_pool
     from startrack.optimise import TrialRunner, optimize
 
     design = load_design(plain, [*ALL, "campaign.fidelity=frame"], allow_code=True)
-    alone = optimize(design.case, design.campaign, TrialRunner(1))
-    with pool(2) as executor:
-        both = optimize(design.case, design.campaign, TrialRunner(1, executor, 2))
-    assert alone.best == both.best
-    assert alone.fresh == both.fresh
+    workers = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    with pool(2) as processes, workers as cluster, dask_pool(cluster.scheduler_address) as dask:
+        alone, *others = (
+            optimize(design.case, design.campaign, TrialRunner(1, executor, count))
+            for executor, count in ((Serial(), 1), (processes, 2), (dask, 2))
+        )
+    for other in others:
+        assert (other.best, other.fresh) == (alone.best, alone.fresh)
