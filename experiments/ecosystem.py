@@ -157,13 +157,14 @@ def own_code(options: argparse.Namespace) -> dict[str, float]:
     """The same trials and the same optimum in one process, in two, and with Dask."""
     with examples_installed():
         design = load_design(shipped(EXAMPLE_DESIGN), [*CODE, *CAMPAIGN], allow_code=True)
-        assert design.campaign
+        case, campaign = design.case, design.campaign
+        assert campaign
 
         def made(executor: Executor, workers: int) -> tuple[Any, ...]:
-            trials = run(design.case, options.trials, SEED, executor, workers=workers).tobytes()
+            trials = run(case, options.trials, SEED, executor, workers=workers).tobytes()
             if options.quick:  # tests/montecarlo/test_code.py optimises
                 return (trials,)
-            found = optimize(design.case, design.campaign, TrialRunner(SEED, executor, workers))
+            found = optimize(case, campaign, TrialRunner(SEED, executor, workers))
             return trials, found.best, found.fresh
 
         alone = made(Serial(), 1)

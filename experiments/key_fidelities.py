@@ -202,11 +202,12 @@ def value_of(name: str) -> Any:
 def put(table: Table, name: str, value: Any) -> None:
     """Set a key, in the first table of a list of them."""
     *places, last = name.split(".")
+    held: Any = table
     for depth, place in enumerate(places, 1):
         several = typing.get_origin(classes()[".".join(places[:depth])][1].kind) is tuple
-        table = table.setdefault(place, [{}] if several else {})
-        table = table[0] if several else table
-    table[last] = value
+        held = held.setdefault(place, [{}] if several else {})
+        held = held[0] if several else held
+    held[last] = value
 
 
 def design_with(name: str) -> Table:

@@ -34,10 +34,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
-    kinds = sorted({one.__name__.removesuffix("_case") for one in ALL})
+    known = sorted({one.__name__.removesuffix("_case") for one in ALL})
     parser.add_argument(
-        "--kinds", nargs="+", choices=kinds, default=kinds, metavar="KIND",
-        help=f"of cases: {', '.join(kinds)} (default: all)",
+        "--kinds", nargs="+", choices=known, default=known, metavar="KIND",
+        help=f"of cases: {', '.join(known)} (default: all)",
     )  # fmt: skip
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--keep", type=Path, help="folder for the files of each fault")
@@ -58,7 +58,7 @@ def main() -> None:
 
     if options.cases:
         wanted = [one for one in ALL if one.__name__.removesuffix("_case") in options.kinds]
-        primed = not options.quick and options.kinds == kinds
+        primed = not options.quick and options.kinds == known
         run_cases(options.cases, options.seed, report, kinds=wanted, primed=primed)
     ended = {"kills": 0, "lost": 0, "orphans": 0, "words": 0}
     if options.kills:
