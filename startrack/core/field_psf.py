@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from startrack.core.arrays import Floats
+from startrack.core.interpret import instead_of
 from startrack.core.kernel import kernel
-from startrack.core.lagrange import lagrange_weights
+from startrack.core.lagrange import lagrange_weights, local_weights
 from startrack.core.values import Psf
 
 # Electron in a pixel, below which a term of a star is left out, and the curve between the samples
@@ -159,6 +160,15 @@ def _add_near(value, node_x, node_y, node_c, x, y, colour, found):  # type: igno
                     near = value[c, v + j, u + i]
                     for k in range(len(near)):
                         found[n, k] += weight * near[k]
+
+
+@instead_of(_add_near)
+def _add_near_of_arrays(value, node_x, node_y, node_c, x, y, colour, found):  # type: ignore[no-untyped-def]
+    (u, near_x), (v, near_y) = local_weights(node_x, x), local_weights(node_y, y)
+    near_c = lagrange_weights(node_c, np.clip(colour, node_c[0], node_c[-1]))
+    for c, j, i in np.ndindex(len(value), 4, 4):
+        weight = near_c[:, c] * near_y[:, j] * near_x[:, i]
+        found += weight[:, None] * value[c, v + j, u + i]
 
 
 @kernel

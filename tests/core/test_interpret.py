@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from startrack.core import interpret, interpreted, kernel
+from startrack.core import field_psf, interpret, interpreted, kernel
 from startrack.core.kernel import KernelDispatcher
 
 
@@ -113,3 +113,15 @@ def test_elsewhere_kernels_are_compiled():
     assert twice(2.0) == 4.0
     assert isinstance(twice, KernelDispatcher)
     assert len(twice.overloads) == 1
+
+
+def test_the_images_of_a_field_are_summed_in_the_same_order():
+    """To the bit, also beyond the nodes."""
+    rng = np.random.default_rng(1)
+    nodes = np.linspace(0, 511, 6), np.linspace(0, 511, 5), np.array([4e-7, 5e-7, 7e-7])
+    places = *rng.uniform(-20, 540, (2, 50)), rng.uniform(3e-7, 9e-7, 50)
+    value = rng.standard_normal((3, 5, 6, 8))
+    found = np.zeros((2, 50, 8))
+    field_psf._add_near(value, *nodes, *places, found[0])
+    field_psf._add_near_of_arrays(value, *nodes, *places, found[1])
+    np.testing.assert_array_equal(*found)
