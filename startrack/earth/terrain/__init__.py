@@ -12,6 +12,8 @@ ground           The values of an Earth scene: rays from a camera, and the groun
 path             The path of a straight ray over a grid, near one of its points: quadratic in the
                  distance.
 march            The cell in which a ray first meets a surface: max-mip marching on curved paths.
+horizon          Heights above which parallel rays, such as those to the Sun, no longer meet a
+                 surface.
 bundle           Exact points and normals where rays meet a surface, for bundles of rays at a time.
 trace            Where rays meet a surface in memory, and its normals there; or only whether they
                  meet it.

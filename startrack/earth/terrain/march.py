@@ -16,6 +16,7 @@ from startrack.earth.terrain.surface import corners
 from startrack.earth.terrain.tile import CELLS, PATCH, SIZE, block, patch
 
 MISS, HIT, ABSENT = 0, 1, 2  # absent: the ray needs a tile that is not in memory
+CLEAR = 3  # above all that lies ahead, on this path and on those after it
 SHELL_MARGIN = 2.0  # metre, more than `shell` differs from a surface of constant height up to 9 km
 DIVE = 4  # levels that a ray descends at a time, if it falls more steeply than 8 to 1
 CLOSED = 1e-6  # metre, more than the rounding steps of the height above a surface at cell borders
@@ -85,6 +86,8 @@ def march(lines, surface, ray, segment, begin, end):  # type: ignore[no-untyped-
     while True:
         middle, half = segment.middle, segment.half
         status, low, high, guess, j, i = _along(lines, surface, ray, segment, begin - middle)
+        if status == CLEAR:
+            return MISS, math.inf, math.inf, math.inf, 0, 0
         if status != MISS:
             return status, middle + low, middle + high, middle + guess, j, i
         if not begin < middle + half < end:
@@ -163,7 +166,7 @@ def _cell(position, low, high):  # type: ignore[no-untyped-def]
 def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped-def]
     """Follow a monotonic piece from `s` on through the blocks of the grid."""
     heights, maxima, steepness = surface.heights, surface.maxima, surface.steepness
-    top, slots, used = surface.top, surface.slot, surface.used
+    top, slots, used, horizon = surface.top, surface.slot, surface.used, surface.horizon
     path, margin, half = segment.path, segment.margin, segment.half
     u0, end, east, south = piece.u0, piece.end, piece.east, piece.south
     u1, u2 = path.u1, path.u2
@@ -215,6 +218,10 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
             )
         leave = max(s, min(min(exit_u, exit_v), end))
         slope = h1 + 2 * s * h2
+        if sure and slope > 0 and len(horizon.bound) > 0:
+            u, v = u0 + s * (u1 + s * u2), v0 + s * (v1 + s * v2)
+            if h0 + s * (h1 + s * h2) - margin > _horizon_at(horizon, u, v):
+                return CLEAR, math.inf, math.inf, math.inf, 0, 0
         lowest = h0 + s * (h1 + s * h2) if slope >= 0 else h0 + leave * (h1 + leave * h2)
         if slope < 0 < h1 + 2 * leave * h2:
             lowest = h0 - 0.25 * h1 * h1 / h2
@@ -280,6 +287,19 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
             if (old_i ^ i) >> SIZE or (old_j ^ j) >> SIZE:
                 slot = slots[j >> SIZE, i >> SIZE]
                 level = SIZE
+
+
+@kernel(forceinline=True)
+def _horizon_at(horizon, u, v):  # type: ignore[no-untyped-def]
+    """Height above which rays at a place meet nothing any more."""
+    ahead, across = (v, u) if horizon.by_rows else (u, v)
+    along = horizon.offset + horizon.sign * ahead
+    column = math.floor(along * horizon.per_side)
+    strip = math.floor((across - horizon.shear * along - horizon.begin) * horizon.per_side)
+    many, strips = horizon.bound.shape
+    if column < 0 or strip < 0 or column >= many or strip >= strips:
+        return math.inf
+    return float(horizon.bound[column, strip])
 
 
 @kernel(forceinline=True)

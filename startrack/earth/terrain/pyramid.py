@@ -11,6 +11,7 @@ from startrack.core import finite
 from startrack.earth.terrain.constant_height import ConstantHeight, meet_constant_height
 from startrack.earth.terrain.ellipsoid import EQUATORIAL
 from startrack.earth.terrain.ground import Flags, Levels, Rays
+from startrack.earth.terrain.horizon import with_horizon
 from startrack.earth.terrain.march import ABSENT
 from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.sources import Source
@@ -119,7 +120,7 @@ class Pyramid:
             some, surface = rays[mine], self._surface(int(each))
             hits = waiting(len(mine), start)
             while self._fetch(int(each), hits):
-                ask_on(surface, some.origin, some.direction, hits)
+                ask_on(with_horizon(surface, some), some.origin, some.direction, hits)
             out[mine] = hits.hit | under(surface, self.sea, some, start)
         return out
 

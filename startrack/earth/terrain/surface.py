@@ -70,6 +70,30 @@ class Grid(NorthUp):
         return abs(self.columns * self.step_x - FULL_TURN) < SEAM * self.step_x
 
 
+class Horizon(NamedTuple):
+    """Heights above which parallel rays meet nothing any more; see `with_horizon`.
+
+    Along is offset + sign * (row or column), across the other of both, and aside
+    across - shear * along.
+
+    bound     (blocks along, strips aside) metre; empty where there is no horizon
+    by_rows   1 where rays go mostly along rows of cells up or down, else 0
+    sign, offset, shear, begin  of along and aside, in cells; strips begin at `begin`
+    per_side  blocks to a cell
+    """
+
+    bound: Singles
+    by_rows: int
+    sign: float
+    offset: float
+    shear: float
+    begin: float
+    per_side: float
+
+
+NO_HORIZON = Horizon(np.zeros((0, 0), np.float32), 0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
 class Surface(NamedTuple):
     """The surface as kernels use it: tiles of 512 x 512 cells with the maxima of their blocks.
 
@@ -84,6 +108,7 @@ class Surface(NamedTuple):
     slot                         (tiles down, tiles across) of a tile in `heights`, -1 if absent
     top                          (tiles down, tiles across) metre, bound of each tile
     used                         (slots,) set to 1 where a tile was read
+    horizon                      of the parallel rays that are asked about
     """
 
     west: float
@@ -100,6 +125,7 @@ class Surface(NamedTuple):
     slot: NDArray[np.int32]
     top: Floats
     used: NDArray[np.uint8]
+    horizon: Horizon = NO_HORIZON
 
 
 def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:

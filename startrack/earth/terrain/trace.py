@@ -21,6 +21,7 @@ from startrack.earth.terrain.bundle import (
     settle,
 )
 from startrack.earth.terrain.ground import Rays
+from startrack.earth.terrain.horizon import with_horizon
 from startrack.earth.terrain.march import ABSENT, HIT, MISS, march
 from startrack.earth.terrain.path import point_at
 from startrack.earth.terrain.surface import FULL_TURN, Surface, corners, lattice, locate
@@ -231,7 +232,7 @@ def _describe(surface, lines, tile_j, tile_i, x, y, over, place, normal):  # typ
 def blocked(surface: Surface, rays: Rays, start: float) -> NDArray[np.bool_]:
     """Whether each ray meets a surface in memory at all, beyond the distance `start` in metres."""
     hits = waiting(len(rays), start)
-    ask_on(surface, rays.origin, rays.direction, hits)
+    ask_on(with_horizon(surface, rays), rays.origin, rays.direction, hits)
     return hits.hit
 
 

@@ -16,7 +16,8 @@ from startrack.earth.terrain import (
     geodetic,
     index,
 )
-from startrack.earth.terrain.trace import blocked, trace
+from startrack.earth.terrain.horizon import FEWEST, with_horizon
+from startrack.earth.terrain.trace import ask_on, blocked, trace, waiting
 
 from .scenes import STEP, axes, flat, globe, hills, mountains, random_rays, ray
 
@@ -248,3 +249,23 @@ def test_hits_are_those_of_rugged(case):
     found, expected = trace(index(grid, heights), rays).place, np.array(case["place"])
     metres = np.linalg.norm(cartesian(*found.T) - cartesian(*expected.T), axis=1)
     assert metres.max() < 1e-6
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 0.7, 2.5, 4.0, 5.5])
+def test_shadows_with_a_horizon_are_those_of_each_ray(azimuth):
+    """Parallel rays to a low Sun, from mountains with a hole, with and without the horizon."""
+    heights = HEIGHTS.copy()
+    heights[80:90, 60:75] = np.nan
+    surface = index(GRID, heights)
+    down = random_rays(GRID, FEWEST + 1000, 80, HEIGHTS.max(), 0.9)
+    found = trace(surface, down)
+    point = (down.origin + found.distance[:, None] * down.direction)[found.hit]
+    east, north, rise = axes(GRID.west, GRID.north)
+    side = np.sin(azimuth) * east + np.cos(azimuth) * north
+    for elevation in np.radians([20, 8, 2]):
+        sun = np.cos(elevation) * side + np.sin(elevation) * rise
+        rays = Rays(point, np.broadcast_to(sun, point.shape).copy(), np.zeros(len(point)))
+        assert with_horizon(surface, rays).horizon.bound.size
+        hits = waiting(len(rays), 1e-3)
+        ask_on(surface, rays.origin, rays.direction, hits)
+        np.testing.assert_array_equal(blocked(surface, rays, 1e-3), hits.hit)
