@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from startrack.core import Floats
 from startrack.plots.style import (
     BLUE,
+    GREEN,
     ORANGE,
     PURPLE,
     RED,
+    SKY,
     colour_bar,
     colour_limits,
     picture,
@@ -26,7 +28,7 @@ from startrack.plots.style import (
 
 SKY_COLOUR = "#c8d8e8"
 BRIGHTEST = 0.998  # of the pixels have a colour of their own
-FLAGS = (RED, BLUE, ORANGE, PURPLE)  # of quality, after that of no data
+FLAGS = (RED, BLUE, ORANGE, PURPLE, SKY, GREEN)  # of quality, after that of no data
 BETWEEN = (0.01, 0.99)  # of the pixels, the image's contrast
 
 

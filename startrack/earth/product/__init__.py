@@ -21,6 +21,8 @@ from startrack.earth.product.files import (
 )
 from startrack.earth.product.locate import Locator
 from startrack.earth.product.ortho import (
+    CLOUD,
+    CLOUD_SHADOW,
     HIDDEN,
     NO_DATA,
     QUALITY,

@@ -14,7 +14,7 @@ from scipy.ndimage import maximum_filter
 
 from startrack.core import Floats, one_of, positive, require_memory
 from startrack.earth.geometry import observe_earth
-from startrack.earth.imager import Channel, Setting, Survey, prepare
+from startrack.earth.imager import Channel, Setting, Survey, open_sheets, prepare
 from startrack.earth.product.calibration import Calibration, to_radiance
 from startrack.earth.product.ortho import (
     NO_DATA,
@@ -92,7 +92,8 @@ def make_product(
 ) -> Product:
     """Radiance, reflectance or temperature, and their map on the terrain.
 
-    The geometry is that of the scene file; of its land nothing is used.
+    The geometry is that of the scene file; of its land nothing is used, of its clouds only where
+    they lie, for the quality.
 
     folder   from which files are sought
     advance  called with parts of the work, of sum one
@@ -127,7 +128,9 @@ def make_product(
     require_memory(40 * grid.rows * grid.columns, f"a map of {grid.columns} x {grid.rows} cells")
     layers = {name: np.full((grid.rows, grid.columns), math.nan) for name in image}
     quality = np.zeros((grid.rows, grid.columns), np.uint8)
-    for part in place_cells(scene, folder, grid, distance, size, setting.camera):
+    for part in place_cells(
+        scene, folder, grid, distance, size, setting.camera, open_sheets(survey.clouds, folder)
+    ):  # fmt: skip
         bits = part.quality | np.where(touched(saturated, part.pixel), SATURATED, 0)
         for name, values in image.items():
             found = resample(values, part.pixel, settings.resampling)

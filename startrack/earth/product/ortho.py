@@ -14,6 +14,7 @@ from scipy.ndimage import map_coordinates, maximum_filter
 
 from startrack.core import Camera, Floats, deg, one_of, positive
 from startrack.earth.geometry import EarthScene, sun_direction
+from startrack.earth.imager import Sheet
 from startrack.earth.product.locate import Locator
 from startrack.earth.terrain import (
     EQUATORIAL,
@@ -29,14 +30,16 @@ from startrack.earth.terrain import (
 
 Bytes = NDArray[np.uint8]
 
-NO_DATA, SATURATED, SHADOW, STEEP, HIDDEN = 1, 2, 4, 8, 16
+NO_DATA, SATURATED, SHADOW, STEEP, HIDDEN, CLOUD, CLOUD_SHADOW = 1, 2, 4, 8, 16, 32, 64
 QUALITY = {
     "no data": NO_DATA, "saturated": SATURATED, "shadow": SHADOW, "steep": STEEP, "hidden": HIDDEN,
+    "cloud": CLOUD, "cloud shadow": CLOUD_SHADOW,
 }  # fmt: skip
 PROJECTIONS = "utm", "geographic"
 RESAMPLING = {"nearest": 0, "bilinear": 1, "cubic": 3}  # order of the spline
 STEEPEST = 60 * deg  # between a slope's normal and the camera; chosen by hand
 ABOVE = 20e3  # metre from which a ray looks down on each cell
+CLOUDY = 0.1  # vertical optical depth from which a layer counts as cloud; chosen by hand
 CELLS = 2**17  # at a time, which limits the memory
 SLACK = 0.5  # pixel on the ground by which a hidden point lies behind the one that is seen
 
@@ -117,13 +120,14 @@ class Part(NamedTuple):
 
 def place_cells(
     scene: EarthScene, folder: Path, grid: MapGrid, distance: Floats, spread: float,
-    lens: Camera | None = None,
+    lens: Camera | None = None, clouds: tuple[Sheet, ...] = (),
 ) -> Iterator[Part]:  # fmt: skip
     """Where the image shows the terrain of each cell, some rows at a time.
 
     distance  (lines, columns) metre from the camera to the ground of each pixel; NaN for the sky
     spread    metre on the ground between rays of the image, which set the terrain's level
     lens      as for `Locator`
+    clouds    layers before the ground, or between it and the Sun
     """
     terrain, locator = scene.terrain.open(folder), Locator(scene, lens)
     sun = sun_direction(scene.carrier.epoch, scene.sensor.delay)
@@ -139,14 +143,15 @@ def place_cells(
         pixel = np.full((len(above), 2), math.nan)
         hit = ground.hit
         pixel[hit] = locator.locate(ground.point[hit])
-        quality = _quality(ground, locator, pixel, farthest, spread * SLACK)
+        quality = _quality(ground, locator, pixel, farthest, spread * SLACK, clouds)
         shape = rows.stop - rows.start, grid.columns
         yield Part(rows, pixel[:, ::-1].reshape(*shape, 2), quality.reshape(shape))
 
 
 def _quality(
-    ground: Ground, locator: Locator, pixel: Floats, farthest: Floats, slack: float
-) -> Bytes:
+    ground: Ground, locator: Locator, pixel: Floats, farthest: Floats, slack: float,
+    clouds: tuple[Sheet, ...],
+) -> Bytes:  # fmt: skip
     lines, columns = farthest.shape
     x, y = pixel.T
     with np.errstate(invalid="ignore"):
@@ -161,6 +166,12 @@ def _quality(
     out[seen] |= np.where(steep, STEEP, 0).astype(np.uint8)
     out[seen] |= np.where(ground.shadow[seen], SHADOW, 0).astype(np.uint8)
     out[seen] |= np.where(away > there + slack, HIDDEN, 0).astype(np.uint8)
+    for sheet in clouds:
+        before = sheet.cross(ground.point[seen], sight / away[:, None])
+        covered = (before.depth > CLOUDY) & (before.distance < away)
+        shaded = sheet.cross(ground.point[seen], ground.sun).depth > CLOUDY
+        out[seen] |= np.where(covered, CLOUD, 0).astype(np.uint8)
+        out[seen] |= np.where(shaded, CLOUD_SHADOW, 0).astype(np.uint8)
     return out
 
 

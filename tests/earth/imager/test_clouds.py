@@ -9,8 +9,17 @@ import pytest
 from startrack.core import Curve, Streams, deg, nm, um
 from startrack.earth.atmosphere import Air, layer_optics, planck
 from startrack.earth.geometry import Aircraft, sun_direction
-from startrack.earth.imager import CloudLayer, Cover, Imager, Land, Survey, open_sheets
+from startrack.earth.imager import (
+    CloudLayer,
+    Cover,
+    Imager,
+    Land,
+    Survey,
+    load_survey,
+    open_sheets,
+)
 from startrack.earth.terrain import cartesian, geodetic, up
+from startrack.io import shipped
 from tests.earth.imager.test_render import EPOCH, FLAT, SCAN, channel, flat_band, rendered, survey
 
 GREEN = flat_band(500 * nm, 600 * nm)
@@ -134,4 +143,6 @@ def test_what_a_layer_must_be():
         CloudLayer(1e3, file="a.tif", cover=0.5)
     with pytest.raises(ValueError, match="particles must be one of ice, water"):
         CloudLayer(1e3, particles="dust")
+    heights = [one.height for one in load_survey(shipped("scenes/clouds.toml")).clouds]
+    assert heights == [3e3, 10e3]
     assert CloudLayer(10e3).kelvin == pytest.approx(223.15)

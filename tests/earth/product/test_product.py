@@ -26,16 +26,20 @@ from startrack.earth.geometry import (
 )
 from startrack.earth.imager import (
     Channel,
+    CloudLayer,
     Cover,
     Imager,
     Land,
     Picture,
     Survey,
     band_of,
+    open_sheets,
     prepare,
     render,
 )  # fmt: skip
 from startrack.earth.product import (
+    CLOUD,
+    CLOUD_SHADOW,
     HIDDEN,
     NO_DATA,
     SATURATED,
@@ -154,6 +158,15 @@ def test_what_hills_hide_is_marked():
     hidden, marked = first < away - size, quality[inside] & HIDDEN > 0
     assert 0.05 < hidden.mean() < 0.6
     assert (hidden == marked).mean() > 0.9
+    # A layer lower than the camera is before the ground and the Sun, one above it before the Sun,
+    # but not where the terrain is higher.
+    for layer, bits in ((500.0, CLOUD | CLOUD_SHADOW), (950.0, CLOUD_SHADOW)):
+        clouds = open_sheets((CloudLayer(layer),), Path())
+        parts = place_cells(scene, Path(), grid, distance, size, clouds=clouds)
+        quality = np.concatenate([one.quality for one in parts]).ravel()[inside]
+        np.testing.assert_array_equal(
+            quality & (CLOUD | CLOUD_SHADOW), np.where(height < layer, bits, 0)
+        )
 
 
 def _down(longitude, latitude) -> Rays:
