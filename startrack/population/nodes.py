@@ -162,13 +162,17 @@ class UnitPlans:
         )
 
 
-@lru_cache(maxsize=2)
 def unit_plans(case: Case, age: float = 0.0) -> UnitPlans:
     """Measure the stars of a design at the nodes of all numbers that vary; kept for the 2 last.
 
     age     second, of the detector where it has an ageing law
     Raises  ValueError where fidelity covariance cannot compute the design, or a number.
     """
+    return _unit_plans(case, age if case.instrument.detector.age else 0.0)
+
+
+@lru_cache(maxsize=2)
+def _unit_plans(case: Case, age: float) -> UnitPlans:
     bare = aged(case.without_units, age)
     refuse(bare)
     names = list(dict.fromkeys(one.name for one in case.variation))
