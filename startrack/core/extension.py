@@ -206,7 +206,7 @@ def _import(key: str, name: str) -> _Known:
     try:
         found = import_module(module)
         function = getattr(found, attribute)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         reason = f"{type(error).__name__}: {error}"
         raise ValueError(f"{key} names {name}, which cannot be imported: {reason}") from error
     if not callable(function):
@@ -295,7 +295,7 @@ def call_code(group: str, name: str, given: Any) -> Any:
     function = function_of(group, name)
     try:
         return function(given)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         reason = f"{type(error).__name__}: {error}"
         raise ValueError(f"{POINTS[group]} {name} raised {reason}") from error
 

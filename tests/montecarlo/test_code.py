@@ -165,6 +165,7 @@ BAD = {
     "shape": ("given.signal", "must return an array of shape"),
     "text": ("'abc'", "must return an array .* of numbers"),
     "error": ("1 / 0", "raised ZeroDivisionError: division by zero"),
+    "exit": ("exit(7)", "raised SystemExit: 7"),
 }
 
 
