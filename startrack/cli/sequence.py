@@ -47,9 +47,10 @@ def declare(parser: argparse.ArgumentParser) -> None:
         help="number of sequences, from random attitudes (default: 8)",
     )  # fmt: skip
     parser.add_argument(
-        "--frames", choices=("fits", "png", "ser", "raw"),
+        "--frames", choices=("fits", "png", "ser", "raw", "mkv"),
         help="keep the frames of all sequences in the folder frames: FITS with WCS, 16-bit PNG, "
-        "SER or raw, and a table of their times and true attitudes for each sequence",
+        "SER, raw, or lossless video (mkv), and a table of their times and true attitudes for each "
+        "sequence",
     )  # fmt: skip
     add_seed(parser)
     add_workers(parser)

@@ -14,13 +14,13 @@ checked_fits  FITS file -> its parts with verified checksums, or a sentence that
 wcs           Camera and attitude as a FITS world coordinate system, and back to pixels by any
               reader.
 picture_size  Bytes of a PNG, JPEG or TIFF file -> its size, without decoding it.
-recordings    SER and raw files -> images; Bayer mosaics -> images of one colour or of all.
+recordings    SER, raw and video files -> images; Bayer mosaics -> images of one colour or of all.
 images        Image files to frames, and frames to FITS with their WCS and their truth.
 interchange   Tables of results -> pandas, xarray and astropy, with the units of their columns;
               rows of texts in columns.
 solution      A solved image -> FITS files as astrometry.net writes them, and values by the names
               of tetra3.
-frame_files   Frames, their times and attitudes -> FITS, PNG, SER or raw files, and a table.
+frame_files   Frames, their times and attitudes -> FITS, PNG, SER, raw or video files, and a table.
 """
 
 from startrack.io.checked_fits import open_checked, require_fits

@@ -1,4 +1,4 @@
-"""Frames, their times and attitudes -> FITS, PNG, SER or raw files, and a table beside them."""
+"""Frames, their times and attitudes -> FITS, PNG, SER, raw or video files, and their table."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from startrack.io.recordings import SER_HEADER, SER_MAGIC
 from startrack.io.saving import save_csv, whole
 from startrack.io.wcs import celestial
 
-FORMATS = ("fits", "png", "ser", "raw")
+FORMATS = ("fits", "png", "ser", "raw", "mkv")
+NOMINAL = 10.0  # 1 / second, of a video; the table has the times
 YEAR_1 = datetime(1, 1, 1, tzinfo=UTC)
 MICROSECOND = timedelta(microseconds=1)
 
@@ -30,6 +31,7 @@ class FrameFiles:
     fits, png   a file for each frame: NAME-00001.fits, with WCS, times and true attitude;
                 NAME-00001.png of 16 bits
     ser, raw    one file of all frames: NAME.ser, with times; NAME-COLUMNSxROWS-TYPE.raw
+    mkv         one video of all frames, NAME.mkv: FFV1, lossless, grey, of 8 or 16 bits
     The table NAME.csv has a row for each frame: file, number in it, time, date, attitude.
 
     folder  of the files
@@ -45,6 +47,7 @@ class FrameFiles:
         self._dates = list[datetime]()
         self._shape: tuple[tuple[int, ...], str] | None = None
         self._stream: BinaryIO | None = None
+        self._video: cv2.VideoWriter | None = None
         self._path = folder / f"{name}.{format}"
 
     def add(
@@ -80,7 +83,7 @@ class FrameFiles:
             self._append(_whole_numbers(frame.image, self._format))
             path = self._path
         self._dates.append(begun)
-        place = number if self._format in ("ser", "raw") else 0
+        place = number if self._format in ("ser", "raw", "mkv") else 0
         self._rows.append(
             [
                 *(path.name, place, repr(float(time)), date_text(begun), repr(float(exposure))),
@@ -91,22 +94,29 @@ class FrameFiles:
 
     def _append(self, image: NDArray[Any]) -> None:
         kind = image.dtype.name
-        if self._stream is None:
+        if self._shape is None:
             self._shape = (image.shape, kind)
             if self._format == "raw":
                 rows, columns = image.shape
                 self._path = self._folder / f"{self._name}-{columns}x{rows}-{kind}.raw"
             self._folder.mkdir(parents=True, exist_ok=True)
-            self._stream = self._draft.open("wb")
-            if self._format == "ser":
+            if self._format == "mkv":
+                self._video = _video(self._draft, image)
+            else:
+                self._stream = self._draft.open("wb")
+            if self._stream and self._format == "ser":
                 self._stream.write(bytes(SER_HEADER.size))
         if self._shape != (image.shape, kind):
             raise ValueError(f"all frames of {self._path} must have one size and type of pixel")
-        self._stream.write(image.astype(image.dtype.newbyteorder("<"), copy=False).tobytes())
+        if self._video:
+            self._video.write(image)
+        elif self._stream:
+            self._stream.write(image.astype(image.dtype.newbyteorder("<"), copy=False).tobytes())
 
     @property
     def _draft(self) -> Path:
-        return self._folder / f".{self._name}.{self._format}.part{os.getpid()}"
+        end = ".mkv" if self._format == "mkv" else ""  # by which its writer knows the format
+        return self._folder / f".{self._name}.{self._format}.part{os.getpid()}{end}"
 
     def close(self) -> list[Path]:
         """End the files and write the table; returns the files."""
@@ -114,6 +124,9 @@ class FrameFiles:
             if self._format == "ser":
                 self._end_ser(self._stream, *self._shape)
             self._stream.close()
+            self._draft.replace(self._path)
+        if self._video is not None:
+            self._video.release()
             self._draft.replace(self._path)
         save_csv(
             self._folder / f"{self._name}.csv",
@@ -139,7 +152,21 @@ class FrameFiles:
         """Remove what is not ended."""
         if self._stream is not None:
             self._stream.close()
-            self._draft.unlink(missing_ok=True)
+        if self._video is not None:
+            self._video.release()
+        self._draft.unlink(missing_ok=True)
+
+
+def _video(path: Path, image: NDArray[Any]) -> cv2.VideoWriter:
+    """A video of images like this one."""
+    rows, columns = image.shape
+    depth = cv2.CV_8U if image.dtype == np.uint8 else cv2.CV_16U
+    form = [cv2.VIDEOWRITER_PROP_DEPTH, depth, cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
+    code = cv2.VideoWriter.fourcc(*"FFV1")
+    video = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, NOMINAL, (columns, rows), form)
+    if not video.isOpened():
+        raise ValueError("mkv needs an OpenCV with FFmpeg, which this one is without")
+    return video
 
 
 def _whole_numbers(image: NDArray[Any], format: str) -> NDArray[Any]:

@@ -16,7 +16,7 @@ from startrack.core import Camera, Frame, Stars, require_memory
 from startrack.io.checked_fits import require_fits
 from startrack.io.picture_size import picture_size
 from startrack.io.reading import read_bytes, regular_file, unpacked
-from startrack.io.recordings import Layout, read_raw, read_ser
+from startrack.io.recordings import VIDEOS, Layout, read_raw, read_ser, read_video
 from startrack.io.saving import whole
 from startrack.io.wcs import camera_to_wcs
 
@@ -25,7 +25,7 @@ SEARCHED = 24  # bytes that the detection takes for each pixel of an image; meas
 
 
 def read_image(path: Path, layout: Layout | None = None) -> Frame:
-    """Read a FITS, TIFF, PNG, JPEG, SER or raw file as one frame.
+    """Read a FITS, TIFF, PNG, JPEG, SER, raw or video file as one frame.
 
     Of a colour image the largest of the three channels is taken, because a star is bright in
     at least one. A mosaic of colours, which the layout or the header (BAYERPAT of FITS, ColorID of
@@ -44,6 +44,8 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
         if path.suffix.lower() == ".ser":
             image, said = read_ser(path, layout.plane)
             return Frame(layout.one_image(path, image, said))
+        if path.suffix.lower() in VIDEOS:
+            return Frame(layout.one_image(path, read_video(path, layout.plane), None))
         data = read_bytes(path, "a file")
     except FileNotFoundError as error:
         raise ValueError(str(error)) from None
@@ -54,7 +56,7 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
     else:
         if layout.plane:
             raise ValueError(
-                f"{path} must be a FITS cube or a SER to have the plane {layout.plane}"
+                f"{path} must be a FITS cube, a SER or a video to have the plane {layout.plane}"
             )
         mosaic = layout.bayer not in (None, "none")
         frame = Frame(layout.one_image(path, _read_picture(path, data, mosaic), None))

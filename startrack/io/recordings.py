@@ -1,4 +1,4 @@
-"""SER and raw files -> images; Bayer mosaics -> images of one colour or of all.
+"""SER, raw and video files -> images; Bayer mosaics -> images of one colour or of all.
 
 SER is what cameras of the amateur sky write: a header of 178 bytes, frames, and a time for each.
 Source: Heiko Wilkens and Grischa Hahn, SER format description, version 3 (2014).
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +22,10 @@ from startrack.io.reading import regular_file
 PATTERNS = ("RGGB", "GRBG", "GBRG", "BGGR")
 COLOURS = ("superpixel", "red", "green", "blue")
 RAW_TYPES = ("uint8", "uint16", "uint16be", "float32")
+VIDEOS = (".mkv", ".avi", ".mp4", ".mov")
+# Where each begins with what, so that no playlist opens other files.
+VIDEO_MAGIC = ((0, b"\x1a\x45\xdf\xa3"), (8, b"AVI "), (4, b"ftyp"))
+VIDEO_GREY = (b"Y800", b"Y1\x00\x10")  # FFmpeg's names of 8 and 16 bits
 SER_HEADER = struct.Struct("<14s7i40s40s40s2q")
 SER_MAGIC = b"LUCAM-RECORDER"
 SER_PATTERNS = dict(zip((8, 9, 10, 11), PATTERNS, strict=True))
@@ -170,3 +175,42 @@ def read_ser(path: Path, plane: int | None) -> tuple[NDArray[Any], str | None]:
         image = _pixels(path, file, SER_HEADER.size + at * size, form, shape)
     image = image.astype(form.newbyteorder("="))
     return (image.max(axis=2) if image.ndim == 3 else image), SER_PATTERNS.get(kind)
+
+
+def read_video(path: Path, plane: int | None) -> NDArray[Any]:
+    """One frame of a video, by the decoders of FFmpeg in OpenCV.
+
+    Grey pixels stay as they are, 16 bits too (FFV1 in Matroska, as `sequence --frames mkv` writes
+    it); of colours of 8 bits the largest channel is taken.
+
+    Raises  ValueError where the file is no Matroska, AVI, MP4 or MOV, cannot be decoded, or has no
+            such frame.
+    """
+    with path.open("rb") as file:
+        head = file.read(12)
+    if not any(head[at:].startswith(magic) for at, magic in VIDEO_MAGIC):
+        raise ValueError(f"{path} must be a Matroska, AVI, MP4 or MOV video")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # the error below says it
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        image = _video_frame(path, video, plane or 0) if video.isOpened() else None
+    except cv2.error:
+        image = None
+    finally:
+        video.release()
+    if image is None or image.size == 0:
+        raise ValueError(f"{path} must hold a frame {plane or 0} that can be decoded")
+    return image.max(axis=2) if image.ndim == 3 else image
+
+
+def _video_frame(path: Path, video: cv2.VideoCapture, plane: int) -> NDArray[Any] | None:
+    """A frame, of three channels where it has colours; None where it cannot be decoded."""
+    sides = cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH
+    rows, columns = (int(video.get(one)) for one in sides)
+    require_memory(12.0 * rows * columns, f"{path}, a video of {columns} x {rows} pixels,")
+    form = int(video.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)).to_bytes(8, "little", signed=True)
+    video.set(cv2.CAP_PROP_CONVERT_RGB, 0 if form[:4] in VIDEO_GREY else 1)
+    if not all(video.grab() for _ in range(plane + 1)):
+        return None
+    found, image = video.retrieve()
+    return np.asarray(image) if found else None

@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import tomli_w
 
@@ -134,12 +135,33 @@ def recording() -> tuple[list[Any], bytes]:
     return head, image.astype("<u2").tobytes() + np.zeros(2, "<i8").tobytes()
 
 
+@cache
+def videos() -> dict[str, bytes]:
+    """A video without loss, and one of colours."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, code, grey in (("a.mkv", "FFV1", True), ("a.avi", "MJPG", False)):
+            path = Path(folder) / name
+            form = [cv2.VIDEOWRITER_PROP_IS_COLOR, int(not grey)]
+            video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), 5.0, (64, 48), form)
+            image = np.full((48, 64) if grey else (48, 64, 3), 9, np.uint8)
+            image[20:22, 30:32] = 200
+            video.write(image)
+            video.release()
+            found[name] = path.read_bytes()
+    return found
+
+
 def recording_case(draw: Draw) -> Case:
-    """A SER file, or a raw one, with another header, cut or damaged."""
+    """A SER, raw or video file, with another header, cut or damaged."""
     head, data = recording()
     head, name = list(head), "a.ser"
     options: tuple[str, ...] = ()
-    if draw.below(3) == 0:
+    kind = draw.below(4)
+    if kind == 3:
+        name = draw.one_of(videos())
+        data = damaged(draw, videos()[name])
+    elif kind == 0:
         name = "a.raw"
         size = draw.one_of(("64x48", "48x64", "1x1", "65536x65536", "0x3", "64x", "x", "-4x4"))
         options = ("--raw", f"{size}:{draw.one_of((*RAW_TYPES, 'int', ''))}")

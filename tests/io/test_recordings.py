@@ -44,7 +44,7 @@ def test_frames_are_read_back_with_their_times_and_attitudes(files, format):
     for k, row in enumerate(rows):
         path = table.with_name(row["file"])
         assert path in paths
-        plane = {"plane": int(row["number"])} if format in ("ser", "raw") else {}
+        plane = {"plane": int(row["number"])} if format in ("ser", "raw", "mkv") else {}
         np.testing.assert_array_equal(read_image(path, Layout(**layout, **plane)).image, IMAGES[k])
         assert float(row["ra_deg"]) == pytest.approx(80.0 + k)
         assert float(row["time_s"]) == 10 + k / 4
@@ -135,6 +135,26 @@ def test_a_plane_of_a_cube_is_chosen(tmp_path):
 def test_a_raw_file_of_another_size_is_refused(files, layout, message):
     with pytest.raises(ValueError, match=message):
         read_image(files("raw")[0], Layout(**layout))
+
+
+def test_a_video_of_colours_is_read_and_what_is_none_is_refused(files, tmp_path):
+    path = tmp_path / "colours.avi"
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 5.0, (64, 48))
+    for level in (20, 200):
+        video.write(np.full((48, 64, 3), (0, level, 0), np.uint8))
+    video.release()
+    image = read_image(path, Layout(plane=1)).image
+    assert image.shape == (48, 64)
+    assert np.abs(image.astype(int) - 200).max() < 5  # JPEG
+    with pytest.raises(ValueError, match="must hold a frame 2 that can be decoded"):
+        read_image(path, Layout(plane=2))
+    (grey,) = (one for one in files("mkv") if one.suffix == ".mkv")
+    grey.write_bytes(grey.read_bytes()[:200])
+    with pytest.raises(ValueError, match="must hold a frame 0 that can be decoded"):
+        read_image(grey)
+    grey.write_text("ffconcat version 1.0\nfile colours.avi\n")
+    with pytest.raises(ValueError, match="must be a Matroska, AVI, MP4 or MOV video"):
+        read_image(grey)
 
 
 def test_bad_layouts_and_frames_are_refused(tmp_path):
