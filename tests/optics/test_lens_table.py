@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from astropy.io import fits
 
 from startrack.optics import load_lens, open_lens, save_lens
 from tests.optics.lenses import ideal
@@ -106,3 +107,15 @@ def test_shipped_lenses_have_the_places_of_their_ray_tracer(name):
             293.15, np.array([row["wavelength_um"] * 1e-6]), np.radians([row["angle_deg"]])
         )
         assert abs(found.place[0, 0] - row["chief_mm"] * 1e-3) < 0.002 * PIXEL
+
+
+@pytest.mark.parametrize("name", ["double_gauss", "petzval"])
+def test_places_at_nine_fields_and_four_wavelengths(name):
+    """Distortion and lateral colour, of which none is at a node of the tables."""
+    with fits.open(Path(__file__).parents[1] / "oracle/lens_grid.fits") as parts:
+        wave, angle, chief = (
+            np.array(parts[one].data, float)
+            for one in ("wavelength", f"{name}_field", f"{name}_chief")
+        )
+    found = open_lens(name).at(293.15, wave, angle).place.T
+    assert np.abs(found - chief).max() < 0.002 * PIXEL
