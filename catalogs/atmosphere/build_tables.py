@@ -21,14 +21,16 @@ TABLES = {
     "rural-23km.fits": Air("rural", 23e3),
     "rural-5km.fits": Air("rural", 5e3),
 }
+LIMBS = {"limb.fits": None, "limb-rural.fits": Air("rural", 23e3)}
 
 
 def main() -> None:
     for name, air in TABLES.items():
         with whole(HERE / name) as draft:
             save_table(draft, build(air, progress=partial(show, name)))
-    with whole(HERE / "limb.fits") as draft:
-        save_limb(draft, build_limb(progress=partial(show, "limb.fits")))
+    for name, aerosol in LIMBS.items():
+        with whole(HERE / name) as draft:
+            save_limb(draft, build_limb(aerosol=aerosol, progress=partial(show, name)))
     sign()
 
 

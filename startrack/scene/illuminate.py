@@ -121,7 +121,7 @@ def _diffuse_light(
         yield diffuse(zodiacal_spectrum(), brightness * open_sky)
     if earth and limb:
         yield diffuse(earth.light, earth.shine(line))
-        for spectrum, fraction in limb_light(earth, line):
+        for spectrum, fraction in limb_light(earth, line, scene.limb):
             yield diffuse(spectrum, fraction)
     if earth and shells:
         for spectrum, fraction in airglow(earth, line):

@@ -48,7 +48,7 @@ class Limb:
         azimuth     (n,) radian
         Returns     (n, k) 1 / sr, over the Sun's irradiance
         Raises      ValueError where a tangent height lies under the table or is not a number.
-        Accuracy    model: clear air without aerosol, straight rays; no twilight with the Sun below
+        Accuracy    model: that of the table's air, straight rays; no twilight with the Sun below
                     the horizon. numerical: 3 % between the nodes, linear in the logarithm.
         """
         from scipy.interpolate import RegularGridInterpolator  # 0.1 s; few scenes have an Earth
@@ -102,15 +102,18 @@ def load_limb(path: Path) -> Limb:
 _AXES = tuple(field.name for field in fields(Limb) if field.name not in ("albedo", "radiance"))
 
 
-def limb_light(earth: Earth, line: Floats) -> Iterator[tuple[Floats, Floats]]:
+def limb_light(
+    earth: Earth, line: Floats, air: str = "molecules"
+) -> Iterator[tuple[Floats, Floats]]:
     """The sunlit air above the horizon.
 
     line     (n, 3) unit vectors, ICRS axes
+    air      molecules or rural, as in Scene
     Yields    (k,) photon / s / m^2 in each bin and (n,) 1 / sr; the light is the sum of their
               products. One pair for each wavelength of the table, which applies to the nearest bins
     Accuracy  model: that of `Limb`, over a ground of albedo 0.3; the Earth is a sphere.
     """
-    table = _table()
+    table = _table(air)
     along = line @ earth.centre
     nearest = along[:, None] * line - earth.centre  # from the Earth's centre
     distance = np.linalg.norm(nearest, axis=1)
@@ -132,6 +135,7 @@ def limb_light(earth: Earth, line: Floats) -> Iterator[tuple[Floats, Floats]]:
         yield np.where(nearest_wavelength == i, sunlight, 0.0), fraction
 
 
-@lru_cache(maxsize=1)
-def _table() -> Limb:
-    return load_limb(shipped("atmosphere/limb.fits"))
+@lru_cache(maxsize=2)
+def _table(air: str) -> Limb:
+    name = "limb" if air == "molecules" else f"limb-{air}"
+    return load_limb(shipped(f"atmosphere/{name}.fits"))

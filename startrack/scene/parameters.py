@@ -13,12 +13,14 @@ from startrack.core import (
     full_name,
     is_code,
     non_negative,
+    one_of,
     one_of_or_code,
     positive,
     within,
 )
 
 LIGHTS = ("zodiacal", "starlight", "planets", "sun", "moon", "earth", "airglow", "cities")
+LIMBS = ("molecules", "rural")  # air of the Earth's bright limb
 FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
 DARK = 40.0  # magnitude per square arcsecond, below any sky: stands for no background
 J2000 = datetime(2000, 1, 1, 12, tzinfo=UTC)
@@ -66,6 +68,8 @@ class Scene:
     days          each trial draws its date within so many days after `date`
     orbit         around the Earth; None: the observer is at the Earth's centre, without an Earth
     place         metre from the solar system's barycentre, ICRS axes, instead
+    limb          air of the Earth's bright limb: molecules alone, or with the rural aerosol of
+                  Shettle and Fenn, 23 km of visibility and their stratosphere's background
     """
 
     background_g: float | None = None
@@ -74,6 +78,7 @@ class Scene:
     days: float = 0.0
     orbit: Orbit | None = None
     place: Annotated[tuple[float, ...] | None, Unit("m", "AU")] = None
+    limb: str = "molecules"
 
     def __post_init__(self) -> None:
         if self.background_g is not None:
@@ -83,6 +88,7 @@ class Scene:
         for light in self.lights:
             one_of_or_code(LIGHTS, lights=light)
         non_negative(days=self.days)
+        one_of(LIMBS, limb=self.limb)
         if self.date is not None:
             within(FIRST_YEAR, LAST_YEAR - 1 - self.days / 365, **{"year of date": self.start.year})
         self._refuse_contradictions()

@@ -29,12 +29,12 @@ def earth(sun_zenith: float, azimuth: float, height: float) -> Earth:
     return Earth(Disc(centre / np.linalg.norm(centre), radius, light), light, centre, sun)
 
 
-def brightness(earth: Earth, wavelength: float) -> float:
+def brightness(earth: Earth, wavelength: float, air: str = "molecules") -> float:
     """Radiance along +y over the Sun's irradiance in the bin nearest to a wavelength."""
     bin_ = int(np.argmin(np.abs(WAVELENGTH - wavelength)))
     seen = sum(
         spectrum[bin_] * fraction[0]
-        for spectrum, fraction in limb_light(earth, np.array([[0.0, 1, 0]]))
+        for spectrum, fraction in limb_light(earth, np.array([[0.0, 1, 0]]), air)
     )
     return float(seen / sunlight(AU)[bin_])
 
@@ -47,6 +47,18 @@ def test_it_is_that_of_the_table(height, azimuth):
     assert brightness(earth(40 * deg, azimuth, height), 550 * nm) == pytest.approx(
         table(*place)[0, 0], rel=1e-6
     )
+
+
+def test_aerosol_brightens_red_light_of_the_stratosphere():
+    """Background aerosol nearly doubles it near 20 km, and adds little blue light."""
+
+    def gain(height, wavelength):
+        above = earth(60 * deg, 90 * deg, height)
+        return brightness(above, wavelength, "rural") / brightness(above, wavelength)
+
+    assert 1.5 < gain(20e3, 800 * nm) < 2.5
+    assert 1.0 < gain(20e3, 450 * nm) < 1.2
+    assert gain(80e3, 800 * nm) < gain(20e3, 800 * nm) / 1.3
 
 
 def test_every_bin_is_lit_once():

@@ -52,6 +52,7 @@ HIGH = (
     *(3.00e-4, 1.98e-4, 1.31e-4, 3.32e-5, 1.64e-5, 7.99e-6, 4.01e-6, 2.10e-6, 1.60e-7),
     9.31e-10,
 )
+SPARSE = 25e3  # metre, above which the steps are 5 km and more
 HEIGHT: Floats = np.array([*range(26), 30, 35, 40, 45, 50, 70, 100], np.float64) * 1e3
 
 
@@ -136,7 +137,7 @@ def profile(visibility: float, height: Floats) -> Floats:
     height      (n,) metre above the sea
     Returns     (n,) 1 / metre
     Accuracy    model: Shettle and Fenn's profiles, linear in 1 / visibility between them, as
-                extinction is.
+                extinction is, and linear over height; exponential where their steps are wide.
     """
     inverse = 1 / np.array([visibility])
     low = [np.interp(inverse, 1 / VISIBILITIES, row)[0] for row in LOW]
@@ -145,7 +146,10 @@ def profile(visibility: float, height: Floats) -> Floats:
         low = list(LOW[:, 0] * ground / (KOSCHMIEDER / VISIBILITIES[0] - AIR_AT_GROUND))
     clear = np.interp(inverse, 1 / VISIBILITIES[1::-1][::-1], (0.0, 1.0))[0]
     middle = np.array(MIDDLE_CLEAR) * (1 - clear) + np.array(MIDDLE_HAZY) * clear
-    return np.interp(height, HEIGHT, [*low, *middle, *HIGH], right=0.0) / 1e3
+    table = np.array([*low, *middle, *HIGH])
+    straight = np.interp(height, HEIGHT, table, right=0.0)
+    bent = np.exp(np.interp(height, HEIGHT, np.log(table)))
+    return np.where((height > SPARSE) & (height <= HEIGHT[-1]), bent, straight) / 1e3
 
 
 def index(aerosol: str, wavelength: Floats) -> NDArray[np.complex128]:

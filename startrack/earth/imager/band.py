@@ -117,7 +117,7 @@ def _table(air: Air | None, infrared: bool) -> AirTable | InfraredTable:
         return load_infrared(shipped("atmosphere/infrared.fits"))
     known = []
     for path in sorted(shipped("atmosphere").glob("*.fits")):
-        if path.stem not in ("infrared", "limb", "sun", "water"):
+        if path.stem not in ("infrared", "limb", "limb-rural", "sun", "water"):
             table = load_table(path)
             if table.air == air:
                 return table
