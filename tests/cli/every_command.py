@@ -36,7 +36,7 @@ date = "2044-06-21T10:00:00"
 """
 COMMANDS = """
 simulate dated.toml --out dated
-simulate --ra 83 --dec -5 --pixels ser --out frame
+simulate design.toml --ra 83 --dec -5 --pixels ser --out frame
 psf design.toml --out psf
 lens show petzval
 detect frame/frame.fits --overlay detect
@@ -80,6 +80,10 @@ LONG = (
     "warm",
     "verify",
     "mission",
+    "bench",
+    "lens",
+    "sequence",
+    "export",
 )  # left out by quick
 
 
