@@ -15,6 +15,7 @@ from startrack.core import Floats, arcsec
 from startrack.design import (
     NOMINAL,
     Campaign,
+    Case,
     DesignSpace,
     Fidelity,
     Judged,
@@ -196,8 +197,16 @@ def foresee_all(
     runner: TrialRunner | None = None,
     seed: int = 1,
 ) -> list[float]:
-    """`foresee` of several designs, in the workers of a runner."""
+    """`foresee` of several designs, in the workers of a runner.
+
+    A worker computes one condition of a design; behind a lens table, whose images all conditions
+    and the margins share, all of them.
+    """
     seed = runner.seed if runner else seed
+    if space.case.instrument.optics.tabulated:
+        alone = partial(_foreseen_alone, campaign=campaign, seed=seed)
+        cases = [_built(space, coordinates) for coordinates in points]
+        return list((runner.map if runner else map)(alone, cases))
     objective, designs = Objective.read(campaign.objective), list[_Foreseen | None]()
     for coordinates in points:
         try:
@@ -217,6 +226,26 @@ def foresee_all(
         counted = [one for one in found if one is not None]
         scores.append(_score(each, counted) if each and len(counted) == len(found) else math.nan)
     return scores
+
+
+def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
+    """The design of a point; None where it contradicts itself."""
+    try:
+        return space.design(coordinates)
+    except ValueError:
+        return None
+
+
+def _foreseen_alone(case: Case | None, campaign: Campaign, seed: int) -> float:
+    """`foresee` of a design; NaN for None."""
+    if case is None:
+        return math.nan
+    objective = Objective.read(campaign.objective)
+    try:
+        design = _Foreseen(margins_of(campaign.requirements, case), campaign.judged(case))
+        return _score(design, [forecast(one, objective, seed) for one in design.judged])
+    except ValueError:
+        return math.nan
 
 
 class _Foreseen(NamedTuple):

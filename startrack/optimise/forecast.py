@@ -167,7 +167,9 @@ def _tasks(one: Judged, workers: int) -> list[_Task]:
     if one.units is None:
         return [_Task(one, None)]
     count = one.units.count
-    size = math.ceil(count / workers)
+    # Behind a lens table all units share the images and the response of one, which take longest.
+    shared = one.case.instrument.optics.tabulated
+    size = count if shared else math.ceil(count / workers)
     return [_Task(one, range(at, min(at + size, count))) for at in range(0, count, size)]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from startrack.attitude import Mounting
-from startrack.budget import analytic
+from startrack.budget import analytic, unit_budgets
 from startrack.design import YEAR, CameraCalibration, Fidelity, Moment, Variation, load_design
 from startrack.detection import DarkMap
 from startrack.detector import Age, dark
@@ -171,3 +171,27 @@ def test_what_a_tracker_knows_of_shared_errors_is_not_drawn():
     assert one.instrument.residual != other.instrument.residual
     assert shared_errors(one) is shared_errors(other)
     assert shared_errors(CASE) is None
+
+
+LENS = load_design(shipped("designs/nanosatellite.toml")).case
+
+
+def test_a_unit_behind_a_lens_has_the_places_of_its_own_lens():
+    """The camera of the design, scaled and moved, against the one fitted to the unit's own lens."""
+    unit = unit_of(LENS, 1, Moment(3, 0))
+    assert unit.instrument.optics.focal_length != LENS.instrument.optics.focal_length
+    own = replace(unit.instrument, imaged=None)
+    line = np.linspace(-0.07, 0.07, 9)
+    towards = np.stack([*np.meshgrid(line, line), np.ones((9, 9))], axis=-1).reshape(-1, 3)
+    shared, alone = (one.camera.project(towards) for one in (unit.instrument, own))
+    assert np.abs(shared - alone).max() < 2e-3
+
+
+@pytest.mark.slow
+def test_units_behind_a_lens_have_the_noise_of_the_middle_one(monkeypatch):
+    """Rms across of three units within 2 % of that with images and noise of their own."""
+    shared = unit_budgets(LENS, 1, 3, 5 * YEAR, 1, apart=False).across()
+    monkeypatch.setattr("startrack.budget.units.middle_of", lambda case, age: None)
+    monkeypatch.setattr("startrack.population.unit.imaged_alike", lambda case: False)
+    alone = unit_budgets(LENS, 1, 3, 5 * YEAR, 1, apart=False).across()
+    assert shared == pytest.approx(alone, rel=0.02)

@@ -1,0 +1,131 @@
+"""Question: how far from real is the optimum of a design of noise alone, and what does the one that
+counts lens, jitter, units and years gain over it?
+
+    python experiments/nanosatellite.py [--best FILE.toml] [--json FILE] [--quick]
+
+Two designs, step by step in the worlds that lie between catalogs/designs/noise_only.toml and
+nanosatellite.toml, by the analytic budget: `OLD`, the optimum of the former, and the best design of
+`startrack optimize` on the latter (--best; default: `NEW`, that of seed 1). What an optimum did not
+choose in its world is chosen here, the best of some values: the blur of an Airy PSF, the defocus of
+the old lens. Errors are across, arcsec: the rms of the unit as designed, and with units the rms
+that 95 % of `UNITS` units do not exceed at the end of life, which `on_units` gives by frames, too.
+Under --quick there is no lens.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import command
+import numpy as np
+
+from startrack import Case, Fidelity, load_design, shipped
+from startrack.budget import analytic
+from startrack.core import arcsec, mm, um
+from startrack.design import Campaign, Objective, replaced_all
+from startrack.metrics import quantile_of_few
+from startrack.optimise import expected_objective
+from startrack.population import Units, unit_errors, unit_trials
+
+FOCAL, SPEED = "instrument.optics.focal_length", "instrument.optics.f_number"
+DEFOCUS, BLUR = "instrument.optics.defocus", "instrument.optics.blur"
+EXPOSURE, THRESHOLD = "instrument.detector.exposure", "tracker.detection.threshold"
+OLD = {FOCAL: 45 * mm, SPEED: 1.4, EXPOSURE: 0.216, THRESHOLD: 6.0}
+NEW = {FOCAL: 58.2 * mm, SPEED: 2.02, EXPOSURE: 0.216, THRESHOLD: 6.9}
+BLURS = np.array([4.0, 5.0, 6.0]) * um
+DEFOCI = np.array([-60.0, -30.0, -15.0, 0.0, 15.0, 30.0, 60.0]) * um
+UNITS, EACH, ENVIRONMENTS = 20, 10, 2
+
+
+def across(case: Case) -> float:
+    """Arcsec, rms of the unit as designed."""
+    instrument = replace(case.instrument, residual=None)
+    return float(analytic(replace(case.without_units, instrument=instrument)).across / arcsec)
+
+
+def least(case: Case, name: str, values: Any) -> Case:
+    """The case with the best of some values of a number."""
+    every = [replaced_all(case, {name: float(value)}) for value in values]
+    return min(every, key=across)
+
+
+def calm(case: Case) -> Case:
+    """The case without jitter, and without stars that its tracker does not know."""
+    motion = replace(case.instrument.motion, tones=())
+    instrument = replace(case.instrument, motion=motion)
+    tracker = replace(case.tracker, catalog=None)
+    return replace(case, instrument=instrument, tracker=tracker, catalog=case.believed_catalog)
+
+
+def tracking(case: Case, stars: int) -> Case:
+    """The case with another number of stars that its tracker keeps."""
+    return replaced_all(case, {"tracker.detection.max_spots": stars})
+
+
+def worlds(values: dict[str, float], quick: bool) -> dict[str, float]:
+    """Arcsec, the errors of a design in each world."""
+    alone = load_design(shipped("designs/noise_only.toml")).case
+    plain = replaced_all(alone, values | {DEFOCUS: 0.0})
+    found = {"noise alone": across(least(plain, BLUR, BLURS[: 1 if quick else 3]))}
+    if quick:
+        return found
+    design = load_design(shipped("designs/nanosatellite.toml"))
+    assert design.campaign
+    real = replaced_all(design.case, values)
+    many = tracking(calm(real), alone.tracker.detection.max_spots)
+    if DEFOCUS not in values:
+        defocus = least(many, DEFOCUS, DEFOCI).instrument.optics.defocus
+        real, many = (replaced_all(one, {DEFOCUS: defocus}) for one in (real, many))
+        print(f"defocus {defocus / um:.0f} um")
+    found["behind the lens"] = across(many)
+    found["tracking ten stars"] = across(calm(real))
+    found["with jitter and faint stars"] = across(real)
+    campaign = replace(design.campaign, unit_count=UNITS)
+    found["95 % of the units at the end of life"] = level(real, campaign)
+    found["on_units"] = on_units(real, campaign)
+    return found
+
+
+def level(case: Case, campaign: Campaign) -> float:
+    """Arcsec, by the budgets of the units."""
+    return expected_objective(case, campaign, seed=7) / arcsec
+
+
+def on_units(case: Case, campaign: Campaign) -> float:
+    """Arcsec, by frames of other units."""
+    order = Units(EACH, ENVIRONMENTS, case.end_of_life)
+    outcomes = unit_trials(case, 11, range(UNITS * EACH), order, Fidelity.FRAME)
+    errors = unit_errors(Objective.read(campaign.objective), outcomes, outcomes["unit"])
+    assert campaign.units
+    return float(quantile_of_few(errors, campaign.units)) / arcsec
+
+
+def values_of(path: Path) -> dict[str, float]:
+    """The variables of an optimised design."""
+    case = load_design(path).case
+    optics = case.instrument.optics
+    return {
+        FOCAL: optics.focal_length,
+        SPEED: optics.f_number,
+        DEFOCUS: optics.defocus,
+        EXPOSURE: case.instrument.detector.exposure,
+        THRESHOLD: case.tracker.detection.threshold,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--best", type=Path, help="design of `startrack optimize`")
+    options = command.read(parser)
+    designs = {"old": OLD, "new": values_of(options.best) if options.best else NEW}
+    found = {name: worlds(values, options.quick) for name, values in designs.items()}
+    for world in found["old"]:
+        print(f"{world:40}" + "".join(f"{one[world]:10.3f}" for one in found.values()))
+    command.save(options, found)
+
+
+if __name__ == "__main__":
+    main()
