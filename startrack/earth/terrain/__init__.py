@@ -35,7 +35,7 @@ from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.pyramid import Pyramid, Relief
 from startrack.earth.terrain.scan import Scan
 from startrack.earth.terrain.sources import Array, Raster, Source, fractal, require_rasterio
-from startrack.earth.terrain.surface import Grid, NorthUp, Surface, index
+from startrack.earth.terrain.surface import Grid, Horizon, NorthUp, Surface, index
 from startrack.earth.terrain.survey import Intersector, survey
 from startrack.earth.terrain.trace import trace
 
@@ -46,6 +46,7 @@ __all__ = [
     "ConstantHeight",
     "Grid",
     "Ground",
+    "Horizon",
     "Intersector",
     "Mosaic",
     "Pyramid",
