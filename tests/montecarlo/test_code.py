@@ -363,7 +363,9 @@ def test_optimize_is_the_same_with_two_processes_and_with_dask(installed, plain)
     from startrack.montecarlo import dask_pool
     from startrack.optimise import TrialRunner, optimize
 
-    design = load_design(plain, [*ALL, "campaign.fidelity=frame"], allow_code=True)
+    sizes = ("trials=4", "most_trials=4", "analytic_evaluations=4", "evaluations=4")
+    changes = [f"campaign.{one}" for one in (*sizes, "fresh_trials=12", "fidelity=frame")]
+    design = load_design(plain, [*ALL, *changes], allow_code=True)
     workers = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
     with pool(2) as processes, workers as cluster, dask_pool(cluster.scheduler_address) as dask:
         alone, *others = (
