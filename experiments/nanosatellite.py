@@ -22,9 +22,8 @@ from typing import Any
 import command
 import numpy as np
 
-from startrack import Case, Fidelity, load_design, shipped
+from startrack import Case, Fidelity, arcsec, load_design, mm, shipped, um
 from startrack.budget import analytic
-from startrack.core import arcsec, mm, um
 from startrack.design import Campaign, Objective, replaced_all
 from startrack.metrics import quantile_of_few
 from startrack.optimise import expected_objective
