@@ -69,6 +69,11 @@ class Lasting(Executor):
 
     def kill(self) -> None:
         """End the processes at once, whatever they do: what they did not return is lost."""
+        # Trap: the thread of the standard pool of Python 3.11 fails all calls of a broken pool, and
+        # fails itself at one that was cancelled.
+        for call in list(self._pool._pending_work_items.values()):
+            if call.future.cancelled():
+                call.future = Future()
         for process in list((self._pool._processes or {}).values()):
             process.kill()
 

@@ -1,4 +1,7 @@
 import os
+import threading
+import time
+from concurrent.futures import BrokenExecutor
 
 import numpy as np
 import pytest
@@ -122,3 +125,17 @@ def test_only_the_block_that_kills_its_workers_is_given_up(small):
         done = dict(blocks(small.case, SEED, plan, executor, workers=2))
     assert set(done) == set(plan)
     assert [one for one in plan if isinstance(done[one], Exception)] == [range(30, 40)]
+
+
+def test_a_pool_that_is_killed_with_cancelled_calls_ends_without_a_traceback(monkeypatch):
+    raised = []
+    monkeypatch.setattr(threading, "excepthook", raised.append)
+    executor = Lasting(1)
+    calls = [executor.submit(time.sleep, 60) for _ in range(6)]
+    while not calls[0].running():
+        time.sleep(0.01)
+    assert calls[-1].cancel()
+    executor.kill()
+    executor.shutdown()
+    assert raised == []
+    assert isinstance(calls[0].exception(), BrokenExecutor)

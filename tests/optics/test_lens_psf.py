@@ -180,13 +180,12 @@ def test_shipped_lenses_have_the_images_of_their_ray_tracer(name, row, error):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "error", "far"), [("double_gauss", 0.02, 0.09), ("petzval", 0.035, 0.035)]
+    ("name", "error", "far"), [("double_gauss", 0.016, 0.095), ("petzval", 0.028, 0.023)]
 )
 def test_images_at_nine_fields_and_four_wavelengths(name, error, far):
     """As above on 32 x 32 points of 1.5 micrometre; the worst of 27 and, at 850 nm, of 9 places.
 
-    There the double Gauss is farthest out of focus, and the sum of the tracer has not converged:
-    on the axis 181, 256 (those of the file), 400 and 640 rays across are 7.1 to 3.4 % off.
+    There both are several waves out of focus, and their spots are wider than the image.
     """
     with fits.open(GRID) as parts:
         waves, angles, images = (
