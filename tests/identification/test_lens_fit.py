@@ -16,6 +16,7 @@ SIZE = 1024
 NOISE = 0.15  # pixel
 STARS = open_sky(Selection("bright", limit_g=6.5)).stars
 INDEXES = PatternIndexes(STARS)
+SLOW = pytest.mark.slow
 # As 25 photographs by a camera of a single-board computer have it.
 WIDE = Camera(SIZE, SIZE, 1071.0, -6.7, -25.0, k1=0.18, k2=-0.34)
 
@@ -71,7 +72,9 @@ def test_the_distortion_of_a_wide_lens_is_found_in_one_image():
     assert 0.4 < np.sqrt(np.mean(np.square(normalised))) < 1.75
 
 
-@pytest.mark.parametrize("field", [4, 12, 30, 55])
+@pytest.mark.parametrize(
+    "field", [pytest.param(4, marks=SLOW), 12, pytest.param(30, marks=SLOW), 55]
+)
 def test_a_lens_without_distortion_has_none(field):
     """Significance above ten is a false alarm in fewer than 1 of 1000 stages."""
     camera = Camera.from_field_of_view(SIZE, SIZE, field * deg)
@@ -88,7 +91,7 @@ def test_a_lens_without_distortion_has_none(field):
     assert not any(found)
 
 
-@pytest.mark.parametrize("field", [50, 65, 80])
+@pytest.mark.parametrize("field", [pytest.param(50, marks=SLOW), pytest.param(65, marks=SLOW), 80])
 def test_fisheyes_are_solved(field):
     focal = SIZE / (field * deg)
     apart = []

@@ -111,8 +111,15 @@ def bilinear(west, north, heights, longitude, latitude, wide: int = 1) -> np.nda
     return at(np.stack([north - latitude * POSTS, longitude * POSTS - west], -1))
 
 
-@pytest.mark.parametrize("write", [srtm, copernicus], ids=lambda one: one.__name__)
-@pytest.mark.parametrize("corner", [False, True], ids=["where it is", "over four tiles"])
+@pytest.mark.parametrize(
+    ("write", "corner"),
+    [
+        pytest.param(srtm, False, id="srtm where it is"),
+        pytest.param(srtm, True, id="srtm over four tiles", marks=pytest.mark.slow),
+        pytest.param(copernicus, False, id="copernicus where it is", marks=pytest.mark.slow),
+        pytest.param(copernicus, True, id="copernicus over four tiles"),
+    ],
+)
 def test_tiles_are_the_terrain_that_they_were_cut_from(tmp_path, write, corner):
     """At posts, between them and along seams, to a centimetre."""
     west, north, heights = jacksboro(corner)
