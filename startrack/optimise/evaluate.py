@@ -203,29 +203,17 @@ def foresee_all(
     and the margins share, all of them.
     """
     seed = runner.seed if runner else seed
+    in_order = runner.map if runner else map
+    cases = [_built(space, coordinates) for coordinates in points]
     if space.case.instrument.optics.tabulated:
-        alone = partial(_foreseen_alone, campaign=campaign, seed=seed)
-        cases = [_built(space, coordinates) for coordinates in points]
-        return list((runner.map if runner else map)(alone, cases))
-    objective, designs = Objective.read(campaign.objective), list[_Foreseen | None]()
-    for coordinates in points:
-        try:
-            case = space.design(coordinates)
-            designs.append(
-                _Foreseen(margins_of(campaign.requirements, case), campaign.judged(case))
-            )
-        except ValueError:
-            designs.append(None)
+        return list(in_order(partial(_foreseen_alone, campaign=campaign, seed=seed), cases))
+    designs = [_foreseen(case, campaign) for case in cases]
     tasks = [one for each in designs if each for one in each.judged]
-    every = iter(
-        (runner.map if runner else map)(partial(_tried, objective=objective, seed=seed), tasks)
-    )
-    scores = []
-    for each in designs:
-        found = [next(every) for _ in each.judged] if each else []
-        counted = [one for one in found if one is not None]
-        scores.append(_score(each, counted) if each and len(counted) == len(found) else math.nan)
-    return scores
+    tried = partial(_tried, objective=Objective.read(campaign.objective), seed=seed)
+    every = iter(in_order(tried, tasks))
+    return [
+        _score(each, [next(every) for _ in each.judged]) if each else math.nan for each in designs
+    ]
 
 
 def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
@@ -238,14 +226,10 @@ def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
 
 def _foreseen_alone(case: Case | None, campaign: Campaign, seed: int) -> float:
     """`foresee` of a design; NaN for None."""
-    if case is None:
+    design, objective = _foreseen(case, campaign), Objective.read(campaign.objective)
+    if design is None:
         return math.nan
-    objective = Objective.read(campaign.objective)
-    try:
-        design = _Foreseen(margins_of(campaign.requirements, case), campaign.judged(case))
-        return _score(design, [forecast(one, objective, seed) for one in design.judged])
-    except ValueError:
-        return math.nan
+    return _score(design, [_tried(one, objective, seed) for one in design.judged])
 
 
 class _Foreseen(NamedTuple):
@@ -253,6 +237,16 @@ class _Foreseen(NamedTuple):
 
     margins: dict[str, float]
     judged: Sequence[Judged]
+
+
+def _foreseen(case: Case | None, campaign: Campaign) -> _Foreseen | None:
+    """A design to be scored; None where it contradicts itself."""
+    if case is None:
+        return None
+    try:
+        return _Foreseen(margins_of(campaign.requirements, case), campaign.judged(case))
+    except ValueError:
+        return None
 
 
 def _tried(one: Judged, objective: Objective, seed: int) -> Forecast | None:
@@ -263,8 +257,12 @@ def _tried(one: Judged, objective: Objective, seed: int) -> Forecast | None:
         return None
 
 
-def _score(design: _Foreseen, every: Sequence[Forecast]) -> float:
-    expected, foreseen = combined_forecasts(design.judged, every)
+def _score(design: _Foreseen, every: Sequence[Forecast | None]) -> float:
+    """The score without trials; NaN where a condition has no forecast or expects no attitude."""
+    known = [one for one in every if one is not None]
+    if len(known) < len(every):
+        return math.nan
+    expected, foreseen = combined_forecasts(design.judged, known)
     if not expected > 0:
         return math.nan
     margins = dict(design.margins)

@@ -230,10 +230,8 @@ def identify_and_solve(
 
 def estimate_of(case: Case, tracker: Tracker, spots: Spots, matches: Matches) -> Estimate:
     """The attitude from matched stars, with what the tracker of a case knows of their errors."""
-    return solve_matches(
-        *(spots, matches, tracker, systematic_variance(case)),
-        *(focal_stretches(case), shared_errors(case)),
-    )
+    systematic, stretch = systematic_variance(case), focal_stretches(case)
+    return solve_matches(spots, matches, tracker, systematic, stretch, shared_errors(case))
 
 
 def solve_matches(

@@ -23,6 +23,7 @@ from startrack.core import (
     whole,
     within,
 )
+from startrack.earth.imager.land import TEXELS, on_texture
 from startrack.earth.terrain import (
     EQUATORIAL,
     Chart,
@@ -33,7 +34,6 @@ from startrack.earth.terrain import (
     up,
 )
 
-TEXELS = 1024  # along each side of a generated field, which is periodic
 ROUGHNESS = 4 / 3  # of it: a power spectrum of |k|^(-5/3) along a line, as that of clouds
 GRAZING = 0.02  # least cosine of the zenith angle of a path through a layer; chosen by hand
 STEPS = 4  # of Newton's method to the height of a layer; it begins within metres
@@ -156,10 +156,9 @@ class _Generated(NamedTuple):
     layer: CloudLayer
 
     def __call__(self, longitude: Floats, latitude: Floats) -> Floats:
-        """Straight between texels, on a sinusoidal projection as the texture of the land."""
+        """Linear between texels."""
         texels = _clouds(self.layer.seed, self.layer.cover or 1.0)
-        step = self.layer.cell / EQUATORIAL
-        x, y = longitude * np.cos(latitude) / step, latitude / step
+        x, y = on_texture(longitude, latitude, self.layer.cell)
         i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
         u, v = x - i, y - j
         found = np.zeros(len(x))

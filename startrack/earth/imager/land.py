@@ -256,13 +256,22 @@ def _mapped(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> F
 
 def _texture(land: Land, ground: Ground) -> Floats:
     """(n,) deviation of mean zero and rms one."""
-    step = land.texture_cell / EQUATORIAL
-    # Sinusoidal projection: equal areas, no seams, sheared far from Greenwich.
-    v = np.nan_to_num(ground.latitude)
-    u = np.nan_to_num(ground.longitude) * np.cos(v)
-    texels = _texels(land.texture_seed)
-    i, j = np.floor(u / step).astype(np.int64), np.floor(v / step).astype(np.int64)
-    return texels[j % TEXELS, i % TEXELS]
+    longitude, latitude = np.nan_to_num(ground.longitude), np.nan_to_num(ground.latitude)
+    x, y = on_texture(longitude, latitude, land.texture_cell)
+    i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    return _texels(land.texture_seed)[j % TEXELS, i % TEXELS]
+
+
+def on_texture(longitude: Floats, latitude: Floats, cell: float) -> tuple[Floats, Floats]:
+    """Places (n,) in texels of a periodic texture on the Earth.
+
+    A sinusoidal projection: equal areas, no seams, sheared far from Greenwich.
+
+    longitude, latitude  (n,) radian
+    cell                 metre, side of a texel
+    """
+    step = cell / EQUATORIAL
+    return longitude * np.cos(latitude) / step, latitude / step
 
 
 @lru_cache(maxsize=4)
