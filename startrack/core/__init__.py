@@ -111,9 +111,11 @@ from startrack.core.values import (
     StrayLightSource,
 )
 from startrack.core.variates import (
+    GOLDEN,
     bits,
     inverse_normal,
     key,
+    mixed,
     poisson_of_uniform,
     poisson_quantile,
     uniform,

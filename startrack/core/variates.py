@@ -26,13 +26,19 @@ def key(streams: Streams, cause: str) -> np.uint64:
 def bits(start, pixel):  # type: ignore[no-untyped-def]
     """64 random bits of a pixel.
 
-    Source: Steele, Lea and Flood (2014), Fast splittable pseudorandom number generators,
-    OOPSLA, with the constants of Stafford's mix 13; it passes BigCrush.
-
     start  key as uint64
     pixel  number as uint64
     """
-    z = start + GOLDEN * (pixel + np.uint64(1))
+    return mixed(start + GOLDEN * (pixel + np.uint64(1)))
+
+
+@kernel(inline="always")
+def mixed(z):  # type: ignore[no-untyped-def]
+    """64 random bits of a state, which grows by GOLDEN from one pixel to the next.
+
+    Source: Steele, Lea and Flood (2014), Fast splittable pseudorandom number generators,
+    OOPSLA, with the constants of Stafford's mix 13; it passes BigCrush.
+    """
     z = (z ^ (z >> np.uint64(30))) * FIRST
     z = (z ^ (z >> np.uint64(27))) * SECOND
     return z ^ (z >> np.uint64(31))

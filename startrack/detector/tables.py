@@ -30,6 +30,9 @@ SKEW = 25.0  # electrons by which the upper tail of a Poisson distribution excee
 BLOCK = 16  # levels, multiple to which tables are rounded up, so that similar frames share one
 MOST_LEVELS = 512
 MOST_NUMBERS = 4096
+# Bits. A cell of the tails holds several limits, and its pixels take twenty times the time of
+# others; the tables of more cells fit no cache.
+LEAST_CELLS, MOST_CELLS = 10, 12
 MOST_TERMS = 100_000_000  # of the sums behind a table, a tenth of a second
 
 
@@ -131,7 +134,8 @@ def build(law: Law, first: int, count: int) -> Tables:
     limit = np.rint(limit).astype(np.uint64)
     limit[:, -1] = 2**BITS
     deviation = math.sqrt(mean[-1] + law.noise**2) * law.gain
-    cells = min(max(math.ceil(math.log2(32 * max(deviation, 0.1))), 8), 12)
+    cells = math.ceil(math.log2(32 * max(deviation, 0.1)))
+    cells = min(max(cells, LEAST_CELLS), MOST_CELLS)
     entry = np.concatenate([*(_entries(one, cells) for one in limit), [UNSETTLED]]).astype(
         np.uint32
     )

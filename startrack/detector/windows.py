@@ -10,7 +10,7 @@ import numpy as np
 
 from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Streams, Workspace, kernel
 from startrack.detector.collect import background, background_tables
-from startrack.detector.digitise import WORK, digitise_pixel, digitise_row, keys
+from startrack.detector.digitise import digitise_pixel, digitise_row, keys, work_row
 from startrack.detector.expose import colours, to_frame
 from startrack.detector.hits import tracks
 from startrack.detector.law import Law, law_of
@@ -161,7 +161,7 @@ def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables)
     """One window after the other, in memory that stays in the cache of the processor."""
     rows, columns = image.shape
     ends = _path_bounds(points.x, points.y)
-    room, work = np.empty((WORK, columns), np.uint32), work_array(points.shape)
+    room, work = work_row(), work_array(points.shape)
     for k in range(len(windows)):
         left, top, right, bottom = windows[k]
         electrons = _window_electrons(windows[k], rows, columns, pixels, points, ends, work)
