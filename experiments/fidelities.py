@@ -215,9 +215,12 @@ def look(case: Case, number: int) -> int:
     return len(spots_in_windows(case, random_attitude(streams), streams))
 
 
-def speeds(rounds: int) -> dict[str, float]:
-    """Time of a trial of each fidelity, and of 30 windows on a megapixel with their search."""
-    big = with_detector(EXAMPLE, columns=1024, rows=1024)
+def speeds(rounds: int, side: int) -> dict[str, float]:
+    """Time of a trial of each fidelity, and of 30 windows on a megapixel with their search.
+
+    side  1024 pixels of a megapixel
+    """
+    big = with_detector(EXAMPLE, columns=side, rows=side)
     thirty = replace(big, catalog=replace(big.catalog, limit_g=5.5))
     figures = {
         f"{name}_{fidelity}_trials_per_s": rate(case, fidelity, rounds)
@@ -292,7 +295,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def measure(options: argparse.Namespace) -> dict[str, float]:
     """All figures, and the picture."""
-    figures = speeds(1 if options.quick else ROUNDS)
+    figures = speeds(*(1, 256) if options.quick else (ROUNDS, 1024))
     more, drawn = laws(options.trials, 50 if options.quick else DRAWN)
     figures |= more | lost(options.trials)
     print(f"\nwindow_vs_frame_p {figures['window_vs_frame_p']:.3f}")

@@ -133,7 +133,7 @@ def main() -> None:
     add(placement_deg=placement(loaded.mission, chosen.quick))
     add(export_spectrum_error=exported(chosen.sequences))
     add(**rendered(plan, chosen.frames))
-    add(**dazzled(chosen.frames))
+    add(**dazzled(chosen.frames, chosen.days))
     command.save(chosen, figures)
 
 
@@ -431,13 +431,13 @@ def rendered(plan: Plan, count: int) -> dict[str, float]:
     }
 
 
-def dazzled(count: int) -> dict[str, float]:
+def dazzled(count: int, days: int) -> dict[str, float]:
     """Frames of heads behind a weak baffle, some too bright: their exclusion angles are small.
 
     At random instants at which no exclusion angle blinds the head: attitudes that are found, beside
     the probabilities that the mission states.
     """
-    loaded = load_mission(EXAMPLE, ["time.duration=365 d", 'attitude.yaw="velocity"'])
+    loaded = load_mission(EXAMPLE, [f"time.duration={days} d", 'attitude.yaw="velocity"'])
     case = loaded.designs[0].case
     baffle = Baffle((20 * deg, 45 * deg, 80 * deg), (3e-4, 1e-5, 1e-7))
     case = dataclasses.replace(case, instrument=dataclasses.replace(case.instrument, baffle=baffle))
@@ -453,7 +453,7 @@ def dazzled(count: int) -> dict[str, float]:
     draw = np.random.default_rng(12)
     chance, solved = list[float](), list[bool]()
     while len(chance) < count:
-        scene = scenes_at(plan, float(draw.uniform(0, 365 * 86400)))[draw.integers(3)]
+        scene = scenes_at(plan, float(draw.uniform(0, days * 86400)))[draw.integers(3)]
         if scene.blind:
             continue
         streams = Streams(seed=2, trial=len(chance))

@@ -19,16 +19,26 @@ SCRIPTS = [
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
 # One process loads what all scripts load, and each script runs in a copy of it: its own imports,
-# and the kernels that a trial reads from disk, would be most of its time.
+# the kernels that a trial reads from disk, the tables of dates, the names of the fonts and the
+# first picture would be most of its time.
 PARENT = """
 import os, runpy, sys, traceback
 sys.path.insert(0, sys.argv[1])
 import one_thread
-import astropy.time, matplotlib.pyplot, numpy, scipy.optimize, scipy.stats
+import astropy.coordinates, astropy.time, numpy, scipy.optimize, scipy.stats
+import startrack.optimise, startrack.plots, startrack.verification
+from astropy.utils import iers
+from matplotlib.figure import Figure
 from startrack import Fidelity, load_design, run_trials, shipped
+from startrack.core import installed_tables
 
 for fidelity in Fidelity:
     run_trials(load_design(shipped("designs/noise_only.toml")).case, 1, range(1), fidelity)
+with installed_tables():
+    iers.earth_orientation_table.get()
+figure = Figure()
+figure.subplots().set(title="fonts", xlabel="10")
+figure.canvas.draw()
 for line in sys.stdin:
     script, folder = line.rstrip("\\n").split("\\t")
     child = os.fork()
