@@ -30,7 +30,7 @@ def icrs_to_itrs(date: str) -> Rotation:
 
 @pytest.fixture(scope="module", params=["quick", pytest.param("all", marks=pytest.mark.slow)])
 def folders(request, tmp_path_factory):
-    """What the commands write in each of the years; the quick ones are without the searches."""
+    """What the commands write in each of the years; a quick run is of those with dates."""
     folder = tmp_path_factory.mktemp("years")
     for year in YEARS:  # one after the other: the second finds the kernels that the first compiled
         command = [sys.executable, "-W", "error", every_command.__file__, request.param, str(year)]
@@ -44,7 +44,7 @@ def test_the_example_has_every_command():
     assert named == {*COMMANDS, "earth"}
     for part in ("geometry", "render", "process", "terrain"):
         assert f"\nearth {part} " in every_command.COMMANDS
-    assert named > set(every_command.LONG)
+    assert named > set(every_command.DATED_COMMANDS)
 
 
 def test_no_command_depends_on_the_date_or_the_network(folders):
