@@ -14,12 +14,14 @@ from pathlib import Path
 import pytest
 
 from startrack.cli.main import main
+from startrack.io import shipped
 from startrack.montecarlo.resume import resume
 from startrack.montecarlo.run import run
 from startrack.montecarlo.store import Store
 from startrack.montecarlo.workers import Serial
 
-COMMAND = (sys.executable, "-m", "startrack.cli", "montecarlo", "--fidelity", "window")
+DESIGN = str(shipped("designs/noise_only.toml"))
+COMMAND = (sys.executable, "-m", "startrack.cli", "montecarlo", DESIGN)
 
 
 def test_the_log_and_the_summary_agree(tmp_path, capsys):
