@@ -14,57 +14,10 @@ curves    Picture of an error budget beside trials: over slew rate, magnitude an
 optimise  Pictures of studies: convergence, samples, Pareto fronts and sensitivities.
 """
 
-from startrack.plots.budget import draw_budget, draw_sky
-from startrack.plots.curves import (
-    LONGEST,
-    SMEARS,
-    Curve,
-    analytic_curve,
-    draw_curves,
-    rates_drawn,
-    slew_rates,
-    slewing,
-)
-from startrack.plots.earth import draw_geometry, draw_picture, draw_product
-from startrack.plots.errors import draw_errors
-from startrack.plots.frames import draw_frame, draw_solution, draw_spots
-from startrack.plots.mission import draw_beta, draw_mission, draw_placement
-from startrack.plots.optimise import (
-    draw_convergence,
-    draw_corner,
-    draw_front,
-    draw_tolerance,
-    draw_tornado,
-    draw_variables,
-)
-from startrack.plots.psf import Curves, draw_psf
-from startrack.plots.sequence import draw_sequence
-from startrack.plots.style import (
-    BLACK,
-    BLUE,
-    CYCLE,
-    GREEN,
-    GREY,
-    LINES,
-    MARKERS,
-    ORANGE,
-    PURPLE,
-    RED,
-    SETTINGS,
-    SKY,
-    SMALL,
-    colour_bar,
-    colour_limits,
-    legend_below,
-    number,
-    outline,
-    panel_title,
-    picture,
-    plain_numbers,
-    save_picture,
-    say,
-    styled,
-)
+import lazy_loader
 
-# Public; the other imports serve other rooms.
+# Each name is loaded when it is first used: a picture of a frame needs no error budget.
+__getattr__, __dir__, _ = lazy_loader.attach_stub(__name__, __file__)
+
+# Public; the other names serve other rooms.
 __all__ = ["draw_budget", "draw_errors", "draw_frame", "draw_sequence", "draw_spots"]
