@@ -223,6 +223,7 @@ def test_the_command_line_starts_light():
         "__future__",
         "argparse",
         "builtins",
+        "gc",
         "os",
         "sys",
         "collections.abc",

@@ -43,17 +43,17 @@ def compiled_beside(command: str) -> Iterator[None]:
     Nothing is started where all has been compiled before, cannot be kept, or there is one core, or
     another command has started it.
     """
-    first = bool(UNKEPT) or not is_ready()
+    first, lock = bool(UNKEPT) or not is_ready(), Path(min(FOLDERS, default="")) / LOCK
     useful = (os.cpu_count() or 1) > 1 and first and not UNKEPT
     if command in ONE_TRIAL and first:
-        process = _start(ONE_TRIAL[command]) if useful else None
-        with interpreted(_working(process) if useful else lambda: False):
+        process = _start(ONE_TRIAL[command], lock) if useful else None
+        with interpreted(_working(process, lock) if useful else lambda: False):
             yield
         return
     if not useful:
         yield
         return
-    process = _start(HALF_OF_WARM if command == "warm" else OTHERS)
+    process = _start(HALF_OF_WARM if command == "warm" else OTHERS, lock)
     try:
         yield
     finally:
@@ -62,11 +62,11 @@ def compiled_beside(command: str) -> Iterator[None]:
             process.wait()
 
 
-def _start(parts: Sequence[str]) -> subprocess.Popen[bytes] | None:
+def _start(parts: Sequence[str], lock: Path) -> subprocess.Popen[bytes] | None:
     """A process that compiles, in a session of its own; None where another one does already."""
     command = [sys.executable, "-m", "startrack.cli", "warm"]
     command += [word for part in parts for word in ("--part", part)]
-    held = _held()
+    held = _held(lock)
     if held is None:
         return None
     try:  # the lock is inherited, and ends with the process
@@ -79,13 +79,13 @@ def _start(parts: Sequence[str]) -> subprocess.Popen[bytes] | None:
             os.close(one)
 
 
-def _working(process: subprocess.Popen[bytes] | None) -> Callable[[], bool]:
+def _working(process: subprocess.Popen[bytes] | None, lock: Path) -> Callable[[], bool]:
     """Whether a process still compiles: this one, or that of another command."""
     if process is not None:
         return lambda: process.poll() is None
 
     def elsewhere() -> bool:
-        held = _held()
+        held = _held(lock)
         for one in held or ():
             os.close(one)
         return held is None
@@ -93,12 +93,12 @@ def _working(process: subprocess.Popen[bytes] | None) -> Callable[[], bool]:
     return elsewhere
 
 
-def _held() -> tuple[int, ...] | None:
+def _held(lock: Path) -> tuple[int, ...] | None:
     """The open file of the lock, none without locks; None where another process holds it."""
     if fcntl is None:
         return ()
     with suppress(OSError):
-        file = os.open(Path(min(FOLDERS)) / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+        file = os.open(lock, os.O_RDWR | os.O_CREAT, 0o600)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -6,6 +6,7 @@ As `lazy from module import name` of Python 3.15 (PEP 810).
 from __future__ import annotations
 
 import builtins
+import gc
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -66,6 +67,22 @@ def load() -> None:
     """Import all that waits."""
     global _POSTPONING
     _POSTPONING = False
-    while _WAITING:
-        names = _WAITING.pop()
-        names |= {name: one._found() for name, one in names.items() if isinstance(one, _Standin)}
+    with _kept():
+        while _WAITING:
+            names = _WAITING.pop()
+            found = {name: one for name, one in names.items() if isinstance(one, _Standin)}
+            names |= {name: one._found() for name, one in found.items()}
+
+
+@contextmanager
+def _kept() -> Iterator[None]:
+    """Nothing that is imported is garbage; to look for some takes 0.3 s in a run of seconds."""
+    if not _WAITING:
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()

@@ -15,7 +15,6 @@ with deferred():
     import numpy as np
 
     from startrack.budget import analytic
-    from startrack.cli.earth import read_scene
     from startrack.cli.terminal import (
         example,
         print_message,
@@ -25,7 +24,6 @@ with deferred():
     )
     from startrack.core import FOLDERS, UNKEPT, Spots, one_of
     from startrack.design import Case, Fidelity
-    from startrack.earth.geometry import observe_earth
     from startrack.io import shipped
     from startrack.sequence import run
     from startrack.trial import identify_and_solve, pattern_indexes, run_random_trial
@@ -121,5 +119,9 @@ def identification(case: Case) -> None:
 
 def earth_geometry() -> None:
     """The first lines of the example scene."""
+    # Here alone, for what it takes to import them delays all that another process waits for.
+    from startrack.cli.earth import read_scene
+    from startrack.earth.geometry import observe_earth
+
     path = shipped("scenes/mountains.toml")
     next(iter(observe_earth(read_scene(path)[0], path.parent)))

@@ -46,7 +46,7 @@ from startrack.io.tables import (
     unit_of,
     written,
 )
-from startrack.io.wcs import camera_to_wcs, celestial, celestials, pointing
+from startrack.io.wcs import camera_to_wcs, celestial, celestials, pointing, wcs_header
 
 # Public; the other imports serve other rooms.
 __all__ = ["shipped"]

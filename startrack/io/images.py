@@ -18,7 +18,7 @@ from startrack.io.picture_size import picture_size
 from startrack.io.reading import read_bytes, regular_file, unpacked
 from startrack.io.recordings import VIDEOS, Layout, read_raw, read_ser, read_video
 from startrack.io.saving import whole
-from startrack.io.wcs import camera_to_wcs
+from startrack.io.wcs import wcs_header
 
 FITS = {".fits", ".fit", ".fts"}
 SEARCHED = 24  # bytes that the detection takes for each pixel of an image; measured: 20 at most
@@ -96,7 +96,7 @@ def write_fits(
     """
     from astropy.io import fits
 
-    header = camera_to_wcs(camera, icrs_to_camera).to_header(relax=True) if camera else None
+    header = wcs_header(camera, icrs_to_camera) if camera else None
     primary = fits.PrimaryHDU(frame.image, header)
     cards = primary.header
     quaternion = icrs_to_camera.as_quat(canonical=True)

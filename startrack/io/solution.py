@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Estimate, Floats, Matches, Spots, Stars, arcsec
 from startrack.io.saving import whole
-from startrack.io.wcs import camera_to_wcs, celestial
+from startrack.io.wcs import celestial, wcs_header
 
 
 def write_solution(
@@ -58,7 +58,7 @@ def write_solution(
         "MAG_G": stars.magnitude_g[matches.star],
     }
     written.append(_save(path.with_name(f"{path.name}.corr"), [_table(matched, shape)]))
-    header = camera_to_wcs(camera, attitude).to_header(relax=True)
+    header = wcs_header(camera, attitude)
     header["IMAGEW"], header["IMAGEH"] = shape[1], shape[0]
     written.append(_save(path.with_name(f"{path.name}.wcs"), [fits.PrimaryHDU(header=header)]))
     return written

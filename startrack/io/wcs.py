@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Camera, Floats
 
 if TYPE_CHECKING:
+    from astropy.io.fits import Header
     from astropy.wcs import WCS
 
 SIP_ORDERS = (3, 5, 7, 9)
@@ -24,22 +25,38 @@ def camera_to_wcs(camera: Camera, icrs_to_camera: Rotation) -> WCS:
 
     Raises  ValueError where no polynomial of order 9 follows the distortion within 5e-4 pixel.
     """
-    from astropy.wcs import WCS, Sip
+    from astropy.wcs import WCS
 
-    (east_north,), ((ra, dec),) = _tangent(icrs_to_camera.as_matrix()[None])
-    wcs = WCS(naxis=2)
-    wcs.wcs.crpix = np.add(camera.centre, 1)
-    wcs.wcs.crval = [ra, dec]
-    wcs.wcs.cunit = ["deg", "deg"]
-    wcs.wcs.cd = np.degrees(east_north) / camera.focal_length_px
-    wcs.wcs.radesys = "ICRS"
+    return WCS(wcs_header(camera, icrs_to_camera))
+
+
+def wcs_header(camera: Camera, icrs_to_camera: Rotation) -> Header:
+    """`camera_to_wcs` as the cards of a FITS header. Raises as that.
+
+    Source: Calabretta and Greisen (2002), Astron. Astrophys. 395, 1077; Shupe et al. (2005), ASP
+    Conf. Ser. 347, 491, for SIP.
+    """
+    from astropy.io.fits import Header  # astropy.wcs would load its coordinates and tables: 0.2 s
+
+    ((east, north),), (sky,) = _tangent(icrs_to_camera.as_matrix()[None])
     kind = "-SIP" if camera.distorted else ""
-    wcs.wcs.ctype = [f"RA---TAN{kind}", f"DEC--TAN{kind}"]
+    # The default of LONPOLE is zero where the boresight is the pole itself.
+    cards: dict[str, float | str] = {"WCSAXES": 2, "RADESYS": "ICRS", "LONPOLE": 180.0}
+    for axis, name, value, row in zip(
+        "12", ("RA---TAN", "DEC--TAN"), sky, (east, north), strict=True
+    ):
+        cards[f"CTYPE{axis}"] = name + kind
+        cards[f"CUNIT{axis}"] = "deg"
+        cards[f"CRVAL{axis}"] = float(value)
+        cards[f"CRPIX{axis}"] = float(camera.centre[int(axis) - 1] + 1)
+        for column, slope in zip("12", np.degrees(row) / camera.focal_length_px, strict=True):
+            cards[f"CD{axis}_{column}"] = float(slope)
     if camera.distorted:
         forward, inverse = _sip(camera)
-        wcs.sip = Sip(*forward, *inverse, wcs.wcs.crpix)
-    wcs.wcs.set()
-    return wcs
+        for letter, table in zip(("A", "B", "AP", "BP"), (*forward, *inverse), strict=True):
+            cards[f"{letter}_ORDER"] = len(table) - 1
+            cards |= {f"{letter}_{p}_{q}": float(table[p, q]) for p, q in np.argwhere(table)}
+    return Header(cards)
 
 
 def celestial(icrs_to_camera: Rotation) -> tuple[float, float, float]:

@@ -55,15 +55,15 @@ def test_other_commands_share_the_compiling_and_end_it():
     assert process.ended == -15
 
 
-def test_one_process_compiles_for_all_commands():
+def test_one_process_compiles_for_all_commands(tmp_path):
     if beside.fcntl is None:
         pytest.skip("without locks each command starts one")
-    held = beside._held()  # as the process that another command has started
+    held = beside._held(tmp_path / beside.LOCK)  # as the process that another command has started
     with beside.compiled_beside("simulate"):
         assert interpret._COMPILING()
         beside.os.close(*held)
         assert not interpret._COMPILING()
-    held = beside._held()
+    held = beside._held(tmp_path / beside.LOCK)
     with beside.compiled_beside("optimize"):
         pass
     beside.os.close(*held)

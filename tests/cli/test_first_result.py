@@ -23,6 +23,27 @@ def test_the_package_alone_loads_no_other():
     assert not {"numpy", "scipy", "numba", "cv2", *HEAVY} & loaded("import startrack")
 
 
+def test_the_picture_of_a_frame_loads_no_room_that_draws_other_pictures():
+    rooms = {"budget", "montecarlo", "mission", "optimise", "report", "sequence"}
+    found = loaded("from startrack.plots import draw_frame")
+    assert not found.intersection(f"startrack.{room}" for room in rooms)
+
+
+def test_a_command_limits_the_threads_of_its_matrices_before_these_are_loaded():
+    """Else each worker has as many as there are cores, and they wait for each other."""
+    code = (
+        "import os, sys; from startrack.cli.main import main; sys.argv[1:] = ['keys', '-x']\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "print(os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules)"
+    )
+    bare = {name: text for name, text in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], text=True, env=bare, capture_output=True, check=True
+    )
+    assert done.stdout == "1 False\n"
+
+
 def test_the_chain_loads_no_package_and_builds_no_kernel_before_it_is_asked_for():
     found = loaded(
         "import startrack.trial; from startrack.core import poisson_quantile; "

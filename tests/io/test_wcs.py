@@ -6,11 +6,12 @@ from astropy.wcs import WCS
 from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
-from startrack.io.wcs import camera_to_wcs, celestial, pointing
+from startrack.io.wcs import camera_to_wcs, celestial, pointing, wcs_header
 
 ATTITUDES = {
     "ordinary": pointing(123.4, 45.6, 78.9),
-    "north pole": pointing(10.0, 89.999, 200.0),
+    "near the north pole": pointing(10.0, 89.999, 200.0),
+    "north pole": pointing(10.0, 90.0, 33.0),
     "south pole": pointing(300.0, -90.0, 0.0),
     "wrap": pointing(0.001, -5.0, 359.9),
 }
@@ -24,22 +25,21 @@ LENSES = {
 @pytest.mark.parametrize("attitude", ATTITUDES.values(), ids=ATTITUDES)
 @pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
 def test_astropy_reads_back_the_same_pixels(attitude, lens):
-    """Through the header's text, both ways, to a thousandth of a pixel."""
+    """Through the header's text, both ways: a pinhole exactly, polynomials to 1e-3 pixel."""
     camera = Camera(1024, 768, 1100.0, **lens)
-    header = fits.Header.fromstring(
-        camera_to_wcs(camera, attitude).to_header(relax=True).tostring()
-    )
+    header = fits.Header.fromstring(wcs_header(camera, attitude).tostring())
     wcs = WCS(header)
     pixel = np.random.default_rng(1).uniform([-0.5, -0.5], [1023.5, 767.5], (300, 2))
     direction = attitude.inv().apply(camera.unproject(pixel))
     sky = SkyCoord(*direction.T, representation_type="cartesian", frame="icrs").spherical
     back = np.column_stack(wcs.all_world2pix(sky.lon.deg, sky.lat.deg, 0))
-    np.testing.assert_allclose(back, pixel, atol=1e-3)
+    close = 1e-3 if lens else 1e-8
+    np.testing.assert_allclose(back, pixel, atol=close)
     lon, lat = wcs.all_pix2world(*pixel.T, 0)
     seen = SkyCoord(lon, lat, unit="deg", frame="icrs")
     plain = SkyCoord(sky.lon, sky.lat, frame="icrs")
     pixel_arcsec = 206265 / 1100
-    assert (seen.separation(plain).arcsec / pixel_arcsec).max() < 1e-3
+    assert (seen.separation(plain).arcsec / pixel_arcsec).max() < close
 
 
 @pytest.mark.parametrize("attitude", ATTITUDES.values(), ids=ATTITUDES)
