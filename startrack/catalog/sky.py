@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from startrack.catalog.apparent import apparent, earth_observer
-from startrack.catalog.catalog import Catalog
+from startrack.catalog.catalog import Catalog, join
 from startrack.catalog.formats import read
 from startrack.catalog.gaia import deep, read_bright
+from startrack.catalog.random_stars import random_stars
 from startrack.catalog.selection import Selection
 from startrack.core import Floats, Ints, Stars, kernel, within
 from startrack.io import shipped
@@ -132,6 +133,9 @@ def open_sky(selection: Selection) -> Sky:
     """
     catalog = _catalog(selection)
     catalog = catalog[catalog.magnitude_g <= selection.limit_g]
+    if selection.random_g is not None:
+        fainter = random_stars(catalog, selection.limit_g, selection.random_g)
+        catalog = join(catalog, fainter)
     catalog = catalog[np.argsort(catalog.magnitude_g, kind="stable")]
     epoch = selection.year if selection.proper_motion else catalog.epoch
     if not (selection.aberration or selection.parallax):

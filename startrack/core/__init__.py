@@ -83,6 +83,7 @@ from startrack.core.streams import Streams
 from startrack.core.trust import private_folder, trusted
 from startrack.core.units import (
     BOLTZMANN,
+    GALACTIC_POLE,
     GOLDEN_ANGLE,
     LIGHT_SPEED,
     PLANCK,

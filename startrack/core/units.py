@@ -21,6 +21,12 @@ arcsec = deg / 3600  # radian
 ZERO_CELSIUS = 273.15  # kelvin
 CELSIUS = ("degC", "deg_C", "°C", "Celsius", "celsius")
 
+# Unit vector to the galactic pole, ICRS axes: right ascension and declination of J2000 (IAU 1958).
+GALACTIC_POLE = (
+    math.cos(27.12825 * deg) * math.cos(192.85948 * deg),
+    math.cos(27.12825 * deg) * math.sin(192.85948 * deg),
+    math.sin(27.12825 * deg),
+)
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radian; turns by it fill a disc evenly
 
 LONGEST = 100  # characters of a quantity, so that no text takes long to read

@@ -232,6 +232,8 @@ class Tracker:
             within(1, 1000, calibrated_at=self.calibrated_at)
         if self.delay is not None:
             finite(delay=self.delay)
+        if self.catalog and self.catalog.faintest_g > self.catalog.limit_g:
+            raise ValueError("catalog of a tracker must have no random_g: no list has these stars")
         if self.mounting and self.mounting.swings:
             raise ValueError("mounting of a tracker must not swing: it believes one turn")
 
@@ -348,7 +350,7 @@ class Case(CarriesCode):
     @property
     def believed_catalog(self) -> Selection:
         """The catalogue that the tracker carries."""
-        return self.tracker.catalog or self.as_designed.catalog
+        return self.tracker.catalog or self.as_designed.catalog.listed
 
     @property
     def believed_mounting(self) -> Mounting:

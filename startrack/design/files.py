@@ -42,7 +42,7 @@ class Design:
                 f"{detector.columns} x {detector.rows} pixels of {detector.pitch / um:g} um",
             ),
             ("exposure", f"{1e3 * detector.exposure:g} ms"),
-            ("stars", f"to G {self.case.catalog.limit_g:g}"),
+            ("stars", self.case.catalog.extent),
         ]
         if self.campaign is not None:
             rows.append(("variables", str(len(self.campaign.variables))))

@@ -334,13 +334,17 @@ def _values(case: Any, found: list[tuple[Variation, float]]) -> dict[str, Any]:
 
 
 def aged(case: Any, age: float) -> Any:
-    """A case whose detector, if it has an ageing law, is `age` seconds in orbit."""
+    """A case whose detector, if it has an ageing law, is `age` seconds in orbit.
+
+    A dark map that is not made yet is one of the same day.
+    """
     detector, detection = case.instrument.detector, case.tracker.detection
     if not detector.age:
         return case
     older = replace(detector, age=replace(detector.age, time=age, year=None, launch=None))
-    if detection.dark_map is not None and detection.dark_map_age is None:
-        detection = replace(detection, dark_map_age=age)
+    if detection.dark_map is not None:
+        then = detection.dark_map_age
+        detection = replace(detection, dark_map_age=age if then is None else min(then, age))
     return replace(
         case,
         instrument=replace(case.instrument, detector=older),

@@ -56,7 +56,7 @@ class Detection:
     saturation      digital number from which a pixel's value is no longer known; None if never
     edge            pixel, how far a window must stay from the border of the frame
     dark_map        what the tracker knows of the dark signal of its pixels; None: nothing
-    dark_map_age    second in orbit at which its dark map was made; None: just before
+    dark_map_age    second in orbit at which its dark map is made; before, and None: of the same day
     """
 
     centroid: str = code_field("centroids", "gravity")

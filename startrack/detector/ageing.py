@@ -324,9 +324,12 @@ def damage(shape: tuple[int, int], age: Age, area: float, kelvin: float, device:
     mean_rate = mean_damage(age, area, kelvin)
     each = age.interaction * growth_of(DAMAGE_ACTIVATION, kelvin, 296.0)
     number, size = device("displaced atoms").random((2, *shape))
-    events = special.pdtrik(number, mean_rate / each) if mean_rate else np.zeros(shape)
-    events = np.maximum(np.ceil(np.nan_to_num(events)), 0.0)
-    return np.where(events > 0, each * special.gammaincinv(np.maximum(events, 1.0), size), 0.0)
+    expected = mean_rate / each
+    current = np.zeros(shape)
+    hit = number > math.exp(-expected)  # the quantile of no event; most pixels have none
+    events = np.ceil(special.pdtrik(number[hit], expected)) if expected else number[hit]
+    current[hit] = each * special.gammaincinv(np.maximum(events, 1.0), size[hit])
+    return current
 
 
 def mean_damage(age: Age, area: float, kelvin: float) -> float:

@@ -46,7 +46,7 @@ def middle_of(case: Case, age: float) -> Case | None:
 
     age  second
     """
-    if not imaged_alike(case) or case.instrument.detector.age:
+    if not imaged_alike(case):
         return None
     names = {one.name for one in case.variation if one.name.startswith(NOISE)}
     for one in case.variation:

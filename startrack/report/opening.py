@@ -49,7 +49,7 @@ def design(case: Case) -> Section:
         ["noise", f"read {detector.read_noise:.3g} electron, dark current "
                   f"{detector.dark_current:.3g} electron / s, PRNU {100 * detector.prnu:.2g} %"],
         ["sky", f"background {sky}; lights: {', '.join(scene.lights) or 'none'}"],
-        ["stars", f"{case.catalog.source} to G {case.catalog.limit_g:g}"],
+        ["stars", f"{case.catalog.source} {case.catalog.extent}"],
         ["motion", f"{motion.rate / deg:.3g} deg / s{jitter}"],
         ["detection", f"threshold {tracker.detection.threshold:g}" if tracker.detection.threshold
                       else "threshold from the false spots allowed"],

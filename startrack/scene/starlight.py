@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 import numpy as np
 
-from startrack.core import Floats, deg
+from startrack.core import GALACTIC_POLE, Floats, deg
 from startrack.scene.photometry import photon_irradiance
-
-# Right ascension and declination of the galactic pole, J2000 (IAU 1958).
-POLE = np.array(
-    [
-        math.cos(27.12825 * deg) * math.cos(192.85948 * deg),
-        math.cos(27.12825 * deg) * math.sin(192.85948 * deg),
-        math.sin(27.12825 * deg),
-    ]
-)
 
 # Light of the stars towards the galactic poles in each whole magnitude G, in stars of G = 10 per
 # square degree. G 4 to 10: counted in Gaia DR3 and Hipparcos beyond 70 degrees of latitude.
@@ -49,7 +39,7 @@ def starlight(direction: Floats, limit_g: float) -> Floats:
     Accuracy   model: mean over galactic longitude; 15 % of the counts of the belts of latitude down
                to G 10, 30 % beyond; clouds and rifts of the Milky Way a factor of two.
     """
-    step = np.hypot(direction @ POLE, DUST)
+    step = np.hypot(direction @ GALACTIC_POLE, DUST)
     edge, light = _fainter()
     faint = np.interp(limit_g + 5 * np.log10(step), edge, light)
     return (faint + SCATTERED * light[0]) / step

@@ -121,7 +121,7 @@ def colours_of(case: Case) -> Floats:
 def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Streams) -> Light:
     """Light at the entrance pupil, with the stray light that passes the baffle."""
     instrument = case.instrument
-    sight = Sight(icrs_to_camera, instrument.camera, case.catalog.limit_g, streams)
+    sight = Sight(icrs_to_camera, instrument.camera, case.catalog.faintest_g, streams)
     light = illuminate(case.scene, stars, sight)
     if instrument.ghosts is not None:
         light = add_ghosts(

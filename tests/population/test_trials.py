@@ -106,6 +106,9 @@ def test_a_dark_map_is_as_old_as_the_tracker_states(stated):
     hot = dark(unit.instrument.detector) * detector.exposure / detector.electrons_per_dn
     few = 200 / detector.electrons_per_dn
     assert ((hot > few) & (known < few / 2)).any() == (stated is not None)
+    # Before that time, it is of the same day.
+    young = unit_of(case, 1, Moment(0, age=0.2 * YEAR))
+    assert young.tracker.detection.dark_map_age == pytest.approx(0.2 * YEAR)
 
 
 def test_a_residual_moves_stars_alike_in_all_fidelities_and_the_budget():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from startrack.catalog import Selection, open_sky
-from startrack.core.units import deg
+from startrack.core.units import GALACTIC_POLE, deg
 from startrack.scene.photometry import photon_irradiance
-from startrack.scene.starlight import POLE, starlight, starlight_spectrum
+from startrack.scene.starlight import starlight, starlight_spectrum
 
 BELTS = [(0, 5), (5, 10), (10, 20), (20, 30), (30, 40), (40, 50), (50, 60), (60, 90)]
 
@@ -14,14 +14,14 @@ BELTS = [(0, 5), (5, 10), (10, 20), (20, 30), (30, 40), (40, 50), (50, 60), (60,
 def on_belt(low, high, count=50):
     """Directions at latitudes that fraction the belt's area evenly."""
     sine = np.linspace(np.sin(low * deg), np.sin(high * deg), count)
-    across = np.cross(POLE, [1.0, 0.0, 0.0])
+    across = np.cross(GALACTIC_POLE, [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
-    return sine[:, None] * POLE + np.sqrt(1 - sine**2)[:, None] * across
+    return sine[:, None] * GALACTIC_POLE + np.sqrt(1 - sine**2)[:, None] * across
 
 
 def counted(stars, low, high, bright, faint):
     """Light of the catalogue's stars in a belt, stars of G = 10 per square degree."""
-    sine = np.abs(stars.direction @ POLE)
+    sine = np.abs(stars.direction @ GALACTIC_POLE)
     area = 4 * np.pi * (np.sin(high * deg) - np.sin(low * deg)) / deg**2
     inside = (sine >= np.sin(low * deg)) & (sine < np.sin(high * deg))
     inside &= (stars.magnitude_g >= bright) & (stars.magnitude_g < faint)
@@ -51,7 +51,7 @@ def test_totals_are_those_of_the_handbooks():
     """Allen's Astrophysical Quantities: 30 stars of V = 10 per square degree at the pole, 160 to
     640 along the equator. A mean star has G = V - 0.25 or so. Stars that the eye sees are left out.
     """
-    pole, plane = starlight(np.array([POLE, on_belt(0, 1, 2)[0]]), 6.0) * 10**-0.1
+    pole, plane = starlight(np.array([GALACTIC_POLE, on_belt(0, 1, 2)[0]]), 6.0) * 10**-0.1
     assert 25 < pole < 50
     assert 160 < plane < 640
 
