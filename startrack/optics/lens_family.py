@@ -52,6 +52,7 @@ def family_table(name: str, f_number: float, field: float | None = None) -> Lens
     with s the traced f-number over the new one and q the tangent of the new edge of the field over
     that of the traced: the lowest order of each aberration, by Seidel's (spherical aberration s^4,
     coma s^3 q, astigmatism and curvature s^2 q^2), where the lens is focused as the traced one is.
+    The amplitude of the light in the pupil has s^n q^m times its terms.
     The tilt is such that the chief ray stays. Distortion grows as q^2, lateral colour not. The
     pupil is s times as wide, its vignetting that of the same h, and the area s^2 times as large.
     In focal length all lengths scale, the wavefront with them.
@@ -116,6 +117,8 @@ def scaled_table(table: LensTable, faster: float, wider: float) -> LensTable:
     power = np.maximum(np.maximum(np.abs(m), 4 - n), np.where(m == 0, 2, 1))
     axis = table.wavefront[:, :, :1]
     wavefront = (axis + (table.wavefront - axis) * wider**power) * faster**n
+    terms = slice(table.amplitude.shape[-1])
+    amplitude = table.amplitude * faster ** n[terms] * wider ** m[terms]
     wavefront = _without_moving_chief(table, wavefront, faster)
     angle = np.arctan(np.tan(table.field) * wider)
     place = _distorted(table, wider)
@@ -128,7 +131,7 @@ def scaled_table(table: LensTable, faster: float, wider: float) -> LensTable:
         f"{table.name}, {faster:.4g} times as fast and {wider:.4g} times as wide",
         table.source, table.focal_length, table.f_number / faster, table.temperature,
         table.wavelength, angle, table.noll, wavefront, place, pupil, table.outline,
-        table.area * faster**2,
+        table.area * faster**2, amplitude, table.curvature,
     )  # fmt: skip
 
 

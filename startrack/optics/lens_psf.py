@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +87,8 @@ class Lens(NamedTuple):
 
         A stop of another size than the traced one scales its image in the pupil; what other
         apertures cut off stays. In `pupil`, the first ellipse is that of the traced stop, of which
-        the terms of the wavefront are functions.
+        the terms of the wavefront are functions. From a detector that is moved by a defocus d, a
+        pupil at the distance 1 / c is smaller by 1 + c d.
 
         Raises  ValueError where the table does not hold them.
         """
@@ -103,13 +105,29 @@ class Lens(NamedTuple):
         if opening < 1:
             outline = _stopped(stop * (1, opening, opening), clear, found.outline, used)
             area = area * (_rim_area(used, outline) / _rim_area(clear, found.outline))
+        curvature = found.curvature / size
+        nearer = 1 + curvature[..., None] * self.optics.defocus
         return LensPoints(
             found.wavefront * size,
             found.place * size,
-            np.concatenate([stop, used], axis=-1),
+            np.concatenate([stop, used], axis=-1) / nearer,
             outline,
             area * size**2,
+            found.amplitude,
+            curvature,
         )
+
+    def defocus(self, curvature: Floats) -> Floats:
+        """Metre by which a detector moved by d adds to the wavefront, times sqrt(1 - p^2 - q^2).
+
+            d (1 + c d) = (p^2 + q^2) / 2 over the difference of the spheres' curvatures,
+
+        c and c / (1 + c d), at the same point of the pupil.
+
+        curvature  (n, m) 1 / metre, c
+        """
+        moved = self.optics.defocus
+        return np.asarray(moved * (1 + curvature * moved))
 
 
 def _stopped(stop: Floats, clear: Floats, outline: Floats, used: Floats) -> Floats:
@@ -163,6 +181,8 @@ class _Star:
     wavelength  metre
     azimuth     radian, of the star's image on the detector
     power       (i, j) metre, coefficients of u^i v^(2 j) of the table's wavefront
+    amplitude   (i, j) 1, the same of the amplitude; no numbers where it is even
+    defocus     metre, `Lens.defocus`
     """
 
     lens: Lens
@@ -174,14 +194,15 @@ class _Star:
     pupil: Floats
     outline: Floats
     area: float
+    amplitude: Floats
+    defocus: float
 
     def path(self, p: Reals, q: Reals) -> Reals:
         """W(p, q) of the table, with focus and added aberrations."""
-        centre, half_p, half_q = self.pupil[:3].tolist()  # numbers of Python keep the type of p
-        u, v = (centre - p) / half_p, q / -half_q
+        u, v = self._in_stop(p, q)
         total = _polynomial(self.power, u, v * v)
-        if self.lens.optics.defocus:
-            total += self.lens.optics.defocus * np.sqrt(1 - p * p - q * q)
+        if self.defocus:
+            total += self.defocus * np.sqrt(1 - p * p - q * q)
         if self.extra.aberrations:
             opening = self.lens.table.f_number / self.lens.optics.f_number
             u, v = u / opening, v / opening
@@ -191,10 +212,20 @@ class _Star:
                 total += each.rms * zernike(each.noll, x, y)
         return total
 
-    def over_square(self, coordinate: Floats, u: float, v: float) -> Floats:
-        """`path` about a place (metre, along the radius and across it) over the pupil's square.
+    def light(self, p: Floats, q: Floats) -> Floats:
+        """A(p, q) of the table."""
+        if not self.amplitude.size:
+            return np.ones_like(p)
+        u, v = self._in_stop(p, q)
+        return np.asarray(_polynomial(self.amplitude, u, v * v), float)
 
-        A product of polynomials along both sides, through Chebyshev nodes.
+    def _in_stop(self, p: Any, q: Any) -> tuple[Any, Any]:
+        """The coordinates in the image of the stop."""
+        centre, half_p, half_q = self.pupil[:3].tolist()  # numbers of Python keep the type of p
+        return (centre - p) / half_p, q / -half_q
+
+    def path_over_square(self, coordinate: Floats, u: float, v: float) -> Floats:
+        """`path` about a place (metre, along the radius and across it) over the pupil's square.
 
         coordinate  (n,) rising, direction cosines from the middle of the pupil, along the columns
                     and the rows of the detector
@@ -202,22 +233,36 @@ class _Star:
         """
         added = [noll_to_nm(each.noll)[0] for each in self.extra.aberrations]
         degree = max([self.power.shape[0] - 1, *added])
-        node, through = _chebyshev(degree + MORE_NODES)
+
+        def path(p: Floats, q: Floats) -> Floats:
+            return self.path(p, q) + p * (u - self.place) + q * v
+
+        return self._over_square(coordinate, degree + MORE_NODES, path)
+
+    def light_over_square(self, coordinate: NDArray[np.float32]) -> NDArray[np.float32]:
+        """`light` over the pupil's square, (n, n)."""
+        return self._over_square(coordinate, len(self.amplitude), self.light)
+
+    def _over_square(
+        self, coordinate: Reals, nodes: int, values: Callable[[Floats, Floats], Floats]
+    ) -> NDArray[Any]:
+        """A product of polynomials along both sides, through Chebyshev nodes."""
+        node, through = _chebyshev(nodes)
         reach = float(np.abs(coordinate).max())
         x, y = node * reach, node[:, None] * reach
         cosine, sine = math.cos(self.azimuth), math.sin(self.azimuth)
         p, q = self.pupil[3] - (x * cosine + y * sine), x * sine - y * cosine
-        path = self.path(p.ravel(), q.ravel()).reshape(p.shape)
-        path += p * (u - self.place) + q * v
+        found: NDArray[Any] = values(p.ravel(), q.ravel()).reshape(p.shape)
         weight = np.polynomial.chebyshev.chebvander(coordinate / reach, len(node) - 1) @ through
-        return np.asarray(weight @ path @ weight.T)
+        found, weight = found.astype(coordinate.dtype), weight.astype(coordinate.dtype)
+        return np.asarray(weight @ found @ weight.T)
 
     def open_pupil(
         self, coordinate: NDArray[np.float32], cell: float
     ) -> tuple[NDArray[np.float32], Ints]:
         """How far points are open, softly at the rim, where any light passes; the points' indices.
 
-        coordinate, cell  of a square, as those of `over_square`; their spacing
+        coordinate, cell  of a square, as those of `path_over_square`; their spacing
         """
         cosine, sine = np.float32(math.cos(self.azimuth)), np.float32(math.sin(self.azimuth))
         half_p, half_q = (np.float32(one) for one in self.pupil[4:])
@@ -225,12 +270,12 @@ class _Star:
         # The direction cosines from the centre, in half axes.
         a = coordinate * (-cosine / half_p) + column * (-sine / half_p)
         b = coordinate * (sine / half_q) - column * (cosine / half_q)
-        away = np.hypot(a, b)
+        square = a * a + b * b
         soft = MARGIN * cell / float(min(half_p, half_q))
-        near = np.flatnonzero(away < 1 / self.around.min() + soft)
-        a, b, away = a.ravel()[near], b.ravel()[near], away.ravel()[near]
-        opened = np.ones_like(away)
-        edge = np.flatnonzero(away > 1 / self.around.max() - soft)
+        near = np.flatnonzero(square < (1 / self.around.min() + soft) ** 2)
+        a, b, square = a.ravel()[near], b.ravel()[near], square.ravel()[near]
+        opened = np.ones_like(square)
+        edge = np.flatnonzero(square > max(1 / self.around.max() - soft, 0) ** 2)
         a, b = a[edge], b[edge]
         rim = rim_distance(self.outline, a, b)
         # Of an ellipse the gradient of its distance is this over the distance itself.
@@ -240,9 +285,9 @@ class _Star:
 
     @cached_property
     def rays(self) -> tuple[Floats, Floats, Floats]:
-        """Where rays spread evenly over the pupil meet the detector, metre from `place`; weights.
+        """Where rays from all of the pupil meet the detector, metre from `place`; weights.
 
-        The weights add up to one.
+        The weights are their light and add up to one.
         """
         return self._rays(*EVEN)
 
@@ -258,7 +303,7 @@ class _Star:
             np.concatenate([q, q, q + step_q, q - step_q]),
         ).reshape(4, -1)
         x, y = (path[1] - path[0]) / (2 * step_p), (path[3] - path[2]) / (2 * step_q)
-        weight = weight * farther**2
+        weight = weight * (farther * self.light(p, q)) ** 2
         return x, y, weight / weight.sum()
 
     @cached_property
@@ -345,10 +390,26 @@ def _powers(noll: tuple[int, ...]) -> Floats:
     return table
 
 
+def _power_series(table: LensTable, found: LensPoints) -> tuple[Floats, Floats]:
+    """Coefficients (n, m, i, j) of u^i v^(2 j) of the wavefront (metre) and of the amplitude.
+
+    Those of an even amplitude are no numbers.
+    """
+    noll = tuple(table.noll.tolist())
+    wavefront = np.tensordot(found.wavefront, _powers(noll), 1)
+    terms = found.amplitude.shape[-1]
+    if not terms:
+        return wavefront, np.empty((*found.place.shape, 0, 0))
+    amplitude = np.tensordot(found.amplitude, _powers(noll[:terms]), 1)
+    amplitude[..., 0, 0] += 1
+    return wavefront, amplitude
+
+
 def _stars(lens: Lens, wavelength: Floats, fields: Floats, azimuth: float) -> list[list[_Star]]:
     """For each field angle, a star at each wavelength."""
     found = lens.at(wavelength, fields)
-    power = np.tensordot(found.wavefront, _powers(tuple(lens.table.noll.tolist())), 1)
+    power, amplitude = _power_series(lens.table, found)
+    defocus = lens.defocus(found.curvature)
     rows = []
     for f, field in enumerate(fields):
         extra = lens.optics
@@ -357,7 +418,8 @@ def _stars(lens: Lens, wavelength: Floats, fields: Floats, azimuth: float) -> li
         rows.append([
             _Star(
                 lens, extra, float(one), azimuth, power[j, f], float(found.place[j, f]),
-                found.pupil[j, f], found.outline[j, f], float(found.area[j, f]),
+                found.pupil[j, f], found.outline[j, f], float(found.area[j, f]), amplitude[j, f],
+                float(defocus[j, f]),
             )
             for j, one in enumerate(wavelength)
         ])  # fmt: skip
@@ -395,16 +457,18 @@ def fit_camera(
 
 def _centroids(lens: Lens, found: LensPoints) -> Floats:
     """Centroids (n, m) of stars along the radius, metre, without the design's aberrations."""
-    power = np.tensordot(found.wavefront, _powers(tuple(lens.table.noll.tolist())), 1)
+    power, amplitude = _power_series(lens.table, found)
     centre, half_p, half_q, middle, open_p, open_q = np.moveaxis(found.pupil, -1, 0)[..., None]
     u, v, weight = GAUSSIAN
     farther = np.hypot(u, v) / rim_distance(found.outline, *np.broadcast_arrays(u, v, middle)[:2])
     p, q = middle + open_p * u * farther, open_q * v * farther
     # A ray meets the detector at -dW/dp.
     along = power[..., 1:, :] * np.arange(1.0, power.shape[-2])[:, None]
-    x = _polynomial(along, (centre - p) / half_p, (q / half_q) ** 2) / half_p
-    x += lens.optics.defocus * p / np.sqrt(1 - p * p - q * q)
-    weight = weight * farther**2
+    in_stop = (centre - p) / half_p, (q / half_q) ** 2
+    x = _polynomial(along, *in_stop) / half_p
+    x += lens.defocus(found.curvature)[..., None] * p / np.sqrt(1 - p * p - q * q)
+    light = _polynomial(amplitude, *in_stop) if amplitude.size else 1.0
+    weight = weight * (farther * light) ** 2
     return np.asarray(found.place + (x * weight).sum(axis=-1) / weight.sum(axis=-1))
 
 
@@ -433,10 +497,10 @@ def field_psf(
     nodes        along the longer side of the frame, between which images are interpolated
     Raises       ValueError where the table does not hold the frame or the band, or where the
                  aberrations need more than 3072 points across the image.
-    Accuracy     model: Fraunhofer diffraction of a pupil of even transmission. numerical: the error
-                 between the nodes is measured at places of the largest distance from them, and
-                 returned; where the tolerance is COARSE it is NaN, and 0.3 % of the light, of the
-                 outermost rings, may lie evenly over the image instead of beyond it.
+    Accuracy     model: the integral of LensTable. numerical: the error between the nodes is
+                 measured at places of the largest distance from them, and returned; where the
+                 tolerance is COARSE it is NaN, and 0.3 % of the light, of the outermost rings, may
+                 lie evenly over the image instead of beyond it.
     """
     refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
     band = band_of(wavelength, spectra, _wavelengths(lens.optics))
@@ -603,8 +667,14 @@ class _Plan:
         cell = wavelength * fine / (size * self.spacing)
         half = math.ceil(radius / cell) + MARGIN
         coordinate = cell * np.arange(-float(half), half)
-        path = star.over_square(coordinate, u, v)
-        opened, near = star.open_pupil(coordinate.astype(np.float32), cell)
+        path = star.path_over_square(coordinate, u, v)
+        single = coordinate.astype(np.float32)
+        opened, near = star.open_pupil(single, cell)
+        light = opened
+        if star.amplitude.size:
+            amplitude = star.light_over_square(single).ravel()[near]
+            opened = opened * amplitude
+            light = opened * amplitude
         phase = path.ravel()[near] / wavelength
         phase = ((phase - np.rint(phase)) * (2 * math.pi)).astype(np.float32)
         pupil = np.zeros(4 * half * half, np.complex64)
@@ -613,7 +683,7 @@ class _Plan:
         middle = (np.arange(self.count) - self.count // 2) * fine % size
         lines = fft.fft(pupil.reshape(2 * half, 2 * half), size, axis=1)[:, middle]
         field = fft.fft(lines, size, axis=0)[middle]
-        unit = (cell / wavelength) ** 2 / float(opened.sum())
+        unit = (cell / wavelength) ** 2 / float(light.sum())
         return np.asarray((field.real**2 + field.imag**2) * np.float32(unit))
 
     @cached_property

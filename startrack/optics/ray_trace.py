@@ -19,11 +19,13 @@ from startrack.optics.zernike import noll_to_nm, zernike
 
 MILLIMETRE = 1e-3  # metre; the tracer's lengths are in millimetre
 MICROMETRE = 1e6  # per metre; its wavelengths are in micrometre
-AZIMUTHS = 48  # directions from the chief ray to the rim of a pupil
-HARMONICS = 16  # of the rim beyond its ellipse
+AZIMUTHS = 96  # directions from the chief ray to the rim of a pupil
+HARMONICS = 24  # of the rim beyond its ellipse
+UNEVEN = 15  # largest Noll index of the amplitude
 RINGS = 16  # rays of a wavefront on each
 COVERED = 400  # rays on each, of which those are counted that an obstruction stops
 ROUNDS, CLOSE = 30, 1e-7  # most steps to the rim, and the relative error that ends them
+DEGREE = 9  # of the polynomials from the pupil to the beam before the lens
 BEYOND, OUTSIDE = 1.1, 0.02  # rays just outside an aperture keep the fit smooth: how far, weight
 SMALLEST = 1e-6  # relative singular value of a fit, below which the rays do not decide its terms
 BARREL = 23.6e-6  # 1 / kelvin, expansion of aluminium
@@ -119,7 +121,8 @@ def trace_lens(
     shape = len(tracing.temperature), len(tracing.wavelength), len(tracing.field)
     wavefront, pupil = np.empty((*shape, len(names))), np.empty((*shape, 6))
     outline = np.empty((*shape, HARMONICS))
-    place, area, left = np.empty(shape), np.empty(shape), np.empty(shape)
+    amplitude = np.empty((*shape, sum(j <= UNEVEN for j in names)))
+    place, area, left, curvature = (np.empty(shape) for _ in range(4))
     paraxial = lens.paraxial
     aim = Aim(float(paraxial.EPL()), float(paraxial.EPD()) / 2, _stop_radius(lens))
     for t, kelvin in enumerate(tracing.temperature):
@@ -128,15 +131,16 @@ def trace_lens(
             for f, angle in enumerate(tracing.field):
                 at = (t, w, f)
                 node = _Node(here, aim, angle, wavelength)
-                wavefront[at], place[at], pupil[at], outline[at], area[at], left[at] = node.measure(
-                    names
-                )
+                (
+                    wavefront[at], place[at], pupil[at], outline[at], area[at], amplitude[at],
+                    curvature[at], left[at],
+                ) = node.measure(names)  # fmt: skip
                 progress(1)
     focal_length, f_number = float(paraxial.f2()) * MILLIMETRE, float(paraxial.FNO())
     nodes = [np.array(each) for each in (tracing.temperature, tracing.wavelength, tracing.field)]
     table = LensTable(
         name, source, abs(focal_length), abs(f_number), nodes[0], nodes[1], nodes[2],
-        np.array(names), wavefront, place, pupil, outline, area,
+        np.array(names), wavefront, place, pupil, outline, area, amplitude, curvature,
     )  # fmt: skip
     return Traced(table, left)
 
@@ -304,6 +308,36 @@ def _expansion(material: Any) -> float:
     return float(found[1]) if found else 0.0
 
 
+class _Sphere(NamedTuple):
+    """Where light is measured: about the place where the chief ray meets the detector.
+
+    place, path  millimetre, of the chief ray there
+    curvature    1 / millimetre
+    """
+
+    place: float
+    path: float
+    curvature: float
+
+    def crossed_by(self, rays: Any) -> tuple[Floats, Floats, Floats]:
+        """Direction cosines from where rays cross it towards its centre; paths (millimetre) to it.
+
+        Of paths, those from the sphere on and that of the chief ray are taken off.
+        """
+        p, q, x, y, path = (np.asarray(each) for each in (rays.L, rays.M, rays.x, rays.y, rays.opd))
+        x = x - self.place
+        # To the detector from the foot of the perpendicular from the centre; its length squared.
+        along = p * x + q * y
+        missed = x * x + y * y - along * along
+        root = np.sqrt(1 - self.curvature**2 * missed)
+        back = root + self.curvature * along  # over the radius, from the detector to the sphere
+        return (
+            p * back - self.curvature * x,
+            q * back - self.curvature * y,
+            path - self.path - along + self.curvature * missed / (1 + root),
+        )
+
+
 class _Node:
     """One star at one wavelength: its pupil and its wavefront."""
 
@@ -380,22 +414,34 @@ class _Node:
 
     def measure(
         self, noll: Sequence[int]
-    ) -> tuple[Floats, float, list[float], Floats, float, float]:
-        """Wavefront (k,), place, pupil, outline, area, and rms that the terms leave, in metre."""
+    ) -> tuple[Floats, float, list[float], Floats, float, Floats, float, float]:
+        """Wavefront (k,), place, pupil, outline, area, amplitude, curvature, and rms that the terms
+        of the wavefront leave, in metre.
+        """
         azimuth = (np.arange(float(AZIMUTHS)) + 0.5) * (2 * math.pi / AZIMUTHS)
-        chief = self.trace(np.array([self.middle]), np.zeros(1))
-        place, path = float(np.squeeze(chief.x)), float(np.squeeze(chief.opd))
+        sphere = self._sphere()
         rims, pupil = [self.boundary(which, azimuth) for which in (0, 1)], []
         for distance in rims:
             rim = self.trace(self.middle + distance * np.cos(azimuth), distance * np.sin(azimuth))
-            p, q = np.asarray(rim.L), np.asarray(rim.M)
+            p, q, _ = sphere.crossed_by(rim)
             low, high = -_largest(-p), _largest(p)
             half = (high - low) / 2
             pupil += [(high + low) / 2, half, _enclosed(p, q) / (math.pi * half)]
         outline = rim_harmonics((p - pupil[3]) / pupil[4], q / pupil[5], HARMONICS)
         area = float((rims[1] ** 2).mean() * math.pi) * self._uncovered(azimuth, rims[1])
-        coefficients, left = self._fit(noll, pupil, azimuth, rims[0], place, path)
-        return coefficients, place * MILLIMETRE, pupil, outline, area * MILLIMETRE**2, left
+        terms, amplitude, left = self._fit(noll, pupil, azimuth, rims[0], sphere)
+        return (
+            terms, sphere.place * MILLIMETRE, pupil, outline, area * MILLIMETRE**2, amplitude,
+            sphere.curvature / MILLIMETRE, left,
+        )  # fmt: skip
+
+    def _sphere(self) -> _Sphere:
+        """About the place of the chief ray, through the paraxial exit pupil."""
+        chief = self.trace(np.array([self.middle]), np.zeros(1))
+        place, path, forward = (float(np.squeeze(each)) for each in (chief.x, chief.opd, chief.N))
+        exit_pupil = float(np.squeeze(self.lens.paraxial.exit_pupil_point_gcs()[2]))
+        before = float(np.squeeze(self.lens.surfaces[-1].geometry.cs.z)) - exit_pupil
+        return _Sphere(place, path, math.copysign(1 / math.hypot(place, before), before * forward))
 
     def _uncovered(self, azimuth: Floats, rim: Floats) -> float:
         """Fraction of the open beam that nothing in the middle of an aperture covers."""
@@ -410,19 +456,17 @@ class _Node:
 
     def _fit(
         self, noll: Sequence[int], pupil: list[float], azimuth: Floats, rim: Floats,
-        place: float, chief_path: float,
-    ) -> tuple[Floats, float]:  # fmt: skip
+        sphere: _Sphere,
+    ) -> tuple[Floats, Floats, float]:  # fmt: skip
+        """Wavefront, metre; amplitude; metre rms that the terms of the wavefront leave."""
         node, weight = np.polynomial.legendre.leggauss(RINGS)
         distance = np.multiply.outer((node + 1) / 2, rim)
-        across = (self.middle + distance * np.cos(azimuth)).ravel()
-        open_ = self.heights(across, (distance * np.sin(azimuth)).ravel())[1]
-        rays = self.rays
-        p, q, x, y, path = (np.asarray(each) for each in (rays.L, rays.M, rays.x, rays.y, rays.opd))
-        good = np.isfinite(path + x + y + p + q) & (open_ <= BEYOND)
+        across, y = (distance * np.cos(azimuth)).ravel(), (distance * np.sin(azimuth)).ravel()
+        open_ = self.heights(self.middle + across, y)[1]
+        p, q, error = sphere.crossed_by(self.rays)
+        good = np.isfinite(error) & (open_ <= BEYOND)
         share = (weight[:, None] * (node[:, None] + 1) * rim**2).ravel()
         share = share * np.where(open_ <= 1, 1.0, OUTSIDE)
-        # The path to the plane wave of each direction, relative to that of the chief ray.
-        error = (path - chief_path) - p * (x - place) - q * y
         u, v = -(p - pupil[0]) / pupil[1], -q / pupil[2]
         shapes = np.stack([np.ones_like(u), *(zernike(j, u, v) for j in noll)], axis=-1)
         root = np.sqrt(share[good])
@@ -430,7 +474,28 @@ class _Node:
         rest = (error - shapes @ found)[good & (open_ <= 1)]
         part = share[good & (open_ <= 1)]
         left = math.sqrt(float(part @ (rest * rest) / part.sum()))
-        return found[1:] * MILLIMETRE, left * MILLIMETRE
+        few = [j for j in noll if j <= UNEVEN]
+        amplitude = _amplitude(few, u[good], v[good], across[good], y[good], root)
+        return found[1:] * MILLIMETRE, amplitude, left * MILLIMETRE
+
+
+def _amplitude(
+    noll: Sequence[int], u: Floats, v: Floats, across: Floats, y: Floats, weight: Floats
+) -> Floats:
+    """Terms of the amplitude of an even beam of rays, which meet (across, y) before the lens and
+    (u, v) of the pupil: the root of the beam's area by the pupil's.
+    """
+    powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+    shapes = np.stack([u**i * v**j for i, j in powers], axis=-1)
+    before = np.stack([across, y], axis=-1)
+    terms = np.linalg.lstsq(shapes * weight[:, None], before * weight[:, None], SMALLEST)[0]
+    slope_u = np.stack([i * u ** max(i - 1, 0) * v**j for i, j in powers], axis=-1) @ terms
+    slope_v = np.stack([j * u**i * v ** max(j - 1, 0) for i, j in powers], axis=-1) @ terms
+    area = slope_u[:, 0] * slope_v[:, 1] - slope_u[:, 1] * slope_v[:, 0]
+    root = np.sqrt(np.abs(area))
+    few = np.stack([np.ones_like(u), *(zernike(j, u, v) for j in noll)], axis=-1)
+    found = np.linalg.lstsq(few * weight[:, None], root * weight, SMALLEST)[0]
+    return np.asarray(found[1:] / found[0])
 
 
 def _largest(values: Floats) -> float:

@@ -112,6 +112,7 @@ def table_of_pages(
         name, source, focal_length, f_number, np.array([ROOM]), wavelength, field, np.array(noll),
         (-terms if flipped else terms)[None], place[None],
         np.stack([zero, half, half] * 2, axis=-1)[None], np.zeros((1, *shape, 0)), area[None],
+        np.zeros((1, *shape, 0)), zero[None],
     )  # fmt: skip
     return Fitted(table, left)
 

@@ -29,5 +29,6 @@ def ideal(vignetting: float = 0.0, **changes: object) -> LensTable:
         "pupil": np.stack([zero, half, half, zero, half, narrow], axis=-1),
         "outline": np.zeros((*shape, 0)),
         "area": math.pi / 4 * (FOCAL / F_NUMBER) ** 2 * narrow / half,
+        "amplitude": np.zeros((*shape, 0)), "curvature": zero,
     }  # fmt: skip
     return LensTable(**(table | changes))

@@ -23,7 +23,7 @@ from startrack.optics import (
     pixel_psf,
     save_lens,
 )
-from startrack.optics.lens_psf import Band, Lens, _Plan, _stars
+from startrack.optics.lens_psf import ROOM, Band, Lens, _Plan, _stars
 from startrack.optics.lens_table import rim_harmonics
 from tests.optics.lenses import F_NUMBER, FOCAL, ideal
 
@@ -103,6 +103,52 @@ def test_coma_moves_the_centroid_by_its_mean_slope(tmp_path):
     assert place[0] > 30.09
 
 
+def of_table(table, **changes):
+    """A plan and a star at half the field of a table, at 550 nm."""
+    lens = Lens(Optics(FOCAL, F_NUMBER, lens_file="ideal", **changes), table, ROOM)
+    camera = Camera(SIDE, SIDE, FOCAL / PITCH)
+    plan = _Plan(lens, camera, PITCH, Band(GREEN, np.ones((1, 1))), 1.0, 0.0)
+    return plan, _stars(lens, GREEN, np.array([0.1]), 0.0)[0][0]
+
+
+@pytest.mark.parametrize("waves", [10, -10])
+def test_middle_of_a_defocused_spot_is_dark_where_the_distance_of_the_pupil_says(waves):
+    """Focal shift: its light is sinc(n)^2, n a^2 (1 / R - 1 / (R + d)) / (2 lambda) waves.
+
+    Of a pupil of radius a at the distance R; Li and Wolf (1981), Opt. Commun. 39, 211. A pupil at
+    infinity has its zero at another d, of 9.4 or 10.7 of these waves.
+    """
+    distance, half = 10e-3, 0.5 / F_NUMBER
+    sag = waves * GREEN[0] / (distance * half) ** 2 * 2  # 1 / R - 1 / (R + d)
+    defocus = distance**2 * sag / (1 - distance * sag)
+    table = ideal(curvature=np.full(ideal().area.shape, 1 / distance))
+    middle = {}
+    for far in (1.0, 1 + 0.5 / waves):
+        plan, star = of_table(table, defocus=far * defocus)
+        plan.count = 801
+        middle[far] = float(plan._irradiance(star, *star.centroid)[400, 400])
+    # Beyond the paraxial path a tenth of a wave of the rim is left.
+    assert middle[1.0] < 0.1 * middle[1 + 0.5 / waves]
+
+
+def test_uneven_light_in_the_pupil_moves_the_centroid_of_rays_and_of_light():
+    """Amplitude 1 + 2 a u: the mean of u is a / (1 + a^2), and rays meet the detector at -d p."""
+    a, defocus, half = 0.2, 100e-6, 0.5 / F_NUMBER
+    table = ideal()
+    shape = *table.area.shape, 1
+    # Odd in the field, as the light of a lens of revolution is.
+    uneven = np.broadcast_to((a * table.field / 0.1)[:, None], shape).copy()
+    table = replace(table, noll=np.array([2]), wavefront=np.zeros(shape), amplitude=uneven)
+    plan, star = of_table(table, defocus=defocus)
+    wanted = star.place - defocus * half * a / (1 + a * a)
+    assert star.centroid[0] == pytest.approx(wanted, abs=2e-8)
+    plan.count = 801
+    light = plan._irradiance(star, star.place, 0.0)
+    axis = (np.arange(801) - 400) * plan.spacing
+    assert light.sum() * plan.spacing**2 == pytest.approx(1, abs=0.01)
+    assert light.sum(0) @ axis / light.sum() + star.place == pytest.approx(wanted, abs=5e-8)
+
+
 def test_vignetting_takes_flux_and_widens_the_image(tmp_path):
     """Half of the width along q at the edge of the field takes half of the light."""
     lens = lens_of(tmp_path, ideal(vignetting=0.5), blur=1e-6)
@@ -163,8 +209,8 @@ def test_what_a_table_cannot_say_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("name", "row", "error"),
     # Of the peak. At 8.3 deg apertures cut off a quarter of the light.
-    [("double_gauss", 0, 0.005), ("double_gauss", 1, 0.01), ("double_gauss", 2, 0.01),
-     ("petzval", 0, 0.006), ("petzval", 1, 0.007), ("petzval", 2, 0.01)],
+    [("double_gauss", 0, 0.0005), ("double_gauss", 1, 0.002), ("double_gauss", 2, 0.002),
+     ("petzval", 0, 0.003), ("petzval", 1, 0.0015), ("petzval", 2, 0.002)],
 )  # fmt: skip
 def test_shipped_lenses_have_the_images_of_their_ray_tracer(name, row, error):
     """Huygens-Fresnel integrals by optiland, on 48 x 48 points of about one micrometre."""
@@ -179,13 +225,11 @@ def test_shipped_lenses_have_the_images_of_their_ray_tracer(name, row, error):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "error", "far"), [("double_gauss", 0.016, 0.095), ("petzval", 0.028, 0.023)]
-)
-def test_images_at_nine_fields_and_four_wavelengths(name, error, far):
-    """As above on 32 x 32 points of 1.5 micrometre; the worst of 27 and, at 850 nm, of 9 places.
+@pytest.mark.parametrize(("name", "error"), [("double_gauss", 0.0085), ("petzval", 0.0085)])
+def test_images_at_nine_fields_and_four_wavelengths(name, error):
+    """As above on 32 x 32 points of 1.5 micrometre; the worst of 36 places.
 
-    There both are several waves out of focus, and their spots are wider than the image.
+    At 850 nm both are several waves out of focus, and their spots are wider than the image.
     """
     with fits.open(GRID) as parts:
         waves, angles, images = (
@@ -199,8 +243,7 @@ def test_images_at_nine_fields_and_four_wavelengths(name, error, far):
         wave = waves[[k % 4]]
         plan = _Plan(lens, camera, 10e-6, Band(wave, np.ones((1, 1))), 1.0, 0.0)
         found[k // 4, k % 4] = compared(plan, lens, wave, angles[k // 4], wanted)
-    assert found[:, :3].max() < error
-    assert found[:, 3].max() < far
+    assert found.max() < error
 
 
 WIDTH = 48e-6  # metre, which the points of optiland share, ends included

@@ -25,6 +25,16 @@ def test_file_gives_back_the_table(tmp_path):
         assert np.array_equal(getattr(table, each.name), getattr(found, each.name)), each.name
 
 
+def test_older_files_have_an_even_pupil_at_infinity(tmp_path):
+    save_lens(tmp_path / "new.fits", ideal())
+    with fits.open(tmp_path / "new.fits") as parts:
+        kept = [part for part in parts if part.name not in ("CURVATURE", "AMPLITUDE", "OUTLINE")]
+        fits.HDUList(kept).writeto(tmp_path / "old.fits", checksum=True)
+    found = load_lens(tmp_path / "old.fits")
+    assert found.amplitude.shape == found.outline.shape == (*found.area.shape, 0)
+    assert np.array_equal(found.curvature, np.zeros(found.area.shape))
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -43,6 +53,8 @@ def test_file_gives_back_the_table(tmp_path):
         ({"area": np.zeros((1, 5, 5))}, "area must be positive"),
         ({"pupil": np.full((1, 5, 5, 6), 1.5)}, "pupil must hold positive half axes"),
         ({"outline": np.zeros((1, 5, 4, 2))}, "outline must have the shape"),
+        ({"amplitude": np.zeros((1, 5, 5, 4))}, "amplitude must hold at most the 3 terms of noll"),
+        ({"curvature": np.zeros((1, 5))}, "curvature must have the shape"),
         ({"outline": np.full((1, 5, 5, 2), 0.6)}, "outline must hold harmonics"),
     ],
 )
