@@ -2,10 +2,10 @@
 
     python experiments/lens.py [--json FILE] [--quick]
 
-Errors are the largest, of both shipped lenses: `wavefront_rms_waves` between the nodes, against
-optiland at 9 fields and 4 wavelengths (extra `lens`; a quick run has two); `psf_error_of_peak`
-against its Huygens-Fresnel integrals at as many, and `lateral_px` of chief rays, pixels of 5.5 um,
-both of tests/oracle/lens_grid.fits. Ghosts are compared with those of ghost_rays.py.
+Errors are the largest, of both shipped lenses, at the 9 fields and 4 wavelengths of
+tests/oracle/lens_grid.fits: `wavefront_rms_waves` against optiland (extra `lens`; a quick run has
+two fields and one wavelength); `psf_error_of_peak` against its Huygens-Fresnel integrals, and
+`lateral_px` of chief rays, pixels of 5.5 um. Ghosts are compared with those of ghost_rays.py.
 
 All else is of a double Gauss of 35 mm at f/2.4 before a megapixel: `stamp_*` compares interpolated
 images with those computed at the very place and colour. `colour_residual_ratio` is the rms
@@ -22,7 +22,7 @@ import argparse
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -119,13 +119,12 @@ def wavefronts(quick: bool) -> float | None:
     if command.missing("wavefront_rms_waves", "optiland"):
         return None
     worst = 0.0
-    fields, waves = (2, 1) if quick else (9, 4)
     for name in LENSES:
         table = open_lens(name)
         kelvin = float(table.temperature[np.abs(table.temperature - 293.15).argmin()])
-        # From the axis to near the edge, at places that are no nodes.
-        field = np.linspace(0, 0.93 * table.field[-1], fields)
-        wave = np.linspace(440e-9, 910e-9, waves) if waves > 1 else np.array([610e-9])
+        wave, field, _, _ = of_the_tracer(name)
+        if quick:
+            wave, field = wave[1:2], field[::8]
         tracing = Tracing(
             (kelvin,), tuple(wave.tolist()), tuple(field.tolist()), int(table.noll.max())
         )
@@ -143,9 +142,11 @@ def wavefronts(quick: bool) -> float | None:
 def _at(table: LensTable, kelvin: float) -> LensTable:
     """The table of one of its temperatures."""
     one = [int(np.abs(table.temperature - kelvin).argmin())]
+    whole = ("name", "source", "focal_length", "f_number", "wavelength", "field", "noll")
     arrays = {
-        name: getattr(table, name)[one]
-        for name in ("temperature", "wavefront", "place", "pupil", "outline", "area")
+        each.name: getattr(table, each.name)[one]
+        for each in fields(table)
+        if each.name not in whole
     }
     return replace(table, **arrays)
 
