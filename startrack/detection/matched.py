@@ -47,16 +47,19 @@ class Kernel:
         return float(np.sum(self.whole**2))
 
 
-def filtered(image: Image, kernel: Kernel) -> Image:
+def filtered(image: Image, kernel: Kernel, out: Image | None = None) -> Image:
     """The image filtered for stars: at each pixel the best guess of the light of a star there.
 
     Source: Turin (1960): in white noise no linear filter makes a known shape stand out more.
+
+    out  (rows, columns) what is returned; None: a new array
     """
     border = cv2.BORDER_REFLECT
     if kernel.line is not None and kernel.column is not None:
-        result = cv2.sepFilter2D(image, cv2.CV_32F, kernel.line, kernel.column, borderType=border)
+        lines = kernel.line, kernel.column
+        result = cv2.sepFilter2D(image, cv2.CV_32F, *lines, out, borderType=border)
     else:
-        result = cv2.filter2D(image, cv2.CV_32F, kernel.whole, borderType=border)
+        result = cv2.filter2D(image, cv2.CV_32F, kernel.whole, out, borderType=border)
     return np.asarray(result, np.float32)
 
 
