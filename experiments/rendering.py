@@ -33,7 +33,7 @@ from startrack import Camera, Light, LineOfSight, Streams
 from startrack.core import Floats
 from startrack.detector import Detector, Exposure, expose, law_of, read_out
 from startrack.detector.maps import dark, response
-from startrack.detector.tables import BITS, levels_between, tables_for
+from startrack.detector.tables import BITS, tables_for
 from startrack.optics import Optics, pixel_psf
 
 Image = NDArray[Any]
@@ -177,7 +177,7 @@ def excess(nominal: float, one: Detector) -> float:
     tables = tables_for(mean_map(nominal), law)
     made = np.zeros_like(exact)
     for mean in levels(nominal):
-        place = float(levels_between(np.array([mean]), law.noise)[0]) - tables.first
+        place = mean / tables.spacing - tables.first
         below = math.floor(place)
         lower, upper = tables.limit[below : below + 2].astype(float) / 2.0**BITS
         each = np.diff(lower + (place - below) * (upper - lower), prepend=0.0)

@@ -1,4 +1,9 @@
-"""Expected electrons -> digital numbers: one uniform number a pixel, exact distribution."""
+"""Expected electrons -> digital numbers: one uniform number a pixel, exact distribution.
+
+A pixel has 32 random bits, half of a word of 64: the first 22 select its number in the table of a
+level, the last 10 one of the two levels about its expectation. Where these do not decide, more bits
+of a number of its own follow the first 22.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +24,7 @@ from startrack.core import (
     uniform,
 )
 from startrack.detector.law import COUNT, Image, Law, blank, number, signal
-from startrack.detector.tables import STEPS, Tables, tables_for
+from startrack.detector.tables import BITS, ENTRY_BITS, Tables, tables_for
 
 
 def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | None = None) -> Image:
@@ -88,6 +93,9 @@ def _digitise(image, electrons, shot, read, law, tables):  # type: ignore[no-unt
 
 U32, F32 = np.uint32, np.float32
 LOW = np.uint32(0xFFFF)
+LEVEL_BITS = 32 - ENTRY_BITS
+WHOLE = 2**LEVEL_BITS  # of the fraction between two levels
+MOST = 2.0**30  # of the fractions; what is as far has no level
 COUNTED = 64  # limits that take less time to be counted than to be searched; chosen by hand
 # Pixels of a row in one step: with the tables of their levels they fit the first cache of a core
 # (32 KiB). More are slower by a fifth, fewer spend the time at the ends of the loops.
@@ -98,7 +106,7 @@ WORK = 3  # rows of the workspace
 @kernel
 def work_row():  # type: ignore[no-untyped-def]
     """Work array for `digitise_row`."""
-    return np.empty((WORK, PART), np.uint32)
+    return np.empty((WORK, PART + 2), np.uint32)
 
 
 @kernel
@@ -119,92 +127,92 @@ def digitise_row(out, mean, start, shot, read, law, tables, room):  # type: igno
 @kernel
 def _digitise_part(out, mean, start, shot, read, law, tables, room):  # type: ignore[no-untyped-def]
     many = len(mean)
-    at, rest, other = room[0, :many], room[1, :many], room[2, :many]
-    none = len(tables.entry) - 1
-    _random_cells(shot, start, tables.cells, at, rest)
+    odd = np.int64(start & np.uint64(1))
+    pairs, at, other = room[0], room[1, :many], room[2, :many]
+    _random_pairs(shot, start >> np.uint64(1), pairs.view(np.uint64)[: (odd + many + 1) // 2])
+    random = pairs[odd : odd + many]
     near = other.view(np.float32)
     for column in range(many):
         near[column] = F32(mean[column])
-    _cells_of_levels(near, F32(law.noise), tables, at, rest)
-    for k in range(_settle(out, at, rest, other, tables.entry, U32(tables.lowest))):
+    _cells_of_levels(near, random, tables, at)
+    none = len(tables.entry) - 1
+    for k in range(_settle(out, at, random, other, tables)):
         column = np.int64(other[k])
         pixel = start + np.uint64(column)
-        random = bits(shot, pixel)
         if at[column] == none:
-            out[column] = _draw_number(mean[column], 0.0, random, read, pixel, law)
+            out[column] = draw_number(mean[column], 0.0, shot, read, pixel, law)
         else:
             line = np.int64(at[column] >> tables.cells)
-            out[column] = tables.lowest + _number_by_all_bits(random, line, tables.limit)
+            out[column] = tables.lowest + _number_by_all_bits(shot, pixel, line, tables.limit)
 
 
 @kernel
-def _random_cells(shot, start, cells, at, rest):  # type: ignore[no-untyped-def]
-    """Cell of each pixel in its level, and two numbers of 16 bits: for the level, for the entry."""
-    of_cell, of_entry = np.uint64(64 - cells), np.uint64(48 - cells)
+def _random_pairs(shot, start, out):  # type: ignore[no-untyped-def]
+    """`bits` of consecutive numbers; their halves, the low ones first, are the pixels'."""
     # Summed, because a product of 64 bits is many operations on processors without AVX-512.
     state = shot + GOLDEN * start
-    for column in range(len(at)):
+    for k in range(len(out)):
         state += GOLDEN
-        random = mixed(state)
-        at[column] = U32(random >> of_cell)
-        rest[column] = U32((random << np.uint64(16)) | ((random >> of_entry) & np.uint64(LOW)))
+        out[k] = mixed(state)
 
 
-@instead_of(_random_cells)
-def _random_cells_of_arrays(shot, start, cells, at, rest):  # type: ignore[no-untyped-def]
-    random = bits(shot, start + np.arange(len(at), dtype=np.uint64))
-    at[:] = random >> np.uint64(64 - cells)
-    rest[:] = (random << np.uint64(16)) | ((random >> np.uint64(48 - cells)) & np.uint64(LOW))
+@instead_of(_random_pairs)
+def _random_pairs_of_arrays(shot, start, out):  # type: ignore[no-untyped-def]
+    out[:] = bits(shot, start + np.arange(len(out), dtype=np.uint64))
 
 
 @kernel
-def _cells_of_levels(mean, noise, tables, at, rest):  # type: ignore[no-untyped-def]
-    """Move the cells of pixels to one of the two levels about their expectation, or to none.
+def _random_bits(shot, pixel):  # type: ignore[no-untyped-def]
+    """64 random bits of a pixel: those that the entries compare, and more."""
+    half = (pixel & np.uint64(1)) << np.uint64(5)
+    first = (bits(shot, pixel >> np.uint64(1)) >> half) & np.uint64(2**32 - WHOLE)
+    return (first << np.uint64(32)) | (bits(mixed(shot), pixel) >> np.uint64(ENTRY_BITS))
+
+
+@kernel
+def _cells_of_levels(mean, random, tables, at):  # type: ignore[no-untyped-def]
+    """The cell of each pixel in one of the two levels about its expectation, or none.
 
     In 32 bits: the mean of a pixel is right to 1e-4 of its standard deviation up to 1e6 electrons.
     """
     none = U32(len(tables.entry) - 1)
     # Not 1 << cells, which the compiler makes a shift of, in 64 bits.
     size = U32((len(tables.entry) - 1) // max(tables.levels, 1))
-    first, count = U32(tables.first), U32(max(tables.levels - 1, 0))
-    steps, step, two, whole = F32(STEPS), F32(1.0 / STEPS), F32(2.0), F32(65536.0)
-    square = noise * noise
+    last = U32(WHOLE * max(tables.levels - 1, 0))
+    first, scale = F32(tables.first * tables.spacing), F32(WHOLE / tables.spacing)
+    half, most = F32(0.5), F32(MOST)
+    past, mask = U32(32 - tables.cells), U32(WHOLE - 1)
     for column in range(len(mean)):
-        level = np.int32((np.sqrt(mean[column] + square) - noise) * steps)
-        low = F32(level) * step
-        # The upper level with probability above / width, without a division.
-        above = mean[column] - low * (two * noise + low)
-        width = step * (two * (noise + low) + step)
-        line = U32(U32(level) - first)
-        cell = U32(U32(line * size) + at[column])
-        upper = U32(cell + size)
-        cell = upper if F32(np.int32(rest[column] >> U32(16))) * width < above * whole else cell
-        at[column] = cell if line < count else none  # below the first, the line is a huge number
+        # Below the first level it becomes a huge number.
+        place = U32(np.int32(min((mean[column] - first) * scale + half, most)))
+        # The upper level with the probability of the fraction.
+        line = U32(U32(place + (random[column] & mask)) >> U32(LEVEL_BITS))
+        cell = U32(U32(line * size) + (random[column] >> past))
+        at[column] = cell if place < last else none
 
 
 @instead_of(_cells_of_levels)
-def _cells_of_levels_of_arrays(mean, noise, tables, at, rest):  # type: ignore[no-untyped-def]
+def _cells_of_levels_of_arrays(mean, random, tables, at):  # type: ignore[no-untyped-def]
     none = U32(len(tables.entry) - 1)
     size = U32((len(tables.entry) - 1) // max(tables.levels, 1))
-    first, count = U32(tables.first), U32(max(tables.levels - 1, 0))
-    steps, step, two, whole = F32(STEPS), F32(1.0 / STEPS), F32(2.0), F32(65536.0)
-    level = ((np.sqrt(mean + noise * noise) - noise) * steps).astype(np.int32)
-    low = level.astype(np.float32) * step
-    above = mean - low * (two * noise + low)
-    width = step * (two * (noise + low) + step)
-    line = level.astype(np.uint32) - first
-    upper = (rest >> U32(16)).astype(np.float32) * width < above * whole
-    cell = line * size + at + size * upper.astype(np.uint32)
-    at[:] = np.where(line < count, cell, none)
+    first, scale = F32(tables.first * tables.spacing), F32(WHOLE / tables.spacing)
+    place = np.minimum((mean - first) * scale + F32(0.5), F32(MOST))
+    place = place.astype(np.int32).astype(np.uint32)
+    line = (place + (random & U32(WHOLE - 1))) >> U32(LEVEL_BITS)
+    cell = line * size + (random >> U32(32 - tables.cells))
+    at[:] = np.where(place < U32(WHOLE * max(tables.levels - 1, 0)), cell, none)
 
 
 @kernel
-def _settle(out, at, rest, other, entry, lowest):  # type: ignore[no-untyped-def]
+def _settle(out, at, random, other, tables):  # type: ignore[no-untyped-def]
     """Write the numbers that entries settle, and the columns of the other pixels; how many."""
+    entry, lowest = tables.entry, U32(tables.lowest)
+    mask = U32((1 << (ENTRY_BITS - tables.cells)) - 1)
     many = 0
     for column in range(len(at)):
         found = entry[at[column]]
-        threshold, step, bit = found >> U32(16), found & LOW, rest[column] & LOW
+        threshold, step = found >> U32(16), found & LOW
+        bit = (random[column] >> U32(LEVEL_BITS)) & mask
         if bit != threshold and step != LOW:
             out[column] = U32(lowest + step + (bit > threshold))
         else:
@@ -214,20 +222,21 @@ def _settle(out, at, rest, other, entry, lowest):  # type: ignore[no-untyped-def
 
 
 @instead_of(_settle)
-def _settle_arrays(out, at, rest, other, entry, lowest):  # type: ignore[no-untyped-def]
-    found, bit = entry[at], rest & LOW
+def _settle_arrays(out, at, random, other, tables):  # type: ignore[no-untyped-def]
+    found = tables.entry[at]
+    bit = (random >> U32(LEVEL_BITS)) & U32((1 << (ENTRY_BITS - tables.cells)) - 1)
     threshold, step = found >> U32(16), found & LOW
     settled = (bit != threshold) & (step != LOW)
-    out[settled] = (lowest + step + (bit > threshold).astype(np.uint32))[settled]
+    out[settled] = (U32(tables.lowest) + step + (bit > threshold).astype(np.uint32))[settled]
     columns = np.flatnonzero(~settled)
     other[: len(columns)] = columns
     return len(columns)
 
 
 @kernel
-def _number_by_all_bits(random, line, limit):  # type: ignore[no-untyped-def]
+def _number_by_all_bits(shot, pixel, line, limit):  # type: ignore[no-untyped-def]
     """Index of the number of a pixel in the tables, by all 48 bits: the limits up to them."""
-    wanted = random >> np.uint64(16)
+    wanted = _random_bits(shot, pixel) >> np.uint64(64 - BITS)
     low, high = 0, limit.shape[1]
     while high - low > COUNTED:
         middle = (low + high) // 2
@@ -239,11 +248,10 @@ def _number_by_all_bits(random, line, limit):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _draw_number(mean, extra, random, read, pixel, law):  # type: ignore[no-untyped-def]
-    """The number of a pixel outside the tables."""
-    level = signal(
-        poisson_of_uniform(mean, uniform(random)) + extra, law.full_well, law.nonlinearity
-    )
+def draw_number(mean, extra, shot, read, pixel, law):  # type: ignore[no-untyped-def]
+    """The number of a pixel outside the tables, with extra electrons."""
+    caught = poisson_of_uniform(mean, uniform(_random_bits(shot, pixel)))
+    level = signal(caught + extra, law.full_well, law.nonlinearity)
     if law.noise > 0.0:
         level += law.noise * inverse_normal(uniform(bits(read, pixel)))
     return number(level, law.gain, law.offset, law.adc_inl, law.largest)
@@ -253,13 +261,7 @@ def _draw_number(mean, extra, random, read, pixel, law):  # type: ignore[no-unty
 def _digitise_hit(image, electrons, pixels, extra, shot, read, law):  # type: ignore[no-untyped-def]
     for i in range(len(pixels)):
         mean, pixel = electrons[pixels[i]], np.uint64(pixels[i])
-        image[pixels[i]] = digitise_pixel(mean, extra[i], pixel, shot, read, law)
-
-
-@kernel
-def digitise_pixel(mean, extra, pixel, shot, read, law):  # type: ignore[no-untyped-def]
-    """The number of one pixel with extra electrons."""
-    return _draw_number(mean, extra, bits(shot, pixel), read, pixel, law)
+        image[pixels[i]] = draw_number(mean, extra[i], shot, read, pixel, law)
 
 
 @kernel

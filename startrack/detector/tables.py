@@ -2,17 +2,17 @@
 
 For a level it is P(number <= d) = sum_n P(n) Phi((edge_d - signal_n) / noise), with P(n) of a
 Poisson distribution. A uniform number selects the digital number: its first bits choose a cell of
-the table, which is nearly always sufficient; otherwise all of its 48 bits are compared.
+the table, which with the next bits is nearly always sufficient; otherwise all of 48 are compared.
 
-Levels are 1/64 of a standard deviation apart. A pixel between two levels takes one of them at
-random, with the probability that makes its mean exact.
+Levels are even in the expectation, 1/128 to 1/64 of a standard deviation apart. A pixel between
+two levels takes one of them at random, with the probability that makes its mean exact.
 """
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +21,16 @@ from scipy import special
 from startrack.core import kernel
 from startrack.detector.law import Law, converted, nonlinear_signal, upper_edge
 
-STEPS = 128  # levels per electron of standard deviation; their spacing is 2 / STEPS of it
+STEPS = 64  # least number of levels in a standard deviation
 BITS = 48  # of the uniform number
+ENTRY_BITS = 22  # of them, that the entries compare
 UNSETTLED = 0xFFFF  # in an entry: the cell does not determine the number
 FARTHEST = 8.2  # standard deviations; the probability beyond is less than 2^-48
+LEAST_VARIANCE = 1e-6  # electron^2, of levels; there is nothing to see below
 SKEW = 25.0  # electrons by which the upper tail of a Poisson distribution exceeds a normal one
 # Chosen by hand, for time and memory; the numbers of a frame hardly depend on them.
 BLOCK = 16  # levels, multiple to which tables are rounded up, so that similar frames share one
-MOST_LEVELS = 512
+MOST_LEVELS = 1024
 MOST_NUMBERS = 4096
 # Bits. A cell of the tails holds several limits, and its pixels take twenty times the time of
 # others; the tables of more cells fit no cache.
@@ -39,12 +41,14 @@ MOST_TERMS = 100_000_000  # of the sums behind a table, a tenth of a second
 class Tables(NamedTuple):
     """The distributions of consecutive levels.
 
-    entry    (levels << cells,) and one unsettled at the end: threshold << 16 | number - lowest
+    entry    (levels << cells,) and one unsettled at the end: threshold << 16 | number - lowest,
+             the threshold for the ENTRY_BITS - cells bits after those of the cell
     cells    number of bits that choose a cell
     limit    (levels, d) P(number <= lowest + d) of each level, in units of 2^-48
     lowest   digital number of the first column of `limit`
-    first    number of the first level
+    first    number of the first level: its expectation over the spacing
     levels   number of levels
+    spacing  electron, between the expectations of two levels
     """
 
     entry: NDArray[np.uint32]
@@ -53,25 +57,24 @@ class Tables(NamedTuple):
     lowest: int
     first: int
     levels: int
+    spacing: float
 
 
-EMPTY = Tables(np.full(1, UNSETTLED, np.uint32), 1, np.zeros((1, 1), np.uint64), 0, 0, 0)
+EMPTY = Tables(np.full(1, UNSETTLED, np.uint32), 1, np.zeros((1, 1), np.uint64), 0, 0, 0, 1.0)
 
 
-def level_mean(level: NDArray[Any], noise: float) -> NDArray[np.float64]:
-    """Expected electrons of a level: sqrt(mean + noise^2) grows by 1 / STEPS a level."""
-    step = level / STEPS
-    return step * (2 * noise + step)
+def level_spacing(lowest: float, noise: float) -> float:
+    """Electrons between two levels, a power of two; the lowest level has this expectation."""
+    deviation = math.sqrt(max(lowest + noise**2, LEAST_VARIANCE))
+    return 2.0 ** math.floor(math.log2(deviation / STEPS))
 
 
-def levels_between(mean: NDArray[np.float64], noise: float) -> NDArray[np.float64]:
-    """Fractional level of expected electrons: that of level k is k.
+def lowest_mean(low: float, middle: float, noise: float) -> float:
+    """The least expectation that has a level: a few dark pixels must not make levels narrower.
 
-    Its fractional part is the probability with which `digitise` takes the next level.
+    low, middle  electron, of the darkest pixels and of the median
     """
-    level = np.floor((np.sqrt(mean + noise**2) - noise) * STEPS)
-    low, high = level_mean(level, noise), level_mean(level + 1, noise)
-    return level + (mean - low) / (high - low)
+    return max(low, (middle + noise**2) / 4 - noise**2, 0.0)
 
 
 def tables_for(mean: NDArray[np.float64], law: Law, wings: float = 0.1) -> Tables:
@@ -86,23 +89,21 @@ def tables_for(mean: NDArray[np.float64], law: Law, wings: float = 0.1) -> Table
     low, middle, high = np.quantile(np.maximum(sample, 0.0), [0.002, 0.5, 0.99])
     spread = math.sqrt(middle + law.noise**2)
     # Wider than the sample, but not so wide that it includes stars.
-    first = max(_level(low - 0.1 * spread, law.noise), _level(middle, law.noise) - MOST_LEVELS // 2)
-    last = min(_level(high + wings * spread, law.noise) + 1, first + MOST_LEVELS)
+    lowest = lowest_mean(low - 0.1 * spread, middle, law.noise)
+    spacing = level_spacing(lowest, law.noise)
+    first = max(math.floor(lowest / spacing), math.floor(middle / spacing) - MOST_LEVELS // 2)
+    last = min(math.floor((high + wings * spread) / spacing) + 1, first + MOST_LEVELS)
     first, last = first // BLOCK, -(-last // BLOCK)
     # One by one, a pixel costs 60 ns; a level costs some 100 microseconds to make.
     if mean.size < 2**14 or mean.size < 64 * (last - first) * BLOCK:
         return EMPTY
-    return build(law, first * BLOCK, (last - first) * BLOCK + 1)
-
-
-def _level(mean: float, noise: float) -> int:
-    return math.floor((math.sqrt(max(mean, 0.0) + noise**2) - noise) * STEPS)
+    return build(law, first * BLOCK, (last - first) * BLOCK + 1, spacing)
 
 
 @lru_cache(maxsize=4)
-def build(law: Law, first: int, count: int) -> Tables:
+def build(law: Law, first: int, count: int, spacing: float) -> Tables:
     """The tables of some levels; empty where the numbers spread too far."""
-    mean = level_mean(np.arange(first, first + count), law.noise)
+    mean = np.arange(first, first + count) * spacing
     least = max(math.floor(mean[0] - FARTHEST * math.sqrt(mean[0])), 0.0)
     most = math.ceil(mean[-1] + FARTHEST * math.sqrt(mean[-1]) + SKEW)
     if count * (most - least) > MOST_TERMS:
@@ -139,7 +140,7 @@ def build(law: Law, first: int, count: int) -> Tables:
     entry = np.concatenate([*(_entries(one, cells) for one in limit), [UNSETTLED]]).astype(
         np.uint32
     )
-    return Tables(entry, cells, limit, least, first, count)
+    return Tables(entry, cells, limit, least, first, count, spacing)
 
 
 @kernel
@@ -167,7 +168,7 @@ def _sums(probability, start, end, below, above):  # type: ignore[no-untyped-def
 def _entries(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:
     """The entries of one level.
 
-    A cell with one limit contains its next 16 bits; one with several limits is unsettled.
+    A cell with one limit contains its next bits; one with several limits is unsettled.
     """
     start = np.arange(2**cells, dtype=np.uint64) << np.uint64(BITS - cells)
     lower = np.searchsorted(limit, start, side="right")
@@ -175,7 +176,7 @@ def _entries(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:
     inside = upper - lower
     threshold = np.where(
         inside == 1,
-        (limit[np.minimum(lower, len(limit) - 1)] - start) >> np.uint64(BITS - cells - 16),
+        (limit[np.minimum(lower, len(limit) - 1)] - start) >> np.uint64(BITS - ENTRY_BITS),
         np.uint64(UNSETTLED),
     )
     number = np.where(inside > 1, UNSETTLED, lower)

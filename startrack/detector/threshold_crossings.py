@@ -26,7 +26,7 @@ from startrack.core import Floats, Ints, Streams, bits, kernel, key, uniform
 from startrack.detector.collect import background
 from startrack.detector.law import law_of
 from startrack.detector.parameters import Detector
-from startrack.detector.tables import BITS, build, levels_between
+from startrack.detector.tables import BITS, build, level_spacing, lowest_mean
 
 LEAST_CUMULANT = -1e9  # K of tiles without pixels
 BISECTIONS = 30  # of the search for theta
@@ -59,9 +59,11 @@ def number_distributions(
     mean.ravel()[outliers] = np.median(mean)
     if replaced is not None:
         mean.ravel()[replaced] = np.median(mean)
-    place = levels_between(mean, law.noise)
+    lowest = lowest_mean(float(mean.min()), float(np.median(mean)), law.noise)
+    spacing = level_spacing(lowest, law.noise)
+    place = mean / spacing
     first, last = math.floor(place.min()), math.ceil(place.max())
-    tables = build(law, first, last - first + 1)
+    tables = build(law, first, last - first + 1, spacing)
     if not tables.levels:
         return None
     fraction = np.diff(tables.limit.astype(float), axis=1, prepend=0.0) / 2.0**BITS

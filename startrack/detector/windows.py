@@ -10,7 +10,7 @@ import numpy as np
 
 from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Streams, Workspace, kernel
 from startrack.detector.collect import background, background_tables
-from startrack.detector.digitise import digitise_pixel, digitise_row, keys, work_row
+from startrack.detector.digitise import digitise_row, draw_number, keys, work_row
 from startrack.detector.expose import colours, to_frame
 from startrack.detector.hits import tracks
 from startrack.detector.law import Law, law_of
@@ -173,7 +173,7 @@ def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables)
             n = np.searchsorted(hit, start) if len(hit) else 0
             while n < len(hit) and hit[n] < start + len(mean):
                 at = hit[n] - start
-                out[at] = digitise_pixel(mean[at], extra[n], np.uint64(hit[n]), shot, read, law)
+                out[at] = draw_number(mean[at], extra[n], shot, read, np.uint64(hit[n]), law)
                 n += 1
 
 

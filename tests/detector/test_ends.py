@@ -121,11 +121,12 @@ def test_frozen_and_hot():
     [(1, np.uint16), (8, np.uint16), (16, np.uint16), (17, np.uint32), (24, np.uint32)],
 )
 def test_depths(bits, kind):
+    """The mean of 3072 pixels within four standard errors, of which one is 1.9e-4."""
     one = replace(DETECTOR, bits=bits, offset=0, read_noise=3.0)
     image = frame(one, sky=9_000.0)
     assert image.dtype == kind
     wanted = 0.0 if bits == 1 else 9000 / 20_000 * (2**bits - 1)
-    assert image.mean() == pytest.approx(wanted, rel=3e-4, abs=1e-3)
+    assert image.mean() == pytest.approx(wanted, rel=8e-4, abs=1e-3)
 
 
 @pytest.mark.parametrize("exposure", [1e-6, 1000.0])

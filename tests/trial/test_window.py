@@ -32,11 +32,12 @@ def with_detector(**changes):
 
 
 def both(case, number, seed=5):
-    """Spots of a frame and of its windows (n, 3): x, y, flux."""
+    """Spots of a frame and of its windows (n, 3): x, y, flux; by x, as some have the same flux."""
     attitude = random_attitude(Streams(seed, number))
     whole = observe(case, attitude, Streams(seed, number)).spots
     parts = spots_in_windows(case, attitude, Streams(seed, number))
-    return (np.column_stack([one.x, one.y, one.flux]) for one in (whole, parts))
+    rows = (np.column_stack([one.x, one.y, one.flux]) for one in (whole, parts))
+    return (spots[np.argsort(spots[:, 0])] for spots in rows)
 
 
 @pytest.mark.parametrize(
