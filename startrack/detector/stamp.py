@@ -153,7 +153,6 @@ def add_star(image, shape, x, y, share, electrons, gain, room):  # type: ignore[
     if right < left or highest < lowest:
         return
     start_x, start_y = start_x + left * step, start_y + lowest * step
-    even = gain.size == 1
     star = star[: (highest - lowest + 1) * shape.across]
     first = 1
     if len(shape.line):
@@ -168,11 +167,25 @@ def add_star(image, shape, x, y, share, electrons, gain, room):  # type: ignore[
         if electrons[k] != 0.0:
             _add_table(star, shape, k, start_x, start_y, wx, wy, electrons[k] / electrons[0])
     light = share * electrons[0]
-    for j in range(lowest, highest + 1):
-        line = star[(j - lowest) * shape.across :]
+    top, bottom, left, right = row + lowest, row + highest, column + left, column + right
+    _add_light(image, star, shape.across, top, bottom, left, right, light, gain)
+
+
+@kernel
+def _add_light(image, star, across, top, bottom, left, right, light, gain):  # type: ignore[no-untyped-def]
+    even = gain.size == 1
+    for j in range(top, bottom + 1):
+        line = star[(j - top) * across :]
         for i in range(left, right + 1):
-            seen = 1.0 if even else gain[row + j, column + i]
-            image[row + j, column + i] += light * line[i - left] * seen
+            seen = 1.0 if even else gain[j, i]
+            image[j, i] += light * line[i - left] * seen
+
+
+@instead_of(_add_light)
+def _add_light_of_arrays(image, star, across, top, bottom, left, right, light, gain):  # type: ignore[no-untyped-def]
+    part = slice(top, bottom + 1), slice(left, right + 1)
+    lines = star.reshape(-1, across)[:, : right - left + 1]
+    image[part] += light * lines * (1.0 if gain.size == 1 else gain[part])
 
 
 @kernel
