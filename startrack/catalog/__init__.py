@@ -17,7 +17,7 @@ from startrack.catalog.apparent import Observer, aberrate, apparent, earth_obser
 from startrack.catalog.catalog import Catalog, join
 from startrack.catalog.colour import v_from_g
 from startrack.catalog.formats import FORMATS, read, recognise_format
-from startrack.catalog.selection import LIMITS, Selection
+from startrack.catalog.selection import FAINTEST_G, LIMITS, Selection
 from startrack.catalog.sky import Sky, belt, open_sky
 from startrack.catalog.tables import csv_table, fits_table, votable
 from startrack.catalog.tables import numbers as table_numbers

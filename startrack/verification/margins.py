@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from startrack.budget import attitudes
-from startrack.catalog import Selection, open_sky
+from startrack.catalog import FAINTEST_G, LIMITS, Selection, open_sky
 from startrack.core import Camera, Stars
 from startrack.design import Case, Requirements
 from startrack.detection import threshold_of
@@ -40,7 +41,7 @@ def margins(requirements: Requirements, case: Case) -> dict[str, float]:
         "update rate": rate / requirements.min_update_rate - 1
         if requirements.min_update_rate
         else 1.0,
-        "stars in the sky": limiting_magnitude(case)
+        "stars in the sky": min(limiting_magnitude(case), case.believed_catalog.limit_g)
         - needed_magnitude(case, requirements.min_stars, requirements.sky_fraction),
         **requirements.own_margins(case),
     }
@@ -81,12 +82,15 @@ def limiting_magnitude(case: Case) -> float:
 def needed_magnitude(case: Case, stars: int, fraction: float) -> float:
     """The limiting G at which `fraction` of the attitudes have `stars` stars in the field.
 
+    Stars of the source of the tracker's catalogue count, however deep it was cut.
+
     Accuracy  numerical: 0.02 mag between the focal lengths at which stars are counted.
     """
-    camera = case.instrument.camera
+    camera, source = case.instrument.camera, case.believed_catalog
+    every = replace(source, limit_g=LIMITS.get(source.source, FAINTEST_G))
     at, below = math.modf(math.log(camera.focal_length_px) / math.log(FOCAL_STEP))
     nearer, farther = (
-        _needed(case.believed_catalog, camera.columns, camera.rows, step, stars, fraction)
+        _needed(every, camera.columns, camera.rows, step, stars, fraction)
         for step in (int(below), int(below) + 1)
     )
     return nearer + at * (farther - nearer)
@@ -104,6 +108,6 @@ def _needed(
         seen = stars_in_field(sky, attitude, camera)
         inside = camera.holds(camera.project(attitude.apply(seen.direction)))
         magnitude = seen.magnitude_g[inside]
-        # Too few stars in the whole catalogue: a magnitude beyond its limit.
+        # Too few stars in the whole source: a magnitude beyond its limit.
         faintest[i] = magnitude[stars - 1] if len(magnitude) >= stars else catalog.limit_g + 1
     return float(np.quantile(faintest, fraction))

@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from startrack.catalog import open_sky
+from startrack.catalog import LIMITS, open_sky
 from startrack.core.streams import Streams
 from startrack.design.files import load_design
 from startrack.design.requirements import Requirements
@@ -70,7 +70,23 @@ def test_needed_magnitude_against_a_count():
 def test_more_stars_need_fainter_ones():
     levels = [needed_magnitude(CASE, n, 0.95) for n in (1, 3, 6, 12)]
     assert levels == sorted(levels)
-    assert needed_magnitude(CASE, 100, 0.99) == CASE.catalog.limit_g + 1
+    assert needed_magnitude(CASE, 100, 0.99) == LIMITS["bright"] + 1
+
+
+@pytest.mark.parametrize("focal", [0.055, 0.075])
+def test_stars_that_no_catalogue_of_the_tracker_has_do_not_count(focal):
+    """This camera detects to G 8 and more; its tracker knows stars to G 7."""
+    case = changed(optics={"focal_length": focal})
+    assert limiting_magnitude(case) > 8
+    sky, camera = open_sky(case.believed_catalog), case.instrument.camera
+    count = []
+    for number in range(300):
+        attitude = random_attitude(Streams(4, number))
+        seen = stars_in_field(sky, attitude, camera).direction
+        count.append(camera.holds(camera.project(attitude.apply(seen))).sum())
+    enough = float(np.mean(np.array(count) >= 5)) >= 0.98
+    needs = Requirements(min_stars=5, sky_fraction=0.98)
+    assert (margins_of(needs, case)["stars in the sky"] > 0) == enough == (focal < 0.06)
 
 
 def test_stars_above_the_limit_are_found_and_those_below_are_not():
