@@ -13,6 +13,7 @@ from startrack.core import LEAST, FieldPsf, Floats, Psf, instead_of, kernel
 UNIT_GAIN = np.ones((1, 1))
 UNIT_GAIN.flags.writeable = False
 EMPTY = np.empty(0)
+NO_BEND = np.array([np.inf])
 TAPS = 6
 PRODUCT_TOLERANCE = (
     1e-14  # of the peak, by which a table may differ from the product of its middle lines
@@ -28,7 +29,8 @@ class PsfTable(NamedTuple):
     strides       (oversampling, oversampling, k) 1, for each first row and column of samples: the
                   pixels row by row, `across` of them in a row; of the first table
     several       (tables, oversampling, oversampling, k) float32, of all tables of a FieldPsf
-    bend          1, error of straight lines between the samples of the first table; of a FieldPsf
+    bend          (tables,) 1, error of straight lines between the samples of each table of a
+                  FieldPsf; infinite otherwise
     line, column  (m,) along x and along y, whose product is the only table; empty otherwise
     samples       along a side of a table
     oversampling  samples per pixel
@@ -37,7 +39,7 @@ class PsfTable(NamedTuple):
 
     strides: Floats
     several: NDArray[np.float32]
-    bend: float
+    bend: Floats
     line: Floats
     column: Floats
     samples: int
@@ -79,6 +81,8 @@ def stamp_paths(
     weight     (m,) 1, fraction of the electrons at each point of a path
     x, y       (m, n) pixel
     electrons  (n, k) electron of each table of the PSF
+    Accuracy   numerical: as `stamp`; neighbouring points of a faint star on a FieldPsf count as one
+               where that changes no pixel by more than LEAST electrons.
     """
     even = UNIT_GAIN if gain is None else gain
     _stamp(image, psf_table(psf), weight, x, y, electrons, even)
@@ -98,9 +102,10 @@ def psf_table(psf: Psf | FieldPsf) -> PsfTable:
         room = np.zeros((count, step, step, across * (across + 2)))
         room[..., : across**2] = strides.reshape(count, step, step, -1)
         lines = (EMPTY, EMPTY) if isinstance(psf, FieldPsf) else _separate(psf.table)
-        several, bend = np.empty((0, *room.shape[1:]), np.float32), np.inf
+        several, bend = np.empty((0, *room.shape[1:]), np.float32), NO_BEND
         if isinstance(psf, FieldPsf):
-            several, bend = np.ascontiguousarray(room, np.float32), _bend(tables[0])
+            several = np.ascontiguousarray(room, np.float32)
+            bend = np.array([_bend(one) for one in tables])
         _shapes[psf] = PsfTable(room[0].copy(), several, bend, *lines, side, step, across)
     return _shapes[psf]
 
@@ -125,8 +130,64 @@ def _separate(table: Floats) -> tuple[Floats, Floats]:
 def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-untyped-def]
     room = work_array(shape)
     for n in range(len(electrons)):
-        for m in range(len(weight)):
-            add_star(image, shape, x[m, n], y[m, n], weight[m], electrons[n], gain, room)
+        add_path(image, shape, weight, x[:, n], y[:, n], 0, 0, electrons[n], gain, room)
+
+
+@kernel
+def add_path(image, shape, weight, x, y, left, top, electrons, gain, room):  # type: ignore[no-untyped-def]
+    """Add the image of a point that moves along a path: `add_star`.
+
+    left, top  pixel (x, y) of the first one of the image
+    """
+    count = len(weight)
+    size = _together(shape, weight, x, y, electrons)
+    for first in range(0, count, size):
+        share, along, down = _mean_of(weight, x, y, first, min(first + size, count))
+        if share != 0.0:
+            add_star(image, shape, along - left, down - top, share, electrons, gain, room)
+
+
+@kernel
+def _together(shape, weight, x, y, electrons):  # type: ignore[no-untyped-def]
+    """How many neighbouring points of a path count as one, at their mean.
+
+    With w the weights and d the distances from the mean, a pixel changes by at most
+
+        (1/2) electrons max|f''| sum w d^2,   max|f''| = 8 bend oversampling^2
+
+    of each table, which may be LEAST.
+    """
+    if shape.bend[0] == np.inf:
+        return 1
+    curved = 0.0
+    for k in range(len(electrons)):
+        curved += abs(electrons[k]) * shape.bend[k]
+    most = LEAST / (4 * curved * shape.oversampling**2 + 1e-300)
+    size = len(weight)
+    while size > 1:
+        spread = 0.0
+        for first in range(0, len(weight), size):
+            last = min(first + size, len(weight))
+            _, along, down = _mean_of(weight, x, y, first, last)
+            for m in range(first, last):
+                spread += weight[m] * ((x[m] - along) ** 2 + (y[m] - down) ** 2)
+        if spread <= most:
+            break
+        size = (size + 1) // 2
+    return size
+
+
+@kernel
+def _mean_of(weight, x, y, first, last):  # type: ignore[no-untyped-def]
+    """Weight and mean place of some points; the place of one is its own, to the bit."""
+    share = along = down = 0.0
+    for m in range(first, last):
+        share += weight[m]
+        along += weight[m] * (x[m] - x[first])
+        down += weight[m] * (y[m] - y[first])
+    if share != 0.0:
+        along, down = along / share, down / share
+    return share, x[first] + along, y[first] + down
 
 
 @kernel
@@ -157,7 +218,7 @@ def add_star(image, shape, x, y, share, electrons, gain, room):  # type: ignore[
     first = 1
     if len(shape.line):
         _product(star, shape, start_x, start_y, wx, wy, right - left + 1)
-    elif abs(electrons[0]) * shape.bend <= LEAST:
+    elif abs(electrons[0]) * shape.bend[0] <= LEAST:
         star[:] = 0.0
         first = 0
     else:

@@ -18,7 +18,7 @@ from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import in_steps
 from startrack.detector.shutter import Places
-from startrack.detector.stamp import UNIT_GAIN, PsfTable, add_star, psf_table, work_array
+from startrack.detector.stamp import UNIT_GAIN, PsfTable, add_path, psf_table, work_array
 from startrack.detector.tables import Tables
 
 NO_HITS = np.empty(0, np.int64), np.empty(0)
@@ -198,9 +198,8 @@ def _window_electrons(window, rows, columns, pixels, points, ends, work):  # typ
         near = low_x < last + far and high_x > first - far
         if not (near and low_y < lower + far and high_y > upper - far):
             continue
-        for m in range(len(points.weight)):
-            x, y = points.x[m, n] - first, points.y[m, n] - upper
-            add_star(electrons, points.shape, x, y, points.weight[m], points.star[n], gain, work)
+        x, y, star = points.x[:, n], points.y[:, n], points.star[n]
+        add_path(electrons, points.shape, points.weight, x, y, first, upper, star, gain, work)
     if pixels.crosstalk > 0:
         electrons = _diffused(electrons, pixels.crosstalk)
     return electrons[top - upper : bottom - upper, left - first : right - first]
