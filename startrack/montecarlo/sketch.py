@@ -37,6 +37,8 @@ from startrack.montecarlo.store import difference, origin
 
 FORMAT = "startrack sketch 1"
 LARGEST = 2**27  # byte; the usual has 1 MB
+# What reading another file as a sketch raises.
+DAMAGED = ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError
 HALVES = 9  # bits of the fraction that a bin is named by: 512 bins an octave
 BITS = 52 - HALVES  # of a float, behind those
 RELATIVE = 2.0 ** -(HALVES + 1)  # largest error of a value by its bin, over the value
@@ -299,7 +301,7 @@ def load_sketch(path: Path) -> Sketch:
         for name in BINNED:
             made.bins[name] = Bins(*(np.array(one, np.int64) for one in table["bins"][name]))
         _check(made)
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
+    except DAMAGED as error:
         raise ValueError(f"{path} must be a sketch of trials, but is none: {error}") from None
     return made
 

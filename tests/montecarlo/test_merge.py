@@ -151,6 +151,10 @@ def test_sketches_that_overlap_or_differ_are_refused(about, outcomes, tmp_path):
     (tmp_path / "a").write_text(json.dumps(spoilt))
     with pytest.raises(ValueError, match=r"a must be a sketch .*its bins of .* contradict"):
         load_sketch(tmp_path / "a")
+    spoilt["bins"]["across"] = [[10**30], [1]]
+    (tmp_path / "a").write_text(json.dumps(spoilt))
+    with pytest.raises(ValueError, match=r"a must be a sketch .*too large"):
+        load_sketch(tmp_path / "a")
 
 
 def test_parts_of_commands_are_the_whole(small, tmp_path, capsys):

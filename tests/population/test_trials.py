@@ -114,6 +114,7 @@ def test_a_dark_map_is_as_old_as_the_tracker_states(stated):
 def test_a_residual_moves_stars_alike_in_all_fidelities_and_the_budget():
     """Rms across; 150 trials, correlated by their sky: 15 % of each other.
 
+    Over four seeds the rms is 0.93 to 1.12 of the budget's, 1.17 in one of twelve cases.
     This unit's field is even; of one that is steep in a corner, identification leaves out stars
     there, by which whole trials are up to 17 % worse.
     """
@@ -127,7 +128,7 @@ def test_a_residual_moves_stars_alike_in_all_fidelities_and_the_budget():
     )
     budget = analytic(unit)
     found = {
-        fidelity: rms(run_trials(unit, 4, range(count), fidelity))
+        fidelity: rms(run_trials(unit, 7, range(count), fidelity))
         for fidelity, count in (
             (Fidelity.COVARIANCE, 300), (Fidelity.SPOTS, 150), (Fidelity.WINDOW, 150),
         )
