@@ -15,6 +15,7 @@ EXAMPLE = "designs/nanosatellite.toml"
 WIDEST = 100  # letters of a line
 # Of a detector product a design keeps what is its own choice.
 OWN = ("exposure",)
+AGEING = "instrument.detector.dark_current"
 
 
 def template(product: str = "", optional: bool = False) -> str:
@@ -32,6 +33,9 @@ def template(product: str = "", optional: bool = False) -> str:
         own = {name: table["instrument"]["detector"][name] for name in OWN}
         table["instrument"]["detector"] = {"product": product} | own
         table["tracker"]["detection"]["saturation"] = float(2 ** detector["bits"] - 1)
+        # The example's detector ages by a law of its own; another one by that of the class.
+        del table["tracker"]["detection"]["dark_map_age"]
+        table["variation"] = [one for one in table["variation"] if one["name"] != AGEING]
     keys = {key.name: key for key in design_keys()}
     head = "# A star tracker; the values are those of an example. All keys: startrack keys"
     return "\n".join([head, *_tables(table, "", keys, optional)]) + "\n"
