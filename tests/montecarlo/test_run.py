@@ -92,6 +92,7 @@ def test_outcomes_hold_every_field():
     assert {"trial", "error_x", "nees", "solved", "false"} <= set(OUTCOMES.names)
 
 
+@pytest.mark.slow  # the block that kills its workers has them replaced, too
 def test_a_worker_that_is_killed_is_replaced(small, alone):
     with pool(2) as executor:
         victims = [executor.submit(os.getpid).result()]

@@ -173,7 +173,9 @@ def test_the_place_of_a_pixel_is_its_middle(tmp_path, rays):
 
 
 @pytest.mark.parametrize("kind", ["line", "staggered", "matrix"])
-@pytest.mark.parametrize(("columns", "lines"), [(40, 240), (240, 40)])
+@pytest.mark.parametrize(
+    ("columns", "lines"), [pytest.param(40, 240, marks=pytest.mark.slow), (240, 40)]
+)
 def test_the_surroundings_are_what_the_image_shows(tmp_path, kind, columns, lines):
     """A few rays over hills of two covers give the mean over all pixels."""
     hills = Terrain(fractal=Fractal(10 * deg, 47 * deg, 5.0, 128, 100.0), highest=150, lowest=-10)
