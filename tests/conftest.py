@@ -39,6 +39,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_finish(session):
+    gc.freeze()  # what is imported stays: searching it takes 3 % of the suite
     gc.enable()
 
 

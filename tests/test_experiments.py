@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 # the kernels that a trial reads from disk, the tables of dates, the names of the fonts and the
 # first picture would be most of its time.
 PARENT = """
-import os, runpy, sys, traceback
+import gc, os, runpy, sys, traceback
 sys.path.insert(0, sys.argv[1])
 import one_thread
 import astropy.coordinates, astropy.time, numpy, scipy.optimize, scipy.stats
@@ -39,6 +39,7 @@ with installed_tables():
 figure = Figure()
 figure.subplots().set(title="fonts", xlabel="10")
 figure.canvas.draw()
+gc.freeze()
 for line in sys.stdin:
     script, folder = line.rstrip("\\n").split("\\t")
     child = os.fork()

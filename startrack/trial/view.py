@@ -141,17 +141,25 @@ def psf_of(instrument: Instrument) -> Psf:
 
     Kept for the 8 last instruments.
     """
-    detector, spectrum = instrument.detector, detected_spectrum(instrument)
     if instrument.optics.tabulated:
         return _whole_images(instrument).mean(sunlike_colour(instrument))
-    return pixel_psf(
+    detector, spectrum = instrument.detector, detected_spectrum(instrument)
+    return _one_psf(
         instrument.optics,
         detector.pitch,
-        WAVELENGTH,
-        spectrum,
+        spectrum.tobytes(),
         detector.fill_factor,
         detector.diffusion,
     )
+
+
+@lru_cache(maxsize=8)
+def _one_psf(
+    optics: Optics, pitch: float, photons: bytes, fill_factor: float, diffusion: float
+) -> Psf:
+    """`pixel_psf`; kept for the 8 last, which instruments of other exposures or noise share."""
+    spectrum = np.frombuffer(photons)
+    return pixel_psf(optics, pitch, WAVELENGTH, spectrum, fill_factor, diffusion)
 
 
 def images_of(instrument: Instrument) -> Psf | FieldPsf:

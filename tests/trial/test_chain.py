@@ -70,8 +70,8 @@ def test_an_unknown_aberration_shows_as_an_error():
 
 def test_a_closed_shutter_is_a_status():
     """No light: an empty frame is data, not an error."""
-    dark = dataclasses.replace(CASE.instrument.optics, f_number=200.0)
-    case = dataclasses.replace(CASE, instrument=dataclasses.replace(CASE.instrument, optics=dark))
+    dark = dataclasses.replace(CASE.instrument.detector, exposure=1e-9)
+    case = dataclasses.replace(CASE, instrument=dataclasses.replace(CASE.instrument, detector=dark))
     streams = Streams(1, 0)
     record = observe(case, random_attitude(streams), streams)
     assert record.estimate.status in (Status.BLANK, Status.TOO_FEW, Status.NO_MATCH)
