@@ -167,14 +167,25 @@ def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables)
         electrons = _window_electrons(windows[k], rows, columns, pixels, points, ends, work)
         electrons += _crop(pixels.dark, left, top, right, bottom)
         for row in range(top, bottom):
-            start = row * columns + left
+            start = np.uint64(row * columns + left)
             out, mean = image[row, left:right], electrons[row - top]
-            digitise_row(out, mean, np.uint64(start), shot, read, law, tables, room)
-            n = np.searchsorted(hit, start) if len(hit) else 0
-            while n < len(hit) and hit[n] < start + len(mean):
-                at = hit[n] - start
-                out[at] = draw_number(mean[at], extra[n], shot, read, np.uint64(hit[n]), law)
-                n += 1
+            digitise_row(out, mean, start, shot, read, law, tables, room)
+        if len(hit):
+            _add_hits(image, windows[k], electrons, hit, extra, shot, read, law)
+
+
+@kernel
+def _add_hits(image, window, electrons, hit, extra, shot, read, law):  # type: ignore[no-untyped-def]
+    """Replace the numbers of the pixels of a window that were hit."""
+    left, top, right, bottom = window
+    for row in range(top, bottom):
+        first = row * image.shape[1]
+        n = np.searchsorted(hit, first + left)
+        while n < len(hit) and hit[n] < first + right:
+            column = hit[n] - first
+            mean = electrons[row - top, column - left]
+            image[row, column] = draw_number(mean, extra[n], shot, read, np.uint64(hit[n]), law)
+            n += 1
 
 
 @kernel
