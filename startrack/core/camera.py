@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +15,6 @@ from startrack.core.displacement import Displacement
 from startrack.core.field_polynomial import FieldPolynomial, monomials
 from startrack.core.kernel import kernel
 
-NO_ROTATION = np.zeros(3)
 # Steps of the inverse of a polynomial: each makes the error smaller by the slope of the
 # polynomial, so that one of a third converges.
 MOST_STEPS = 60
@@ -161,13 +159,8 @@ class Camera:
         if self.polynomial is not None:
             shift = self.polynomial.shift(plane) * self.focal_length_px
             return replace(self, polynomial=None, residual=None).project(direction) + shift
-        if len(plane):
-            points = np.column_stack([plane, np.ones(len(plane))])
-            pixel, _ = cv2.projectPoints(
-                points, NO_ROTATION, NO_ROTATION, self._matrix, self._coefficients
-            )
-            return np.asarray(pixel, float).reshape(-1, 2)
-        return plane
+        x, y = distort.py_func(*plane.T, self.k1, self.k2, self.p1, self.p2, self.k3)
+        return np.column_stack([x, y]) * self.focal_length_px + self.centre
 
     def unproject(self, pixel: Floats) -> Floats:
         """Which directions fall on these pixels.
@@ -234,15 +227,6 @@ class Camera:
             & (y >= -0.5 - margin)
             & (y <= self.rows - 0.5 + margin)
         )
-
-    @property
-    def _matrix(self) -> Floats:
-        x, y = self.centre
-        return np.array([[self.focal_length_px, 0, x], [0, self.focal_length_px, y], [0, 0, 1.0]])
-
-    @property
-    def _coefficients(self) -> Floats:
-        return np.array([self.k1, self.k2, self.p1, self.p2, self.k3])
 
 
 @kernel

@@ -16,7 +16,7 @@ MotionFunction = Callable[
 ]  # starts (p,), steps (j,) -> those of all sums (p, j, 3)
 Places = tuple[Floats, Floats, Floats]
 
-BATCH = 2**16  # positions that are projected at a time; chosen by hand: memory against calls
+BATCH = 2**18  # positions that are projected at a time; chosen by hand: memory against calls
 MIDDLE = np.zeros(1)
 ITERATIONS = (
     4  # to find the time of a star's row; each leaves row_delay * rows per second of the error

@@ -61,10 +61,12 @@ def test_empty_input_gives_empty_output():
     assert LENS.unproject(np.zeros((0, 2))).shape == (0, 3)
 
 
-def test_undistorted_camera_agrees_with_opencv():
-    camera = Camera(640, 480, 700.0, 3.0, 5.0)
+@pytest.mark.parametrize("bent", [(0, 0, 0, 0, 0), (-0.2, 0.05, 1e-3, -2e-3, 0.02)])
+def test_camera_agrees_with_opencv(bent):
+    camera = Camera(640, 480, 700.0, 3.0, 5.0, *bent)
     points = np.random.default_rng(0).uniform([-0.4, -0.3, 1], [0.4, 0.3, 1], (50, 3))
-    seen, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera._matrix, np.zeros(5))
+    matrix = np.array([[700.0, 0, 322.5], [0, 700.0, 244.5], [0, 0, 1]])
+    seen, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, np.array(bent, float))
     np.testing.assert_allclose(camera.project(points), seen.reshape(-1, 2), atol=1e-10)
 
 
