@@ -219,16 +219,17 @@ class Detector:
         )
 
     @property
-    def dark_rate(self) -> float:
-        """Electron / second of a pixel of the image at its temperature, without defects.
+    def typical_current(self) -> float:
+        """Electron / second of a typical pixel at the reference, at its age, without defects."""
+        if not self.age:
+            return self.dark_current
+        return typical(self.dark_current, self.age, self.pixel_pitch**2, *self.of_age)
 
-        At an age, of a typical pixel.
-        """
+    @property
+    def dark_rate(self) -> float:
+        """Electron / second of a typical pixel of the image at its temperature."""
         growth = self.thermal.growth if self.thermal else 1.0
-        current = self.dark_current
-        if self.age:
-            current = typical(current, self.age, self.pixel_pitch**2, *self.of_age)
-        return current * growth * self.binning**2
+        return self.typical_current * growth * self.binning**2
 
     @property
     def of_age(self) -> tuple[float, float]:

@@ -28,7 +28,7 @@ def dark_currents(detector: Detector) -> tuple[float, float]:
     of normal currents, clipped at zero, and hot pixels with the probability p and an exponential
     distribution of mean h.
     """
-    m, defects = detector.dark_current, detector.defects
+    m, defects = detector.typical_current, detector.defects
     if not defects:
         return m, 0.0
     mean, square, s = m, m * m, defects.dsnu
