@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,8 @@ from typing import Any
 import command
 import numpy as np
 
-from startrack import shipped
-from startrack.design import Requirements
+from startrack.design import Requirements, products
+from startrack.design.products import with_product
 from startrack.detector import Detector
 from startrack.io import from_table, save_text
 
@@ -53,14 +52,14 @@ def trackers() -> list[dict[str, Any]]:
 def detectors() -> list[dict[str, Any]]:
     """What LAWS say is the same for all, of each detector of the catalogue."""
     found = []
-    for path in sorted(shipped("detectors").glob("*.toml")):
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-        detector = from_table(Detector, table | {"exposure": "0.1 s"})
+    for name in products():
+        table = with_product({"instrument": {"detector": {"product": name, "exposure": "0.1 s"}}})
+        detector = from_table(Detector, table["instrument"]["detector"])
         area, warm = (detector.pitch * 1e6) ** 2, detector.thermal
         growth = replace(warm, temperature=ROOM).growth if warm else 1.0
-        row = {"name": path.stem, "full_well": detector.full_well / area,
+        row = {"name": name, "full_well": detector.full_well / area,
                "dark": detector.dark_current * growth / area, "noise": None}  # fmt: skip
-        if path.stem.startswith(CCDS):
+        if name.startswith(CCDS):
             row["noise"] = detector.read_noise / math.sqrt(detector.pixel_rate / 1e6)
         found.append(row)
     return found

@@ -16,6 +16,8 @@ from startrack.io import from_table, to_table
 MOST_BRANCHES = 256
 DETECTOR = "instrument.detector"
 EXPOSURE = "instrument.detector.exposure"
+KEPT = "exposure", "age"  # of a detector, where another product takes its place: the mission's
+OF_DEVICE = ("depleted",)  # of the age
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class Choice:
     """One parameter that takes one of some values.
 
     name    path in the case; "instrument.detector" for a product of the catalogue, whose values
-            take the place of all but the exposure
+            take the place of all but the exposure and the age (whose `depleted` is the product's)
     values  numbers, texts with a unit where the parameter has one, or names
     """
 
@@ -66,9 +68,13 @@ def _chosen(case: Case, values: Mapping[str, float | str]) -> Case:
     rest = dict(values)
     if DETECTOR in rest:
         table = to_table(case)
+        own = {name: one for name, one in table["instrument"]["detector"].items() if name in KEPT}
+        if "age" in own:
+            own["age"] = {name: one for name, one in own["age"].items() if name not in OF_DEVICE}
         # A product may refuse the exposure of the case, but not the one that is chosen with it.
-        exposure = rest.pop(EXPOSURE, table["instrument"]["detector"]["exposure"])
-        table["instrument"]["detector"] = {"product": rest.pop(DETECTOR), "exposure": exposure}
+        if EXPOSURE in rest:
+            own["exposure"] = rest.pop(EXPOSURE)
+        table["instrument"]["detector"] = {"product": rest.pop(DETECTOR)} | own
         case = from_table(Case, with_product(table))
     return replaced_all(
         case,

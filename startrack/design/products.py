@@ -9,12 +9,14 @@ from typing import Any
 from startrack.io import shipped
 
 PLACE = "instrument.detector.product"
+AGE = "age"
 
 
 def with_product(table: Mapping[str, Any]) -> dict[str, Any]:
     """Replace `product` under `instrument.detector` by that product's values.
 
-    What the design names beside it overrides the catalogue, key by key in tables too.
+    What the design names beside it overrides the catalogue, key by key in tables too. What the
+    catalogue says of its age counts where the design gives it one.
 
     table    of a whole design
     Returns  a table without the key
@@ -26,8 +28,10 @@ def with_product(table: Mapping[str, Any]) -> dict[str, Any]:
         case _:
             return dict(table)
     own = {key: value for key, value in detector.items() if key != "product"}
-    merged = _merge(of_product(detector["product"]), own)
-    return {**table, "instrument": {**instrument, "detector": merged}}
+    found = of_product(detector["product"])
+    if AGE not in own:
+        found.pop(AGE, None)
+    return {**table, "instrument": {**instrument, "detector": _merge(found, own)}}
 
 
 def products() -> list[str]:

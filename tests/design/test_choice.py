@@ -2,6 +2,8 @@ import pytest
 
 from startrack.design.choice import Choice, branches
 from startrack.design.files import load_design
+from startrack.design.parameter import replaced
+from startrack.detector import Age
 from startrack.io import shipped
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
@@ -27,6 +29,16 @@ def test_a_detector_is_chosen_by_product():
     assert (detector.columns, detector.full_well) == (2048, 13500)
     assert detector.exposure == CASE.instrument.detector.exposure
     assert one.case.instrument.optics == CASE.instrument.optics
+
+
+def test_a_chosen_product_is_as_old_as_the_one_in_its_place():
+    """In silicon of its own depth."""
+    aged = replaced(CASE, "instrument.detector.age", Age(time=1e8, fluence=1e8, depleted=3e-6))
+    one, other = branches(aged, (Choice("instrument.detector", ("cmv4000", "star1000")),))
+    for case, depleted in ((one.case, 0.5e-6), (other.case, 2e-6)):
+        age = case.instrument.detector.age
+        assert (age.time, age.fluence) == (1e8, 1e8)
+        assert age.depleted == pytest.approx(depleted)
 
 
 def test_a_name_is_chosen():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from startrack.design.files import load_design, save_design
-from startrack.design.products import products
+from startrack.design.products import products, with_product
 from startrack.detector import Detector
-from startrack.io import shipped
+from startrack.io import from_table, shipped
 
 DESIGN = """
 [instrument.optics]
@@ -81,12 +81,8 @@ def test_values_agree_with_what_was_published(oracle):
 
 
 def _detector(product: str) -> Detector:
-    import tomllib
-
-    from startrack.io.tables import from_table
-
-    table = tomllib.loads(shipped(f"detectors/{product}.toml").read_text())
-    return from_table(Detector, {**table, "exposure": "1 s"})
+    table = with_product({"instrument": {"detector": {"product": product, "exposure": "1 s"}}})
+    return from_table(Detector, table["instrument"]["detector"])
 
 
 def test_what_a_design_names_overrides_the_catalogue(case):
