@@ -23,7 +23,7 @@ from startrack.budget.check import Check, check, differences
 from startrack.budget.exclusion import Exclusion, added, exclusions, stray_light_levels
 from startrack.budget.fields import attitudes
 from startrack.budget.indices import INDICES, indices_of
-from startrack.budget.left_out import caveats, refusal
+from startrack.budget.left_out import caveats, noise_only, refusal
 from startrack.budget.measured import measured
 from startrack.budget.residuals import residuals
 from startrack.budget.survey import Survey, circles, survey

@@ -144,7 +144,18 @@ def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Itera
 def caveats(case: Case, left_out: tuple[str, ...], refused: float) -> list[str]:
     """What a reader of the budget must know, a sentence each; fields as of `Budget`."""
     found = [refusal(case, refused)] if refusal(case, refused) else []
-    return [*found, f"not counted: {'; '.join(left_out) or 'nothing'}"]
+    found += [f"not counted: {'; '.join(left_out) or 'nothing that the design names'}"]
+    return found if case.differs else [*found, noise_only(case)]
+
+
+def noise_only(case: Case) -> str:
+    """What the unit as designed leaves out, a sentence."""
+    if case.differs:
+        return "noise only: what differs between units is left out (--units N)"
+    return (
+        "noise only: a perfect unit on its first day; the design has no [[variation]], "
+        "[instrument.residual] or [instrument.detector.age]"
+    )
 
 
 def refusal(case: Case, refused: float) -> str:

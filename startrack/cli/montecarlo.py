@@ -29,6 +29,7 @@ with deferred():
     import numpy as np
     from numpy.typing import NDArray
 
+    from startrack.budget import noise_only
     from startrack.cli.merge import sketch_summary
     from startrack.cli.scheduler import open_workers
     from startrack.cli.terminal import (
@@ -42,7 +43,7 @@ with deferred():
         summary_text,
         summary_values,
     )
-    from startrack.cli.units import noise_only, require_units, trials_of
+    from startrack.cli.units import require_units, trials_of
     from startrack.core import arcsec, parse
     from startrack.design import Case, Fidelity, Requirements
     from startrack.io import save_json

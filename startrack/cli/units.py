@@ -42,16 +42,6 @@ def require_units(case: Case) -> None:
         )
 
 
-def noise_only(case: Case) -> str:
-    """What trials of the unit as designed leave out, a sentence."""
-    if case.differs:
-        return "noise only: what differs between units is left out (--units N)"
-    return (
-        "noise only: a perfect unit on its first day; the design has no [[variation]], "
-        "[instrument.residual] or [instrument.detector.age]"
-    )
-
-
 def budgets_of(
     case: Case, required: tuple[Accuracy, ...], options: argparse.Namespace
 ) -> tuple[list[dict[str, Any]], str]:

@@ -22,6 +22,7 @@ with deferred():
     import numpy as np
     from numpy.typing import NDArray
 
+    from startrack.budget import noise_only
     from startrack.cli.campaign import LEDGER
     from startrack.cli.terminal import (
         example,
@@ -31,7 +32,7 @@ with deferred():
         progress,
         read_design,
     )
-    from startrack.cli.units import noise_only, require_units
+    from startrack.cli.units import require_units
     from startrack.design import Campaign, Case, Fidelity
     from startrack.io import save_json, save_text
     from startrack.montecarlo import Sampling, pool, warm

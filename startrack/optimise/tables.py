@@ -202,11 +202,11 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
             f"attitudes are lost with {budget.stars:.1f} stars expected on average in the sky "
             "that has enough of them; the effects named next are possible causes"
         )
-    left_out = caveats(best, budget.left_out, budget.refused)
-    if optimum.units:
-        return [*found, *left_out]
-    return [*found, *left_out, "noise only: the units of the designs are taken for perfect ones on "
-            "their first day (campaign.units)"]  # fmt: skip
+    found += caveats(optimum.best, budget.left_out, budget.refused)
+    if optimum.units or not best.differs:
+        return found
+    return [*found, "noise only: the units of the designs are taken for perfect ones on their "
+            "first day (campaign.units)"]  # fmt: skip
 
 
 def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from startrack.budget import noise_only
 from startrack.core import arcsec, deg, whole
 from startrack.design import Case, Fidelity
 from startrack.io import to_table
@@ -147,9 +148,12 @@ def _summary(store: Store, outcomes: NDArray[np.void]) -> Section:
         f"On average {summary.stars:.1f} stars are matched. The mean squared error over the "
         f"variance that the tracker states is {summary.nees:.2f}; 3 if its covariance is right."
     )
+    alone = "" if store.sampling.units else f" {noise_only(store.case)}."
     return Section(
         "Summary",
-        table(f"Over {summary.trials} trials", head, rows) + paragraph(text) + _verdict(summary),
+        table(f"Over {summary.trials} trials", head, rows)
+        + paragraph(text + alone)
+        + _verdict(summary),
     )
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from startrack.budget import analytic, check
+from startrack.budget import analytic, caveats, check
 from startrack.core.units import deg
 from startrack.design import Fidelity, replaced
 from startrack.detector import Hits
@@ -18,6 +18,7 @@ def test_nothing_is_left_out_of_the_example_and_trials_agree(case):
     found = check(case, budget, 1)
     assert (found.fidelity, found.summary.trials) == (Fidelity.WINDOW, 60)
     assert found.differs == ()
+    assert caveats(case, (), 0.0)[-1].startswith("noise only: a perfect unit")
 
 
 @pytest.mark.parametrize(

@@ -97,6 +97,7 @@ class Reader(html.parser.HTMLParser):
 def test_the_summary_is_that_of_the_trials(written, campaign):
     told = summarise(campaign[1])
     text = written.read_text()
+    assert "noise only: a perfect unit on its first day" in text
     for interval in (told.across, told.about):
         for value in (interval.value, interval.low, interval.high):
             assert f">{value / arcsec:.4g}<" in text
