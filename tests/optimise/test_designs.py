@@ -1,5 +1,7 @@
 """The shipped design of high accuracy comes with a question that has an answer."""
 
+import pytest
+
 from startrack.design.choice import branches
 from startrack.design.files import load_design
 from startrack.design.variables import DesignSpace
@@ -9,6 +11,7 @@ from startrack.optimise.steps import reach
 from startrack.verification.margins import margins
 
 
+@pytest.mark.slow
 def test_with_each_detector_some_design_meets_what_needs_no_trials():
     """The first guess does with one detector; the faster ones take more power than there is."""
     design = load_design(shipped("designs/high_accuracy.toml"))
