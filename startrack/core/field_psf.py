@@ -14,7 +14,7 @@ from startrack.core.lagrange import lagrange_weights, local_weights
 from startrack.core.values import Psf
 
 # Electron in a pixel, below which a term of a star is left out, and the curve between the samples
-# of the first; chosen by hand.
+# of its table; chosen by hand.
 LEAST = 0.5
 SHIFT = 2  # columns of `value` before the relative flux
 

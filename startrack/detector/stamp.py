@@ -81,8 +81,7 @@ def stamp_paths(
     weight     (m,) 1, fraction of the electrons at each point of a path
     x, y       (m, n) pixel
     electrons  (n, k) electron of each table of the PSF
-    Accuracy   numerical: as `stamp`; neighbouring points of a faint star on a FieldPsf count as one
-               where that changes no pixel by more than LEAST electrons.
+    Accuracy   numerical: as `stamp`
     """
     even = UNIT_GAIN if gain is None else gain
     _stamp(image, psf_table(psf), weight, x, y, electrons, even)
@@ -126,110 +125,221 @@ def _separate(table: Floats) -> tuple[Floats, Floats]:
     return (line / np.sqrt(peak), column / np.sqrt(peak)) if alike else (EMPTY, EMPTY)
 
 
+class Work(NamedTuple):
+    """Work arrays for `add_path`, of paths of m points.
+
+    about          (m, 6) along x and then y: the pixel of a point, and how far about it its image
+                   is seen, first and last
+    start          (m, 2) sample of the table, x and y, before the point
+    part           (m, 3) 1, weight of a point, and how far it lies behind that sample, x and y
+    across, down   (6,) 1, weights of samples along x and y
+    done           (m,) points that are added
+    box            (b, b) 1, weights of samples; zero between two uses
+    begin          (b * b,) where in the tables the image of a sample begins
+    share, short   (b * b,) 1, its weight; the latter float32
+    star           (k,) electron
+    """
+
+    about: NDArray[np.int64]
+    start: NDArray[np.int64]
+    part: Floats
+    across: Floats
+    down: Floats
+    done: NDArray[np.bool_]
+    box: Floats
+    begin: NDArray[np.int64]
+    share: Floats
+    short: NDArray[np.float32]
+    star: Floats
+
+
+@kernel
+def work_arrays(shape, points):  # type: ignore[no-untyped-def]
+    """Work arrays for `add_path`."""
+    side = shape.oversampling + 2 * TAPS
+    return Work(
+        np.empty((points, 6), np.int64),
+        np.empty((points, 2), np.int64),
+        np.empty((points, 3)),
+        np.empty(TAPS),
+        np.empty(TAPS),
+        np.empty(points, np.bool_),
+        np.zeros((side, side)),
+        np.empty(side * side, np.int64),
+        np.empty(side * side),
+        np.empty(side * side, np.float32),
+        np.empty(shape.across * (shape.across + 1)),
+    )
+
+
 @kernel
 def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-untyped-def]
-    room = work_array(shape)
+    work = work_arrays(shape, len(weight))
     for n in range(len(electrons)):
-        add_path(image, shape, weight, x[:, n], y[:, n], 0, 0, electrons[n], gain, room)
+        add_path(image, shape, weight, x[:, n], y[:, n], 0, 0, electrons[n], gain, work)
 
 
 @kernel
-def add_path(image, shape, weight, x, y, left, top, electrons, gain, room):  # type: ignore[no-untyped-def]
-    """Add the image of a point that moves along a path: `add_star`.
+def add_path(image, shape, weight, x, y, left, top, electrons, gain, work):  # type: ignore[no-untyped-def]
+    """Add the image of a point that moves along a path, with the electrons of each table.
+
+    Points about one pixel share samples of the table: the weights of each sample are added first.
 
     left, top  pixel (x, y) of the first one of the image
+    gain       one element is for all pixels
     """
-    count = len(weight)
-    size = _together(shape, weight, x, y, electrons)
-    for first in range(0, count, size):
-        share, along, down = _mean_of(weight, x, y, first, min(first + size, count))
-        if share != 0.0:
-            add_star(image, shape, along - left, down - top, share, electrons, gain, room)
+    many = _places(image.shape, shape, weight, x, y, left, top, work)
+    for first in range(many):
+        if not work.done[first]:
+            _add_about(image, shape, first, many, electrons, gain, work)
 
 
 @kernel
-def _together(shape, weight, x, y, electrons):  # type: ignore[no-untyped-def]
-    """How many neighbouring points of a path count as one, at their mean.
+def _places(size, shape, weight, x, y, left, top, work):  # type: ignore[no-untyped-def]
+    """Write the places of the points whose light reaches an image; how many."""
+    rows, columns = size
+    reach = (shape.samples // 2 - 3) // shape.oversampling
+    many = 0
+    for m in range(len(weight)):
+        u, v = x[m] - left, y[m] - top
+        # NaN, behind the camera, reaches nothing.
+        seen = -reach - 1 < u < columns + reach and -reach - 1 < v < rows + reach
+        if weight[m] == 0.0 or not seen:
+            continue
+        about, start, part = work.about[many], work.start[many], work.part[many]
+        part[0] = weight[m]
+        start[0], part[1] = _place(u, columns, shape, about[:3])
+        start[1], part[2] = _place(v, rows, shape, about[3:])
+        work.done[many] = about[2] < about[1] or about[5] < about[4]
+        many += 1
+    return many
 
-    With w the weights and d the distances from the mean, a pixel changes by at most
 
-        (1/2) electrons max|f''| sum w d^2,   max|f''| = 8 bend oversampling^2
+@kernel
+def _place(centre, pixels, shape, about):  # type: ignore[no-untyped-def]
+    """Along one axis: write the nearest pixel, and the first and last around it.
 
-    of each table, which may be LEAST.
+    Returns the sample before the point, and how far behind it the point lies. Pixel p + i reads
+    samples i * oversampling further, with the same weights: a pixel is a stride of the table.
     """
-    if shape.bend[0] == np.inf:
-        return 1
-    curved = 0.0
-    for k in range(len(electrons)):
-        curved += abs(electrons[k]) * shape.bend[k]
-    most = LEAST / (4 * curved * shape.oversampling**2 + 1e-300)
-    size = len(weight)
-    while size > 1:
-        spread = 0.0
-        for first in range(0, len(weight), size):
-            last = min(first + size, len(weight))
-            _, along, down = _mean_of(weight, x, y, first, last)
-            for m in range(first, last):
-                spread += weight[m] * ((x[m] - along) ** 2 + (y[m] - down) ** 2)
-        if spread <= most:
-            break
-        size = (size + 1) // 2
-    return size
+    samples, step = shape.samples, shape.oversampling
+    middle = samples // 2
+    reach = (middle - 3) // step
+    pixel = int(np.floor(centre + 0.5))
+    at = middle + (pixel - centre) * step
+    base = int(np.floor(at))
+    about[0] = pixel
+    about[1] = max(-reach, -pixel, -((base - 2) // step))
+    about[2] = min(reach, pixels - 1 - pixel, (samples - 4 - base) // step)
+    return base, at - base
 
 
 @kernel
-def _mean_of(weight, x, y, first, last):  # type: ignore[no-untyped-def]
-    """Weight and mean place of some points; the place of one is its own, to the bit."""
-    share = along = down = 0.0
-    for m in range(first, last):
-        share += weight[m]
-        along += weight[m] * (x[m] - x[first])
-        down += weight[m] * (y[m] - y[first])
-    if share != 0.0:
-        along, down = along / share, down / share
-    return share, x[first] + along, y[first] + down
-
-
-@kernel
-def work_array(shape):  # type: ignore[no-untyped-def]
-    """Work array for `add_star`."""
-    return np.empty(2 * TAPS + shape.across * (shape.across + 1))
-
-
-@kernel
-def add_star(image, shape, x, y, share, electrons, gain, room):  # type: ignore[no-untyped-def]
-    """Add the image of one point: a share of the electrons of each table.
-
-    One element of gain is for all pixels.
-    """
-    rows, columns = image.shape
-    step = shape.oversampling
-    reach = (shape.samples // 2 - 3) // step
-    # NaN, behind the camera, reaches nothing.
-    if not (-reach - 1 < x < columns + reach and -reach - 1 < y < rows + reach):
-        return
-    wx, wy, star = room[:TAPS], room[TAPS : 2 * TAPS], room[2 * TAPS :]
-    column, left, right, start_x = _place(x, columns, shape.samples, step, wx)
-    row, lowest, highest, start_y = _place(y, rows, shape.samples, step, wy)
-    if right < left or highest < lowest:
-        return
-    start_x, start_y = start_x + left * step, start_y + lowest * step
-    star = star[: (highest - lowest + 1) * shape.across]
-    first = 1
+def _add_about(image, shape, first, many, electrons, gain, work):  # type: ignore[no-untyped-def]
+    """Add the light of all points about the pixel of the first one."""
+    column, left, right, row, lowest, highest = work.about[first]
+    star = work.star[: (highest - lowest + 1) * shape.across]
     if len(shape.line):
-        _product(star, shape, start_x, start_y, wx, wy, right - left + 1)
-    elif abs(electrons[0]) * shape.bend[0] <= LEAST:
-        star[:] = 0.0
-        first = 0
+        _product(star, shape, work, first)
     else:
-        _sum(star, shape, start_x, start_y, wx, wy)
-    # In units of the light of the first table, which no image is without.
-    for k in range(first, len(electrons)):
-        if electrons[k] != 0.0:
-            _add_table(star, shape, k, start_x, start_y, wx, wy, electrons[k] / electrons[0])
-    light = share * electrons[0]
+        star[:] = 0.0
+        _sum(star, shape, electrons, first, many, work)
+        for m in range(first, many):
+            work.done[m] = work.done[m] or _alike(work.about[m], work.about[first])
     top, bottom, left, right = row + lowest, row + highest, column + left, column + right
-    _add_light(image, star, shape.across, top, bottom, left, right, light, gain)
+    _add_light(image, star, shape.across, top, bottom, left, right, electrons[0], gain)
+
+
+@kernel
+def _sum(star, shape, electrons, first, many, work):  # type: ignore[no-untyped-def]
+    """Add the tables, in units of the light of the first, which no image is without."""
+    curved = abs(electrons[0]) * shape.bend[0] > LEAST
+    if curved:
+        count = _collect(shape, first, many, True, work)
+        _add_images(star, shape.strides.reshape(-1), work.begin, work.share, count)
+    if curved and len(electrons) == 1:
+        return
+    count = _collect(shape, first, many, False, work)
+    for k in range(1 if curved else 0, len(electrons)):
+        if electrons[k] != 0.0:
+            for c in range(count):
+                work.short[c] = work.share[c] * (electrons[k] / electrons[0])
+            _add_images(star, shape.several[k].reshape(-1), work.begin, work.short, count)
+
+
+@kernel
+def _alike(one, other):  # type: ignore[no-untyped-def]
+    alike = True
+    for k in range(6):
+        alike = alike and one[k] == other[k]
+    return alike
+
+
+@kernel
+def _collect(shape, first, many, curved, work):  # type: ignore[no-untyped-def]
+    """Write where the images of samples begin, and their weights; how many, a multiple of four.
+
+    curved  by polynomials of the fifth degree between the samples; else by straight lines, with the
+            same centroid
+    """
+    step, box = shape.oversampling, work.box
+    about = work.about[first]
+    corner = shape.samples // 2 - (step + 1) // 2 - 3
+    low_x, low_y, high_x, high_y = len(box), len(box), 0, 0
+    for m in range(first, many):
+        if not _alike(work.about[m], about):
+            continue
+        x, y = work.start[m, 0] - 2 - corner, work.start[m, 1] - 2 - corner
+        low_x, low_y = min(low_x, x), min(low_y, y)
+        high_x, high_y = max(high_x, x + TAPS), max(high_y, y + TAPS)
+        share, u, v = work.part[m]
+        if curved:
+            _lagrange(u, work.across)
+            _lagrange(v, work.down)
+            for b in range(TAPS):
+                for a in range(TAPS):
+                    box[y + b, x + a] += share * work.down[b] * work.across[a]
+        else:
+            box[y + 2, x + 2] += share * (1 - v) * (1 - u)
+            box[y + 2, x + 3] += share * (1 - v) * u
+            box[y + 3, x + 2] += share * v * (1 - u)
+            box[y + 3, x + 3] += share * v * u
+    # The image of a sample: one of step * step, and where in it that of the first pixel begins.
+    count, size, before = 0, shape.strides.shape[2], corner + about[1] * step
+    for j in range(low_y, high_y):
+        y = corner + j + about[4] * step
+        which, begin = y % step * step, y // step * shape.across
+        for i in range(low_x, high_x):
+            if box[j, i] != 0.0:
+                column = (before + i) // step
+                work.begin[count] = (which + before + i - column * step) * size + begin + column
+                work.share[count] = box[j, i]
+                box[j, i] = 0.0
+                count += 1
+    while count % 4:
+        work.begin[count], work.share[count] = work.begin[0], 0.0
+        count += 1
+    return count
+
+
+@kernel
+def _add_images(star, table, begin, share, count):  # type: ignore[no-untyped-def]
+    """Add the weighted images of samples, all rows in one loop."""
+    many = len(star)
+    for k in range(0, count, 4):
+        # Slices, because the compiler would check the index for values below zero.
+        a = table[begin[k] : begin[k] + many]
+        b = table[begin[k + 1] : begin[k + 1] + many]
+        c = table[begin[k + 2] : begin[k + 2] + many]
+        d = table[begin[k + 3] : begin[k + 3] + many]
+        wa, wb, wc, wd = share[k], share[k + 1], share[k + 2], share[k + 3]
+        for n in range(many):
+            star[n] += wa * a[n] + wb * b[n] + wc * c[n] + wd * d[n]
+
+
+@instead_of(_add_images)
+def _add_images_of_arrays(star, table, begin, share, count):  # type: ignore[no-untyped-def]
+    star += share[:count] @ table[begin[:count, None] + np.arange(len(star))]
 
 
 @kernel
@@ -250,57 +360,20 @@ def _add_light_of_arrays(image, star, across, top, bottom, left, right, light, g
 
 
 @kernel
-def _place(centre, pixels, samples, oversampling, weight):  # type: ignore[no-untyped-def]
-    """Along one axis: the nearest pixel, the first and last around it, and their first sample.
-
-    Pixel p + i reads the samples from `start` + i * oversampling on, with the six weights: one
-    pixel is one stride of the table, so all pixels of a star share them.
-    """
-    middle = samples // 2
-    reach = (middle - 3) // oversampling
-    pixel = int(np.floor(centre + 0.5))
-    at = middle + (pixel - centre) * oversampling
-    base = int(np.floor(at))
-    _lagrange(at - base, weight)
-    first = max(-reach, -pixel, -((base - 2) // oversampling))
-    last = min(reach, pixels - 1 - pixel, (samples - 4 - base) // oversampling)
-    return pixel, first, last, base - 2
-
-
-@kernel
-def _sum(star, shape, x, y, wx, wy):  # type: ignore[no-untyped-def]
-    """The sum of the weighted images, all rows in one loop."""
-    step = shape.oversampling
-    star[:] = 0.0
-    for b in range(TAPS):
-        for a in range(TAPS):
-            weight = wy[b] * wx[a]
-            start = (y + b) // step * shape.across + (x + a) // step
-            # A slice, because the compiler would check the index for values below zero.
-            part = shape.strides[(y + b) % step, (x + a) % step][start : start + len(star)]
-            for k in range(len(star)):
-                star[k] += weight * part[k]
-
-
-@instead_of(_sum)
-def _sum_of_arrays(star, shape, x, y, wx, wy):  # type: ignore[no-untyped-def]
-    step = shape.oversampling
-    star[:] = 0.0
-    for b in range(TAPS):
-        for a in range(TAPS):
-            start = (y + b) // step * shape.across + (x + a) // step
-            part = shape.strides[(y + b) % step, (x + a) % step][start : start + len(star)]
-            star += wy[b] * wx[a] * part
-
-
-@kernel
-def _product(star, shape, x, y, wx, wy, width):  # type: ignore[no-untyped-def]
-    for j in range(0, len(star), shape.across):
-        star[j] = _read(shape.column, y + j // shape.across * shape.oversampling, wy)
+def _product(star, shape, work, point):  # type: ignore[no-untyped-def]
+    """Write the image of one point, of a table that is the product of a line and a column."""
+    _, left, right, _, lowest, _ = work.about[point]
+    step, across = shape.oversampling, shape.across
+    x, y = work.start[point, 0] - 2 + left * step, work.start[point, 1] - 2 + lowest * step
+    share, u, v = work.part[point]
+    _lagrange(u, work.across)
+    _lagrange(v, work.down)
+    for j in range(0, len(star), across):
+        star[j] = share * _read(shape.column, y + j // across * step, work.down)
     # The first column last, which the others need.
-    for i in range(width - 1, -1, -1):
-        fraction = _read(shape.line, x + i * shape.oversampling, wx)
-        for j in range(0, len(star), shape.across):
+    for i in range(right - left, -1, -1):
+        fraction = _read(shape.line, x + i * step, work.across)
+        for j in range(0, len(star), across):
             star[j + i] = star[j] * fraction
 
 
@@ -310,40 +383,6 @@ def _read(line, start, weight):  # type: ignore[no-untyped-def]
     for a in range(TAPS):
         total += weight[a] * line[start + a]
     return total
-
-
-@kernel
-def _add_table(star, shape, which, x, y, wx, wy, size):  # type: ignore[no-untyped-def]
-    """Add one of the tables of a FieldPsf, with straight lines between samples.
-
-    The centroid stays that of the polynomials of the fifth degree.
-    """
-    step, across, many = shape.oversampling, shape.across, len(star)
-    u = v = 0.0
-    for a in range(TAPS):
-        u, v = u + wx[a] * (a - 2), v + wy[a] * (a - 2)
-    x, y = x + 2, y + 2
-    upper, lower = y // step * across, (y + 1) // step * across
-    left, right = x // step, (x + 1) // step
-    table = shape.several[which]
-    a = table[y % step, x % step][upper + left : upper + left + many]
-    b = table[y % step, (x + 1) % step][upper + right : upper + right + many]
-    c = table[(y + 1) % step, x % step][lower + left : lower + left + many]
-    d = table[(y + 1) % step, (x + 1) % step][lower + right : lower + right + many]
-    wa, wb = np.float32(size * (1 - v) * (1 - u)), np.float32(size * (1 - v) * u)
-    wc, wd = np.float32(size * v * (1 - u)), np.float32(size * v * u)
-    _add_weighted(star, a, b, c, d, wa, wb, wc, wd)
-
-
-@kernel
-def _add_weighted(star, a, b, c, d, wa, wb, wc, wd):  # type: ignore[no-untyped-def]
-    for k in range(len(star)):
-        star[k] += wa * a[k] + wb * b[k] + wc * c[k] + wd * d[k]
-
-
-@instead_of(_add_weighted)
-def _add_weighted_arrays(star, a, b, c, d, wa, wb, wc, wd):  # type: ignore[no-untyped-def]
-    star += wa * a + wb * b + wc * c + wd * d
 
 
 @kernel

@@ -18,7 +18,7 @@ from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import in_steps
 from startrack.detector.shutter import Places
-from startrack.detector.stamp import UNIT_GAIN, PsfTable, add_path, psf_table, work_array
+from startrack.detector.stamp import UNIT_GAIN, PsfTable, add_path, psf_table, work_arrays
 from startrack.detector.tables import Tables
 
 NO_HITS = np.empty(0, np.int64), np.empty(0)
@@ -161,7 +161,7 @@ def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables)
     """One window after the other, in memory that stays in the cache of the processor."""
     rows, columns = image.shape
     ends = _path_bounds(points.x, points.y)
-    room, work = work_row(), work_array(points.shape)
+    room, work = work_row(), work_arrays(points.shape, len(points.weight))
     for k in range(len(windows)):
         left, top, right, bottom = windows[k]
         electrons = _window_electrons(windows[k], rows, columns, pixels, points, ends, work)
