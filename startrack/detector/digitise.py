@@ -100,12 +100,12 @@ COUNTED = 64  # limits that take less time to be counted than to be searched; ch
 # Pixels of a row in one step: with the tables of their levels they fit the first cache of a core
 # (32 KiB). More are slower by a fifth, fewer spend the time at the ends of the loops.
 PART = 512
-WORK = 3  # rows of the workspace
+WORK = 5  # rows of the workspace
 
 
 @kernel
 def work_row():  # type: ignore[no-untyped-def]
-    """Work array for `digitise_row`."""
+    """Work array for `digitise_row` and `digitise_window`."""
     return np.empty((WORK, PART + 2), np.uint32)
 
 
@@ -135,15 +135,57 @@ def _digitise_part(out, mean, start, shot, read, law, tables, room):  # type: ig
     for column in range(many):
         near[column] = F32(mean[column])
     _cells_of_levels(near, random, tables, at)
-    none = len(tables.entry) - 1
     for k in range(_settle(out, at, random, other, tables)):
         column = np.int64(other[k])
         pixel = start + np.uint64(column)
-        if at[column] == none:
-            out[column] = draw_number(mean[column], 0.0, shot, read, pixel, law)
-        else:
-            line = np.int64(at[column] >> tables.cells)
-            out[column] = tables.lowest + _number_by_all_bits(shot, pixel, line, tables.limit)
+        out[column] = _unsettled(mean[column], at[column], pixel, shot, read, law, tables)
+
+
+@kernel
+def digitise_window(image, left, top, mean, shot, read, law, tables, room):  # type: ignore[no-untyped-def]
+    """As `digitise_row`, of a window of an image, several short rows in one step.
+
+    A loop over a short row ends before the processor works on many pixels at once.
+    """
+    (height, width), columns = mean.shape, image.shape[1]
+    together = PART // width
+    if together < 2:
+        for j in range(height):
+            out, start = image[top + j, left : left + width], (top + j) * columns + left
+            digitise_row(out, mean[j], np.uint64(start), shot, read, law, tables, room)
+        return
+    for first in range(0, height, together):
+        rows = min(together, height - first)
+        many, begin = rows * width, (top + first) * columns + left
+        at, other = room[1, :many], room[2, :many]
+        random, numbers, near = room[3, :many], room[4, :many], other.view(np.float32)
+        for j in range(rows):
+            start = begin + j * columns
+            odd = start & 1
+            pairs = room[0].view(np.uint64)[: (odd + width + 1) // 2]
+            _random_pairs(shot, np.uint64(start >> 1), pairs)
+            for i in range(width):
+                random[j * width + i] = room[0, odd + i]
+                near[j * width + i] = F32(mean[first + j, i])
+        _cells_of_levels(near, random, tables, at)
+        left_over = _settle(numbers, at, random, other, tables)
+        for j in range(rows):
+            for i in range(width):
+                image[top + first + j, left + i] = numbers[j * width + i]
+        for k in range(left_over):
+            j, i = np.int64(other[k]) // width, np.int64(other[k]) % width
+            pixel = np.uint64(begin + j * columns + i)
+            number = _unsettled(mean[first + j, i], at[other[k]], pixel, shot, read, law, tables)
+            image[top + first + j, left + i] = number
+
+
+@kernel
+def _unsettled(mean, cell, pixel, shot, read, law, tables):  # type: ignore[no-untyped-def]
+    """The number of a pixel that no entry settles."""
+    if cell == len(tables.entry) - 1:
+        return draw_number(mean, 0.0, shot, read, pixel, law)
+    line = np.int64(cell >> tables.cells)
+    return float(tables.lowest + _number_by_all_bits(shot, pixel, line, tables.limit))
 
 
 @kernel

@@ -10,7 +10,7 @@ import numpy as np
 
 from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Streams, Workspace, kernel
 from startrack.detector.collect import background, background_tables
-from startrack.detector.digitise import digitise_row, draw_number, keys, work_row
+from startrack.detector.digitise import digitise_window, draw_number, keys, work_row
 from startrack.detector.expose import colours, to_frame
 from startrack.detector.hits import tracks
 from startrack.detector.law import Law, law_of
@@ -166,10 +166,7 @@ def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables)
         left, top, right, bottom = windows[k]
         electrons = _window_electrons(windows[k], rows, columns, pixels, points, ends, work)
         electrons += _crop(pixels.dark, left, top, right, bottom)
-        for row in range(top, bottom):
-            start = np.uint64(row * columns + left)
-            out, mean = image[row, left:right], electrons[row - top]
-            digitise_row(out, mean, start, shot, read, law, tables, room)
+        digitise_window(image, left, top, electrons, shot, read, law, tables, room)
         if len(hit):
             _add_hits(image, windows[k], electrons, hit, extra, shot, read, law)
 
