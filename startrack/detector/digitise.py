@@ -91,6 +91,13 @@ def _digitise(image, electrons, shot, read, law, tables):  # type: ignore[no-unt
         digitise_row(image[row], electrons[row], start, shot, read, law, tables, room)
 
 
+@instead_of(_digitise)
+def _digitise_in_one(image, electrons, shot, read, law, tables):  # type: ignore[no-untyped-def]
+    room = np.empty((WORK, image.size + 2), np.uint32)
+    out, mean = image.reshape(-1), electrons.reshape(-1)
+    _digitise_part(out, mean, np.uint64(0), shot, read, law, tables, room)
+
+
 U32, F32 = np.uint32, np.float32
 LOW = np.uint32(0xFFFF)
 LEVEL_BITS = 32 - ENTRY_BITS
@@ -132,13 +139,23 @@ def _digitise_part(out, mean, start, shot, read, law, tables, room):  # type: ig
     _random_pairs(shot, start >> np.uint64(1), pairs.view(np.uint64)[: (odd + many + 1) // 2])
     random = pairs[odd : odd + many]
     near = other.view(np.float32)
-    for column in range(many):
-        near[column] = F32(mean[column])
+    _write_singles(near, mean)
     _cells_of_levels(near, random, tables, at)
     for k in range(_settle(out, at, random, other, tables)):
         column = np.int64(other[k])
         pixel = start + np.uint64(column)
         out[column] = _unsettled(mean[column], at[column], pixel, shot, read, law, tables)
+
+
+@kernel
+def _write_singles(out, mean):  # type: ignore[no-untyped-def]
+    for column in range(len(mean)):
+        out[column] = F32(mean[column])
+
+
+@instead_of(_write_singles)
+def _write_singles_of_arrays(out, mean):  # type: ignore[no-untyped-def]
+    out[:] = mean
 
 
 @kernel

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.core import kernel
+from startrack.core import instead_of, kernel
 from startrack.detector.law import Law, converted, nonlinear_signal, upper_edge
 
 STEPS = 64  # least number of levels in a standard deviation
@@ -162,6 +162,19 @@ def _sums(probability, start, end, below, above):  # type: ignore[no-untyped-def
                 less += chance[start[d] + k] * below[d, k]
                 more += chance[start[d] + k] * above[d, k]
             lower[level, d], upper[level, d] = less, more
+    return lower, upper
+
+
+@instead_of(_sums)
+def _sums_of_arrays(probability, start, end, below, above):  # type: ignore[no-untyped-def]
+    edge = np.zeros((len(probability), 1))
+    head = np.cumsum(np.concatenate([edge, probability], axis=1), axis=1)
+    tail = np.cumsum(np.concatenate([edge, probability[:, ::-1]], axis=1), axis=1)[:, ::-1]
+    lower, upper = head[:, start], tail[:, end]
+    for k in range(below.shape[1]):
+        among = start + k < end
+        chance = probability[:, np.where(among, start + k, 0)] * among
+        lower, upper = lower + chance * below[:, k], upper + chance * above[:, k]
     return lower, upper
 
 
