@@ -34,7 +34,7 @@ DEFOCUS, BLUR = "instrument.optics.defocus", "instrument.optics.blur"
 EXPOSURE, THRESHOLD = "instrument.detector.exposure", "tracker.detection.threshold"
 OLD = {FOCAL: 45 * mm, SPEED: 1.4, EXPOSURE: 0.216, THRESHOLD: 6.0}
 NEW = {
-    FOCAL: 59.54 * mm, SPEED: 3.179, DEFOCUS: 50 * um, EXPOSURE: 0.2163, THRESHOLD: 6.928,
+    FOCAL: 59.54 * mm, SPEED: 2.939, DEFOCUS: 50 * um, EXPOSURE: 0.2163, THRESHOLD: 6.928,
 }  # fmt: skip
 BLURS = np.array([4.0, 5.0, 6.0]) * um
 DEFOCI = np.array([-60.0, -30.0, -15.0, 0.0, 15.0, 30.0, 60.0]) * um
