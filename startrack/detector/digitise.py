@@ -181,14 +181,13 @@ def digitise_window(image, left, top, mean, shot, read, law, tables, room):  # t
             odd = start & 1
             pairs = room[0].view(np.uint64)[: (odd + width + 1) // 2]
             _random_pairs(shot, np.uint64(start >> 1), pairs)
-            for i in range(width):
-                random[j * width + i] = room[0, odd + i]
-                near[j * width + i] = F32(mean[first + j, i])
+            row = slice(j * width, (j + 1) * width)
+            random[row] = room[0, odd : odd + width]
+            _write_singles(near[row], mean[first + j])
         _cells_of_levels(near, random, tables, at)
         left_over = _settle(numbers, at, random, other, tables)
         for j in range(rows):
-            for i in range(width):
-                image[top + first + j, left + i] = numbers[j * width + i]
+            image[top + first + j, left : left + width] = numbers[j * width : (j + 1) * width]
         for k in range(left_over):
             j, i = np.int64(other[k]) // width, np.int64(other[k]) % width
             pixel = np.uint64(begin + j * columns + i)

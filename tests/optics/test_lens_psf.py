@@ -87,6 +87,20 @@ def test_a_path_is_the_sum_of_its_points(tmp_path, electrons):
     np.testing.assert_allclose(path, points, atol=1e-6 * points.max())
 
 
+def test_straight_lines_between_samples_keep_light_and_centroid(tmp_path):
+    """A star so faint that all its tables are read so, beside one a million times as bright."""
+    psf = made(lens_of(tmp_path, ideal()))
+    x, y = np.array([[31.37], [31.52]]), np.array([[29.81], [30.34]])
+    weight = np.array([0.3, 0.7])
+    u, v, part = psf.split(x, y, np.array([400.0]), weight, AT)
+    faint, bright = np.zeros((2, SIDE, SIDE))
+    stamp_paths(faint, psf, weight, u, v, 1e-6 * part)
+    stamp_paths(bright, psf, weight, u, v, part)
+    assert 0 < np.abs(1e6 * faint - bright).max() < 0.02 * bright.max()
+    assert 1e6 * faint.sum() == pytest.approx(bright.sum(), rel=1e-3)
+    np.testing.assert_allclose(centroid(faint), centroid(bright), atol=1e-3)
+
+
 @pytest.mark.parametrize("defocus", [0.0, 40e-6])
 def test_a_focused_and_a_defocused_star_are_those_of_the_plain_psf(tmp_path, defocus):
     psf = made(lens_of(tmp_path, ideal(), defocus=defocus, blur=2e-6))
