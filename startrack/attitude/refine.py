@@ -67,6 +67,7 @@ def refine(
     # (n, 3) the lower triangle of a matrix that makes the noise of a position one.
     root = np.linalg.inv(np.linalg.cholesky(covariance)) * camera.focal_length_px
     whitener = np.ascontiguousarray(root[:, [0, 1, 1], [0, 0, 1]])
+    direction = np.ascontiguousarray(direction)  # which those that scipy has turned are not
     matrix = start.as_matrix()
     inverse, chi_square = np.empty((3, 3)), np.empty(len(pixel))
     residual = np.empty_like(seen_plane)

@@ -136,29 +136,28 @@ class _Law:
     """The logarithm of the posterior at points (w, 6)."""
 
     def __init__(self, levels: list[_LevelStatistics]) -> None:
-        self.levels = levels
-        one = next(level for level in levels if not level.lit)
+        self.levels = sorted(levels, key=lambda one: one.lit)
+        self.unlit = sum(not one.lit for one in levels)
+        one = self.levels[0]
         self.scale = np.array([SPREAD] * 5 + [math.sqrt(one.spatial / one.pixels)])
+        # (levels, 1), the unlit ones first
+        self.columns = np.array(self.levels).T[1:, :, None]
 
     def __call__(self, points: Floats) -> Floats:
         held = np.clip(points[:, :-1], np.log(LOW), np.log(HIGH))
         gain, read, dark, prnu, pattern = np.exp(held).T
-        offset = points[:, -1]
-        inside = (held == points[:, :-1]).all(axis=1)
-        score = np.zeros(len(points))
-        for one in self.levels:
-            charge = dark * one.exposure
-            light = gain * (one.mean - offset) - charge if one.lit else np.zeros(len(points))
-            inside &= light >= 0
-            light = np.maximum(light, 0)
-            temporal = (read**2 + charge + light) / gain**2 + ROUNDING
-            spatial = temporal / one.frames + (pattern**2 + (prnu * light) ** 2) / gain**2
-            score += _gamma(one.temporal, temporal, one.pixels * (one.frames - 1))
-            score += _gamma(one.spatial, spatial, one.pixels - 1)
-            if not one.lit:
-                off = one.mean - offset - charge / gain
-                score -= 0.5 * (off**2 * one.pixels / spatial + np.log(spatial))
-        return np.where(inside, score, -np.inf)
+        exposure, frames, pixels, mean, temporal, spatial = self.columns
+        off, charge, unlit = mean - points[:, -1], dark * exposure, slice(self.unlit)
+        light = gain * off - charge
+        light[unlit] = 0.0
+        inside = (held == points[:, :-1]).all(axis=1) & (light >= 0).all(axis=0)
+        light = np.maximum(light, 0)
+        noise = (read**2 + charge + light) / gain**2 + ROUNDING
+        spread = noise / frames + (pattern**2 + (prnu * light) ** 2) / gain**2
+        score = _gamma(temporal, noise, pixels * (frames - 1)) + _gamma(spatial, spread, pixels - 1)
+        error = (off - charge / gain)[unlit] ** 2 / (spread / pixels)[unlit]
+        score[unlit] -= 0.5 * (error + np.log(spread[unlit]))
+        return np.where(inside, score.sum(axis=0), -np.inf)
 
     def guess(self) -> Floats:
         """Estimate by classical photon transfer, from two levels for each constant."""
@@ -184,6 +183,6 @@ class _Law:
         return np.append(logs, short.mean - rate * short.exposure)
 
 
-def _gamma(sample: float, variance: Floats, freedom: int) -> Floats:
+def _gamma(sample: Floats, variance: Floats, freedom: Floats) -> Floats:
     """ln density of a sample variance of normal numbers, without the constant terms."""
     return -0.5 * freedom * (np.log(variance) + sample / variance)

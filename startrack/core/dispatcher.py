@@ -111,16 +111,16 @@ class KernelDispatcher(CPUDispatcher):
             inner = KernelDispatcher.calls_within > 0
             types = tuple(sigutils.normalize_signature(sig)[0])
             known: Any = self.overloads.get(types)
-            if known is not None and not inner and isinstance(known.library, InnerCode):
-                _REPLACED.append(self.overloads.pop(types))
             if inner:
                 self._compiler.pipeline_class = _Inner
                 return super().compile(sig)
             holds = getattr(self._cache, "holds", lambda _: False)
-            if known is None:
+            if known is None or isinstance(known.library, InnerCode):
                 found = interpreter(self, lambda: bool(holds(sig)))
                 if found is not None:
                     return found
+                if known is not None:
+                    _REPLACED.append(self.overloads.pop(types))
             claimed = nullcontext if holds(sig) else getattr(self._cache, "claimed", nullcontext)
             self._compiler.pipeline_class = _Outer
             with claimed(), _without_collection(), _numbas_own_inside():

@@ -131,7 +131,9 @@ class FieldPsf:
         part[np.abs(part) * self.peak <= LEAST] = 0.0
         lit = np.flatnonzero(part[:, 0])
         which = there[lit]
-        return x[:, which] + found[lit, 0], y[:, which] + found[lit, 1], part[lit]
+        # Row by row in memory; x[:, which] is not, and kernels are compiled anew for it.
+        x, y = x.take(which, axis=1), y.take(which, axis=1)
+        return x + found[lit, 0], y + found[lit, 1], part[lit]
 
 
 @kernel

@@ -21,7 +21,7 @@ from startrack.identification.sky import SkyGrid, VerificationStars
 FORMAT = 6  # grows with every change of what an index holds or how it is built
 # Files of some 10 MB; `identify_blind` needs 30. Chosen by hand: trades disk against rebuilding.
 KEPT = 48
-HELD = 16  # of 10 MB in memory; chosen by hand, as KEPT
+HELD = 27  # of 10 MB in memory: all that a search without a field of view takes
 
 
 class _Parts(NamedTuple):
@@ -69,7 +69,7 @@ def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternInd
 
 
 class PatternIndexes:
-    """The pattern indexes of one catalogue, by field of view; the 16 used last stay in memory.
+    """The pattern indexes of one catalogue, by field of view; the 27 used last stay in memory.
 
     stars   the tracker's catalogue
     folder  where they are kept from one run to the next; None: `cache_folder()`

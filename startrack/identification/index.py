@@ -203,12 +203,21 @@ def _table(
     smallest, largest = SMALLEST * field_of_view, LARGEST * field_of_view
     triangle = _triangles(sky, rank, smallest, largest, crowding)
     cell = _encode(sky.direction, triangle, smallest)
-    order = np.argsort(cell, kind="stable")
-    start = np.searchsorted(cell[order], np.arange(CELLS_X * CELLS_Y * CELLS_BASE + 1))
+    counts = np.bincount(cell, minlength=CELLS_X * CELLS_Y * CELLS_BASE)
+    start = np.append(0, np.cumsum(counts))
     narrow = np.uint16 if len(rank) <= 2**16 else np.uint32
     return CodeTable(
-        smallest, largest, sky, np.asarray(triangle[order], narrow), start.astype(np.int32)
+        smallest, largest, sky, triangle.astype(narrow)[_order(cell)], start.astype(np.int32)
     )
+
+
+def _order(cell: Indices) -> Ints:
+    """The order that sorts cells; equal ones stay in turn.
+
+    The lower 16 bits first, then the upper ones: numpy counts these instead of comparing them.
+    """
+    order = np.argsort(cell.astype(np.uint16), kind="stable")
+    return order[np.argsort((cell >> 16).astype(np.uint16)[order], kind="stable")]
 
 
 def _crowding(fields: float, per_field: float, triangles: int) -> float:

@@ -13,7 +13,8 @@ from typing import Any
 from startrack.io.reading import read_bytes
 
 CARD, MOST = 80, 999  # byte of a card; axes and columns, FITS 4.0
-COUNTS = re.compile(rb"(NAXIS|TFIELDS)\s*=\s*(\d+)")
+COUNTED = b"NAXIS", b"TFIELDS"
+COUNT = re.compile(rb"(NAXIS|TFIELDS)\s*=\s*(\d+)")
 
 
 def require_fits(path: Path, data: bytes) -> None:
@@ -23,12 +24,22 @@ def require_fits(path: Path, data: bytes) -> None:
     """
     if not data.startswith(b"SIMPLE"):  # nor what astropy would unpack by itself, without a limit
         raise ValueError(f"{path} must be a whole FITS file, which begins with SIMPLE")
-    for found in COUNTS.finditer(data):
-        if found.start() % CARD == 0 and int(found[2][:9]) > MOST:
+    for start in _counts(data):
+        found = COUNT.match(data, start)
+        if found and start % CARD == 0 and int(found[2][:9]) > MOST:
             raise ValueError(
                 f"{path} must be a whole FITS file, with {found[1].decode()} at most {MOST}, got "
                 f"{found[2][:9].decode()}"
             )
+
+
+def _counts(data: bytes) -> Iterator[int]:
+    """Where the keywords of counts stand, or what looks like them."""
+    for keyword in COUNTED:
+        at = data.find(keyword)
+        while at >= 0:
+            yield at
+            at = data.find(keyword, at + 1)
 
 
 @contextmanager

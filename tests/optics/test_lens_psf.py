@@ -80,6 +80,8 @@ def test_a_path_is_the_sum_of_its_points(tmp_path, electrons):
     x, y = 31.3 + 7 * np.sin(turn), 1.8 - 2 * turn
     weight = np.linspace(0.5, 1.5, 40) / 40
     u, v, part = psf.split(x, y, np.array([electrons]), weight, AT)
+    assert u.flags.c_contiguous  # kernels are compiled anew for another order
+    assert v.flags.c_contiguous
     path, points = np.zeros((2, SIDE, SIDE))
     stamp_paths(path, psf, weight, u, v, part)
     for m in range(40):
@@ -238,8 +240,9 @@ def test_what_a_table_cannot_say_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("name", "row", "error"),
     # Of the peak. At 8.3 deg apertures cut off a quarter of the light.
-    [("double_gauss", 0, 0.0005), ("double_gauss", 1, 0.002), ("double_gauss", 2, 0.002),
-     ("petzval", 0, 0.003), ("petzval", 1, 0.0015), ("petzval", 2, 0.002)],
+    [("double_gauss", 0, 0.0005), pytest.param("double_gauss", 1, 0.002, marks=pytest.mark.slow),
+     ("double_gauss", 2, 0.002), pytest.param("petzval", 0, 0.003, marks=pytest.mark.slow),
+     ("petzval", 1, 0.0015), pytest.param("petzval", 2, 0.002, marks=pytest.mark.slow)],
 )  # fmt: skip
 def test_shipped_lenses_have_the_images_of_their_ray_tracer(name, row, error):
     """Huygens-Fresnel integrals by optiland, on 48 x 48 points of about one micrometre."""
@@ -302,7 +305,7 @@ def compared(plan, lens, wavelength, angle, wanted):
     down = int(np.argmax(fits_at)) // (n + 1)
     plan.count = n + 1
     # Its middle is between two points.
-    along = (down - n / 2 + np.arange(-2, 2.1, 0.25)) * step
+    along = (down - n / 2 + np.arange(-2, 2.1, 0.5)) * step
     start = min([(u, v) for u in along for v in (-step / 2, step / 2)], key=error)
     corners = np.array(start) + np.array([[0, 0], [step, 0], [0, step]]) / 8
     options = {"xatol": 1e-3, "fatol": 1e-7, "initial_simplex": corners}
