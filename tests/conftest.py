@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from startrack.cli import terminal
-from startrack.core import Curve
+from startrack.core import Curve, interpreted
 from startrack.design import Case, Design, load_design
 from startrack.io import shipped
 
@@ -56,6 +56,16 @@ def _quick_example():
     """Commands without a design take that of noise alone, whose frames and budgets are quick."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(terminal, "EXAMPLE", "designs/noise_only.toml")
+        yield
+
+
+@pytest.fixture
+def in_python():
+    """Kernels that are not on disk run as Python code: a few small arrays need no compiler.
+
+    For tests of kernels that only other kernels call; those that call them run compiled elsewhere.
+    """
+    with interpreted(lambda: True):
         yield
 
 

@@ -18,14 +18,13 @@ def run(seed: int, steps: int, rate_size: float):
     state = start(turned(truth, rng), SEEN, 5 * arcsec)
     for k in range(steps):
         rate = rate_size * np.array([np.sin(0.01 * k), np.cos(0.02 * k), 0.5])
-        # The turn the gyroscope shows over a step, in ten parts so that the truth is not ours.
-        shown = np.zeros(3)
-        for _ in range(10):
-            small = STEP / 10
-            white = GYROSCOPE.angle_random_walk / np.sqrt(small) * rng.standard_normal(3)
-            shown += (rate + bias + white) / 10
-            bias = bias + GYROSCOPE.rate_random_walk * np.sqrt(small) * rng.standard_normal(3)
-            truth = Rotation.from_rotvec(-rate * small) * truth
+        # What the gyroscope shows over a step, in ten parts so that the truth is not ours.
+        white, walk = rng.standard_normal((2, 10, 3))
+        walk = GYROSCOPE.rate_random_walk * np.sqrt(STEP / 10) * np.cumsum(walk, axis=0)
+        white *= GYROSCOPE.angle_random_walk / np.sqrt(STEP / 10)
+        shown = rate + bias + white.mean(axis=0) + walk[:-1].sum(axis=0) / 10
+        bias = bias + walk[-1]
+        truth = Rotation.from_rotvec(-rate * STEP) * truth
         state = predict(state, shown, STEP, GYROSCOPE)
         state = correct(state, turned(truth, rng), SEEN)
     error = (truth * state.icrs_to_camera.inv()).as_rotvec()

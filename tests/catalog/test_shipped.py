@@ -103,15 +103,18 @@ def test_zeta_herculis_stands_once(stars):
     assert np.count_nonzero(near & (stars.magnitude_g < 4)) == 1
 
 
-def sample() -> list[dict[str, str]]:
+@pytest.fixture(scope="module")
+def sample(stars) -> tuple[list[dict[str, str]], np.ndarray]:
+    """Rows of the sample that are among the stars, and the rows of these."""
+    place = {identifier: row for row, identifier in enumerate(stars.identifier.tolist())}
     with SAMPLE.open() as file:
-        return list(csv.DictReader(file))
+        rows = [one for one in csv.DictReader(file) if int(one["source_id"]) in place]
+    return rows, np.array([place[int(one["source_id"])] for one in rows])
 
 
-def test_motions_agree_with_hipparcos(stars):
+def test_motions_agree_with_hipparcos(stars, sample):
     # Gaia's and Hipparcos' motions of single stars differ by 1 mas/yr; of double stars by more.
-    rows = [r for r in sample() if int(r["source_id"]) in set(stars.identifier.tolist())]
-    at = np.array([row(stars, int(r["source_id"])) for r in rows])
+    rows, at = sample
     known = stars.proper_motion_known[at]
     assert known.mean() > 0.99
     for name, column in (("pmra", stars.pm_ra), ("pmdec", stars.pm_dec)):
@@ -121,9 +124,8 @@ def test_motions_agree_with_hipparcos(stars):
         assert np.quantile(off, 0.95) < 12.0
 
 
-def test_hp_gives_g(stars):
-    rows = [r for r in sample() if int(r["source_id"]) in set(stars.identifier.tolist())]
-    at = np.array([row(stars, int(r["source_id"])) for r in rows])
+def test_hp_gives_g(stars, sample):
+    rows, at = sample
     hp = np.array([float(r["hp"]) for r in rows])
     use = (stars.magnitude_g[at] > 5) & (stars.colour[at] < 3.2)
     expected = hp + polynomial.polyval(stars.colour[at], G_MINUS_HP)

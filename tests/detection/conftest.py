@@ -12,14 +12,17 @@ from startrack.core import Floats
 def paint(shape: tuple[int, int], x: Floats, y: Floats, flux: Floats, sigma: float) -> Floats:
     """Gaussian stars integrated over pixels, noise-free, on an empty image."""
     reach = int(np.ceil(7 * sigma)) + 1
-    image = np.zeros((shape[0] + 2 * reach, shape[1] + 2 * reach))
-    for cx, cy, f in np.broadcast(x, y, flux):
-        left, top = round(cx) - reach, round(cy) - reach
-        u = np.arange(left, left + 2 * reach + 1)
-        v = np.arange(top, top + 2 * reach + 1)
-        along = ndtr((u + 0.5 - cx) / sigma) - ndtr((u - 0.5 - cx) / sigma)
-        down = ndtr((v + 0.5 - cy) / sigma) - ndtr((v - 0.5 - cy) / sigma)
-        image[np.ix_(v + reach, u + reach)] += f * np.outer(down, along)
+    rows, columns = (side + 2 * reach for side in shape)
+    x, y, flux = (np.ravel(each) for each in np.broadcast_arrays(x, y, flux))
+    near = np.arange(-reach, reach + 1)
+    u, v = (np.rint(centre).astype(int)[:, None] + near for centre in (x, y))
+    along, down = (
+        ndtr((pixel + 0.5 - centre) / sigma) - ndtr((pixel - 0.5 - centre) / sigma)
+        for pixel, centre in ((u, x[:, None]), (v, y[:, None]))
+    )
+    place = (v[:, :, None] + reach) * columns + u[:, None] + reach
+    light = flux[:, None, None] * down[:, :, None] * along[:, None]
+    image = np.bincount(place.ravel(), light.ravel(), rows * columns).reshape(rows, columns)
     return image[reach:-reach, reach:-reach]
 
 

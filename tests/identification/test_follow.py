@@ -15,6 +15,8 @@ from startrack.identification.sky import VerificationStars, sky_grid
 from startrack.identification.track import _away, _chain, _misfit, _update, follow
 from startrack.identification.verify import weigh_prior
 
+IN_PYTHON = pytest.mark.usefixtures("in_python")
+
 CAMERA = Camera(1024, 1024, 2000.0)
 TURN = Rotation.from_rotvec([0.4, -1.0, 2.0])
 STAR = np.array([[500.0, 480.0], [200.0, 700.0], [850.0, 300.0], [400.0, 150.0], [760.0, 810.0]])
@@ -65,6 +67,7 @@ def test_each_match_makes_the_windows_of_the_next_smaller(design, spots_at):
     assert right >= 12
 
 
+@IN_PYTHON
 def test_a_match_adds_its_information(spots_at):
     """The state after three matches is that of one weighted least squares, by another algebra."""
     rng = np.random.default_rng(4)
@@ -90,6 +93,7 @@ def test_a_match_adds_its_information(spots_at):
         np.testing.assert_allclose(state, np.linalg.solve(information, right), rtol=1e-6)
 
 
+@IN_PYTHON
 @pytest.mark.parametrize("angle", [1e-6, 0.01, 0.5])
 def test_the_difference_of_attitudes_is_a_rotation_vector(angle):
     """Times sin a / a, which is nearly one for small angles."""
@@ -108,6 +112,7 @@ def chain(spots_at, spot, star, first=(0, 0)):
     return list(zip(spots.tolist(), stars.tolist(), strict=True))
 
 
+@IN_PYTHON
 def test_a_spot_is_matched_to_one_star_only(spots_at):
     """Stars at one position: the brightest is matched, the others are not, in every rank."""
     twice = [STAR[0], STAR[1], STAR[1], STAR[0], STAR[2]]
@@ -116,12 +121,14 @@ def test_a_spot_is_matched_to_one_star_only(spots_at):
     assert chain(spots_at, STAR[:3], twice, (2, 4)) == [(2, 4), (0, 0), (1, 1)]
 
 
+@IN_PYTHON
 def test_a_star_is_matched_to_the_nearest_spot_only(spots_at):
     aside = [STAR[0], STAR[0] + [0.3, 0.0], STAR[1] + [0.0, 0.9], STAR[1], STAR[1] - [0.9, 0.0]]
     assert chain(spots_at, aside, STAR[:2]) == [(0, 0), (3, 1)]
     assert chain(spots_at, aside, STAR[:2], (1, 0)) == [(1, 0), (3, 1)]
 
 
+@IN_PYTHON
 @pytest.mark.parametrize(("off", "found"), [(3.95, True), (4.05, False)])
 @pytest.mark.parametrize("side", [[1, 0], [0, 1], [-1, 0], [0.6, -0.8]])
 def test_windows_end_at_four_sigma(spots_at, off, found, side):
@@ -162,6 +169,7 @@ def evidence(seen, rotation, prior=NOTHING, log_prior=0.0):
     return weigh_prior(seen, sky, every, spot, every, distance, turn, 1.0, prior, log_prior)
 
 
+@IN_PYTHON
 def test_an_attitude_known_well_enough_is_no_unknown(spots_at):
     seen = seen_at(spots_at, STAR)
     _, matches, log_p = follow(seen, voters(), TURN.as_matrix(), TIGHT)
@@ -188,6 +196,7 @@ def test_the_attitude_of_a_chain_is_that_of_least_squares(spots_at):
     assert (Rotation.from_matrix(rotation) * best.inv()).magnitude() < 1e-8
 
 
+@IN_PYTHON
 def test_the_prior_of_the_attitude_is_a_gaussian(spots_at):
     """Its density by scipy at the solution; ten times the sigma about each of three axes."""
     noise = np.random.default_rng(5).normal(0, 0.5, STAR.shape)

@@ -10,6 +10,8 @@ from startrack.identification.agree import _brightest, gather
 from startrack.identification.seen import see
 from startrack.identification.sky import sky_grid
 
+pytestmark = pytest.mark.usefixtures("in_python")
+
 CAMERA = Camera(1024, 1024, 2000.0)
 TURN = Rotation.from_rotvec([0.4, -1.0, 2.0])
 RNG = np.random.default_rng(1)

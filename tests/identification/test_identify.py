@@ -63,11 +63,13 @@ def test_matches_are_the_true_stars(design):
     assert wrong <= 0.01 * right
 
 
+@pytest.mark.parametrize("images", [120, pytest.param(350, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("tolerance", [0.0, 0.01, 0.1])
-def test_random_spots_are_never_solved(design, spots_at, tolerance):
+def test_random_spots_are_never_solved(design, spots_at, tolerance, images):
+    """Hardly ever a bound that lets one in thirty of so many images pass goes unnoticed."""
     camera = design(12, 6.0)
     rng = np.random.default_rng(2)
-    for number in range(350):
+    for number in range(images):
         pixel = rng.random(((6, 12, 30)[number % 3], 2)) * 1024 - 0.5
         matches = identify(
             spots_at(pixel, 0.1),

@@ -14,7 +14,7 @@ from startrack.catalog import Selection, open_sky
 from startrack.core.camera import Camera
 from startrack.core.units import arcsec, deg
 from startrack.detection import Detection, detect, subtract_dark
-from startrack.identification import Identification, build_index, identify
+from startrack.identification import Identification, PatternIndexes, identify
 from startrack.io.images import read_image
 
 NAMES = (
@@ -26,12 +26,12 @@ NAMES = (
 
 
 @pytest.fixture(scope="module")
-def stars():
-    return open_sky(Selection()).stars
+def indexes(tmp_path_factory):
+    return PatternIndexes(open_sky(Selection()).stars, tmp_path_factory.mktemp("indexes"))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_solved_as_others_solve_it(outside, stars, name):
+def test_solved_as_others_solve_it(outside, indexes, name):
     folder = outside / "images"
     truth = json.loads((folder / "truth.json").read_text())["images"][name]
     frame = read_image(folder / name)
@@ -42,10 +42,10 @@ def test_solved_as_others_solve_it(outside, stars, name):
     settings = Identification(focal_tolerance=0.1)
     for factor in (0.93, 1.07):
         camera = Camera.from_field_of_view(columns, rows, truth["fov_x_deg"] * factor * deg)
-        index = build_index(stars, camera.fov_y)
+        index = indexes(camera)
         for threshold in (5.0, 4.0):  # a second look, as the command takes
             spots = detect(frame, Detection(threshold=threshold))
-            matches = identify(spots, camera, stars, index, settings)
+            matches = identify(spots, camera, indexes.stars, index, settings)
             if matches.icrs_to_camera is not None:
                 break
         assert matches.icrs_to_camera is not None, matches.reason

@@ -11,12 +11,12 @@ from startrack.core.values import Stars, Status
 from startrack.identification import (
     Identification,
     build_index,
+    cache,
     cached_index,
     identify,
     identify_all,
     track,
 )
-from startrack.identification.cache import KEPT
 
 SETTINGS = Identification()
 
@@ -196,30 +196,33 @@ def same(one, other):
 
 
 def test_an_index_comes_back_from_disk_and_damage_is_noticed(design, tmp_path):
-    camera = design(20, 5.0)
+    stars = design(20, 5.0).stars[:300]
     folder = tmp_path / "not" / "there"
-    first = cached_index(camera.stars, 20 * deg, folder)
+    first = cached_index(stars, 20 * deg, folder)
     (path,) = folder.iterdir()
     written = path.stat().st_ino
-    same(parts(first), parts(camera.index))
-    same(parts(cached_index(camera.stars, 20 * deg, folder)), parts(first))
+    same(parts(first), parts(build_index(stars, 20 * deg)))
+    same(parts(cached_index(stars, 20 * deg, folder)), parts(first))
     assert path.stat().st_ino == written  # the same file, not one put in its place
     whole = path.read_bytes()
     for damaged in (whole[: len(whole) // 2], b"", whole[:200_000] + b"?" + whole[200_001:]):
         path.write_bytes(damaged)
-        same(parts(cached_index(camera.stars, 20 * deg, folder)), parts(first))
+        same(parts(cached_index(stars, 20 * deg, folder)), parts(first))
         assert path.read_bytes() != damaged
-    cached_index(camera.stars, 21 * deg, folder)
+    cached_index(stars, 21 * deg, folder)
     assert len(list(folder.iterdir())) == 2
 
 
-def test_old_indexes_are_deleted_and_a_read_only_folder_is_no_failure(design, tmp_path):
+def test_old_indexes_are_deleted_and_a_read_only_folder_is_no_failure(
+    design, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(cache, "KEPT", 4)
     stars = design(20, 5.0).stars[:300]
-    for number in range(KEPT + 3):
+    for number in range(7):
         cached_index(stars, (20 + number) * deg, tmp_path)
         if number == 1:
             first = min(tmp_path.iterdir(), key=lambda path: path.stat().st_mtime_ns)
-    assert len(list(tmp_path.iterdir())) == KEPT
+    assert len(list(tmp_path.iterdir())) == 4
     assert not first.exists()
     taken = tmp_path / "file"
     taken.write_text("")

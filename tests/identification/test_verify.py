@@ -10,6 +10,8 @@ from startrack.identification.seen import see
 from startrack.identification.sky import VerificationStars, sky_grid
 from startrack.identification.verify import attempt_attitude, verify, weigh
 
+pytestmark = pytest.mark.usefixtures("in_python")
+
 CAMERA = Camera(1024, 1024, 2000.0)
 TURN = Rotation.from_rotvec([0.4, -1.0, 2.0])
 STAR = np.random.default_rng(5).uniform(0, 1023, (12, 2))
