@@ -64,7 +64,8 @@ def attitude_gain(plane: Floats, inverse: Floats, focal: float, tolerance: float
     Returns    (..., 3, n, 2) radian per pixel
     """
     count = plane.shape[-2]
-    slopes = focal * tangent(plane.reshape(-1, 2)).reshape(*plane.shape, 3)
+    places = np.ascontiguousarray(plane.reshape(-1, 2))  # for which the kernel is compiled
+    slopes = focal * tangent(places).reshape(*plane.shape, 3)
     if tolerance:
         slopes = np.concatenate([slopes, focal * plane[..., None]], axis=-1)
     known = np.zeros(slopes.shape[-1])

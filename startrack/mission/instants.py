@@ -145,12 +145,10 @@ def course_of(mission: Mission) -> Course:
     Raises  ValueError where a file or the elements cannot be used; ImportError without sgp4.
     """
     begin = mission.time.begin
-    return Course(
-        mission,
-        bodies_of(begin, mission.time.duration + mission.time.step),
-        path_of(mission.orbit, begin),
-        law_of(mission.attitude, begin),
-    )
+    # What may be refused comes first: the tables of a long mission take seconds.
+    path, law = path_of(mission.orbit, begin), law_of(mission.attitude, begin)
+    bodies = bodies_of(begin, mission.time.duration + mission.time.step)
+    return Course(mission, bodies, path, law)
 
 
 def spread(

@@ -2,6 +2,8 @@
 
 import csv
 import json
+from contextlib import redirect_stdout
+from io import StringIO
 
 import cv2
 import numpy as np
@@ -11,6 +13,8 @@ from scipy.io import netcdf_file
 from startrack import shipped
 from startrack.cli.main import main
 from startrack.mission import load_mission, placement, save_timeline, surrogate
+
+TWO_DAYS = ["--set", "time.duration=2 d"]
 
 
 def row_last(rows, head):
@@ -28,12 +32,19 @@ def test_a_timeline_is_netcdf(tmp_path):
         assert file.variables["a b_blind"][:].tolist() == [3, 3, 3]
 
 
-def test_a_mission_is_flown(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr(surrogate, "PLACES", 768)
-    out = tmp_path / "out"
-    status = main(["mission", "--set", "time.duration=2 d", "--out", str(out), "--json"])
-    result = json.loads(capsys.readouterr().out)
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """Two days of the example: the folder of its results, and what is printed."""
+    out = tmp_path_factory.mktemp("flown") / "out"
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
+        patch.setattr(surrogate, "PLACES", 768)
+        status = main(["mission", *TWO_DAYS, "--out", str(out), "--json"])
     assert status == 3  # the example's heads do not meet its requirements
+    return out, json.loads(printed.getvalue())
+
+
+def test_a_mission_is_flown(flown):
+    out, result = flown
     assert result["steps"] == 17280
     assert sum(result["availability"]["exactly"]) == pytest.approx(1)
     assert not all(one["met"] for one in result["requirements"])
@@ -96,23 +107,21 @@ def test_wrong_missions_are_one_sentence(capsys, tmp_path, change, words):
     assert error.count("\n") == 1
 
 
-def test_the_frame_of_an_instant_is_rendered(capsys, tmp_path, monkeypatch):
+def test_the_frame_of_an_instant_is_rendered(flown, capsys, tmp_path, monkeypatch):
     """Its attitude is that of the timeline, its error of the size that the mission expects."""
     monkeypatch.setattr(surrogate, "PLACES", 768)
-    days = ["--set", "time.duration=1 d"]
-    status = main(["mission", *days, "--frame", "3000", "--out", str(tmp_path / "f"), "--json"])
+    status = main(["mission", *TWO_DAYS, "--frame", "3000", "--out", str(tmp_path / "f"), "--json"])
     heads = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert status == 0
     assert [one["head"] for one in heads] == ["up-left", "up-right", "up-back"]
-    main(["mission", *days, "--out", str(tmp_path / "t"), "--json"])
-    with open(tmp_path / "t" / "timeline.csv") as file:
+    with open(flown[0] / "timeline.csv") as file:
         row = next(row for row in csv.DictReader(file) if float(row["second"]) == 3000)
     for one in heads:
         assert float(row[f"{one['head']}_ra_deg"]) == pytest.approx(one["ra_deg"], abs=1e-4)
         assert float(row[f"{one['head']}_dec_deg"]) == pytest.approx(one["dec_deg"], abs=1e-4)
         assert one["error_across_arcsec"] < 6 * one["expected_across_rms_arcsec"]
         assert cv2.imread(one["png"]) is not None
-    assert main(["mission", *days, "--frame", "1e6", "--out", str(tmp_path / "f")]) == 2
+    assert main(["mission", *TWO_DAYS, "--frame", "1e6", "--out", str(tmp_path / "f")]) == 2
 
 
 def test_a_design_is_exported(capsys, tmp_path):

@@ -95,7 +95,7 @@ def test_apparent_directions_are_those_of_astropy(flight, name):
 
 def test_the_limb_is_that_of_the_ellipsoid(mission, flight):
     """Against the nearest of 20000 points where lines of sight touch the ellipsoid."""
-    plan = plan_of(load_mission(EXAMPLE, ["time.duration=20 d"]))
+    plan = plan_of(load_mission(EXAMPLE, ["time.duration=20 d"]), errors=False)
     worst = 0.0
     for own in flight[0][:20]:
         axes = own.pole[:, 7]
@@ -141,8 +141,9 @@ def test_laws_point_where_they_say(mission):
         "target": Attitude(law="target", latitude=0.6, longitude=0.2),
         "scan": Attitude(scan=Scan(amplitude=0.3, period=400.0)),
     }
+    day = dataclasses.replace(mission.time, duration=86400.0)
     for name, law in laws.items():
-        course = course_of(dataclasses.replace(mission, attitude=law))
+        course = course_of(dataclasses.replace(mission, attitude=law, time=day))
         own = course.at(1000.0, 1.0, 700)
         body = own.body
         product = np.einsum("ikn,jkn->ijn", body, body) - np.eye(3)[..., None]
@@ -179,7 +180,7 @@ def test_a_ground_target_is_in_the_middle():
 def test_eclipses_of_a_circular_orbit():
     """Their length at a known beta angle, for a round Earth: the textbook's closed form."""
     loaded = load_mission(EXAMPLE, ["time.duration=2 d", "time.step=5 s"])
-    plan = plan_of(loaded)
+    plan = plan_of(loaded, errors=False)
     own = plan.course.at(0.0, 5.0, 30000)
     chunk = at(plan, own)
     normal = np.cross(own.place[:, 0], own.speed[:, 0])
@@ -194,7 +195,7 @@ def test_a_head_near_the_sun_is_blind(mission):
     loaded = load_mission(EXAMPLE, ["time.duration=1 d"])
     law = Attitude(law="sun", axis=tuple(loaded.mission.heads[0].mounting.as_matrix()[:, 2]))
     turned = dataclasses.replace(loaded.mission, attitude=law)
-    plan = plan_of(dataclasses.replace(loaded, mission=turned))
+    plan = plan_of(dataclasses.replace(loaded, mission=turned), errors=False)
     chunk = at(plan, plan.course.at(0.0, 20.0, 4000))
     sun = (chunk.seen[0].blind & Blind.SUN) > 0
     assert (sun == ~chunk.shadow.sun).all()

@@ -21,16 +21,16 @@ def test_the_kernel_projects_as_the_camera_does():
     attitude = random_attitude(Streams(1, 0))
     pixel = np.random.default_rng(1).uniform([0, 0], [799, 599], (50, 2))
     direction = attitude.inv().apply(camera.unproject(pixel))
-    got = [_project(attitude.as_matrix(), each, view) for each in direction]
+    got = [_project.py_func(attitude.as_matrix(), each, view) for each in direction]
     np.testing.assert_allclose(got, camera.project(attitude.apply(direction)), atol=1e-9)
 
 
 def test_a_companion_pulls_towards_itself_and_far_ones_do_not():
-    pull = plan_of(CASE).pull
-    assert _pulled(REACH + 0.1, 0.0, 1.0, pull) == (0.0, 0.0)
-    x, y = _pulled(2.0, 0.0, -2.0, pull)
+    pull, pulled = plan_of(CASE).pull, _pulled.py_func
+    assert pulled(REACH + 0.1, 0.0, 1.0, pull) == (0.0, 0.0)
+    x, y = pulled(2.0, 0.0, -2.0, pull)
     assert 0.05 < x < 1.0
     assert abs(y) < 0.2 * x
-    weaker, _ = _pulled(2.0, 0.0, -2.8, pull)
+    weaker, _ = pulled(2.0, 0.0, -2.8, pull)
     assert weaker == pytest.approx(x * np.exp(-0.8), rel=0.2)
-    assert np.isnan(_pulled(1.0, 0.0, 2.0, pull)[0])
+    assert np.isnan(pulled(1.0, 0.0, 2.0, pull)[0])

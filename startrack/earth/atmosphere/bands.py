@@ -77,29 +77,30 @@ def in_bands(
     position = np.log(np.clip(altitude, *table.altitude[[0, -1]]))
     thin = min(altitude / float(table.altitude[0]), 1.0)
 
+    across = _spline(np.log(table.wavelength), at)  # (f, k)
+    here = _spline(np.log(table.altitude), np.array([position]))[0]  # (a,)
+
     def fine(values: Floats, has_altitude: bool) -> Floats:
         """(k, h, [a,] ...) -> (h, ..., f), at the altitude of the sensor."""
         if has_altitude:
-            values = _along(np.log(table.altitude), values, 2, np.array([position]))[:, :, 0]
-        return np.moveaxis(_along(np.log(table.wavelength), values, 0, at), 0, -1)
+            values = np.tensordot(values, here, (2, 0))
+        return np.tensordot(values, across, (0, 1))
 
-    gas = table.gas[:, used]
+    gas = np.log(np.maximum(table.gas[:, used], 1e-12))
     seen, around = fine(table.seen, True) ** thin, fine(table.around, True) * thin
     beam, skylight = fine(table.beam, False), fine(table.skylight, False)
     cosine = np.cos(table.sun)
     shape = len(table.height), len(table.sensor), len(table.sun)
     direct, sky, spread = np.empty((3, *shape, len(weights)))
     path = np.empty((*shape, len(table.azimuth), len(weights)))
-    spectral_path = _along(np.log(table.altitude), table.path, 2, np.array([position]))[:, :, 0]
-    spectral_path *= thin
+    spectral_path = np.tensordot(table.path, here, (2, 0)) * thin
     for h, v, s in np.ndindex(shape):
         through, halfway = _gases(table, gas, h, v, s, altitude)
         lit = weights * through / math.pi
         direct[h, v, s] = lit @ (cosine[s] * beam[h, s] * seen[h, v])
         sky[h, v, s] = lit @ (skylight[h, s] * seen[h, v])
         spread[h, v, s] = lit @ ((cosine[s] * beam[h, s] + skylight[h, s]) * around[h, v])
-        air = _along(np.log(table.wavelength), spectral_path[:, h, v, s], 0, at)
-        path[h, v, s] = ((weights * halfway) @ air).T
+        path[h, v, s] = (((weights * halfway) @ across) @ spectral_path[:, h, v, s]).T
     transmittance = np.empty((*shape[:2], len(weights)))
     for h, v in np.ndindex(shape[:2]):
         masses = _masses(table, h, v, altitude)
@@ -129,11 +130,11 @@ def require_response(weights: Floats, spectrum: Floats) -> None:
         )
 
 
-def _along(nodes: Floats, values: Floats, axis: int, at: Floats) -> Floats:
-    """A cubic spline along one axis, or the constant of a single node."""
+def _spline(nodes: Floats, at: Floats) -> Floats:
+    """(f, k): the values at k nodes to those of their cubic spline, or the one node's constant."""
     if len(nodes) == 1:
-        return np.repeat(values, len(at), axis)
-    return CubicSpline(nodes, values, axis)(at)
+        return np.ones((len(at), 1))
+    return CubicSpline(nodes, np.eye(len(nodes)))(at)
 
 
 def _gases(
@@ -166,16 +167,10 @@ def _below(low: float, high: float, gas: int) -> float:
 
 
 def _transmitted(table: AirTable, gas: Floats, masses: Floats) -> Floats:
-    each = [_interpolate(table.mass, gas[i], masses[i]) for i in range(3)]
-    return np.prod(each, axis=0)
-
-
-def _interpolate(mass: Floats, gas: Floats, at: float) -> Floats:
-    """(f, m) at one air mass; strong lines go with its square root."""
-    root = np.sqrt(mass)
-    i = int(np.clip(np.searchsorted(mass, at) - 1, 0, len(mass) - 2))
-    fraction = (math.sqrt(min(at, mass[-1])) - root[i]) / (root[i + 1] - root[i])
-    return np.exp(
-        (1 - fraction) * np.log(np.maximum(gas[:, i], 1e-12))
-        + fraction * np.log(np.maximum(gas[:, i + 1], 1e-12))
-    )
+    """Of all gases, from their logarithms (3, f, m); strong lines go with the root of the mass."""
+    root, total = np.sqrt(table.mass), np.zeros(gas.shape[1])
+    for one, at in zip(gas, masses, strict=True):
+        i = int(np.clip(np.searchsorted(table.mass, at) - 1, 0, len(root) - 2))
+        fraction = (math.sqrt(min(at, table.mass[-1])) - root[i]) / (root[i + 1] - root[i])
+        total += (1 - fraction) * one[:, i] + fraction * one[:, i + 1]
+    return np.exp(total)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -187,14 +188,15 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
               orientation less than 0.84 km of ground more (`startrack.dates`).
     """
     second = np.asarray(second, float)
-    teme_to_itrs, icrs_to_itrs = _axes(orbit.epoch, second)
     if isinstance(orbit, Aircraft):
         where, velocity = orbit.state(second)
         inertial = velocity + np.cross(SPIN, where)
+        (icrs_to_itrs,) = _to_itrs(("GCRS",), orbit.epoch, second)
         return Flight(second, where, velocity, inertial, velocity, icrs_to_itrs)
     _need_sgp4()
     from sgp4.api import SGP4_ERRORS
 
+    teme_to_itrs, icrs_to_itrs = _to_itrs(("TEME", "GCRS"), orbit.epoch, second)
     date = utc(orbit.epoch)
     code, position, velocity = orbit.satellite().sgp4_array(
         np.full(len(second), date.jd1), date.jd2 + second / DAY
@@ -210,30 +212,34 @@ def sun_direction(epoch: str, second: float = 0.0) -> Floats:
 
     Accuracy  model: astropy's built-in ephemeris, 3 arcsec; 9 arcsec of parallax are neglected.
     """
+    return np.array(_sun(epoch, second))
+
+
+@lru_cache(maxsize=64)  # all channels of a scene ask for the same
+def _sun(epoch: str, second: float) -> tuple[float, ...]:
     from astropy import units
     from astropy.coordinates import ITRS, get_body
 
     with installed_tables():
         date = utc(epoch) + second * units.s
         there = get_body("sun", date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
-    return np.asarray(there / np.linalg.norm(there))
+    return tuple((there / np.linalg.norm(there)).tolist())
 
 
-def _axes(epoch: str, second: Floats) -> tuple[Rotation, Rotation]:
-    """TEME to ITRS and ICRS to ITRS, at (n,) seconds after an epoch."""
-    from astropy import units
-    from astropy.coordinates import GCRS, ITRS, TEME, CartesianRepresentation
+def _to_itrs(frames: tuple[str, ...], epoch: str, second: Floats) -> list[Rotation]:
+    """Rotations of astropy's frames to ITRS, each at (n,) seconds after an epoch."""
+    from astropy import coordinates, units
 
     with installed_tables():
         date = utc(epoch) + np.repeat(second, 3) * units.s
-        unit = CartesianRepresentation(np.tile(np.eye(3), len(second)) * units.m)
+        axes = np.tile(np.eye(3), len(second)) * units.m
+        unit, itrs = coordinates.CartesianRepresentation(axes), coordinates.ITRS(obstime=date)
         turned = [
-            frame(unit, obstime=date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
-            for frame in (TEME, GCRS)
+            getattr(coordinates, frame)(unit, obstime=date).transform_to(itrs).cartesian.xyz.value
+            for frame in frames
         ]
     # The columns of each matrix are the images of the three axes.
-    from_teme, from_icrs = (one.reshape(3, -1, 3).transpose(1, 0, 2) for one in turned)
-    return Rotation.from_matrix(from_teme), Rotation.from_matrix(from_icrs)
+    return [Rotation.from_matrix(one.reshape(3, -1, 3).transpose(1, 0, 2)) for one in turned]
 
 
 def _checksum(line: str) -> str:

@@ -44,7 +44,9 @@ def meet_constant_height(rays: Rays, height: float) -> Hits:
     Accuracy  numerical: 1e-8 m; a ray that grazes within 1e-6 m may be put on the wrong side.
     """
     hits = no_hits(len(rays))
-    _meet(rays.origin, rays.direction, height, hits.status, hits.distance, hits.place, hits.normal)
+    # A whole number would be compiled for anew.
+    origin, direction, above = rays.origin, rays.direction, float(height)
+    _meet(origin, direction, above, hits.status, hits.distance, hits.place, hits.normal)
     return hits
 
 

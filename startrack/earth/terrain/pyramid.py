@@ -190,8 +190,9 @@ class Pyramid:
             tiles = tuple(-(-count // CELLS) for count in cells)
             self._surfaces[level] = Surface(
                 grid.west, grid.north, grid.step_x * (1 << level), grid.step_y * (1 << level),
-                cells[1], cells[0], self.lowest, self.highest, self.cache.heights,
+                # Kernels would be compiled anew for bounds that are whole numbers.
+                cells[1], cells[0], float(self.lowest), float(self.highest), self.cache.heights,
                 self.cache.maxima, self.cache.steepness, np.full(tiles, -1, np.int32),
-                np.full(tiles, self.highest), self.cache.used,
+                np.full(tiles, float(self.highest)), self.cache.used,
             )  # fmt: skip
         return self._surfaces[level]

@@ -163,8 +163,10 @@ def test_a_low_sensor_sees_less_air(table):
     pytest.importorskip("sasktran2")
     from startrack.earth.atmosphere.solver import solve_radiance as solved
 
-    rays = [(1.0, np.pi, 500.0), (1.0, np.pi, 2000.0)]
-    low, high = solved(Air(), np.array([550 * nm]), 0.0, np.cos(40 * deg), rays, (0.0,), 8)[0][0, 0]
+    from .test_solver import SHETTLE  # of which the particles are kept; the first is 550 nm
+
+    rays, wavelength = [(1.0, np.pi, 500.0), (1.0, np.pi, 2000.0)], np.array(SHETTLE)
+    low, high = solved(Air(), wavelength, 0.0, np.cos(40 * deg), rays, (0.0,), 8)[0][0, 0]
     paths = []
     for altitude in (1.0, 500.0, 2000.0):
         found = in_bands(table, response(table, [550]), altitude)
