@@ -148,10 +148,10 @@ def _free(stretch, columns, scale, tolerance, along):  # type: ignore[no-untyped
         columns[k] -= along[k] * stretch
 
 
-@kernel
 def tangent(plane: Floats) -> Floats:
     """Derivatives (n, 2, 3) of positions (n, 2) in the image plane by a small rotation."""
     design = np.empty((len(plane), 2, 3))
-    for n in range(len(plane)):
-        design[n, 0], design[n, 1] = plane_slopes(plane[n, 0], plane[n, 1])
+    for row, slopes in enumerate(plane_slopes.py_func(*plane.T)):
+        for column, slope in enumerate(slopes):
+            design[:, row, column] = slope
     return design

@@ -99,11 +99,14 @@ class Objective:
         axes = len(AXES[self.axes])
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # that an axis is all NaN
-            if self.per_axis_level:
-                return np.sqrt(np.nanquantile(squares, self.fraction or 0.0, axis=(-2, -1)))
             if self.fraction is None:
                 return np.sqrt((axes if self.radial else 1) * np.nanmean(squares, axis=-1))
-            return np.sqrt(axes * np.nanquantile(squares, self.fraction, axis=-1))
+            # That for NaN takes the rows one by one; that of no value at all is NaN, too.
+            whole = squares.size and not np.isnan(squares).any()
+            quantile = np.quantile if whole else np.nanquantile
+            if self.per_axis_level:
+                return np.sqrt(quantile(squares, self.fraction, axis=(-2, -1)))
+            return np.sqrt(axes * quantile(squares, self.fraction, axis=-1))
 
     def ratio(
         self,

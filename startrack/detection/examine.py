@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, Streams, kernel
 from startrack.detection.background import between
-from startrack.detection.robust import around, around_among
+from startrack.detection.robust import around_among, around_each
 from startrack.detection.threshold import highest_between
 
 Image = NDArray[np.float32]
@@ -86,17 +86,8 @@ def is_hot(image: Image, x: Ints, y: Ints, reach: int, fraction: float) -> NDArr
 
     fraction  1, of the sharpest star's light that falls on one row of pixels at most
     """
-    level, noise = _rings(image, x, y, reach)
+    level, _, _, noise = around_each(image, x, y, reach, 0.0).T
     return _is_sharp(_cores(image, x, y) - level, noise, fraction)
-
-
-@kernel
-def _rings(image: Image, x: Ints, y: Ints, reach: int) -> tuple[Floats, Floats]:
-    """Level and noise about peaks, (n,) digital number."""
-    level, noise = np.empty(len(x)), np.empty(len(x))
-    for i in range(len(x)):
-        level[i], _, _, noise[i], _ = around(image, x[i], y[i], reach, 0.0)
-    return level, noise
 
 
 def _cores(image: Image, x: Ints, y: Ints) -> Floats:

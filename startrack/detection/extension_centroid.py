@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from startrack.core import Floats, Ints, Psf, call_code, is_code, returned
 from startrack.detection.methods import CENTROIDS, CentroidMethod
-from startrack.detection.robust import around
+from startrack.detection.robust import around_each
 from startrack.detection.sample import (
     COLUMNS,
     FLUX,
@@ -143,10 +143,8 @@ def _windows(sample: Sample, star: StarModel, sigma: float, x: Ints, y: Ints) ->
     if sample.dead.size:
         unknown |= sample.dead[row, column] > 0
     noise, shot = np.empty((2, len(x)))
-    for k in range(len(x)):
-        level, slope_x, slope_y, spread, _ = around(
-            sample.image, int(x[k]), int(y[k]), sample.half, sample.floor
-        )
+    ground = around_each(sample.image, x, y, sample.half, sample.floor)
+    for k, (level, slope_x, slope_y, spread) in enumerate(ground.tolist()):
         value[k] -= level + slope_x * step + slope_y * step[:, None]
         noise[k], shot[k] = pixel_noise(
             level, spread, sample.floor, sample.electrons_per_dn, sample.offset, sample.read_noise

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Ints, instead_of, kernel, median
+from startrack.core import Floats, Ints, instead_of, kernel, median
 
 Values = NDArray[np.float32]
 
@@ -198,6 +198,16 @@ def around(
     Returns  as `plane`, about (x, y), and how many pixels the ring has
     """
     return around_among(image, x, y, half, floor, NOBODY, NOBODY)
+
+
+@kernel
+def around_each(image: Values, x: Ints, y: Ints, half: int, floor: float) -> Floats:
+    """As `around`, of many spots at pixels (n,): level, slopes and noise, (n, 4)."""
+    found = np.empty((len(x), 4))
+    for i in range(len(x)):
+        level, slope_x, slope_y, noise, _ = around(image, x[i], y[i], half, floor)
+        found[i, 0], found[i, 1], found[i, 2], found[i, 3] = level, slope_x, slope_y, noise
+    return found
 
 
 @kernel

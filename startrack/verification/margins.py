@@ -9,18 +9,19 @@ from functools import lru_cache
 import numpy as np
 
 from startrack.budget import attitudes
-from startrack.catalog import FAINTEST_G, LIMITS, Selection, open_sky
+from startrack.catalog import FAINTEST_G, LIMITS, Selection, Sky, open_sky
 from startrack.core import Camera, Stars
 from startrack.design import Case, Requirements
 from startrack.detection import threshold_of
 from startrack.detector import electron_rate
 from startrack.motion import blur
 from startrack.scene import illuminate
-from startrack.trial import detection_plan, psf_of, stars_in_field, throughput
+from startrack.trial import detection_plan, psf_of, throughput
 
 # Chosen by hand: finer ones cost a count of the stars in every field for each new focal length.
 FIELDS = 1024  # attitudes at which stars are counted
 FOCAL_STEP = 1.05  # ratio of the focal lengths at which they are counted
+FIRST_STARS = 4  # times those that fields need on average, of which the brightest are counted first
 MAGNITUDES = np.linspace(-2, 12, 57)  # between which the limit is interpolated
 
 
@@ -102,12 +103,23 @@ def _needed(
 ) -> float:
     """At a focal length of FOCAL_STEP**step pixels."""
     camera = Camera(columns, rows, FOCAL_STEP**step)
-    sky = open_sky(catalog)
-    faintest = np.empty(FIELDS)
-    for i, attitude in enumerate(attitudes(FIELDS)):
-        seen = stars_in_field(sky, attitude, camera)
-        inside = camera.holds(camera.project(attitude.apply(seen.direction)))
-        magnitude = seen.magnitude_g[inside]
-        # Too few stars in the whole source: a magnitude beyond its limit.
-        faintest[i] = magnitude[stars - 1] if len(magnitude) >= stars else catalog.limit_g + 1
-    return float(np.quantile(faintest, fraction))
+    sky, axes = open_sky(catalog), attitudes(FIELDS).as_matrix()
+    # Too few stars in the whole source: a magnitude beyond its limit.
+    faintest, left = np.full(FIELDS, catalog.limit_g + 1), np.arange(FIELDS)
+    # The stars are in order of brightness: so many hold a few times the stars that a field needs.
+    count = math.ceil(
+        FIRST_STARS * stars * 4 * math.pi * camera.focal_length_px**2 / columns / rows
+    )
+    while True:
+        bright = Sky(sky.stars[:count])
+        near = bright.cones(axes[left, 2], camera.half_diagonal)
+        star, field = np.concatenate(near), np.repeat(np.arange(len(left)), [*map(len, near)])
+        seen = np.einsum("nij,nj->ni", axes[left[field]], bright.stars.direction[star])
+        inside = camera.holds(camera.project(seen))
+        star, held = star[inside], np.bincount(field[inside], minlength=len(left))
+        last = (np.cumsum(held) - held + stars - 1)[held >= stars]
+        faintest[left[held >= stars]] = bright.stars.magnitude_g[star[last]]
+        left = left[held < stars]
+        if count >= len(sky) or not len(left):
+            return float(np.quantile(faintest, fraction))
+        count *= 4

@@ -79,3 +79,17 @@ def test_what_a_budget_expects_is_the_statistic_of_such_errors(text):
     objective = Objective.read(text)
     expected = expected_error(objective, budget)
     assert expected == pytest.approx(objective.of(objective.squares(table)), rel=0.02)
+
+
+@pytest.mark.parametrize("text", ["across-99.73", "across-95.45 per axis", "about-68.27"])
+def test_a_level_of_each_resample_leaves_unsolved_trials_out(text):
+    objective = Objective.read(text)
+    table = np.zeros((3, 40), OUTCOMES)
+    for axis in "xyz":
+        table[f"error_{axis}"] = np.random.default_rng(3).normal(size=table.shape)
+    table["solved"] = True
+    solved = np.array([objective.squares(one) for one in table])
+    unsolved = solved.copy()
+    unsolved[:, 7] = np.nan
+    np.testing.assert_array_equal(objective.of(unsolved), objective.of(np.delete(solved, 7, 1)))
+    assert math.isnan(objective.of(solved[0, :0]))
