@@ -24,8 +24,9 @@ def line(case: Case, name: str) -> NDArray[np.float64]:
     return next(one.spread.rms() for one in analytic(case).lines if one.name == name) / arcsec
 
 
-def test_it_is_near_to_trials(case):
+def test_it_is_near_to_trials(small):
     """240 trials know an rms to 4 % across and 5 % about; 13 % and 16 % are three sigma."""
+    case = small.case
     outcomes = [run_random_trial(case, 11, number) for number in range(240)]
     across = np.sqrt(np.mean([(o.error_x**2 + o.error_y**2) / 2 for o in outcomes]))
     about = np.sqrt(np.mean([o.error_z**2 for o in outcomes]))

@@ -22,7 +22,7 @@ def scattered(count: int, stars: int, fov: float, seed: int = 1) -> Fields:
         more = rng.uniform(-1, 1, (4 * count * stars, 2)) * np.tan(fov / 2)
         weight = (1 + (more**2).sum(axis=1)) ** -1.5
         plane = np.concatenate([plane, more[rng.random(len(more)) < weight]])
-    x, y = plane[: count * stars].T
+    x, y = plane[: count * stars].T.copy()
     field = np.repeat(np.arange(count), stars)
     nothing = Stars(*(np.zeros(0),) * 4)
     return Fields(
@@ -32,7 +32,7 @@ def scattered(count: int, stars: int, fov: float, seed: int = 1) -> Fields:
 
 def response(sigma: float, fraction: float = 1.0) -> Response:
     """The same for all magnitudes."""
-    covariance = np.broadcast_to(np.eye(2) * sigma**2, (3, 2, 2))
+    covariance = np.tile(np.eye(2) * sigma**2, (3, 1, 1))
     return Response(0.0, 1.0, np.full((1, 3), fraction), covariance[None], covariance[None, None])
 
 

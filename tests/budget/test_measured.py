@@ -44,8 +44,9 @@ def test_what_no_frame_shows_is_exact(troubled):
     assert 0 < abs(part["mounting swing"][1]) <= 9
 
 
-def test_parts_make_the_whole(case):
+def test_parts_make_the_whole(small):
     """All causes but shot and read noise are vectors that add up; these two do as variances."""
+    case = small.case
     spoilt = replace(
         case.instrument.detector, defects=Defects(dsnu=400.0), prnu=0.03, settling=0.02
     )

@@ -136,7 +136,7 @@ def test_an_own_centroid_is_as_accurate_as_startracks_in_every_fidelity(installe
 
 def test_an_own_identification_finds_the_same_stars(installed, plain):
     case = changed(plain, "tracker.identification.method=vote")
-    own = run_trials(case, 5, range(60), Fidelity.SPOTS)
+    own = run_trials(case, 5, range(40), Fidelity.SPOTS)
     assert own["solved"].mean() > 0.8
     assert not own["false"].any()
 

@@ -123,9 +123,9 @@ def test_bounds_of_a_quantile_hold_it_as_often_as_they_say(about, outcomes):
     assert 0.93 < held / 400 < 0.985
 
 
-def test_a_thousand_sketches_make_the_same_bytes_in_any_order(about, outcomes, tmp_path):
-    table = judged(outcomes, 4000)
-    parts = [sketched(table[at : at + 4], STATED_ALONE, about) for at in range(0, 4000, 4)]
+def test_hundreds_of_sketches_make_the_same_bytes_in_any_order(about, outcomes, tmp_path):
+    table = judged(outcomes, 1000)
+    parts = [sketched(table[at : at + 4], STATED_ALONE, about) for at in range(0, 1000, 4)]
     save_sketch(tmp_path / "whole", sketched(table, STATED_ALONE, about))
     for order in range(2):
         random.Random(order).shuffle(parts)
@@ -134,7 +134,7 @@ def test_a_thousand_sketches_make_the_same_bytes_in_any_order(about, outcomes, t
             merged.add(one)
         save_sketch(tmp_path / "merged", merged)
         assert (tmp_path / "merged").read_bytes() == (tmp_path / "whole").read_bytes()
-    assert load_sketch(tmp_path / "whole").ranges == [(0, 4000)]
+    assert load_sketch(tmp_path / "whole").ranges == [(0, 1000)]
 
 
 def test_sketches_that_overlap_or_differ_are_refused(about, outcomes, tmp_path):

@@ -132,18 +132,23 @@ def test_files_that_are_no_store_are_refused_and_left_alone(tmp_path, case):
 
 
 def test_two_processes_on_one_store_are_refused(path, case):
+    """While it is open; the same process opens it after."""
     code = (
-        "import pathlib\nfrom startrack.montecarlo.store import Store, export\n"
-        f"Store(pathlib.Path({str(path)!r}))"
+        "import pathlib\nfrom startrack.montecarlo.store import Store\n"
+        f"path = pathlib.Path({str(path)!r})\n"
+        "try:\n    Store(path)\nexcept OSError as error:\n    print(error, flush=True)\n"
+        "input()\nStore(path)\n"
     )
     with Store(path, case, 3):
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 1
-    words = done.stderr.strip().splitlines()[-1]
+        other = subprocess.Popen(
+            [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        words = other.stdout.readline()
     assert f"is in use by another process, {os.getpid()} on " in words
     assert datetime.now(UTC).strftime("since %Y-%m-%dT%H") in words
     assert not path.with_name(f"{path.name}-process").exists()
-    subprocess.run([sys.executable, "-c", code], check=True)
+    other.communicate("now\n")
+    assert other.returncode == 0
 
 
 def test_a_full_disk_ends_clearly_and_loses_nothing(path, case, outcomes):
