@@ -26,29 +26,22 @@ collect_ignore = ["oracle"]  # scripts that need what the tests do not
 
 
 def pytest_configure(config):
-    """Compile what most tests need once, before workers would each do so."""
+    """Keep what is built in a folder for this run, and compile before workers would each do so."""
     gc.disable()  # it takes a fifth of the time in which the tests are imported, and finds nothing
-    alone = hasattr(config, "workerinput") or not config.getoption("numprocesses", None)
-    if not alone and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+    if hasattr(config, "workerinput"):
+        return
+    folder = tempfile.TemporaryDirectory()
+    config.add_cleanup(folder.cleanup)
+    os.environ["STARTRACK_CACHE"] = folder.name  # of the workers too, which share the indexes
+    workers = config.getoption("numprocesses", None)
+    if workers and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
         command = [sys.executable, "-m", "startrack.cli", "warm"]
-        with tempfile.TemporaryDirectory() as folder:
-            subprocess.run(
-                command, check=True, env=os.environ | {"STARTRACK_CACHE": folder},
-                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            )  # fmt: skip
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 def pytest_collection_finish(session):
     gc.freeze()  # what is imported stays: searching it takes 3 % of the suite
     gc.enable()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _no_cache_but_ours(tmp_path_factory):
-    """Indexes that the tests build stay out of the user's folder."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("STARTRACK_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

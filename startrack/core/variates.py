@@ -54,12 +54,14 @@ CELLS = 128  # per factor of two in the probability, so that the tail is as exac
 SMALLEST = -56  # power of two
 _node = np.arange((1 - SMALLEST) * CELLS + 1)
 _power, _step = SMALLEST + _node // CELLS, _node % CELLS
-PROBABILITY = np.ldexp((CELLS + _step) / (2 * CELLS), _power)
-QUANTILE = special.ndtri(np.minimum(PROBABILITY, 0.75))
-# Slope times the width of the cell on the left and on the right of each node.
-_slope = math.sqrt(2 * math.pi) * np.exp(QUANTILE**2 / 2)
-RISE_AFTER = _slope * np.ldexp(0.5 / CELLS, _power)
-RISE_BEFORE = _slope * np.diff(PROBABILITY, prepend=PROBABILITY[0])
+_share = np.ldexp((CELLS + _step) / (2 * CELLS), _power)
+_quantile = special.ndtri(np.minimum(_share, 0.75))
+_slope = math.sqrt(2 * math.pi) * np.exp(_quantile**2 / 2)
+# Of each cell what the interpolation takes, side by side: one access to memory that is far away.
+_rise = np.diff(_quantile)
+_left = _slope[:-1] * np.ldexp(0.5 / CELLS, _power[:-1]) - _rise
+_right = _rise - _slope[1:] * np.diff(_share)
+HERMITE = np.column_stack([_quantile[:-1], _rise, _left, _right])
 
 
 @kernel
@@ -75,9 +77,8 @@ def inverse_normal(probability):  # type: ignore[no-untyped-def]
     i = int(at)
     t = at - i
     i += (power - SMALLEST) * CELLS
-    rise = QUANTILE[i + 1] - QUANTILE[i]
-    left, right = RISE_AFTER[i] - rise, rise - RISE_BEFORE[i + 1]
-    below = QUANTILE[i] + t * (rise + (1 - t) * (left * (1 - t) + right * t))
+    start, rise, left, right = HERMITE[i, 0], HERMITE[i, 1], HERMITE[i, 2], HERMITE[i, 3]
+    below = start + t * (rise + (1 - t) * (left * (1 - t) + right * t))
     return below if probability <= 0.5 else -below
 
 

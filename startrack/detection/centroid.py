@@ -14,7 +14,6 @@ from startrack.detection.plan import DetectionPlan
 from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, Sample, X, Y
 
 SAME = 1.0  # pixel; peaks whose centroids are closer than that are one star
-NONE_DEAD = np.empty((0, 0), np.uint8)
 
 
 def centroid(
@@ -50,7 +49,7 @@ def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detec
     saturation = math.inf if settings.saturation is None else settings.saturation
     return Sample(
         pixels.value,
-        NONE_DEAD if pixels.dead is None else pixels.dead,
+        pixels.marks,
         candidates.x,
         candidates.y,
         settings.window // 2,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, Streams, kernel
 from startrack.detection.background import between
-from startrack.detection.robust import around_among, around_each
+from startrack.detection.robust import around, around_among
 from startrack.detection.threshold import highest_between
 
 Image = NDArray[np.float32]
@@ -77,7 +77,8 @@ def _stands_out(
     return bool(highest_between(image, x, y, level, filters) > height)
 
 
-def is_hot(image: Image, x: Ints, y: Ints, reach: int, fraction: float) -> NDArray[np.bool_]:
+@kernel
+def is_hot(image: Image, x: int, y: int, reach: int, fraction: float) -> bool:
     """Whether a peak is sharper than the sharpest star: a hot pixel, row or column.
 
     The four neighbours of a hot pixel hold less than the sharpest star puts there; a hot row's
@@ -86,23 +87,36 @@ def is_hot(image: Image, x: Ints, y: Ints, reach: int, fraction: float) -> NDArr
 
     fraction  1, of the sharpest star's light that falls on one row of pixels at most
     """
-    level, _, _, noise = around_each(image, x, y, reach, 0.0).T
-    return _is_sharp(_cores(image, x, y) - level, noise, fraction)
+    level, _, _, noise, _ = around(image, x, y, reach, 0.0)
+    core = image[y - 1 : y + 2, x - 1 : x + 2].astype(np.float64) - level
+    return bool(_is_sharp(core, noise, fraction))
 
 
-def _cores(image: Image, x: Ints, y: Ints) -> Floats:
-    """The pixels of peaks and those next to them, (3, 3, n), rows first."""
-    step = np.arange(-1, 2)
-    return np.asarray(image[y + step[:, None, None], x + step[:, None]], np.float64)
-
-
-def _is_sharp(core: Floats, noise: Floats | float, fraction: float) -> NDArray[np.bool_]:
-    """Whether peaks, (3, 3, ...) above the level, are too sharp for stars, (...)."""
+@kernel
+def _is_sharp(core, noise, fraction):  # type: ignore[no-untyped-def]
+    """Whether a peak, (3, 3) above the level, is too sharp for a star."""
     sides = core[0, 1] + core[1, 0] + core[1, 2] + core[2, 1]
-    most = np.maximum(core.sum(axis=0).max(axis=0), core.sum(axis=1).max(axis=0))
-    alone = sides < 2 * (1 - fraction) / fraction * core[1, 1]
-    light = sum(core.reshape(9, *core.shape[2:]))
-    return np.asarray(alone | (most - fraction * light > SURE * _line_sigma(fraction) * noise))
+    if sides < 2 * (1 - fraction) / fraction * core[1, 1]:
+        return True
+    light, most = 0.0, -np.inf
+    for k in range(3):
+        row = core[k, 0] + core[k, 1] + core[k, 2]
+        most = max(most, row, core[0, k] + core[1, k] + core[2, k])
+        light += row
+    return most - fraction * light > SURE * _line_sigma(fraction) * noise
+
+
+@kernel
+def _passed(core, spread, patterns, noise, fraction):  # type: ignore[no-untyped-def]
+    """How many patterns (k, 3, 3) of noise leave each of the peaks (3, 3, n) no hot pixel."""
+    count, noisy = np.zeros(core.shape[2]), np.empty((3, 3))
+    for n in range(len(count)):
+        for k in range(len(patterns)):
+            for j in range(3):
+                for i in range(3):
+                    noisy[j, i] = core[j, i, n] + spread[j, i, n] * patterns[k, j, i]
+            count[n] += not _is_sharp(noisy, noise, fraction)
+    return count
 
 
 def chance_to_pass(
@@ -119,15 +133,13 @@ def chance_to_pass(
               patterns of noise, the same for all peaks: 0.015 at 0.9.
     """
     patterns = Streams(0, 0)("noise of a core").standard_normal((PATTERNS, 3, 3))
-    core = _cores(image, x, y) - level
+    step = np.arange(-1, 2)
+    core = image[y + step[:, None, None], x + step[:, None]].astype(float) - level
     spread = np.sqrt(noise * noise + shot * np.maximum(core, 0.0))
     largest = float(np.sqrt((patterns**2).sum(axis=(1, 2)).max()))
     chance, unsure = _without_doubt(core, spread, largest, noise, fraction)
-    # Contiguous, with the patterns last: other orders take twice the time.
-    core, spread = (np.ascontiguousarray(one[..., unsure])[..., None] for one in (core, spread))
-    change = np.ascontiguousarray(np.moveaxis(patterns, 0, -1))[:, :, None]
-    sharp = _is_sharp(core + spread * change, noise, fraction)
-    chance[unsure] = np.count_nonzero(~sharp, axis=-1) / len(patterns)
+    core, spread = core[..., unsure], spread[..., unsure]
+    chance[unsure] = _passed(core, spread, patterns, noise, fraction) / len(patterns)
     return chance
 
 
@@ -157,19 +169,17 @@ def _without_doubt(
     return np.asarray(never, float), np.asarray(~(never | always))
 
 
+@kernel
 def _line_sigma(fraction: float) -> float:
     """Sigma of `most - fraction * sum`: three pixels count 1 - fraction, six -fraction."""
     return math.sqrt(3 * (1 - fraction) ** 2 + 6 * fraction**2)
 
 
 @kernel
-def has_dead_pixel(dead: NDArray[np.uint8], x: Ints, y: Ints, reach: int) -> NDArray[np.bool_]:
+def has_dead_pixel(dead: NDArray[np.uint8], x: int, y: int, reach: int) -> bool:
     """Whether a peak has a dead pixel in a square of that half side about it."""
-    verdict = np.empty(len(x), np.bool_)
-    for i in range(len(x)):
-        left, top = max(x[i] - reach, 0), max(y[i] - reach, 0)
-        verdict[i] = dead[top : y[i] + reach + 1, left : x[i] + reach + 1].any()
-    return verdict
+    left, top = max(x - reach, 0), max(y - reach, 0)
+    return bool(dead[top : y + reach + 1, left : x + reach + 1].any())
 
 
 def largest_fraction(sigma: float) -> float:

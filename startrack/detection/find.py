@@ -90,27 +90,84 @@ def choose(
     regions  (w, 4) left, top, right, bottom that peaks must lie in, None for all of the frame
     """
     settings, kernel = plan.settings, plan.kernel
-    reach, ring = settings.window // 2, ring_half(settings, kernel)
-    border = reach + settings.edge
+    reach, sharpest = settings.window // 2, settings.sharpest_sigma
+    rules = _Rules(
+        settings.min_area,
+        settings.max_area,
+        reach,
+        reach + settings.edge,
+        ring_half(settings, kernel),
+        kernel.noise,
+        1 / pixels.gain.electrons_per_dn,
+        rounding(pixels, kernel),
+        largest_fraction(sharpest) if sharpest > 0 else 0.0,
+        0 if plan.method.skips_dead else 1,
+    )
     waiting = plan.workspace.array("waiting pixels", image.shape, np.uint8)
-    found = peaks(image, bright, waiting, settings.min_area, settings.max_area, reach, border)
-    x, y, area = split(
-        pixels.value, found, ground.mean, ground.rms, ground.mesh, kernel.noise,
-        1 / pixels.gain.electrons_per_dn, border,
-    )  # fmt: skip
-    if regions is not None:
-        inside = _inside(x, y, regions)
-        x, y, area = x[inside], y[inside], area[inside]
+    if regions is None:
+        regions = np.array([[0, 0, image.shape[1], image.shape[0]]])
+    return Candidates(
+        *_choose(
+            pixels.value,
+            pixels.marks,
+            image,
+            bright,
+            waiting,
+            ground,
+            far,
+            plan.filters,
+            regions,
+            rules,
+        )
+    )
+
+
+class _Rules(NamedTuple):
+    """What a peak must meet, for the kernel.
+
+    min_area, max_area  of its connected component, pixel
+    reach     half side of the square in which it is the highest, pixel
+    border    distance from the frame's border, pixel
+    ring      half side of the square that the ring about it leaves free, pixel
+    noise     fraction of a pixel's noise that the filter leaves
+    shot      digital number, variance for each digital number of light; NaN where unknown
+    floor     digital number, least noise
+    fraction  1, of the sharpest star's light that falls on one row of pixels; 0: any peak is a star
+    beside    pixel, distance of dead pixels
+    """
+
+    min_area: int
+    max_area: int
+    reach: int
+    border: int
+    ring: int
+    noise: float
+    shot: float
+    floor: float
+    fraction: float
+    beside: int
+
+
+@kernel
+def _choose(value, dead, image, bright, waiting, ground, far, filters, regions, rules):  # type: ignore[no-untyped-def]
+    """Columns, rows and areas of the peaks that `choose` keeps."""
+    found = peaks(image, bright, waiting, rules.min_area, rules.max_area, rules.reach, rules.border)
+    found = split(
+        value, found, ground.mean, ground.rms, ground.mesh, rules.noise, rules.shot, rules.border
+    )
+    x, y, area = found.x, found.y, found.area
+    good = _inside(x, y, regions)
+    x, y, area = x[good], y[good], area[good]
     good = stands_out(
-        pixels.value, image, plan.filters, x, y, ring, far, ground.mean, ground.rms,
-        ground.mesh, rounding(pixels, kernel),
+        value, image, filters, x, y, rules.ring, far, ground.mean, ground.rms, ground.mesh,
+        rules.floor,
     )  # fmt: skip
-    if settings.sharpest_sigma > 0:
-        good &= ~is_hot(pixels.value, x, y, ring, largest_fraction(settings.sharpest_sigma))
-    if pixels.dead is not None:
-        beside = 0 if plan.method.skips_dead else 1
-        good &= ~has_dead_pixel(pixels.dead, x, y, beside)
-    return Candidates(x[good], y[good], area[good])
+    for i in range(len(x)):
+        if good[i] and rules.fraction > 0:
+            good[i] = not is_hot(value, x[i], y[i], rules.ring, rules.fraction)
+        if good[i] and dead.size > 0:
+            good[i] = not has_dead_pixel(dead, x[i], y[i], rules.beside)
+    return x[good], y[good], area[good]
 
 
 def rounding(pixels: Pixels, kernel: Kernel) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -31,17 +31,17 @@ class Kernel:
     line: Image | None
     column: Image | None
 
-    @property
+    @cached_property
     def half(self) -> int:
         """Half of its longer side: how far it spreads a pixel, pixel."""
         return max(self.whole.shape) // 2
 
-    @property
+    @cached_property
     def noise(self) -> float:
         """Rms of the filtered image over that of the image, for white noise."""
         return float(np.linalg.norm(self.whole))
 
-    @property
+    @cached_property
     def light(self) -> float:
         """Fraction of a star's flux that is its peak in the filtered image."""
         return float(np.sum(self.whole**2))

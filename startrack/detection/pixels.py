@@ -35,6 +35,7 @@ class Gain(NamedTuple):
 
 
 UNKNOWN = Gain(np.nan, np.nan, np.nan)
+NONE_DEAD = np.empty((0, 0), np.uint8)
 
 
 class Pixels(NamedTuple):
@@ -52,6 +53,11 @@ class Pixels(NamedTuple):
     step: float
     dead: NDArray[np.uint8] | None
     gain: Gain = UNKNOWN
+
+    @property
+    def marks(self) -> NDArray[np.uint8]:
+        """`dead` for kernels: of no size where none is."""
+        return NONE_DEAD if self.dead is None else self.dead
 
 
 def pixels(frame: Frame) -> Pixels:

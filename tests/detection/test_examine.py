@@ -23,7 +23,7 @@ def test_the_chance_to_pass_is_the_share_of_noisy_stars_that_do(flux):
     spread = np.sqrt(NOISE**2 + SHOT * (mean - LEVEL))
     frames = (mean + spread * rng.standard_normal((4000, *mean.shape))).astype(np.float32)
     middle = np.array([HALF])
-    passed = np.mean([not is_hot(each, middle, middle, 2, FRACTION)[0] for each in frames])
+    passed = np.mean([not is_hot(each, HALF, HALF, 2, FRACTION) for each in frames])
     image = mean.astype(np.float32)
     chance = chance_to_pass(image, middle, middle, LEVEL, NOISE, SHOT, FRACTION)[0]
     doubt = np.sqrt(max(passed * (1 - passed), 1e-3) * (1 / 4000 + 1 / 400))
