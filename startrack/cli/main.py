@@ -160,7 +160,10 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"startrack {__version__}")
     commands = parser.add_subparsers(dest="name", required=True, metavar="COMMAND")
     called = _called(arguments)
-    for name, text in COMMANDS.items():
+    # Only help that is asked for before a command lists all of them.
+    alone = called in COMMANDS and arguments[0] == called
+    for name in [called] if alone else COMMANDS:
+        text = COMMANDS[name]
         one = commands.add_parser(
             name, help=text, description=text,
             formatter_class=argparse.RawDescriptionHelpFormatter,

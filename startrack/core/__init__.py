@@ -2,7 +2,7 @@
 
 units      Units as SI floats, constants with their source, and `"50 mm"` read and written at the
            border.
-arrays     Types of arrays, for annotations.
+arrays     Types of arrays, for annotations and for kernels.
 kernel     A function enters; compiled code leaves, kept on disk until what it is made of changes.
 trust      Path of a cache -> whether this process may compute with what it holds.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value.
@@ -28,7 +28,7 @@ dates      Date as text -> astropy Time, converted with the installed tables.
 variates   Random variates for compiled code: bits of a counter, normal and Poisson quantiles.
 """
 
-from startrack.core.arrays import Floats, Ints
+from startrack.core.arrays import Floats, Ints, read_only
 from startrack.core.camera import Camera, distort, plane_slopes
 from startrack.core.checks import (
     LARGEST_NUMBER,

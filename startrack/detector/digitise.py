@@ -21,6 +21,7 @@ from startrack.core import (
     key,
     mixed,
     poisson_of_uniform,
+    read_only,
     uniform,
 )
 from startrack.detector.law import COUNT, Image, Law, blank, number, signal
@@ -42,14 +43,15 @@ def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | Non
     """
     image = blank(electrons.shape, law)
     tables = tables_for(electrons, law) if tables is None else tables
-    _digitise(image, electrons, *keys(law, streams), law, tables)
+    _digitise(image, read_only(electrons), *keys(law, streams), law, tables)
     return image
 
 
 def shot(electrons: Floats, streams: Streams) -> Floats:
     """Poisson numbers of electrons (rows, columns); accuracy as `digitise`."""
     caught = np.empty(electrons.shape)
-    _digitise(caught, electrons, *keys(COUNT, streams), COUNT, tables_for(electrons, COUNT))
+    tables = tables_for(electrons, COUNT)
+    _digitise(caught, read_only(electrons), *keys(COUNT, streams), COUNT, tables)
     return caught
 
 

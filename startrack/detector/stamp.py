@@ -8,10 +8,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import LEAST, FieldPsf, Floats, Psf, instead_of, kernel
+from startrack.core import LEAST, FieldPsf, Floats, Psf, instead_of, kernel, read_only
 
-UNIT_GAIN = np.ones((1, 1))
-UNIT_GAIN.flags.writeable = False
+UNIT_GAIN = read_only(np.ones((1, 1)))
 EMPTY = np.empty(0)
 NO_BEND = np.array([np.inf])
 TAPS = 6
@@ -83,7 +82,9 @@ def stamp_paths(
     electrons  (n, k) electron of each table of the PSF
     Accuracy   numerical: as `stamp`
     """
-    even = UNIT_GAIN if gain is None else gain
+    even = UNIT_GAIN if gain is None else read_only(gain)
+    # One layout: the kernel is compiled anew for each.
+    x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
     _stamp(image, psf_table(psf), weight, x, y, electrons, even)
 
 

@@ -8,6 +8,7 @@ import pytest
 from scipy import special
 from scipy.spatial.transform import Rotation
 
+from startrack.core import read_only
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
 from startrack.core.values import Light, LineOfSight, Psf
@@ -22,6 +23,8 @@ from startrack.detector import (
     expose,
     read_out,
 )
+from startrack.detector.digitise import _digitise
+from startrack.detector.stamp import _stamp, stamp_paths
 
 REST = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 WAVELENGTH, THROUGHPUT = np.array([600e-9]), np.ones(1)
@@ -175,3 +178,20 @@ def test_a_mean_map_with_everything_in_it():
     wanted = np.minimum(mean, 50_000 - 50 * one.electrons_per_dn).reshape(64, 8, 512).mean((1, 2))
     error = np.sqrt((wanted + 9 + 1) / 4096)
     assert (np.abs(block - wanted) < 5 * error + 2e-3 * wanted).all()
+
+
+def test_kernels_serve_arrays_of_any_layout_without_compiling_anew():
+    """Whether they can be written to, and whichever order their elements have."""
+    streams, psf, device = Streams(1, 0), gaussian(), Detector(40, 40, 5e-6, 0.1)
+    path = np.array([[10.0, 20.0, 30.0], [10.5, 20.5, 30.5]])
+    known, images, numbers = [], [], []
+    for place in (path, np.asfortranarray(path), path.repeat(2, 0)[::2]):
+        for gain in (None, np.ones((40, 40)), read_only(np.ones((40, 40)))):
+            images.append(np.full((40, 40), 50.0))
+            stamp_paths(images[-1], psf, np.full(2, 0.5), place, place, np.ones((3, 1)), gain)
+            for image in (images[-1], read_only(images[-1])):
+                numbers.append(read_out(image, device, streams))
+                known.append((len(_stamp.overloads), len(_digitise.overloads)))
+    assert known[-1] == known[0]
+    assert all((one == images[0]).all() for one in images)
+    assert all((one == numbers[0]).all() for one in numbers)

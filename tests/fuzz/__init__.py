@@ -1,6 +1,6 @@
 """Files from anybody, made from a grammar, given to every command that reads them.
 
-grammar  Hypothesis draws -> cases: files of each kind, valid, mutated or damaged, and a command.
+grammar  Random draws -> cases: files of each kind, valid, mutated or damaged, and a command.
 exchange  The same of what is exchanged with others: code, sketches, guide stars, recordings.
 parts    Code that a design may name, none of which does what it should.
 arena    Case -> verdict, by a process of its own with limits of time and memory.

@@ -1,4 +1,4 @@
-"""Hypothesis draws -> cases of what is exchanged with other programs: code, sketches, recordings.
+"""Random draws -> cases of what is exchanged with other programs: code, sketches, recordings.
 
 As in `grammar`; code that a design names, sketches of trials, guide stars for flight, and SER and
 raw images.

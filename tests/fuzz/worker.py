@@ -101,7 +101,10 @@ FAULTS: dict[str, dict[str, object]] = {
     "quantities are not limited": {"startrack.io.tables.parse": _naive_parse},
     "any file is opened": {"startrack.io.tables.read_bytes": _waits},
     "long keys are read": {"startrack.io.tables._long_key": _nothing},
-    "images of any kind are read": {"startrack.io.images.read_bytes": _waits},
+    "images of any kind are read": {
+        "startrack.io.images.read_bytes": _waits,
+        "startrack.io.images.regular_file": _nothing,
+    },
     "damage of a store escapes": {"startrack.montecarlo.store:Store._damage": _unguarded},
     "a trial divides by zero": {
         "startrack.trial.chain.drawn_outcomes": _raises,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from startrack.core import Floats, deg, kernel
+from startrack.core import Floats, deg, kernel, read_only
 from startrack.earth.atmosphere.bands import BandTable
 
 Singles = NDArray[np.float32]
@@ -166,9 +166,9 @@ def look_up(
                   of the air.
     """
     count, bands = len(sight.height), table.backscatter.shape[1]
-    rho = np.ascontiguousarray(np.broadcast_to(reflectance, (count, bands)), np.float32)
-    factor = rho if direct is None else np.ascontiguousarray(direct, np.float32)
-    around = np.ascontiguousarray(np.broadcast_to(surroundings, (bands,)), np.float32)
+    rho = _singles(reflectance, (count, bands))
+    factor = rho if direct is None else _singles(direct, (count, bands))
+    around = _singles(surroundings, (bands,))
     for name, values in (("reflectance", rho), ("surroundings", around)):
         if not (values >= 0).all() or not (values <= 1).all():
             raise ValueError(f"{name} must lie in [0, 1], got {_worst(values)}")
@@ -206,6 +206,10 @@ def _spline(axis: Floats, values: Floats, along: int, at: Floats) -> Floats:
     if len(axis) == 1:
         return np.repeat(values, len(at), along)
     return CubicSpline(axis, values, along)(at)
+
+
+def _singles(values: Reals, shape: tuple[int, ...]) -> Singles:
+    return read_only(np.ascontiguousarray(np.broadcast_to(values, shape), np.float32))
 
 
 def _worst(values: Singles) -> float:

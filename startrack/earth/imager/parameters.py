@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -461,7 +462,14 @@ def load_imager(name: str, folder: Path = Path()) -> Imager:
 
 def cameras() -> list[str]:
     """The Earth cameras of the catalogue."""
-    return sorted(path.stem for path in shipped("cameras").glob("*.toml") if _is_imager(path))
+    return list(_imagers())
+
+
+@cache
+def _imagers() -> tuple[str, ...]:
+    return tuple(
+        sorted(path.stem for path in shipped("cameras").glob("*.toml") if _is_imager(path))
+    )
 
 
 def _camera(name: str, folder: Path) -> dict[str, Any]:
