@@ -44,9 +44,9 @@ def main() -> None:
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--trials", type=int, default=200)
     options = command.read(parser, trials=3)
-    runner, rows = TrialRunner(1), []
+    runner, rows, blurs = TrialRunner(1), [], BLURS[: 3 if options.quick else None]
     for jitter in JITTER[:1] if options.quick else JITTER:
-        rows.append(traded(shaken(jitter * arcsec), runner, options.trials))
+        rows.append(traded(shaken(jitter * arcsec), blurs, runner, options.trials))
         rows[-1] = {"jitter_arcsec": jitter} | rows[-1]
         print(json.dumps(rows[-1]), flush=True)
     command.save(options, {"mtf_against_jitter": rows})
@@ -63,23 +63,23 @@ def shaken(rms: float) -> Case:
     return replaced(case, "instrument.motion.tones", tones)
 
 
-def traded(case: Case, runner: TrialRunner, trials: int) -> dict[str, Any]:
+def traded(case: Case, blurs: Floats, runner: TrialRunner, trials: int) -> dict[str, Any]:
     """The error and the optical MTF of each blur, and the best blur."""
-    designs = [replaced(case, "instrument.optics.blur", blur) for blur in BLURS]
+    designs = [replaced(case, "instrument.optics.blur", blur) for blur in blurs]
     squares = np.array([RMS.squares(runner.run(one, trials, Fidelity.WINDOW)) for one in designs])
     rng = np.random.default_rng(runner.seed)
     drawn = [RMS.of(squares[:, rng.integers(0, trials, trials)]) for _ in range(RESAMPLES)]
     error = RMS.of(squares)
     detector = case.instrument.detector
     return {
-        "blur_um": (BLURS / um).tolist(),
+        "blur_um": (blurs / um).tolist(),
         "mtf": [optical_mtf(one) for one in designs],
         "error_arcsec": (error / arcsec).tolist(),
         "error_95": (np.quantile(drawn, [0.025, 0.975], axis=0) / arcsec).tolist(),
         "availability": np.isfinite(squares).mean(axis=1).tolist(),
-        "best_blur_um": lowest(error) / um,
+        "best_blur_um": lowest(error, blurs) / um,
         "best_blur_95": (
-            np.quantile([lowest(each) for each in drawn], [0.025, 0.975]) / um
+            np.quantile([lowest(each, blurs) for each in drawn], [0.025, 0.975]) / um
         ).tolist(),
         "wander_arcsec": (
             jitter_rms(case.instrument.motion, detector.exposure)[:2] / arcsec
@@ -94,13 +94,13 @@ def optical_mtf(case: Case) -> float:
     return float(abs(psf.table.sum(axis=0) @ np.exp(-1j * np.pi * across)) / psf.table.sum())
 
 
-def lowest(error: Floats) -> float:
+def lowest(error: Floats, blurs: Floats) -> float:
     """Metre, where the parabola through the three least neighbours is least, in logarithms."""
     at = int(np.clip(np.argmin(error), 1, len(error) - 2))
     near = slice(at - 1, at + 2)
-    bend, slope, _ = np.polyfit(np.log(BLURS[near]), np.log(error[near]), 2)
-    least = -slope / (2 * bend) if bend > 0 else np.log(BLURS[np.argmin(error)])
-    return float(np.exp(np.clip(least, np.log(BLURS[0]), np.log(BLURS[-1]))))
+    bend, slope, _ = np.polyfit(np.log(blurs[near]), np.log(error[near]), 2)
+    least = -slope / (2 * bend) if bend > 0 else np.log(blurs[np.argmin(error)])
+    return float(np.exp(np.clip(least, np.log(blurs[0]), np.log(blurs[-1]))))
 
 
 @styled

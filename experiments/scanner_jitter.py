@@ -53,11 +53,11 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     options = command.read(parser, skies=2, workers=1)
     case = load_design(shipped("designs/scanner.toml")).case
-    rows = []
+    rows, phases = [], PHASES[: 1 if options.quick else None]
     with pool(options.workers) as executor:
         runner = TrialRunner(1, executor, options.workers)
         for frequency in FREQUENCIES[4:5] if options.quick else FREQUENCIES:
-            error = tolerated_by_error(case, frequency, runner, options.skies)
+            error = tolerated_by_error(case, frequency, runner, options.skies, phases)
             rows.append({"frequency_hz": frequency} | error | tolerated_by_mtf(case, frequency))
             print(json.dumps(rows[-1]), flush=True)
     command.save(options, {"scanner_jitter": rows})
@@ -83,14 +83,14 @@ def errors(case: Case, runner: TrialRunner, skies: int) -> Floats:
 
 
 def tolerated_by_error(
-    case: Case, frequency: float, runner: TrialRunner, skies: int
+    case: Case, frequency: float, runner: TrialRunner, skies: int, phases: tuple[float, ...]
 ) -> dict[str, Any]:
     """The rms at which the error has grown by LOSS, and the growth measured there."""
     rest = errors(case, runner, skies)
 
     def at(rms: float) -> Floats:
         return np.stack(
-            [errors(shaken(case, frequency, rms, each), runner, skies) for each in PHASES]
+            [errors(shaken(case, frequency, rms, each), runner, skies) for each in phases]
         )
 
     slope = (at(PROBE) - rest) / PROBE

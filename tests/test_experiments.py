@@ -20,18 +20,26 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
 # One process loads what all scripts load, and each script runs in a copy of it: its own imports,
 # the kernels that a trial reads from disk, the tables of dates, the names of the fonts and the
-# first picture would be most of its time.
+# first picture would be most of its time. Tables that the scripts have in common are as coarse as
+# the sizes of their quick modes, whose figures mean nothing.
 PARENT = """
 import gc, os, runpy, sys, traceback
 sys.path.insert(0, sys.argv[1])
 import one_thread
 import astropy.coordinates, astropy.time, numpy, scipy.optimize, scipy.stats
-import startrack.optimise, startrack.plots, startrack.verification
+import startrack.benchmark, startrack.earth.imager, startrack.mission, startrack.optimise
+import startrack.plots, startrack.sequence, startrack.verification
 from astropy.utils import iers
 from matplotlib.figure import Figure
 from startrack import Fidelity, load_design, run_trials, shipped
 from startrack.core import installed_tables
 
+sizes = {"plots.style": ("DPI", 80), "trial.window": ("SAMPLES", 4),
+         "verification.margins": ("FIELDS", 32)}
+for module, (name, size) in sizes.items():
+    held = sys.modules["startrack." + module]
+    assert hasattr(held, name), name
+    setattr(held, name, size)
 for fidelity in Fidelity:
     run_trials(load_design(shipped("designs/noise_only.toml")).case, 1, range(1), fidelity)
 with installed_tables():

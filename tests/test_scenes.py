@@ -13,6 +13,8 @@ import leaving_out
 from leaving_out import View, extra_time, gap, leave_out, observed
 from scenes import main
 
+from startrack.optics import Pupil
+
 SIZES = {"tiny": 0.05, "small": 0.2, "large": 2.0}
 
 
@@ -110,11 +112,17 @@ def test_a_refused_faster_way_is_named():
 
 @pytest.fixture(scope="module")
 def dark():
+    """With larger pixels, a plain lens and a black sky, which take less time."""
     import scenes_tracker
 
     found = next(scenes_tracker.views())
+    full = found.without(["settling of the read-out", "zodiacal light", "airglow and cities"])
+    pitch = 2 * full.instrument.detector.pixel_pitch
+    full = scenes_tracker.with_detector(full, columns=256, rows=256, pixel_pitch=pitch)
+    plain = {"psf": "airy", "aberrations": (), "pupil": Pupil(), "blur": 10e-6}
+    full = scenes_tracker.with_optics(full, **plain)
     few = ("rolling shutter", "blooming", "lag", "read noise")
-    return replace(found, effects={name: found.effects[name] for name in few})
+    return replace(found, full=full, effects={name: found.effects[name] for name in few})
 
 
 def test_a_dark_field_needs_its_read_noise_and_no_blooming(dark):
@@ -129,7 +137,8 @@ def test_a_tracker_sees_the_same_noise_without_an_effect(dark):
     whole, without = (
         observed(dark.observe, model, [0]) for model in (dark.full, dark.without(["lag"]))
     )
-    assert 0 < np.nanmax(abs(whole - without)) < 0.1 * np.nanmax(abs(whole))
+    # Other noise would differ by 1.4 of it.
+    assert 0 < np.nanmax(abs(whole - without)) < np.nanmax(abs(whole)) / 3
 
 
 def test_the_imagers_noise_is_that_of_its_photons_and_its_read_out():
