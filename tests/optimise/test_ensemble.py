@@ -5,6 +5,8 @@ from scipy import stats
 from startrack.optimise.ensemble import Chains, Ensembles, draw
 from startrack.optimise.ledger import Ledger
 
+# As many samples as four ensembles of 16 walkers, in half of the time.
+FEW = Ensembles(count=2, walkers=32)
 COVARIANCE = np.array([[1.0, 0.9], [0.9, 2.0]])
 
 
@@ -23,7 +25,7 @@ def banana(coordinates):
 
 
 def test_a_gaussian_has_its_moments():
-    chains = draw(gauss, wide, seed=1)
+    chains = draw(gauss, wide, seed=1, settings=FEW)
     assert chains.converged, chains.reason_unconverged
     effective = chains.effective.min()
     # Six standard errors of a mean, and of a variance; false alarm 1e-8.
@@ -56,7 +58,7 @@ def test_ensembles_that_found_different_peaks_are_not_believed():
     def start(rng, n):
         return rng.choice([-20, 20]) + rng.normal(0, 1, (n, 1))
 
-    chains = draw(two, start, seed=5, settings=Ensembles(most_steps=3000))
+    chains = draw(two, start, seed=5, settings=Ensembles(stretch=1500, most_steps=1500))
     assert not chains.converged
     assert "ensembles differ" in chains.reason_unconverged
 
@@ -98,7 +100,7 @@ def test_a_noisy_log_probability_is_refused():
 def test_noise_that_is_small_leaves_the_law_as_it_is():
     """exp(noise) has the same mean everywhere: the samples keep the law (pseudo-marginal)."""
     rng = np.random.default_rng(0)
-    chains = draw(lambda p: gauss(p) + rng.normal(0, 0.5, len(p)), wide, 1)
+    chains = draw(lambda p: gauss(p) + rng.normal(0, 0.5, len(p)), wide, 1, FEW)
     assert chains.converged, chains.reason_unconverged
     np.testing.assert_allclose(
         np.cov(chains.flat.T), COVARIANCE, atol=6 * 2 * np.sqrt(2 / chains.effective.min())

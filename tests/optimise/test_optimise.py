@@ -25,9 +25,17 @@ def ledger(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def optimum(small, ledger):
+def campaign(small):
+    """Focal length, f-number and blur, in few evaluations."""
+    return dataclasses.replace(
+        small.campaign, variables=small.campaign.variables[:3], evaluations=14
+    )
+
+
+@pytest.fixture(scope="module")
+def optimum(small, campaign, ledger):
     with Ledger(ledger) as kept:
-        return optimize(small.case, small.campaign, TrialRunner(5, ledger=kept))
+        return optimize(small.case, campaign, TrialRunner(5, ledger=kept))
 
 
 def test_the_best_is_better_on_fresh_trials(optimum):
@@ -38,16 +46,16 @@ def test_the_best_is_better_on_fresh_trials(optimum):
     assert start.trials == best.trials == 60
 
 
-def test_the_best_is_the_best_feasible_one_of_the_last_pass(optimum, small):
-    last = [one for one in optimum.evaluations if one.trials == small.campaign.most_trials]
+def test_the_best_is_the_best_feasible_one_of_the_last_pass(optimum, small, campaign):
+    last = [one for one in optimum.evaluations if one.trials == campaign.most_trials]
     best = min((one for one in last if one.feasible), key=lambda one: one.score)
-    space = DesignSpace(small.case, small.campaign.variables)
+    space = DesignSpace(small.case, campaign.variables)
     np.testing.assert_allclose(space.coordinates(optimum.best), best.coordinates, atol=1e-12)
     assert optimum.tuning_error == best.error
-    assert len(optimum.evaluations) <= small.campaign.evaluations
+    assert len(optimum.evaluations) <= campaign.evaluations
 
 
-def test_the_trials_grow(optimum, small):
+def test_the_trials_grow(optimum):
     # None for designs that miss a requirement without any.
     assert {one.trials for one in optimum.evaluations} - {0} == {12, 24}
 
@@ -63,10 +71,10 @@ def test_every_design_lies_in_the_box(optimum):
     assert ((points >= 0) & (points <= 1)).all()
 
 
-def test_what_is_in_the_ledger_is_not_tried_again(optimum, small, ledger, monkeypatch):
+def test_what_is_in_the_ledger_is_not_tried_again(optimum, small, campaign, ledger, monkeypatch):
     monkeypatch.setattr("startrack.optimise.runner.run", None)
     with Ledger(ledger) as kept:
-        again = optimize(small.case, small.campaign, TrialRunner(5, ledger=kept))
+        again = optimize(small.case, campaign, TrialRunner(5, ledger=kept))
     # The same seed, the same answer; as text, in which NaN is NaN.
     assert repr(again) == repr(optimum)
     tried = [one.trials for one in optimum.evaluations]
@@ -92,11 +100,15 @@ def test_a_design_that_breaks_a_limit_is_not_feasible(small):
     assert done.score > free.score + 10
 
 
-def test_a_box_that_meets_nothing_is_said_to(small):
+def test_a_box_that_meets_nothing_is_said_to(small, monkeypatch):
     """No lens of the design space is under 10 g, and none has an update rate of 100 Hz."""
+    monkeypatch.setattr("startrack.optimise.steps.REACH_EVALUATIONS", 20)
     tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01, min_update_rate=100.0)
     campaign = dataclasses.replace(
-        small.campaign, requirements=tight, variables=small.campaign.variables[:1]
+        small.campaign,
+        requirements=tight,
+        variables=small.campaign.variables[:1],
+        fresh_trials=20,
     )
     optimum = optimize(small.case, campaign, TrialRunner(5))
     assert not optimum.feasible
@@ -178,7 +190,9 @@ def test_designs_that_a_function_refuses_are_avoided(small):
         return case
 
     blur = (Variable("instrument.optics.blur", "2 um", "16 um"),)
-    campaign = dataclasses.replace(small.campaign, variables=blur)
+    campaign = dataclasses.replace(
+        small.campaign, variables=blur, evaluations=8, analytic_evaluations=4, fresh_trials=20
+    )
     case = dataclasses.replace(
         small.case,
         instrument=dataclasses.replace(

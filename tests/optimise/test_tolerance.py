@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.optimise.ensemble import draw
+from startrack.optimise.ensemble import Ensembles, draw
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.tolerance import designs_needed, fit, region, sample
 
@@ -18,6 +18,7 @@ def test_the_region_of_a_known_surface_is_found():
         region(fit(coordinates, result), 1.0),
         lambda rng, n: 0.2 * rng.uniform(-1, 1, (n, 2)),
         seed=4,
+        settings=Ensembles(count=2, walkers=32),
     )
     assert chains.converged, chains.reason_unconverged
     chain = chains.flat
@@ -62,7 +63,7 @@ def test_the_probability_of_the_region_is_kept_by_monte_carlo(small):
 def test_a_design_that_misses_what_cannot_be_changed_is_refused(small):
     tight = dataclasses.replace(small.campaign.requirements, max_power=0.01)
     campaign = dataclasses.replace(
-        small.campaign, requirements=tight, variables=small.campaign.variables[2:3]
+        small.campaign, requirements=tight, variables=small.campaign.variables[2:3], sample_trials=4
     )
     with pytest.raises(ValueError, match="no variable changes"):
         sample(small.case, campaign, TrialRunner(3))
