@@ -15,6 +15,7 @@ import math
 import command
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import roots_legendre
 
 from startrack.earth.imager import Angles, Water
 from startrack.earth.imager.brdf import glint, kernel_albedos, kernels
@@ -66,7 +67,7 @@ def _leaves(sun: Floats, camera: Floats, count: int = 120) -> float:
 
     3 / 8 Int |l.s| |l.v| dl over the sphere is the mean that each leaf catches and shows.
     """
-    node, weight = np.polynomial.legendre.leggauss(count)
+    node, weight = roots_legendre(count)
     leaf = _directions(node, count)
     both = (np.abs(leaf @ sun) * np.abs(leaf @ camera)).mean(1)
     caught = 3 / 8 * 2 * math.pi * float(weight @ both)
@@ -117,7 +118,7 @@ def _of_facets(wind: float, zenith: float, refraction: float, count: int = 600) 
 
 def _of_factor(water: Water, zenith: float, count: int = 300) -> list[float]:
     """The same moments from the reflectance factor, over the hemisphere of the camera."""
-    node, weight = np.polynomial.legendre.leggauss(count)
+    node, weight = roots_legendre(count)
     away = _directions((node + 1) / 2, count)
     sun = _vector(zenith, 0.0)
     phase = away @ sun

@@ -46,8 +46,14 @@ def test_the_maps_of_a_scene(tmp_path, capsys):
     assert (out / "geometry.png").stat().st_size > 10_000
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Without the picture of the maps, which takes most of the time."""
+    monkeypatch.setattr("startrack.cli.earth.draw_geometry", lambda *_: None)
+
+
 @pytest.mark.parametrize("detector", ["matrix", "staggered", "tdi"])
-def test_other_detectors_see_the_same_mountains(tmp_path, capsys, detector):
+def test_other_detectors_see_the_same_mountains(undrawn, tmp_path, capsys, detector):
     path = scene(tmp_path, ('"line"', f'"{detector}"'))
     assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -55,7 +61,7 @@ def test_other_detectors_see_the_same_mountains(tmp_path, capsys, detector):
     assert 1000 < result["height_m"][1] <= 3000
 
 
-def test_a_camera_that_drifts_sees_other_ground(tmp_path, capsys):
+def test_a_camera_that_drifts_sees_other_ground(undrawn, tmp_path, capsys):
     """A roll of 1e-3 rad/s moves the ground by the angle times the range, and not at the epoch."""
     places = []
     for motion in ("", '\n[motion]\nrate_y = "1e-3 rad/s"\n'):
@@ -112,7 +118,7 @@ def test_files_that_are_not_there(tmp_path, capsys):
     assert "must be a scene file, but there is none" in capsys.readouterr().err
 
 
-def test_terrain_files_are_listed_and_can_be_flown_over(tmp_path, capsys):
+def test_terrain_files_are_listed_and_can_be_flown_over(undrawn, tmp_path, capsys):
     """A scene file accepts what `terrain` prints."""
     pytest.importorskip("rasterio")
     from startrack.core.streams import Streams

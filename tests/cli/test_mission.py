@@ -74,6 +74,8 @@ def test_heads_are_placed(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(surrogate, "PLACES", 768)
     monkeypatch.setattr(placement, "WINDOWS", 6)
     monkeypatch.setattr(placement, "GRID", 0.6)
+    for draw in ("draw_mission", "draw_beta"):  # of a mission that is flown
+        monkeypatch.setattr(f"startrack.cli.mission.{draw}", lambda path, *_: path.write_bytes(b""))
     out = tmp_path / "out"
     changes = ["time.duration=3 d", "time.step=60 s"]
     options = [text for one in changes for text in ("--set", one)]

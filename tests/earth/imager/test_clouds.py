@@ -63,7 +63,7 @@ def test_no_cloud_changes_nothing_and_a_thin_one_little(tmp_path):
 def test_the_heat_of_a_cloud_that_absorbs(tmp_path):
     """Black particles between the camera and a blackbody: Beer's and Planck's laws."""
     land = Land((Cover(Curve((), (0.0,)), 300.0),), lapse=0.0)
-    seen = survey(channel(flat_band(10.9 * um, 11.1 * um)), land)
+    seen = survey(channel(flat_band(10.9 * um, 11.1 * um), psf="gaussian"), land)
     cloud = CloudLayer(1500.0, 0.8, albedo=Curve((), (0.0,)), temperature=240.0)
     picture = rendered(replace(seen, clouds=(cloud,)), tmp_path)
     warm, cold = (planck(np.array(11 * um), kelvin) * um for kelvin in (300.0, 240.0))

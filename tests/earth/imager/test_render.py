@@ -55,7 +55,8 @@ def flat_band(low: float, high: float) -> Curve:
 
 
 def channel(band: Curve, detector: Detector = SCAN, **optics) -> Channel:
-    lens = Optics(0.1, 4.0, blur=3e-6, transmission=Curve((), (0.9,)), psf="airy", **optics)
+    optics = {"blur": 3e-6, "psf": "airy"} | optics
+    lens = Optics(0.1, 4.0, transmission=Curve((), (0.9,)), **optics)
     return Channel("one", lens, replace(detector, scan=Scan()), band)
 
 
@@ -79,7 +80,7 @@ def middle(picture: Picture) -> tuple[float, float]:
 
 def test_electrons_and_numbers_by_hand(tmp_path):
     """A blackbody of 300 K in 10.0 to 10.2 um, without air: all of (4) and (5) with units."""
-    one = channel(flat_band(10.0 * um, 10.2 * um))
+    one = channel(flat_band(10.0 * um, 10.2 * um), psf="gaussian")
     land = Land((Cover(Curve((), (0.0,)), 300.0),), lapse=0.0)
     picture = rendered(survey(one, land), tmp_path)
     # Radiation constants of CODATA 2018: 1.191042972e8 W um^4 / m^2 / sr and 14387.7688 um K.
@@ -284,7 +285,7 @@ def test_a_hot_spot_saturates_a_photodiode_at_its_well(tmp_path):
 
 
 def looking(roll: float) -> Survey:
-    one = survey(channel(flat_band(9.8 * um, 10.2 * um)), air=Air())
+    one = survey(channel(flat_band(9.8 * um, 10.2 * um), psf="gaussian"), air=Air())
     return replace(one, pointing=replace(one.pointing, roll=roll))
 
 
