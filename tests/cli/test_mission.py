@@ -14,7 +14,7 @@ from startrack import shipped
 from startrack.cli.main import main
 from startrack.mission import load_mission, placement, save_timeline, surrogate
 
-TWO_DAYS = ["--set", "time.duration=2 d"]
+DAY = ["--set", "time.duration=1 d"]
 
 
 def row_last(rows, head):
@@ -34,25 +34,25 @@ def test_a_timeline_is_netcdf(tmp_path):
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """Two days of the example: the folder of its results, and what is printed."""
+    """A day of the example: the folder of its results, and what is printed."""
     out = tmp_path_factory.mktemp("flown") / "out"
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
         patch.setattr(surrogate, "PLACES", 768)
-        status = main(["mission", *TWO_DAYS, "--out", str(out), "--json"])
+        status = main(["mission", *DAY, "--out", str(out), "--json"])
     assert status == 3  # the example's heads do not meet its requirements
     return out, json.loads(printed.getvalue())
 
 
 def test_a_mission_is_flown(flown):
     out, result = flown
-    assert result["steps"] == 17280
+    assert result["steps"] == 8640
     assert sum(result["availability"]["exactly"]) == pytest.approx(1)
     assert not all(one["met"] for one in result["requirements"])
     assert cv2.imread(str(out / "mission.png")) is not None
     assert json.loads((out / "summary.json").read_text())["heads"] == result["heads"]
     with open(out / "timeline.csv") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 17280
+    assert len(rows) == 8640
     both = result["availability"]["at_least"][3]
     page = (out / "report.html").read_text()
     assert "NOT MET" in page
@@ -112,7 +112,7 @@ def test_wrong_missions_are_one_sentence(capsys, tmp_path, change, words):
 def test_the_frame_of_an_instant_is_rendered(flown, capsys, tmp_path, monkeypatch):
     """Its attitude is that of the timeline, its error of the size that the mission expects."""
     monkeypatch.setattr(surrogate, "PLACES", 768)
-    status = main(["mission", *TWO_DAYS, "--frame", "3000", "--out", str(tmp_path / "f"), "--json"])
+    status = main(["mission", *DAY, "--frame", "3000", "--out", str(tmp_path / "f"), "--json"])
     heads = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert status == 0
     assert [one["head"] for one in heads] == ["up-left", "up-right", "up-back"]
@@ -123,7 +123,7 @@ def test_the_frame_of_an_instant_is_rendered(flown, capsys, tmp_path, monkeypatc
         assert float(row[f"{one['head']}_dec_deg"]) == pytest.approx(one["dec_deg"], abs=1e-4)
         assert one["error_across_arcsec"] < 6 * one["expected_across_rms_arcsec"]
         assert cv2.imread(one["png"]) is not None
-    assert main(["mission", *TWO_DAYS, "--frame", "1e6", "--out", str(tmp_path / "f")]) == 2
+    assert main(["mission", *DAY, "--frame", "1e6", "--out", str(tmp_path / "f")]) == 2
 
 
 def test_a_design_is_exported(capsys, tmp_path):
