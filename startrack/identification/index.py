@@ -205,9 +205,9 @@ def _table(
     cell = _encode(sky.direction, triangle, smallest)
     counts = np.bincount(cell, minlength=CELLS_X * CELLS_Y * CELLS_BASE)
     start = np.append(0, np.cumsum(counts))
-    narrow = np.uint16 if len(rank) <= 2**16 else np.uint32
+    narrow = triangle.astype(np.uint16 if len(rank) <= 2**16 else np.uint32)
     return CodeTable(
-        smallest, largest, sky, triangle.astype(narrow)[_order(cell)], start.astype(np.int32)
+        smallest, largest, sky, narrow.take(_order(cell), axis=0), start.astype(np.int32)
     )
 
 

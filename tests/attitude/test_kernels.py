@@ -8,6 +8,8 @@ from startrack.attitude.align import _loss
 from startrack.attitude.jacobi import best_rotation
 from startrack.attitude.least_squares import invert, largest_eigenvalue, least_squares
 
+pytestmark = pytest.mark.usefixtures("in_python")
+
 
 def matrices(count=50):
     return np.random.default_rng(1).standard_normal((count, 3, 3))
