@@ -56,6 +56,24 @@ def test_integers_wrap():
     assert first == second
 
 
+def test_a_kernel_that_others_include_is_run_by_python_too():
+    @kernel
+    def half(value):
+        return 0.5 * value
+
+    @kernel
+    def quarter(value):
+        return half(half(value))
+
+    assert quarter(2.0) == 0.5
+    (before,) = half.overloads.values()
+    with interpreted(lambda: True):
+        assert half(3.0) == 1.5
+    assert next(iter(half.overloads.values())) is before
+    assert half(3.0) == 1.5
+    assert next(iter(half.overloads.values())) is not before
+
+
 def test_what_python_cannot_do_is_compiled():
     """Python has no root of -1; what it had written before is put back."""
 

@@ -68,28 +68,30 @@ def test_an_attitude_wrong_by_some_pixels_is_corrected(spots_at):
 def test_given_matches_are_weighted_by_their_noise_plus_the_common_excess(spots_at):
     """Two noise levels: errors of 60 fits are as small as those of scipy with the best weights.
 
-    With equal weights their squares would be nine times as large. With all noise unstated, weights
-    become equal, and nothing else changes.
+    These are of the stated noise where that is all; equal where it is all unstated; and of both
+    where each star is as far off again, of which the fits know nothing but their residuals.
     """
     rng = np.random.default_rng(3)
-    sigma, every = np.where(np.arange(24) % 2, 0.1, 0.6), np.arange(24)
-    errors = {"stated": [], "unstated": []}
+    two, every = np.where(np.arange(24) % 2, 0.1, 0.6), np.arange(24)
+    cases = {"stated": (two, two), "unstated": (0.01, two), "partly": (two, np.hypot(two, 0.6))}
+    errors = {name: [] for name in cases}
     for _ in range(60):
         star = rng.uniform(0, 1023, (24, 2))
         direction, _ = stars_at(star)
-        spots = spots_at(star + sigma[:, None] * rng.standard_normal((24, 2)), 0.1)
-        ray = CAMERA.unproject(np.column_stack([spots.x, spots.y]))
-        for name, noise in (("stated", sigma), ("unstated", np.full(24, 0.01))):
-            spots.covariance[:] = np.eye(2) * noise[:, None, None] ** 2
+        for name, (said, true) in cases.items():
+            spots = spots_at(star + true[:, None] * rng.standard_normal((24, 2)), 0.1)
+            spots.covariance[:] = np.eye(2) * np.reshape(said, (-1, 1, 1)) ** 2
             seen = see(spots, every, CAMERA, Identification(focal_tolerance=0.0))
             rotation, scale = fit_matches(seen, direction, every, every, TURN.as_matrix(), 1.0)
             assert scale == 1.0
-            best, _ = Rotation.align_vectors(ray, direction, weights=noise**-2)
+            ray = CAMERA.unproject(np.column_stack([spots.x, spots.y]))
+            weight = np.ones(24) if name == "unstated" else true**-2
+            best, _ = Rotation.align_vectors(ray, direction, weights=weight)
             both = Rotation.concatenate([Rotation.from_matrix(rotation), best])
             errors[name].append((both * TURN.inv()).as_rotvec()[:, :2])
-    for each in errors.values():
+    for name, each in errors.items():
         ours, best = np.mean(np.square(each), axis=(0, 2))
-        assert ours == pytest.approx(best, rel=0.02)
+        assert ours == pytest.approx(best, rel=0.05 if name == "partly" else 0.02)
 
 
 def fits(monkeypatch, spots_at, spot, sigma, start=TURN, **settings):

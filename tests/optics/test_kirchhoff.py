@@ -12,7 +12,7 @@ from startrack.optics.kirchhoff import ThinLens, _equal_phase, on_axis, point, p
 GREEN = 550e-9
 
 
-def cartesian(lens: ThinLens, image, source, count=260):
+def cartesian(lens: ThinLens, image, source, count=160):
     """Eq. (7) as printed but for its two errors: strips over the lens, plain square roots.
 
     Along each strip and over the strips the nodes are Gauss's; x = R sin(t) tames the ends.

@@ -80,13 +80,19 @@ def test_a_path_is_the_sum_of_its_points(tmp_path, electrons):
     x, y = 31.3 + 7 * np.sin(turn), 1.8 - 2 * turn
     weight = np.linspace(0.5, 1.5, 40) / 40
     u, v, part = psf.split(x, y, np.array([electrons]), weight, AT)
-    assert u.flags.c_contiguous  # kernels are compiled anew for another order
-    assert v.flags.c_contiguous
     path, points = np.zeros((2, SIDE, SIDE))
     stamp_paths(path, psf, weight, u, v, part)
     for m in range(40):
         stamp_paths(points, psf, weight[[m]], u[[m]], v[[m]], part)
     np.testing.assert_allclose(path, points, atol=1e-6 * points.max())
+
+
+def test_points_of_paths_lie_row_by_row_in_memory(tmp_path):
+    """Kernels would be compiled anew for another order, which takes ten seconds."""
+    psf = made(lens_of(tmp_path, ideal()))
+    x, y = np.array([[31.0, 20.0, 9.0], [32.0, 21.0, 10.0]]), np.full((2, 3), 30.0)
+    for each in psf.split(x, y, np.full(3, 1e4), np.array([0.5, 0.5]), np.repeat(AT, 3)):
+        assert each.flags.c_contiguous
 
 
 def test_straight_lines_between_samples_keep_light_and_centroid(tmp_path):
