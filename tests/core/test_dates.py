@@ -1,6 +1,7 @@
 """No result depends on today's date or on a network, and dates beyond the tables have an error."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -31,11 +32,12 @@ def icrs_to_itrs(date: str) -> Rotation:
 @pytest.fixture(scope="module", params=["quick", pytest.param("all", marks=pytest.mark.slow)])
 def folders(request, tmp_path_factory):
     """What the commands write in each of the years; a quick run is of those with dates."""
+    if not hasattr(os, "fork"):
+        pytest.skip("needs fork")
     folder = tmp_path_factory.mktemp("years")
-    for year in YEARS:  # one after the other: the second finds the kernels that the first compiled
-        command = [sys.executable, "-W", "error", every_command.__file__, request.param, str(year)]
-        ended = subprocess.run([*command, folder / str(year)], capture_output=True, text=True)
-        assert ended.returncode == 0, f"{year}: {ended.stderr[-5000:]}"
+    command = [sys.executable, "-W", "error", every_command.__file__, request.param, folder]
+    ended = subprocess.run([*command, *map(str, YEARS)], capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr[-5000:]
     return [folder / str(year) for year in YEARS]
 
 
@@ -44,7 +46,8 @@ def test_the_example_has_every_command():
     assert named == {*COMMANDS, "earth"}
     for part in ("geometry", "render", "process", "terrain"):
         assert f"\nearth {part} " in every_command.COMMANDS
-    assert named > set(every_command.DATED_COMMANDS)
+    for words in every_command.DATED_COMMANDS:
+        assert f"\n{words} " in every_command.COMMANDS
 
 
 def test_no_command_depends_on_the_date_or_the_network(folders):
@@ -55,7 +58,7 @@ def test_no_command_depends_on_the_date_or_the_network(folders):
     ]
     assert names[0] == names[1]
     compared = [name for name in names[0] if not name.endswith(NOT_COMPARED)]
-    assert {"geometry/geometry.nc", "frames/trials.csv", "dated/frame.fits"} <= set(compared)
+    assert {"geometry/geometry.nc", "dated/trials.csv", "dated/frame.fits"} <= set(compared)
     for name in compared:
         assert_equal(*(folder / name for folder in folders))
 

@@ -1,6 +1,9 @@
 """A tracker in time: acquisition, tracking, loss and reacquisition."""
 
 import dataclasses
+import multiprocessing
+import sys
+from concurrent.futures import ProcessPoolExecutor
 from datetime import datetime, timedelta
 
 import numpy as np
@@ -10,7 +13,7 @@ from scipy import stats
 
 from startrack.core.units import arcsec, deg
 from startrack.io import to_qtable
-from startrack.montecarlo.workers import Serial, pool
+from startrack.montecarlo.workers import Serial
 from startrack.motion import Motion
 from startrack.sequence import (
     FRAMES,
@@ -29,13 +32,14 @@ GYRO = Gyro(2 * arcsec, 0.05 * arcsec, 5 * arcsec)
 CALM = Leg(2.0, rate_x=0.05 * deg)
 WILD = Leg(1.5, rate_y=25 * deg)  # smears a star over fifty pixels
 AXES = "xyz"
+LOST = 2  # sequences that lose the sky
 
 
 @pytest.fixture(scope="module")
 def lost(small):
     """Calm, wild, calm: the tracker must lose the sky and find it again."""
     sequence = Sequence((CALM, WILD, CALM), period=0.2)
-    return fly_sequences(small.case, sequence, 4, 7, Serial())
+    return fly_sequences(small.case, sequence, LOST, 7, Serial())
 
 
 def test_a_calm_sequence_is_acquired_once_and_then_tracked(small, tmp_path):
@@ -60,7 +64,7 @@ def test_a_calm_sequence_is_acquired_once_and_then_tracked(small, tmp_path):
 
 
 def test_a_wild_slew_loses_the_sky_and_calm_finds_it_again(lost):
-    for number in range(4):
+    for number in range(LOST):
         one = lost[lost["sequence"] == number]
         wild = (one["time"] > 2) & (one["time"] < 3.5)
         assert (one["mode"][wild] == Mode.COASTED).sum() >= 3
@@ -70,7 +74,7 @@ def test_a_wild_slew_loses_the_sky_and_calm_finds_it_again(lost):
         assert after["mode"][0] == Mode.ACQUIRED
         assert (after["mode"][1:] == Mode.TRACKED).all()
     tracking = summarise_sequences(lost)
-    assert tracking.losses_per_hour.value * 4 * 5.5 / 3600 == pytest.approx(4, rel=0.05)
+    assert tracking.losses_per_hour.value * 5.5 / 3600 == pytest.approx(1, rel=0.05)
     assert 1.4 < tracking.reacquisition.value < 2.1  # second, as long as the slew
     assert 0.6 < tracking.known.value < 0.95
     row = to_qtable(tracking)
@@ -124,6 +128,7 @@ def test_a_frame_alone_has_the_law_of_a_trial(small):
         assert 1e-4 < stats.f.cdf(ours / theirs, 30, 30) < 1 - 1e-4
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="needs processes that fork")
 def test_frames_have_noise_of_their_own_and_workers_do_not_matter(small):
     still = dataclasses.replace(
         small.case, instrument=dataclasses.replace(small.case.instrument, motion=Motion())
@@ -131,7 +136,9 @@ def test_frames_have_noise_of_their_own_and_workers_do_not_matter(small):
     sequence = Sequence((Leg(0.6),), period=0.2)
     alone = fly_sequences(still, sequence, 3, 2, Serial())
     assert len(np.unique(alone["error_x"])) == len(alone)
-    with pool(2) as executor:
+    forks = multiprocessing.get_context("forkserver")  # of one process, which imports them once
+    forks.set_forkserver_preload(["startrack.sequence"])
+    with ProcessPoolExecutor(2, forks) as executor:
         both = fly_sequences(still, sequence, 3, 2, executor)
     assert both.tobytes() == alone.tobytes()
     assert alone.dtype == FRAMES
