@@ -19,6 +19,7 @@ from startrack.montecarlo.run import run
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store
 from startrack.montecarlo.workers import Serial
+from startrack.plots import curves
 from startrack.population import Units, per_unit
 from startrack.report import stars, write_report
 from startrack.report.causes import budget
@@ -37,9 +38,11 @@ TRIALS, SEED = 80, 11
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_rates():
-    """The analytic budget at a smear of eight pixels takes seconds."""
+    """Each rate takes a second."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stars, "LONGEST", 1.0)
+        patch.setattr(curves, "BETWEEN", 0)
+        for module in (curves, stars):
+            patch.setattr(module, "SMEARS", (0.0, 1.0))
         yield
 
 
