@@ -4,8 +4,8 @@
 
 The clock starts in the middle of each year; all files go to a folder of its name. The status is 1
 where a command fails, warns or tries to reach the network. A year has a process of its own, since
-astropy looks for new leap seconds once in a process; they are copies of one that has loaded the
-commands.
+astropy looks for new leap seconds once in a process; several years have copies of one that has
+loaded the commands of a quick run.
 """
 
 import datetime
@@ -195,6 +195,8 @@ def run(quick: bool, year: int, folder: Path) -> int:
 
 def run_years(quick: bool, folder: Path, years: Sequence[str]) -> int:
     """As `run`, each year in a process of its own."""
+    if len(years) == 1:
+        return run(quick, int(years[0]), folder / years[0])
     commands = (f"startrack.cli.{words.split()[0]}" for words in DATED_COMMANDS)
     for name in ("astropy.coordinates", "rasterio", "scipy.signal", "scipy.stats", *commands):
         import_module(name)

@@ -202,9 +202,9 @@ def places(table: Any, path: tuple = ()) -> list[tuple]:
 
 
 def mutated(draw: Draw, table: dict[str, Any], kind: type | None) -> dict[str, Any]:
-    """The table with one to five changes, most often one: a refused one hides the others."""
+    """The table with one to three changes: a refused one hides the others."""
     table = copy.deepcopy(table)
-    for _ in range(1 + draw.below(1 + draw.below(5))):
+    for _ in range(1 + draw.below(3)):
         path = draw.one_of(places(table) or [()])
         if not path:
             break
