@@ -5,7 +5,7 @@ import pytest
 
 from startrack.core.interpret import twin
 from startrack.core.kernel import KernelDispatcher
-from startrack.detection.robust import around_among
+from startrack.detection.robust import around_among, around_each
 
 NOBODY = np.empty(0, np.int64)
 EVERYWHERE = np.arange(70).repeat(60), np.tile(np.arange(60), 70)
@@ -28,3 +28,14 @@ def test_arrays_in_python_see_the_same_background(place, others):
     known = around_among(image, *place, 3, 0.1, *others)
     np.testing.assert_allclose(found, known, rtol=2e-5, atol=2e-5)
     assert found[-1] == known[-1]
+
+
+def test_level_slopes_and_noise_about_many_spots_are_those_of_the_image():
+    """36 rings of 88 pixels on a plane with noise of 5: four standard errors of their means."""
+    row, column = np.indices((60, 60))
+    image = np.random.default_rng(4).normal(100 + 3 * column - 2 * row, 5).astype(np.float32)
+    y, x = (each.ravel() for each in np.mgrid[10:58:8, 10:58:8])
+    level, slope_x, slope_y, noise = around_each(image, x, y, 3, 0.1).T
+    assert np.mean(level - (100 + 3 * x - 2 * y)) == pytest.approx(0, abs=0.36)
+    assert (slope_x.mean(), slope_y.mean()) == pytest.approx((3, -2), abs=0.08)
+    assert noise.mean() == pytest.approx(5, rel=0.07)

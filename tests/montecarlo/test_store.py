@@ -136,7 +136,8 @@ def test_two_processes_on_one_store_are_refused(path, case):
     code = (
         "import pathlib\nfrom startrack.montecarlo.store import Store\n"
         f"path = pathlib.Path({str(path)!r})\n"
-        "try:\n    Store(path)\nexcept OSError as error:\n    print(error, flush=True)\n"
+        "try:\n    Store(path)\n    print('opened', flush=True)\n"
+        "except OSError as error:\n    print(error, flush=True)\n"
         "input()\nStore(path)\n"
     )
     with Store(path, case, 3):
