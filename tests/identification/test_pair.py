@@ -5,6 +5,8 @@ import pytest
 
 from startrack.identification.agree import pair
 
+pytestmark = pytest.mark.usefixtures("in_python")
+
 
 def scan(plane, place, radius):
     """Each star takes its nearest spot within the radius, each spot its nearest star."""

@@ -11,6 +11,8 @@ from startrack.identification import Identification
 from startrack.identification.agree import refit
 from startrack.identification.blind import fields
 
+pytestmark = pytest.mark.usefixtures("in_python")
+
 STAR = np.random.default_rng(1).uniform(0, 1023, (30, 2))
 TURN = Rotation.from_rotvec([0.4, -1.0, 2.0])
 
