@@ -32,7 +32,7 @@ def rms(values):
     "settings",
     [
         CameraCalibration("ground", 100, noise=0.2, direction=5e-6),
-        CameraCalibration("ground", 400, noise=0.05, order=5),
+        pytest.param(CameraCalibration("ground", 400, noise=0.05, order=5), marks=pytest.mark.slow),
         CameraCalibration("orbit", frames=8, stars=10, noise=0.2),
     ],
     ids=["ground", "many places, order 5", "orbit"],

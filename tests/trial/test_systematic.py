@@ -26,7 +26,7 @@ def believing(case: Case, floor: float | None) -> Case:
     )
 
 
-@pytest.mark.parametrize("name", ["apst", "st5000"])
+@pytest.mark.parametrize("name", ["apst", pytest.param("st5000", marks=pytest.mark.slow)])
 def test_trackers_state_the_covariance_of_their_errors(name):
     """250 windows: 3 +- 0.155 for normal errors; 0.65 is a false alarm in 30,000.
 
