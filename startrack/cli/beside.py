@@ -29,7 +29,7 @@ ONE_TRIAL = {
 }
 # What other commands need last comes first; of `warm` itself the second half of its parts.
 OTHERS = (IDENTIFICATION, "fidelity window")
-HALF_OF_WARM = (IDENTIFICATION, "fidelity covariance", "analytic budget", "one PSF")
+HALF_OF_WARM = (IDENTIFICATION, "sequence", "fidelity covariance", "analytic budget", "one PSF")
 LOCK = "compiling.lock"  # held by the process that compiles, as long as it runs
 
 

@@ -54,7 +54,9 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     if function is None:
         return lambda found: kernel(found, **options)
     if getattr(config, "DISABLE_JIT", False):
-        return function
+        plain: Any = function
+        plain.py_func = function  # where those look who call the Python code of a kernel
+        return plain
     compiled: Any = KernelDispatcher(
         function, targetoptions={"nopython": True, "error_model": "numpy", **options}
     )

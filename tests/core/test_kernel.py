@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from numba import config
 
 import startrack
 from startrack import core
@@ -164,3 +165,15 @@ def test_a_damaged_or_foreign_cache_is_made_anew(folder, change):
         else:
             pytest.skip("only root can give a file away")
     assert result(folder) == (705.0, 0)
+
+
+def test_without_a_compiler_a_kernel_is_its_python_code(monkeypatch):
+    """As under NUMBA_DISABLE_JIT; some functions of arrays call the code of a kernel itself."""
+    monkeypatch.setattr(config, "DISABLE_JIT", True)
+
+    @core.kernel
+    def double(x):
+        return 2 * x
+
+    assert type(double) is type(double.py_func)
+    assert double(3.0) == double.py_func(3.0) == 6.0
