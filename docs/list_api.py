@@ -8,9 +8,9 @@ Public are the names in startrack/__init__.pyi, and in the `__all__` of the pack
 from __future__ import annotations
 
 import ast
+import copy
 import inspect
 import re
-import textwrap
 from collections.abc import Iterator
 from enum import Enum
 from functools import cache
@@ -156,10 +156,15 @@ def _field(name: str, kind: ast.expr | None, default: ast.expr | None, module: s
 
 
 def _written(thing: Any) -> ast.stmt:
-    return ast.parse(textwrap.dedent(inspect.getsource(thing))).body[0]
+    return next(
+        node
+        for node in reversed(_tree(thing.__module__).body)
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == thing.__name__
+    )
 
 
 def _plain(node: ast.AST, module: str) -> str:
+    node = copy.deepcopy(node)  # which stays as it is written
     return ast.unparse(_Plainer(import_module(module)).visit(node))
 
 
@@ -193,7 +198,7 @@ class _Plainer(ast.NodeTransformer):
 
 def _kind(one: Name) -> str:
     """The type of a constant; of a union, what it is made of."""
-    for node in ast.parse(_source(one.home)).body:
+    for node in _tree(one.home).body:
         if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == one.name:
             return ast.unparse(node.annotation)
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == one.name:
@@ -221,6 +226,11 @@ def line(one: Name) -> str:
 @cache
 def _source(module: str) -> str:
     return inspect.getsource(import_module(module))
+
+
+@cache
+def _tree(module: str) -> ast.Module:
+    return ast.parse(_source(module))
 
 
 def page() -> str:

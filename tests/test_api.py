@@ -9,6 +9,7 @@ import typing
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from enum import Enum
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -160,6 +161,7 @@ def test_a_type_checker_knows_what_a_script_takes(tmp_path):
     )
 
 
+@cache
 def _for_type_checkers(module: ModuleType | None) -> dict[str, type]:
     """Names that a module imports for its annotations alone, such as astropy's WCS."""
     names = {}
