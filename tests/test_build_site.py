@@ -9,6 +9,7 @@ pytest.importorskip("furo", reason="extra `docs`")
 
 import build_api
 from build_site import FRONT, ROOT, build
+from sphinx.builders.html import StandaloneHTMLBuilder
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +26,7 @@ def site(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build_api, "build", one_page)
+        patch.setattr(StandaloneHTMLBuilder, "search", False)  # stems the words of all pages
         build(folder)
     return folder
 
