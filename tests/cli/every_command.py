@@ -9,6 +9,7 @@ loaded the commands of a quick run.
 """
 
 import datetime
+import gc
 import ipaddress
 import os
 import sys
@@ -67,14 +68,14 @@ sample design.toml --out sample --workers 1
 pareto design.toml --points 2 --out pareto --workers 1
 sensitivity design.toml --designs 2 --out sensitivity --workers 1
 earth geometry mountains.toml --out geometry
-earth render hsrs.toml --calibration 8 --out render
+earth render hsrs.toml --calibration 8 --geotiff --out render
 earth process hsrs.toml --raw render --out render
 earth terrain dem.tif
 warm --json
 bench psf --out bench
 """  # those that read what others write come after them
-# Those of a quick run: of scenes with dates.
-DATED_COMMANDS = "simulate dated.toml", "montecarlo dated.toml", "earth"
+# Those of a quick run: of scenes with dates; `earth process` computes with no others than `render`.
+DATED_COMMANDS = "simulate dated.toml", "montecarlo dated.toml", "earth geometry", "earth render"
 
 
 class NetworkUse(BaseException):
@@ -139,7 +140,7 @@ def write_designs(folder: Path) -> None:
 
 
 def write_scenes(folder: Path) -> None:
-    """Two scenes over small terrain, and a file of heights."""
+    """Two scenes over small terrain, one of them with a single channel, and a file of heights."""
     import rasterio
 
     mountains = changed(
@@ -149,14 +150,17 @@ def write_scenes(folder: Path) -> None:
         ('"20 um"', '"400 um"'),
         ("cells = 768", "cells = 300"),
     )
+    camera = shipped("cameras/hsrs.toml").read_text()
     fires = changed(
         shipped("scenes/hsrs.toml").read_text(),
+        ('camera = "hsrs"', 'camera = "mir.toml"'),
         ("lines = 300", "lines = 16"),
         ("columns = 300", "columns = 16"),
         ("cells = 1024", "cells = 300"),
     )
     (folder / "mountains.toml").write_text(mountains)
     (folder / "hsrs.toml").write_text(fires)
+    (folder / "mir.toml").write_text(camera[: camera.rindex("[[channels]]")])
     with rasterio.open(
         folder / "dem.tif", "w", driver="GTiff", width=9, height=9, count=1, dtype="float32",
         crs="EPSG:4326", transform=rasterio.Affine(1e-3, 0, 10, 0, -1e-3, 47),
@@ -200,6 +204,7 @@ def run_years(quick: bool, folder: Path, years: Sequence[str]) -> int:
     commands = (f"startrack.cli.{words.split()[0]}" for words in DATED_COMMANDS)
     for name in ("astropy.coordinates", "rasterio", "scipy.signal", "scipy.stats", *commands):
         import_module(name)
+    gc.freeze()  # what is imported stays: searching it, also at each end, takes seconds
     status = 0
     for year in years:  # one after the other: the second finds the kernels that the first compiled
         child = os.fork()
