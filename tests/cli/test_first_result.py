@@ -23,12 +23,6 @@ def test_the_package_alone_loads_no_other():
     assert not {"numpy", "scipy", "numba", "cv2", *HEAVY} & loaded("import startrack")
 
 
-def test_the_picture_of_a_frame_loads_no_room_that_draws_other_pictures():
-    rooms = {"budget", "montecarlo", "mission", "optimise", "report", "sequence"}
-    found = loaded("from startrack.plots import draw_frame")
-    assert not found.intersection(f"startrack.{room}" for room in rooms)
-
-
 def test_a_command_limits_the_threads_of_its_matrices_before_these_are_loaded():
     """Else each worker has as many as there are cores, and they wait for each other."""
     code = (
@@ -44,12 +38,20 @@ def test_a_command_limits_the_threads_of_its_matrices_before_these_are_loaded():
     assert done.stdout == "1 False\n"
 
 
-def test_the_chain_loads_no_package_and_builds_no_kernel_before_it_is_asked_for():
-    found = loaded(
-        "import startrack.trial; from startrack.core import poisson_quantile; "
-        "assert poisson_quantile.types == []"
+def test_the_chain_loads_no_package_and_its_picture_no_room_that_draws_others():
+    """The chain builds no kernel, either, before it is asked for."""
+    code = (
+        "import json, sys, startrack.trial; from startrack.core import poisson_quantile\n"
+        "assert poisson_quantile.types == []\n"
+        "chain = list(sys.modules); from startrack.plots import draw_frame\n"
+        "print(json.dumps([chain, list(sys.modules)]))"
     )
-    assert not found.intersection(HEAVY)
+    done = subprocess.check_output([sys.executable, "-c", code], text=True)
+    chain, picture = json.loads(done)
+    assert not set(HEAVY).intersection(chain)
+    rooms = {"budget", "montecarlo", "mission", "optimise", "report", "sequence"}
+    assert not {f"startrack.{room}" for room in rooms}.intersection(picture)
+    assert "matplotlib" in picture
 
 
 def test_processes_of_the_tests_import_these_sources(tmp_path):
