@@ -41,7 +41,7 @@ def stands_out(
     ring is as uneven as the edge is high. The ring leaves other peaks out, which may be the
     other stars of a pair.
 
-    filters    of stars between the pixels, (k, rows, columns)
+    filters    of stars between the pixels, (rows, columns, k)
     sigmas     how far a peak must stand out, on the grid of the Sky
     mean, rms  of the Sky, and its mesh
     floor      digital number, least noise

@@ -170,6 +170,7 @@ def _uncut(mean: float, variance: float, half: int) -> tuple[float, tuple[float,
     edge = half + 0.5
     a, b, pa, pb, z, sigma = 0.0, 0.0, 0.0, 0.0, 1.0, 1.0
     for _ in range(STEPS):
+        before = c, left
         sigma = math.sqrt(seen / left)
         a, b = (-edge - c) / sigma, (edge - c) / sigma
         pa, pb = math.exp(-a * a / 2), math.exp(-b * b / 2)
@@ -177,6 +178,8 @@ def _uncut(mean: float, variance: float, half: int) -> tuple[float, tuple[float,
         pull = (pb - pa) / z
         left = max(1 - (b * pb - a * pa) / z - pull**2, LEAST_LEFT)
         c = mean + sigma * pull
+        if before == (c, left):
+            break  # to the last digit; further steps would change nothing
     return c, _derivatives(a, b, pa / z, pb / z, sigma, left)
 
 

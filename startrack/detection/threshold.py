@@ -73,32 +73,31 @@ MARGIN = 2  # pixel beyond the kernel, so that these filters hold all the light 
 def offset_filters(psf: Psf, kernel: Kernel) -> Floats:
     """Matched filters of stars between the pixels, each passing the kernel's fraction of noise.
 
-    Returns  (36, rows, columns) about a peak, with two more pixels than the kernel on each side
+    Returns  (rows, columns, 36) about a peak, with two more pixels than the kernel on each side
     """
     half_y, half_x = kernel.whole.shape[0] // 2 + MARGIN, kernel.whole.shape[1] // 2 + MARGIN
-    filters = np.empty((len(OFFSETS) ** 2, 2 * half_y + 1, 2 * half_x + 1))
-    star = np.empty((3, *filters.shape[1:]))
-    for k in range(len(filters)):
+    filters = np.empty((2 * half_y + 1, 2 * half_x + 1, len(OFFSETS) ** 2))
+    star = np.empty((3, *filters.shape[:2]))
+    for k in range(filters.shape[2]):
         x, y = OFFSETS[k % len(OFFSETS)], OFFSETS[k // len(OFFSETS)]
         expected(psf.table, psf.oversampling, x, y, -half_x, -half_y, star)
-        filters[k] = star[0] * (kernel.noise / np.linalg.norm(star[0]))
+        filters[..., k] = star[0] * (kernel.noise / np.linalg.norm(star[0]))
     return filters
 
 
 @kernel
 def highest_between(image: Image, x: int, y: int, level: float, filters: Floats) -> float:
     """Largest response of the filters at a peak, above a level; zero beyond the border."""
-    count, height, width = filters.shape
+    height, width, count = filters.shape
     rows, columns = image.shape
     left, top = x - width // 2, y - height // 2
-    best = -np.inf
-    for k in range(count):
-        total = 0.0
-        for v in range(max(0, -top), min(height, rows - top)):
-            for u in range(max(0, -left), min(width, columns - left)):
-                total += filters[k, v, u] * (image[top + v, left + u] - level)
-        best = max(best, total)
-    return best
+    total = np.zeros(count)
+    for v in range(max(0, -top), min(height, rows - top)):
+        for u in range(max(0, -left), min(width, columns - left)):
+            light = image[top + v, left + u] - level
+            for k in range(count):  # many filters at once
+                total[k] += filters[v, u, k] * light
+    return total.max()
 
 
 LOWEST, HIGHEST = 1.5, 12.0  # sigma; the density falls from 1 on, and no noise passes 12
@@ -127,6 +126,6 @@ def roughness(filters: Floats, kernel: Kernel) -> float:
     here = middle * len(OFFSETS) + middle
     slope = 1.0
     for other in (here - 1, here - len(OFFSETS)):
-        common = float((filters[here] * filters[other]).sum()) / kernel.noise**2
+        common = float((filters[..., here] * filters[..., other]).sum()) / kernel.noise**2
         slope *= -2 * math.log(common) / step**2
     return math.sqrt(slope)
