@@ -109,7 +109,7 @@ def main() -> None:
     parser.add_argument("--sequences", type=int, default=30, help="of 16 frames")
     chosen = command.read(parser, instants=20, days=2, frames=2, loop=2, sequences=2)
     if chosen.quick:
-        surrogate.PLACES = 48
+        surrogate.PLACES, surrogate.RATES, surrogate.MAGNITUDE = 48, 2, 8.0
         placement_of_heads.WINDOWS, placement_of_heads.GRID = 1, 40 * deg
         aocs.SMEARS = aocs.SMEARS[:2]
     loaded = load_mission(EXAMPLE, [f"time.duration={chosen.days} d"])

@@ -95,7 +95,7 @@ def main() -> None:
         "disort_max_relative_error": disort(),
         "energy_closure": closure(),
         **modtran(),
-        **table_error(table, *((1, 1) if quick else (PLACES, 3))),
+        **(table_error(table, Air("none"), 1, 1) if quick else table_error(table, table.air)),
         **speed(table, *((100, 1) if quick else (1000, REPEATS))),
         **nadir(table, *((100, 1) if quick else (1000, 3))),
         "limb_magnitudes": limb(),
@@ -234,8 +234,13 @@ def triangles(table: AirTable, centres: Floats, width: float) -> Floats:
     return shape / (shape * np.gradient(table.spectrum)).sum(-1)[:, None]
 
 
-def table_error(table: AirTable, places: int, colours: int) -> dict[str, Any]:
-    """The table at random places against runs of the solver there, ground of albedo 0.3."""
+def table_error(
+    table: AirTable, air: Air, places: int = PLACES, colours: int = 3
+) -> dict[str, Any]:
+    """The table at random places against runs of the solver there, ground of albedo 0.3.
+
+    air  of the table; another one, without particles, under --quick
+    """
     rng = np.random.default_rng(1)
     wavelength = np.array([450, 550, 800])[:colours] * nm
     node = np.argmin(np.abs(table.spectrum - wavelength[:, None]), 1)
@@ -255,7 +260,7 @@ def table_error(table: AirTable, places: int, colours: int) -> dict[str, Any]:
         ours = radiance(refine(bands, here), sight, *np.full((2, colours), 0.3)).total[0]
         rays = [(math.cos(sensor), math.pi - azimuth, TOP)]
         direct = solve(
-            table.air, table.spectrum[node], height, math.cos(sun), rays, (0.3,), 8, True
+            air, table.spectrum[node], height, math.cos(sun), rays, (0.3,), 8, True
         )
         errors.append(np.abs(ours / unit / direct[0][0, :, 0] - 1))
     return {
