@@ -259,9 +259,7 @@ def table_error(
         sight = Sight._make(np.array([value]) for value in whole)
         ours = radiance(refine(bands, here), sight, *np.full((2, colours), 0.3)).total[0]
         rays = [(math.cos(sensor), math.pi - azimuth, TOP)]
-        direct = solve(
-            air, table.spectrum[node], height, math.cos(sun), rays, (0.3,), 8, True
-        )
+        direct = solve(air, table.spectrum[node], height, math.cos(sun), rays, (0.3,), 8, True)
         errors.append(np.abs(ours / unit / direct[0][0, :, 0] - 1))
     return {
         "table_error_median": float(np.median(errors)),
