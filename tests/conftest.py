@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+# As a command does, before anything loads numpy: small matrices on two threads take longer.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from startrack.cli import terminal
 from startrack.core import Curve, interpreted
 from startrack.design import Case, Design, load_design
