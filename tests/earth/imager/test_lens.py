@@ -137,7 +137,8 @@ def test_flats_take_the_illumination_out_of_the_radiance(tmp_path):
     setting = render(seen, one, tmp_path, 1, picture)
     frames = calibrate(seen, one, setting, 1)
     signal = picture.numbers.mean(0) - frames.dark[0]
-    assert signal[:40].mean() < 0.96 * signal[380:420].mean()
+    # The rays of this lens give its edge 0.963 of the light of its middle.
+    assert signal[:40].mean() < 0.97 * signal[380:420].mean()
     radiance = to_radiance(picture.numbers, frames).mean(0)
     truth = sum(each.mean(0) for each in picture.terms)
     for part in np.split(radiance / truth, 4):
