@@ -311,7 +311,7 @@ def compared(plan, lens, wavelength, angle, wanted):
     down = int(np.argmax(fits_at)) // (n + 1)
     plan.count = n + 1
     # Its middle is between two points.
-    along = (down - n / 2 + np.arange(-2, 2.1, 0.5)) * step
+    along = (down - n / 2 + np.arange(-2, 2.1, 0.25)) * step
     start = min([(u, v) for u in along for v in (-step / 2, step / 2)], key=error)
     corners = np.array(start) + np.array([[0, 0], [step, 0], [0, step]]) / 8
     options = {"xatol": 1e-3, "fatol": 1e-7, "initial_simplex": corners}
