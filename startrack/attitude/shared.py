@@ -64,8 +64,7 @@ def attitude_gain(plane: Floats, inverse: Floats, focal: float, tolerance: float
     Returns    (..., 3, n, 2) radian per pixel
     """
     count = plane.shape[-2]
-    places = np.ascontiguousarray(plane.reshape(-1, 2))  # for which the kernel is compiled
-    slopes = focal * tangent(places).reshape(*plane.shape, 3)
+    slopes = focal * tangent(plane.reshape(-1, 2)).reshape(*plane.shape, 3)
     if tolerance:
         slopes = np.concatenate([slopes, focal * plane[..., None]], axis=-1)
     known = np.zeros(slopes.shape[-1])

@@ -14,7 +14,7 @@ from startrack.io.reading import read_bytes
 
 CARD, MOST = 80, 999  # byte of a card; axes and columns, FITS 4.0
 COUNTED = b"NAXIS", b"TFIELDS"
-COUNT = re.compile(rb"(NAXIS|TFIELDS)\s*=\s*(\d+)")
+COUNT = re.compile(rb"(%b)\s*=\s*(\d+)" % b"|".join(COUNTED))
 
 
 def require_fits(path: Path, data: bytes) -> None:
