@@ -26,10 +26,11 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
 )
 collect_ignore = ["oracle"]  # scripts that need what the tests do not
+COMPILING = pytest.StashKey[subprocess.Popen | None]()  # the process that compiles before the tests
 
 
 def pytest_configure(config):
-    """Keep what is built in a folder for this run, and compile before workers would each do so."""
+    """Keep what is built in a folder for this run, and compile while workers collect the tests."""
     gc.disable()  # it takes a fifth of the time in which the tests are imported, and finds nothing
     if hasattr(config, "workerinput"):
         return
@@ -37,9 +38,23 @@ def pytest_configure(config):
     config.add_cleanup(folder.cleanup)
     os.environ["STARTRACK_CACHE"] = folder.name  # of the workers too, which share the indexes
     workers = config.getoption("numprocesses", None)
+    config.stash[COMPILING] = None
     if workers and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
-        command = [sys.executable, "-m", "startrack.cli", "warm"]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        config.stash[COMPILING] = process = subprocess.Popen(
+            [sys.executable, "-m", "startrack.cli", "warm"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        config.add_cleanup(process.terminate)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_node_collection_finished(node):
+    """Wait for what is compiled, or several workers would begin with the same kernels."""
+    process = node.config.stash[COMPILING]
+    if process and process.wait():
+        pytest.exit(f"startrack warm must end without an error, got {process.stderr.read()}", 1)
 
 
 def pytest_collection_finish(session):
