@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from typing import Any
 
-from numba.core import sigutils
+from numba.core import sigutils, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, Flags
 from numba.core.compiler_lock import global_compiler_lock
@@ -24,6 +24,7 @@ from numba.core.target_extension import dispatcher_registry, target_registry
 from startrack.core.interpret import interpreter
 
 _REPLACED = list[Any]()  # kernels that include this code point to its constants
+_SIGNATURES = dict[Any, Any]()  # of operators, by operator and types
 ENVIRONMENT = "_ZN08NumbaEnv"  # how numba names the globals that point to a function's constants
 
 
@@ -109,8 +110,8 @@ class KernelDispatcher(CPUDispatcher):
         """The callable for these types, from memory, from disk, or compiled."""
         with global_compiler_lock:
             inner = KernelDispatcher.calls_within > 0
-            types = tuple(sigutils.normalize_signature(sig)[0])
-            known: Any = self.overloads.get(types)
+            given = tuple(sigutils.normalize_signature(sig)[0])
+            known: Any = self.overloads.get(given)
             if inner:
                 self._compiler.pipeline_class = _Inner
                 return super().compile(sig)
@@ -120,10 +121,10 @@ class KernelDispatcher(CPUDispatcher):
                 if found is not None:
                     return found
                 if known is not None:
-                    _REPLACED.append(self.overloads.pop(types))
+                    _REPLACED.append(self.overloads.pop(given))
             claimed = nullcontext if holds(sig) else getattr(self._cache, "claimed", nullcontext)
             self._compiler.pipeline_class = _Outer
-            with claimed(), _without_collection(), _numbas_own_inside():
+            with claimed(), _without_collection(), _numbas_own_inside(), _remembered_operators():
                 return super().compile(sig)
 
     def add_overload(self, cres: Any) -> None:
@@ -166,6 +167,34 @@ def _numbas_own_inside() -> Iterator[None]:
         yield
     finally:
         dict.__setitem__(registry, cpu, before)
+
+
+@contextmanager
+def _remembered_operators() -> Iterator[None]:
+    """Look up once what an operator makes of numbers of some types.
+
+    Numba tries all rules of the operator anew wherever it stands, in a sixth of the time of
+    compiling. A function that numba compiles has one meaning for each set of options, and is left.
+    """
+    function: Any = types.BaseFunction
+    numbas = function.get_call_type
+
+    def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
+        if kws or not all(isinstance(one, types.Number | types.Boolean) for one in args):
+            return numbas(self, context, args, kws)
+        operator = self, tuple(args)
+        known = _SIGNATURES.get(operator)
+        if known is None:
+            known = numbas(self, context, args, kws)
+            if self.get_impl_key(known) is self.key[0]:
+                _SIGNATURES[operator] = known
+        return known
+
+    function.get_call_type = get_call_type
+    try:
+        yield
+    finally:
+        function.get_call_type = numbas
 
 
 @contextmanager
