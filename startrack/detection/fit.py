@@ -188,12 +188,14 @@ def solved(matrix: Floats, right: Floats) -> bool:
             return False
         matrix[k, k] = 1.0
         right[k] /= pivot
-        matrix[k] /= pivot
+        for i in range(n):
+            matrix[k, i] /= pivot
         for m in range(n):
             if m != k:
                 factor = matrix[m, k]
                 matrix[m, k] = 0.0
-                matrix[m] -= factor * matrix[k]
+                for i in range(n):
+                    matrix[m, i] -= factor * matrix[k, i]
                 right[m] -= factor * right[k]
     for k in range(n):
         right[k] *= scale[k]
@@ -301,9 +303,12 @@ def _touching(sample: Sample, model: Model, first: int, waiting: NDArray[np.bool
 @kernel
 def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
     """Write what a group of stars is found to be into their rows; False where it runs away."""
-    x, y = sample.x[group], sample.y[group]
-    u, v = (x.min() + x.max()) // 2, (y.min() + y.max()) // 2
-    ring = model.ring + max(x.max() - u, y.max() - v)
+    x, y = np.empty(len(group), np.int64), np.empty(len(group), np.int64)
+    for k in range(len(group)):
+        x[k], y[k] = sample.x[group[k]], sample.y[group[k]]
+    (first_x, last_x), (first_y, last_y) = _span(x), _span(y)
+    u, v = (first_x + last_x) // 2, (first_y + last_y) // 2
+    ring = model.ring + max(last_x - u, last_y - v)
     level, slope_x, slope_y, spread, _ = around(sample.image, u, v, ring, sample.floor)
     noise, shot = pixel_noise(
         level, spread, sample.floor, sample.electrons_per_dn, sample.offset, sample.read_noise
@@ -331,13 +336,23 @@ def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
         if count < size + SPARE or not solved(matrix, step):
             return False
         slower, settled = _slower(value, step, matrix, each, shapes)
-        value += slower * step
+        for k in range(size):
+            value[k] += slower * step[k]
         if not _near(value, x, y, model, each):
             return False
         if settled:
             return _written(value, matrix, group, each, shapes, table)
         _shine(model, value, left, top, star)
     return False
+
+
+@kernel
+def _span(values: Ints) -> tuple[int, int]:
+    """The least and the largest; numba takes longer to compile its own."""
+    least = most = values[0]
+    for k in range(1, len(values)):
+        least, most = min(least, values[k]), max(most, values[k])
+    return least, most
 
 
 @kernel
@@ -350,9 +365,10 @@ def _cut(
              column and row
     """
     image, (rows, columns) = sample.image, sample.image.shape
-    left, top = max(x.min() - model.half_x, 0), max(y.min() - model.half_y, 0)
-    right = min(x.max() + model.half_x + 1, columns)
-    bottom = min(y.max() + model.half_y + 1, rows)
+    (first_x, last_x), (first_y, last_y) = _span(x), _span(y)
+    left, top = max(first_x - model.half_x, 0), max(first_y - model.half_y, 0)
+    right = min(last_x + model.half_x + 1, columns)
+    bottom = min(last_y + model.half_y + 1, rows)
     data = np.full((bottom - top, right - left), np.nan)
     for k in range(len(x)):
         for v in range(max(y[k] - model.half_y, top), min(y[k] + model.half_y + 1, bottom)):
