@@ -29,10 +29,9 @@ import one_thread
 import astropy.coordinates, astropy.time, numpy, scipy.optimize, scipy.stats
 import startrack.benchmark, startrack.earth.imager, startrack.mission, startrack.optimise
 import startrack.plots, startrack.sequence, startrack.verification
-from astropy.utils import iers
 from matplotlib.figure import Figure
 from startrack import Fidelity, load_design, run_trials, shipped
-from startrack.core import installed_tables
+from startrack.core.earth_orientation import earth_orientation
 
 sizes = {"plots.style": ("DPI", 80), "trial.window": ("SAMPLES", 4),
          "verification.margins": ("FIELDS", 32)}
@@ -42,8 +41,7 @@ for module, (name, size) in sizes.items():
     setattr(held, name, size)
 for fidelity in Fidelity:
     run_trials(load_design(shipped("designs/noise_only.toml")).case, 1, range(1), fidelity)
-with installed_tables():
-    iers.earth_orientation_table.get()
+earth_orientation()
 figure = Figure()
 figure.subplots().set(title="fonts", xlabel="10")
 figure.canvas.draw()

@@ -204,6 +204,8 @@ def run_years(quick: bool, folder: Path, years: Sequence[str]) -> int:
     commands = (f"startrack.cli.{words.split()[0]}" for words in DATED_COMMANDS)
     for name in ("astropy.coordinates", "rasterio", "scipy.signal", "scipy.stats", *commands):
         import_module(name)
+    for name in ("draw_geometry", "draw_picture"):  # pictures of stars are drawn
+        setattr(sys.modules["startrack.cli.earth"], name, lambda *_, **__: None)
     gc.freeze()  # what is imported stays: searching it, also at each end, takes seconds
     status = 0
     for year in years:  # one after the other: the second finds the kernels that the first compiled
