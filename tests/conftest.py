@@ -14,11 +14,15 @@ import pytest
 # As a command does, before anything loads numpy: small matrices on two threads take longer.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import cv2
+
 from startrack.cli import terminal
 from startrack.core import Curve, interpreted
 from startrack.design import Case, Design, load_design
 from startrack.io import shipped
 
+# No more where a test runs in a copy of this process, which has none of its threads.
+cv2.setNumThreads(1)
 ROOT = Path(__file__).parents[1]
 ORACLE = ROOT / "tests" / "oracle"
 # Processes that tests start import these sources too, and so find the kernels that are compiled.
