@@ -55,7 +55,7 @@ class Name(NamedTuple):
 
 def public() -> Iterator[tuple[ModuleType, list[Name]]]:
     """Each public module with its names, the package first and then as its map has them."""
-    waiting = [startrack]
+    waiting: list[ModuleType] = [startrack]
     while waiting:
         module = waiting.pop(0)
         things = {name: getattr(module, name) for name in module.__all__}

@@ -132,7 +132,8 @@ def peers(regime: Regime) -> Iterator[tuple[str, Solver]]:
         "match_max_error": max(0.001, 6 * regime.noise / SIZE),
         "match_threshold": 1e-6,
     }
-    for name, settings in (("tetra3rs", {}), ("tetra3rs tuned", tuned)):
+    tunings: dict[str, dict[str, float]] = {"tetra3rs": {}, "tetra3rs tuned": tuned}
+    for name, settings in tunings.items():
 
         def run(seen: Seen, settings: dict[str, float] = settings) -> Rotation | None:
             centre = (SIZE - 1) / 2

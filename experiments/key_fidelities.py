@@ -394,7 +394,7 @@ def main() -> None:
         print(f"{name}: {one}")
     command.save(options, figures)
     if options.write:
-        kept = {} if options.table is None else json.loads(FILE.read_text(encoding="utf-8"))
+        kept: dict[str, Any] = {} if options.table is None else json.loads(FILE.read_text("utf-8"))
         kept = {name: one for name, one in kept.items() if name.rpartition(".")[0] != options.table}
         save_json(FILE, dict(sorted((kept | figures).items())))
     if options.quick:
@@ -405,7 +405,7 @@ def main() -> None:
 
 def of_all_keys(options: argparse.Namespace) -> dict[str, dict[str, list[str]]]:
     """Who refuses a key, and who leaves it out; keys that all take are not in it."""
-    known = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
+    known: dict[str, Any] = json.loads(FILE.read_text("utf-8")) if FILE.is_file() else {}
     tables, figures = dict[str, list[str]](), dict[str, dict[str, list[str]]]()
     for name in keys():
         tables.setdefault(name.rpartition(".")[0], []).append(name)

@@ -250,6 +250,7 @@ def table_error(
     unit = response @ (np.gradient(table.spectrum) * table.irradiance)
     errors = []
     bands = in_bands(bare, response, TOP)
+    ground = np.full(colours, 0.3)
     for _ in range(places):
         height = rng.uniform(0, 4e3)
         sensor, sun = rng.uniform(0, 70, 2) * deg
@@ -257,7 +258,7 @@ def table_error(
         here = Reach(*((value, value) for value in (height, sensor, sun, azimuth)))
         whole = (height, sensor, sun, azimuth, math.cos(sun), 1.0, 1.0)
         sight = Sight._make(np.array([value]) for value in whole)
-        ours = radiance(refine(bands, here), sight, *np.full((2, colours), 0.3)).total[0]
+        ours = radiance(refine(bands, here), sight, ground, ground).total[0]
         rays = [(math.cos(sensor), math.pi - azimuth, TOP)]
         direct = solve(air, table.spectrum[node], height, math.cos(sun), rays, (0.3,), 8, True)
         errors.append(np.abs(ours / unit / direct[0][0, :, 0] - 1))

@@ -38,7 +38,8 @@ class Fractions(NamedTuple):
 def read(path: Path) -> Fractions:
     table = np.genfromtxt(path, delimiter=",", names=True)
     y, x = ((table[f"{one}_from"] + table[f"{one}_to"]) / 2 for one in ("row", "column"))
-    fraction = np.column_stack([table[name] for name in (table.dtype.names or ())[4:]])
+    names: tuple[str, ...] = table.dtype.names or ()
+    fraction = np.column_stack([table[name] for name in names[4:]])
     return Fractions(x, y, fraction.reshape(-1, SIDE, SIDE))
 
 

@@ -58,10 +58,11 @@ class Pattern:
     def band(self, ratios: Floats) -> Floats:
         """The sum over wavelengths, each a ratio of the nominal one, with some aberration."""
         phase = self.modes[:, 3].reshape(self.weight.shape) * 0.3
-        return sum(
+        parts = [
             intensity(self.weight, phase / ratio, self.place, FIELD / ratio) / ratio**2
             for ratio in ratios
-        )
+        ]
+        return np.sum(parts, axis=0)
 
 
 def by_rings(coefficients: Floats, points: Floats, rings: int = 60, spokes: int = 200) -> Floats:

@@ -47,7 +47,7 @@ def indices_of(
     )
     error[table["false"].reshape(members, frames)] = np.nan
     time = table["time"].reshape(members, frames)[0]
-    seen = np.isfinite(error).all(axis=(0, 2))
+    seen = np.all(np.isfinite(error), axis=(0, 2))
     run = _longest(seen)
     if run.stop - run.start < 2:
         raise ValueError(

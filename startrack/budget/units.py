@@ -230,7 +230,7 @@ def _of_unit(
     terms = {term: np.sqrt(np.mean(values, axis=0)) for term, values in squares.items()}
     return (
         np.concatenate(means) - bias, np.concatenate(sigmas), np.concatenate(weights), bias,
-        np.array(np.mean(available)), terms,
+        np.array(float(np.mean(available))), terms,
     )  # fmt: skip
 
 

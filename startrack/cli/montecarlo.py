@@ -279,7 +279,7 @@ def command(options: argparse.Namespace) -> int:
         print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
     if where:
         result["store"] = str(where)
-    tables = [options.table, options.out / "trials.csv" if options.out else None]
+    tables: list[Path | None] = [options.table, options.out / "trials.csv" if options.out else None]
     if any(tables):
         table = with_causes(case, outcomes, attitudes, found)
         with as_wrong_use(ValueError, ImportError):

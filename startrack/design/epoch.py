@@ -37,7 +37,8 @@ def seen_from(scene: Scene, catalog: Selection) -> Selection:
     Accuracy  model: where trials draw their dates, the stars stay at one epoch; where they draw the
               phase of the orbit, its aberration is left out (5.2 arcsec of a low orbit).
     """
-    epoch, velocity = catalog.year, catalog.orbital_velocity or ()
+    epoch = catalog.year
+    velocity: tuple[float, ...] = catalog.orbital_velocity or ()
     if scene.date is not None:
         first, last = scene.years
         epoch = (first + last) / 2 if catalog.epoch is None else epoch

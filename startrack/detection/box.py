@@ -238,7 +238,7 @@ def _core(window: NDArray[np.float32], size: int) -> NDArray[np.float32]:
     half, side = IMAGE // 2, size // 2
     # Of an even kernel, the anchor is the pixel right below the middle.
     sums = cv2.filter2D(window, cv2.CV_32F, _mask(size).astype(np.float32), anchor=(side, side))
-    return np.asarray(sums[half:-half, half:-half])
+    return np.asarray(sums[half:-half, half:-half], np.float32)
 
 
 def _background(window: NDArray[np.float32], box: Box, offset: float) -> NDArray[np.float32]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import scipy
@@ -13,7 +14,7 @@ from startrack.detection.matched import Kernel
 from startrack.detection.pixels import Gain
 from startrack.detection.psf_table import expected
 
-Grid = NDArray[np.float32]
+Grid = NDArray[np.floating[Any]]
 MILD_SKEWNESS = (
     0.5  # skewness up to which the expansion's second-order terms are small beside the first
 )

@@ -42,7 +42,7 @@ def diffuse(electrons: Floats, fraction: float) -> Floats:
     fraction   1, at most 1/4
     """
     kernel = np.array([[0, fraction, 0], [fraction, 1 - 4 * fraction, fraction], [0, fraction, 0]])
-    return np.asarray(cv2.filter2D(electrons, -1, kernel, borderType=cv2.BORDER_REFLECT))
+    return np.asarray(cv2.filter2D(electrons, -1, kernel, borderType=cv2.BORDER_REFLECT), float)
 
 
 def bloom(charge: Floats, full_well: float) -> Floats:

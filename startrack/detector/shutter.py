@@ -33,7 +33,8 @@ def at_once(
         some = slice(start, start + together)
         towards = direction @ attitude[some].transpose(0, 2, 1)
         pixel = np.ascontiguousarray(camera.project(towards.reshape(-1, 3)).T)
-        yield path.weight[some], *pixel.reshape(2, *towards.shape[:2])
+        x, y = pixel.reshape(2, *towards.shape[:2])
+        yield path.weight[some], x, y
 
 
 @lru_cache(maxsize=4)

@@ -229,9 +229,10 @@ def _read(field: Field, value: object, place: str) -> Any:
             )
         return _moderate(value, place) if isinstance(value, float) else value
     if isinstance(kind, type) and issubclass(kind, StrEnum):
-        if value not in list(kind):
-            raise ValueError(f"{place} must be one of {', '.join(kind)}, got {shown(value)}")
-        return kind(str(value))
+        for member in kind:
+            if value == member:
+                return member
+        raise ValueError(f"{place} must be one of {', '.join(kind)}, got {shown(value)}")
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         raise ValueError(f"{place} must be {NAMES.get(kind, kind.__name__)}, got {shown(value)}")
     if kind is float and not field.open:

@@ -119,9 +119,10 @@ class Surrogate:
             ]
         found = np.zeros((3, len(cell)))
         for index, weight in corners:
-            here = self.table[:, low_rate, *index, cell]
+            here = self.table[(slice(None), low_rate, *index, cell)]
             if part_rate is not None:
-                here = here + part_rate * (self.table[:, low_rate + 1, *index, cell] - here)
+                above = self.table[(slice(None), low_rate + 1, *index, cell)]
+                here = here + part_rate * (above - here)
             found += here if weight is None else weight * here
         if self.correction is not None:
             used = self.correction.features(self.values(at, cell))

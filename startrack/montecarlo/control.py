@@ -141,7 +141,7 @@ def _by_pixel(answer: Response, gain: Floats, columns: int) -> tuple[NDArray[np.
     place = rows * columns + (answer.corner[:, 0, None] + step)[:, None, :]
     unique, where = np.unique(place, return_inverse=True)
     summed = [np.bincount(where.ravel(), line, len(unique)) for line in slope]
-    return unique, np.array(summed)
+    return unique, np.array(summed, float)
 
 
 def _law(detector: Detector, electrons: Floats) -> tuple[Floats, Floats]:

@@ -388,7 +388,7 @@ def export(path: Path, outcomes: NDArray[np.void]) -> None:
     elif path.suffix == ".parquet":
         try:
             import pyarrow
-            import pyarrow.parquet
+            from pyarrow import parquet
         except ImportError:
             raise ImportError("Parquet needs pyarrow: python -m pip install pyarrow") from None
         names = outcomes.dtype.names or ()
@@ -399,6 +399,6 @@ def export(path: Path, outcomes: NDArray[np.void]) -> None:
             for name in names
         }
         with whole_file(path) as draft:
-            pyarrow.parquet.write_table(pyarrow.table(columns), draft)
+            parquet.write_table(pyarrow.table(columns), draft)
     else:
         raise ValueError(f"the table's name must end in .csv or .parquet, got {path.name}")

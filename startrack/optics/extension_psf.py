@@ -48,7 +48,7 @@ def irradiance_by_code(
 
     Raises  ValueError where the function raises an error, or returns what it must not.
     """
-    name, line = optics.psf, (np.arange(count) - count // 2) * spacing
+    name, line = optics.psf, (np.arange(count, dtype=float) - count // 2) * spacing
     x, y = np.meshgrid(line, line)
     found = call_code(GROUP, name, PsfInput(x, y, wavelength, weight, optics))
     plane = returned(GROUP, name, found, (count, count))

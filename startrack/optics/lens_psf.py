@@ -253,7 +253,9 @@ class _Star:
         cosine, sine = math.cos(self.azimuth), math.sin(self.azimuth)
         p, q = self.pupil[3] - (x * cosine + y * sine), x * sine - y * cosine
         found: NDArray[Any] = values(p.ravel(), q.ravel()).reshape(p.shape)
-        weight = np.polynomial.chebyshev.chebvander(coordinate / reach, len(node) - 1) @ through
+        weight: NDArray[Any] = (
+            np.polynomial.chebyshev.chebvander(coordinate / reach, len(node) - 1) @ through
+        )
         found, weight = found.astype(coordinate.dtype), weight.astype(coordinate.dtype)
         return np.asarray(weight @ found @ weight.T)
 
@@ -354,8 +356,8 @@ COSINES, SINES = np.cos(AROUND), np.sin(AROUND)
 def _polynomial(power: Floats, u: Reals, w: Reals) -> Reals:
     """Sum of power[..., i, j] u^i w^j of u and w (..., n), by Horner's rule."""
     degree, squares = power.shape[-2:]
-    total, terms = np.zeros_like(u), np.moveaxis(power, (-2, -1), (0, 1))[..., None]
-    terms = terms.astype(u.dtype)
+    total = np.zeros_like(u)
+    terms = np.moveaxis(power, (-2, -1), (0, 1))[..., None].astype(u.dtype)
     for j in range(squares - 1, -1, -1):
         inner = np.zeros_like(u)
         for i in range(degree - 1, -1, -1):

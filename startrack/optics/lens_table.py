@@ -15,7 +15,7 @@ from startrack.core import Floats, Ints, positive
 from startrack.io import open_checked, shipped, whole
 from startrack.optics.zernike import MOST, noll_to_nm
 
-Reals = NDArray[np.float64] | NDArray[np.float32]
+Reals = NDArray[np.floating[Any]]
 FORMAT = 1
 WIDEST = 1.4  # radian, field angle
 MOST_NUMBERS = 10_000_000  # of a table

@@ -64,7 +64,8 @@ def wavefront(optics: Optics, model: str, samples: int) -> Wavefront:
     scale, rim = b, radius
     amplitude: Floats | float = 1.0
     square = (coordinate**2 + coordinate[:, None] ** 2) * radius**2
-    in_lens = 1.0  # from coordinates to those in the lens, the arguments of the Zernike polynomials
+    # From coordinates to those in the lens, the arguments of the Zernike polynomials.
+    in_lens: Floats | float = 1.0
     if model == "fraunhofer":
         path = -optics.defocus * square / (2 * b**2)
     elif model == "fresnel":

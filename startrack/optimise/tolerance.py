@@ -132,7 +132,7 @@ def sample(
     rng = np.random.default_rng(runner.seed)
     cube = scipy.stats.qmc.LatinHypercube(d, rng=rng).random(designs_needed(d) - CHECKS)
     cube[0] = (space.start - low) / (high - low)
-    evaluations = []
+    evaluations: list[Evaluation] = []
 
     def measure(points: Floats) -> list[Evaluation]:
         for u in points:

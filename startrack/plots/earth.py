@@ -92,8 +92,8 @@ def draw_product(
     for each, (name, values) in zip(axes, layers.items(), strict=False):
         label = name if units[name] == "1" else f"{name} ({units[name]})"
         known = values[np.isfinite(values)]
-        limits = tuple(np.quantile(known, BETWEEN)) if len(known) else None
-        _panel(each, values, label, "gray", limits if limits and limits[0] < limits[1] else None)
+        low, high = np.quantile(known, BETWEEN) if len(known) else (0.0, 0.0)
+        _panel(each, values, label, "gray", (low, high) if low < high else None)
     _flags(axes[len(layers)], quality, names)
     for each in axes[: len(layers) + 1]:
         each.set(xlabel="column (cell)", ylabel="row (cell)")

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from startrack.design import Case, Fidelity
 from startrack.metrics import Interval, Summary, summarise
@@ -41,7 +42,7 @@ def fidelity_comparison(
 ) -> list[FidelityResult]:
     """Every fidelity on the same trials; `frame`, the reference, is the first."""
     made: list[FidelityResult] = []
-    frames = None
+    frames: NDArray[np.void] | None = None
     for fidelity in Fidelity:
         try:
             run_trials(case, seed, numbers[:1], fidelity)
@@ -52,7 +53,8 @@ def fidelity_comparison(
         began = time.process_time()
         outcomes = run_trials(case, seed, numbers, fidelity)
         seconds = (time.process_time() - began) / len(numbers)
-        frames = outcomes if frames is None else frames
+        if frames is None:
+            frames = outcomes
         both = outcomes["solved"] & frames["solved"] & ~outcomes["false"] & ~frames["false"]
         between = [outcomes[name][both] - frames[name][both] for name in ("error_x", "error_y")]
         difference = float(np.sqrt(np.mean(np.square(between)))) if both.any() else math.nan

@@ -307,8 +307,8 @@ def _with_residual(through: Through, camera: Camera) -> Through:
     """The shifts with those of a camera's residual."""
     if camera.residual is None:
         return through
-    x = np.arange(STEPS + 1) * through.step_x - 0.5
-    y = np.arange(STEPS + 1) * through.step_y - 0.5
+    step = np.arange(STEPS + 1, dtype=float)
+    x, y = step * through.step_x - 0.5, step * through.step_y - 0.5
     moved = camera.residual(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
     table = through.table.copy()
     table[..., :2] += moved.reshape(STEPS + 1, STEPS + 1, 2)

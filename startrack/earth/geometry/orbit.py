@@ -173,9 +173,12 @@ def choose_carrier(orbit: Orbit | None, tle: tuple[str, ...], aircraft: Aircraft
     Raises  ValueError where it gives none or several."""
     if (orbit is not None) + bool(tle) + (aircraft is not None) != 1:
         raise ValueError("exactly one of orbit, tle and aircraft must be given")
-    if tle and len(tle) != 2:
+    carrier = orbit or aircraft
+    if carrier is not None:
+        return carrier
+    if len(tle) != 2:
         raise ValueError(f"tle must be two lines, got {len(tle)}")
-    return orbit or aircraft or TwoLines(*tle)
+    return TwoLines(*tle)
 
 
 def fly(orbit: Carrier, second: Floats) -> Flight:

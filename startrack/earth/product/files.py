@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -60,7 +61,7 @@ def read_raw(path: Path, channel: Channel) -> RawImage:
         names = {part.name.lower() for part in parts}
         truth = None
         if set(ABOUT) <= names:
-            truth = sum(parts[name].data.astype(np.float64) for name in ABOUT)
+            truth = reduce(np.add, (parts[name].data.astype(np.float64) for name in ABOUT))
         return RawImage(first.data.astype(np.int32), truth)
 
 

@@ -55,8 +55,8 @@ class MapGrid(NorthUp):
 
     def places(self, rows: slice) -> tuple[Floats, Floats]:
         """Longitude and latitude (n,) radian of the middles of the cells of some rows."""
-        y = self.north - (np.arange(rows.start, rows.stop) + 0.5) * self.step_y
-        x = self.west + (np.arange(self.columns) + 0.5) * self.step_x
+        y = self.north - (np.arange(rows.start, rows.stop, dtype=float) + 0.5) * self.step_y
+        x = self.west + (np.arange(self.columns, dtype=float) + 0.5) * self.step_x
         x, y = (each.ravel() for each in np.meshgrid(x, y))
         return transformed(x, y, self.system, GEOGRAPHIC, 1.0, deg)
 

@@ -101,7 +101,9 @@ def vertical(x, y, z):  # type: ignore[no-untyped-def]
 # (atan(t) / t - 1) / t^2 = -1/3 + t^2 / 5 - t^4 / 7 ... up to tan(pi / 8), in fewer terms.
 ARC = tuple(
     Chebyshev.interpolate(
-        lambda q: sum((-1) ** k * q ** (k - 1) / (2 * k + 1) for k in range(1, 50)), 10, [0, 0.1716]
+        lambda q: np.sum([(-1) ** k * q ** (k - 1) / (2 * k + 1) for k in range(1, 50)], axis=0),
+        10,
+        [0, 0.1716],
     )
     .convert(kind=Polynomial)
     .coef.tolist()

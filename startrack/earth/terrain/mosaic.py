@@ -78,14 +78,16 @@ class Mosaic:
         Beside all sources that of the coarsest.
         """
         finest = self.grid.step_y
-        levels = [round(math.log2(one.grid.step_y / finest)) for one in self.ordered]
-        out = np.full(len(place), min(levels[-1], self.levels - 1), np.int8)
+        levels = [
+            min(round(math.log2(one.grid.step_y / finest)), self.levels - 1) for one in self.ordered
+        ]
+        out = np.full(len(place), levels[-1], np.int8)
         for source, level in zip(reversed(self.ordered), reversed(levels), strict=True):
             grid = source.grid
             width = (grid.columns - (0 if grid.closed else 1)) * grid.step_x
             east = (place[:, 0] - grid.west) % FULL_TURN
             inside = (east <= width) & (place[:, 1] <= grid.north) & (place[:, 1] >= grid.south)
-            out[inside] = min(level, self.levels - 1)
+            out[inside] = level
         return out
 
     def window(self, level: int, j: int, i: int) -> Grid | None:

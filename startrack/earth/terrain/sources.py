@@ -120,11 +120,9 @@ def require_rasterio(purpose: str) -> Any:
     """
     try:
         import rasterio
-        import rasterio._err  # what GDAL says has no public name
-        import rasterio.control
-        import rasterio.enums
-        import rasterio.vrt
-        import rasterio.warp
+
+        # _err has GDAL's messages, which have no public name.
+        from rasterio import _err, control, enums, vrt, warp  # noqa: F401
     except ImportError:
         raise ImportError(
             f"rasterio must be installed {purpose}: pip install 'startrack[earth]'"
