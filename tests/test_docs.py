@@ -20,13 +20,10 @@ def test_the_two_commands():
 
 
 def test_ci_runs_the_readmes_test_command():
-    script = (ROOT / ".ci" / "run").read_text()
-    install, test = (
-        "pip install --quiet --disable-pip-version-check --no-compile '.[test]'",
-        "python -m pytest -n 2",
-    )
-    assert install in script
-    assert test in script.splitlines()[-1]
+    lines = (ROOT / ".ci" / "run").read_text().splitlines()
+    assert any(line.startswith("install() { python -m pip install ") for line in lines)
+    assert "install '.[test]'" in lines
+    assert lines[-1].startswith("python -m pytest -n 2")
 
 
 def test_every_startrack_command_in_the_readme_parses():
