@@ -26,9 +26,12 @@ def ledger(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def campaign(small):
-    """Focal length, f-number and blur, in few evaluations."""
+    """Focal length, f-number and blur, in few evaluations; 60 fresh trials decide."""
     return dataclasses.replace(
-        small.campaign, variables=small.campaign.variables[:3], evaluations=14
+        small.campaign,
+        variables=small.campaign.variables[:3],
+        evaluations=10,
+        requirements=dataclasses.replace(small.campaign.requirements, min_availability=0.9),
     )
 
 
@@ -102,13 +105,15 @@ def test_a_design_that_breaks_a_limit_is_not_feasible(small):
 
 def test_a_box_that_meets_nothing_is_said_to(small, monkeypatch):
     """No lens of the design space is under 10 g, and none has an update rate of 100 Hz."""
-    monkeypatch.setattr("startrack.optimise.steps.REACH_EVALUATIONS", 20)
-    tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01, min_update_rate=100.0)
+    monkeypatch.setattr("startrack.optimise.steps.REACH_EVALUATIONS", 4)
+    tight = dataclasses.replace(
+        small.campaign.requirements, max_mass=0.01, min_update_rate=100.0, min_availability=0.5
+    )
     campaign = dataclasses.replace(
         small.campaign,
         requirements=tight,
         variables=small.campaign.variables[:1],
-        fresh_trials=20,
+        fresh_trials=12,
     )
     optimum = optimize(small.case, campaign, TrialRunner(5))
     assert not optimum.feasible
@@ -191,7 +196,12 @@ def test_designs_that_a_function_refuses_are_avoided(small):
 
     blur = (Variable("instrument.optics.blur", "2 um", "16 um"),)
     campaign = dataclasses.replace(
-        small.campaign, variables=blur, evaluations=8, analytic_evaluations=4, fresh_trials=20
+        small.campaign,
+        variables=blur,
+        evaluations=8,
+        analytic_evaluations=4,
+        fresh_trials=20,
+        requirements=dataclasses.replace(small.campaign.requirements, min_availability=0.5),
     )
     case = dataclasses.replace(
         small.case,
