@@ -118,7 +118,6 @@ from startrack.core.variates import (
     GOLDEN,
     bits,
     inverse_normal,
-    key,
     mixed,
     poisson_of_uniform,
     poisson_quantile,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from startrack.core.kernel import kernel
 
 POOL = 4  # words of 32 bits
 STATE = 3  # numbers of 64 bits, that SFC64 asks for
+MIXING = 12  # numbers that SFC64 leaves out at first
 FIRST_A, FACTOR_A = np.uint32(0x43B0D7E5), np.uint32(0x931E8875)
 FIRST_B, FACTOR_B = np.uint32(0x8B51F9DD), np.uint32(0x58F38DED)
 LEFT, RIGHT = np.uint32(0xCA01F9DD), np.uint32(0x4973F715)
@@ -53,6 +54,19 @@ def _state(entropy):  # type: ignore[no-untyped-def]
         high, factor = _hashed(pool[(2 * k + 1) % POOL], factor, FACTOR_B)
         state[k] = np.uint64(low) | (np.uint64(high) << WORD)
     return state
+
+
+@kernel
+def _first_number(entropy):  # type: ignore[no-untyped-def]
+    """What an SFC64 of these seeds gives first."""
+    a, b, c = _state(entropy)
+    count, number = np.uint64(1), np.uint64(0)
+    for _ in range(MIXING + 1):
+        number = a + b + count
+        count += np.uint64(1)
+        a, b = b ^ (b >> np.uint64(11)), c + (c << np.uint64(3))
+        c = ((c << np.uint64(24)) | (c >> np.uint64(40))) + number
+    return number
 
 
 @kernel
@@ -121,7 +135,16 @@ class Streams:
 
     def __call__(self, cause: str) -> np.random.Generator:
         """The generator of one cause, from its start."""
-        name = hashlib.blake2b(cause.encode(), digest_size=8).digest()
-        seeds = Seeds(self.seed, self.trial, int.from_bytes(name, "little"))
+        seeds = Seeds(self.seed, self.trial, _number_of(cause))
         # numpy takes any ISeedSequence, which its stubs do not know.
         return np.random.Generator(np.random.SFC64(seeds))  # type: ignore[arg-type]
+
+    def key(self, cause: str) -> np.uint64:
+        """The first 64 bits of one cause, for counters of compiled code."""
+        entropy = np.array((self.seed, self.trial, _number_of(cause)), np.uint64)
+        return np.uint64(_first_number(entropy))
+
+
+@lru_cache(maxsize=256)
+def _number_of(cause: str) -> int:
+    return int.from_bytes(hashlib.blake2b(cause.encode(), digest_size=8).digest(), "little")

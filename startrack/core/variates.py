@@ -9,17 +9,11 @@ from numba import vectorize
 from scipy import special
 
 from startrack.core.kernel import kernel
-from startrack.core.streams import Streams
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # odd, next to 2^64 over the golden ratio
 FIRST = np.uint64(0xBF58476D1CE4E5B9)
 SECOND = np.uint64(0x94D049BB133111EB)
 UNIT = 2.0**-53
-
-
-def key(streams: Streams, cause: str) -> np.uint64:
-    """The key of one cause in one trial."""
-    return np.uint64(streams(cause).bit_generator.random_raw())
 
 
 @kernel(inline="always")

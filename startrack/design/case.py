@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -284,6 +284,19 @@ class Case(CarriesCode):
             object.__setattr__(self, "tracker", replace(self.tracker, catalog=believed))
         non_negative(lifetime=self.lifetime)
         check_variations(self, self.variation)
+
+    def __hash__(self) -> int:
+        """Computed once: each trial finds by it what is kept for its case."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(tuple(getattr(self, each.name) for each in fields(self)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = super().__getstate__()
+        state.pop("_hash", None)  # texts have another one in another process
+        return state
 
     @cached_property
     def as_designed(self) -> Case:

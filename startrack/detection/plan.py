@@ -37,7 +37,7 @@ class DetectionPlan:
     dark: Calibration | None = None
     workspace: Workspace = field(default_factory=Workspace, repr=False)
 
-    @property
+    @cached_property
     def method(self) -> CentroidMethod:
         """The centroid method: that of the settings, or the likelihood for streaks."""
         streak = math.hypot(*self.settings.smear) > STREAK

@@ -18,7 +18,6 @@ from startrack.core import (
     instead_of,
     inverse_normal,
     kernel,
-    key,
     mixed,
     poisson_of_uniform,
     read_only,
@@ -74,14 +73,14 @@ def digitise_hit(
 def normals(shape: tuple[int, ...], streams: Streams, cause: str) -> Floats:
     """Standard normal numbers of a cause; those of the read noise are the ones of `digitise`."""
     out = np.empty(shape)
-    _normals(out.ravel(), key(streams, cause))
+    _normals(out.ravel(), streams.key(cause))
     return out
 
 
 def keys(law: Law, streams: Streams) -> tuple[np.uint64, np.uint64]:
     """Keys of shot noise and read noise; the latter is not drawn where there is none."""
-    read = key(streams, "read noise") if law.noise else np.uint64(0)
-    return key(streams, "shot noise"), read
+    read = streams.key("read noise") if law.noise else np.uint64(0)
+    return streams.key("shot noise"), read
 
 
 @kernel

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Streams, bits, kernel, key, uniform
+from startrack.core import Floats, Ints, Streams, bits, kernel, uniform
 from startrack.detector.collect import background
 from startrack.detector.law import law_of
 from startrack.detector.parameters import Detector
@@ -30,6 +30,7 @@ from startrack.detector.tables import BITS, build, level_spacing, lowest_mean
 
 LEAST_CUMULANT = -1e9  # K of tiles without pixels
 BISECTIONS = 30  # of the search for theta
+COUNTED = 64  # sums that take less time to be counted than to be bisected; chosen by hand
 
 
 class NumberDistributions(NamedTuple):
@@ -184,7 +185,7 @@ def threshold_crossings(
               those that overlap have the frequency of independent ones.
     """
     count = int(streams("false spots").poisson(rates.total))
-    start = key(streams, "numbers of false spots")
+    start = streams.key("numbers of false spots")
     pixel, drawn = np.empty(count, np.int64), np.empty((count, *tilt.weight.shape), np.int64)
     kept = _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, *numbers[:2])
     return pixel[:kept], drawn[:kept] + numbers.lowest
@@ -328,9 +329,9 @@ def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probabilit
     kept = 0
     for n in range(len(pixel)):
         at = np.uint64(n) * size
-        tile = _index_of_sum(rates.fraction, uniform(bits(start, at)))
-        among = tilt.among[tile]
-        inside = _index_of_sum(among, among[-1] * uniform(bits(start, at + np.uint64(1))))
+        tile = np.searchsorted(rates.fraction, uniform(bits(start, at)), side="right")
+        tile = min(tile, len(rates.fraction) - 1)
+        inside = _index_of_sum(tilt.among[tile], uniform(bits(start, at + np.uint64(1))))
         x = (tile % across) * mesh + inside % mesh
         y = (tile // across) * mesh + inside // mesh
         if not (border <= x < columns - border and border <= y < rows - border):
@@ -354,9 +355,18 @@ def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probabilit
 
 
 @kernel(inline="always")
-def _index_of_sum(sums, wanted):  # type: ignore[no-untyped-def]
-    """The first of rising sums that exceeds a number."""
-    return min(np.searchsorted(sums, wanted, side="right"), len(sums) - 1)
+def _index_of_sum(sums, fraction):  # type: ignore[no-untyped-def]
+    """The first of sums that exceeds a fraction of the last; they rise nearly evenly.
+
+    To bisect them would read memory that is far away for each step.
+    """
+    last, wanted = len(sums) - 1, sums[-1] * fraction
+    k = min(int(fraction * len(sums)), last)
+    while k > 0 and sums[k - 1] > wanted:
+        k -= 1
+    while k < last and sums[k] <= wanted:
+        k += 1
+    return k
 
 
 @kernel(inline="always")
@@ -385,15 +395,18 @@ def _draw_by_sums(numbers, start, at, x, y, tilt, place):  # type: ignore[no-unt
             low, high = tilt.sums[kind, k], tilt.sums[kind, above]
             fraction = uniform(bits(start, at + np.uint64(j * width + i)))
             wanted = fraction * ((1 - t) * low[-1] + t * high[-1])
-            least, most = 0, len(low) - 1
-            while least < most:
-                middle = (least + most) // 2
-                if (1 - t) * low[middle] + t * high[middle] > wanted:
-                    most = middle
-                else:
-                    least = middle + 1
-            filtered += tilt.weight[j, i] * least
-            numbers[j, i] = least
+            first, most = 0, len(low) - 1
+            while most - first > COUNTED:
+                middle = (first + most) // 2
+                above = (1 - t) * low[middle] + t * high[middle] > wanted
+                first, most = (first, middle) if above else (middle + 1, most)
+            # Slices, or the compiler would look for indices below 0; no branches, each of which is
+            # wrong half of the time.
+            low, high, number = low[first:most], high[first:most], first
+            for d in range(len(low)):
+                number += (1 - t) * low[d] + t * high[d] <= wanted
+            filtered += tilt.weight[j, i] * number
+            numbers[j, i] = number
     return filtered
 
 

@@ -16,7 +16,6 @@ from startrack.core import (
     distort,
     inverse_normal,
     kernel,
-    key,
     poisson_of_uniform,
     uniform,
 )
@@ -80,7 +79,7 @@ def sights(a, key, response, pull, field, companions, view, through, hot):  # ty
 
 def trial_keys(seed: int, numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """The keys of the draws of some trials of a seed."""
-    return _keys(key(Streams(seed, 0), "covariance"), numbers)
+    return _keys(Streams(seed, 0).key("covariance"), numbers)
 
 
 @kernel

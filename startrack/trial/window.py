@@ -179,9 +179,13 @@ def whole_frame(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Frame
     return expose(exposure_of(instrument, light, path, icrs_to_camera, streams), streams)
 
 
+@kernel
 def area(windows: Ints) -> int:
     """Pixels of windows (w, 4), those that several share as often."""
-    return int(((windows[:, 2] - windows[:, 0]) * (windows[:, 3] - windows[:, 1])).sum())
+    pixels = 0
+    for left, top, right, bottom in windows:
+        pixels += (right - left) * (bottom - top)
+    return pixels
 
 
 def cost(pixels: float, proposals: float) -> float:

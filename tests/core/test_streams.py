@@ -28,3 +28,10 @@ def test_neighbouring_trials_are_independent():
 def test_seeds_outside_their_range_are_refused(seed, trial):
     with pytest.raises(ValueError, match="must be a whole number"):
         Streams(seed, trial)
+
+
+@pytest.mark.parametrize("cause", ["read noise", "a cause with an accent: é"])
+@pytest.mark.parametrize("seed", [0, 7, 2**63 - 1])
+def test_a_key_is_the_first_number_of_the_generator(seed, cause):
+    streams = Streams(seed, 2**40 + 3)
+    assert streams.key(cause) == streams(cause).bit_generator.random_raw()
