@@ -29,6 +29,7 @@ from startrack.detector.parameters import Detector
 from startrack.detector.tables import BITS, build, level_spacing, lowest_mean
 
 LEAST_CUMULANT = -1e9  # K of tiles without pixels
+OUTSIDE = -1
 BISECTIONS = 30  # of the search for theta
 COUNTED = 64  # sums that take less time to be counted than to be bisected; chosen by hand
 
@@ -326,30 +327,44 @@ def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probabilit
     rows, columns = place.shape
     across = -(-columns // mesh)
     size = np.uint64(3 + tilt.weight.size)
+    tiles = np.empty(len(pixel), np.int64)
+    x, y = np.empty((2, len(pixel)), np.int64)
+    levels = np.empty((len(pixel), *tilt.weight.shape), np.float32)
+    # Step by step for all: a processor waits for the memory of many at once.
+    for n in range(len(pixel)):
+        tile = np.searchsorted(rates.fraction, uniform(bits(start, np.uint64(n) * size)), "right")
+        tiles[n] = min(tile, len(rates.fraction) - 1)
+    for n in range(len(pixel)):
+        fraction = uniform(bits(start, np.uint64(n) * size + np.uint64(1)))
+        inside = _index_of_sum(tilt.among[tiles[n]], fraction)
+        x[n] = (tiles[n] % across) * mesh + inside % mesh
+        y[n] = (tiles[n] // across) * mesh + inside // mesh
+    down, aside = tilt.weight.shape[0] // 2, tilt.weight.shape[1] // 2
+    for n in range(len(pixel)):
+        if not (border <= x[n] < columns - border and border <= y[n] < rows - border):
+            x[n] = y[n] = OUTSIDE  # by rounding
+        elif tilt.whole[y[n], x[n]]:
+            top, left = y[n] - down, x[n] - aside
+            for j in range(levels.shape[1]):
+                for i in range(levels.shape[2]):
+                    levels[n, j, i] = place[top + j, left + i]
     kept = 0
     for n in range(len(pixel)):
-        at = np.uint64(n) * size
-        tile = np.searchsorted(rates.fraction, uniform(bits(start, at)), side="right")
-        tile = min(tile, len(rates.fraction) - 1)
-        inside = _index_of_sum(tilt.among[tile], uniform(bits(start, at + np.uint64(1))))
-        x = (tile % across) * mesh + inside % mesh
-        y = (tile // across) * mesh + inside // mesh
-        if not (border <= x < columns - border and border <= y < rows - border):
-            continue  # by rounding
-        if _in_region(x, y, regions):
+        u, v, at = x[n], y[n], np.uint64(n) * size
+        if u == OUTSIDE or _in_region(u, v, regions):
             continue
         first = at + np.uint64(3)
-        if tilt.whole[y, x]:
-            filtered = _draw_by_sums(drawn[kept], start, first, x, y, tilt, place)
+        if tilt.whole[v, u]:
+            filtered = _draw_by_sums(drawn[kept], start, first, levels[n], tilt)
         else:
-            folded = _folded_weights(tilt.weight, x, y, place)
+            folded = _folded_weights(tilt.weight, u, v, place)
             filtered = _draw(
-                drawn[kept], start, first, x, y, tilt.theta, folded, probability, place
+                drawn[kept], start, first, u, v, tilt.theta, folded, probability, place
             )
-        over = filtered - rates.level[tile] - _shift(tilt.shift, x, y)
+        over = filtered - rates.level[tiles[n]] - _shift(tilt.shift, u, v)
         chance = uniform(bits(start, at + np.uint64(2)))
         if over > 0 and chance < math.exp(-tilt.theta * over):
-            pixel[kept] = y * columns + x
+            pixel[kept] = v * columns + u
             kept += 1
     return kept
 
@@ -383,13 +398,16 @@ def _shift(shift, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _draw_by_sums(numbers, start, at, x, y, tilt, place):  # type: ignore[no-untyped-def]
-    """As `_draw`, by the sums computed before, for weights that are not folded."""
+def _draw_by_sums(numbers, start, at, levels, tilt):  # type: ignore[no-untyped-def]
+    """As `_draw`, by the sums computed before, for weights that are not folded.
+
+    levels  (2 m + 1, 2 n + 1) of the pixels
+    """
     height, width = tilt.weight.shape
     filtered = 0.0
     for j in range(height):
         for i in range(width):
-            level = place[y + j - height // 2, x + i - width // 2]
+            level = levels[j, i]
             kind, k = tilt.kind[j, i], min(int(level), tilt.sums.shape[1] - 1)
             t, above = level - k, min(k + 1, tilt.sums.shape[1] - 1)
             low, high = tilt.sums[kind, k], tilt.sums[kind, above]

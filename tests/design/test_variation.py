@@ -1,5 +1,6 @@
 """Draws of units: their laws, their streams, and what they leave alone."""
 
+import copy
 import math
 from dataclasses import replace
 
@@ -186,3 +187,12 @@ def test_a_design_lies_over_its_class_and_its_orbit(tmp_path):
     assert case.end_of_life == pytest.approx(5 * YEAR)
     assert case.instrument.motion.drawn
     assert case.believed_catalog.limit_g < case.catalog.limit_g
+
+
+def test_a_hash_does_not_travel_with_a_case():
+    """That of its texts is another one in another process."""
+    case = replace(CASE)
+    kept = {case: "kept"}
+    vars(case)["_hash"] += 1  # as of another process
+    assert kept.get(case) is None
+    assert kept[copy.copy(case)] == "kept"
