@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1] / "startrack"
@@ -24,11 +25,26 @@ ONE_PLACE = {
     "sasktran2": "earth/atmosphere/sasktran.py",
 }
 FILES = sorted(ROOT.rglob("*.py"))
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
 MODULES = {
     ".".join(("startrack", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__")
     for path in FILES
 }
+
+
+@cache
+def text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(text(path))
+
+
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    """All of the code of a file."""
+    return list(ast.walk(tree(path)))
 
 
 def name(path: Path) -> str:
@@ -40,10 +56,11 @@ def room(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).parent.parts)
 
 
-def imports(path: Path) -> set[str]:
+@cache
+def imports(path: Path) -> frozenset[str]:
     """All modules that a file imports, those inside functions too."""
     found = set()
-    for node in ast.walk(TREES[path]):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -51,9 +68,10 @@ def imports(path: Path) -> set[str]:
             found.add(node.module)
             inner = {f"{node.module}.{alias.name}" for alias in node.names}
             found |= inner & MODULES
-    return found
+    return frozenset(found)
 
 
+@cache
 def imported_rooms(path: Path) -> dict[str, str]:
     """Each module of the package that a file imports, with its room."""
     found = {}
@@ -70,7 +88,7 @@ def names_bound(path: Path) -> set[str]:
     """What a door makes of its modules: a function may bear the name of its file."""
     return {
         alias.asname or alias.name
-        for node in TREES[path].body
+        for node in tree(path).body
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
@@ -121,7 +139,7 @@ def test_a_room_is_entered_by_its_door():
     wrong = []
     for path in FILES:
         here = room(path)
-        for node in ast.walk(TREES[path]):
+        for node in nodes(path):
             if not isinstance(node, ast.ImportFrom) or not node.module.startswith("startrack."):
                 continue
             there = node.module.removeprefix("startrack.")
@@ -160,12 +178,12 @@ def test_no_circles_inside_rooms():
 def test_maps_are_of_today():
     """The package names its rooms in their order, and each room all of its files."""
     wrong = []
-    lines = (ast.get_docstring(TREES[ROOT / "__init__.py"]) or "").splitlines()
+    lines = (ast.get_docstring(tree(ROOT / "__init__.py")) or "").splitlines()
     named = [found[1] for line in lines if (found := re.match(r"(\w+)  +\w", line))]
     assert named == list(dict.fromkeys(one.split(".")[0] for one in ROOMS))
     for one in ROOMS:
         door = ROOT.joinpath(*one.split("."), "__init__.py")
-        words = re.findall(r"\w+", ast.get_docstring(TREES[door]) or "")
+        words = re.findall(r"\w+", ast.get_docstring(tree(door)) or "")
         wrong += [
             f"the docstring of {one} must name {path.stem}"
             for path in FILES
@@ -182,7 +200,7 @@ def test_heavy_packages_have_one_place():
             name(path)
             for path in FILES
             if any(module.split(".")[0] == package for module in imports(path))
-            or re.search(rf'import_module\(f?"{package}[".]', path.read_text(encoding="utf-8"))
+            or re.search(rf'import_module\(f?"{package}[".]', text(path))
         }
         if users != {place}:
             wrong.append(f"{package} must be imported by {place} alone, got {sorted(users)}")
@@ -195,7 +213,7 @@ def test_functions_are_compiled_in_one_way():
         f"{name(path)} uses numba's {node.id}, not core.kernel"
         for path in FILES
         if name(path) != "core/kernel.py"
-        for node in ast.walk(TREES[path])
+        for node in nodes(path)
         if isinstance(node, ast.Name) and node.id in ("njit", "jit")
     ]
     assert not wrong, "\n".join(wrong)
@@ -205,9 +223,10 @@ def test_no_hidden_randomness_and_no_pickle():
     allowed = {"SeedSequence", "Generator", "SFC64", "default_rng", "RandomState", "MT19937"}
     wrong = []
     for path in FILES:
-        for node in ast.walk(TREES[path]):
+        for node in nodes(path):
             if (
                 isinstance(node, ast.Attribute)
+                and isinstance(node.value, ast.Attribute)
                 and ast.unparse(node.value) == "np.random"
                 and node.attr not in allowed
             ):

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
 
 DRAFT = ".startrack-draft-"  # in the names of files that are not whole yet
@@ -54,20 +56,29 @@ def save_figure(path: Path, figure: Figure) -> None:
 
     Titles hold names of files, which may have bytes that are no text, or a $, as of formulas.
     """
-    from matplotlib.text import Text
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    own = {
-        text
-        for axes in figure.axes
-        for axis in (axes.xaxis, axes.yaxis)
-        for text in axis.findobj(Text)
-    }
-    for text in set(figure.findobj(Text)) - own:
+    for text in _titles(figure):
         words = text.get_text()
         text.set_text("".join(c if c.isprintable() or c == "\n" else "?" for c in words))
         text.set_parse_math(False)
     with whole(path) as draft:
-        figure.savefig(draft)
+        if draft.suffix == ".png":
+            FigureCanvasAgg(figure).print_png(draft)  # the same, drawn once instead of twice
+        else:
+            figure.savefig(draft)
+
+
+def _titles(artist: Artist) -> Iterator[Text]:
+    """The texts of a figure, but for those of its axes."""
+    from matplotlib.axis import Axis
+    from matplotlib.text import Text
+
+    if isinstance(artist, Text):
+        yield artist
+    for part in artist.get_children():
+        if not isinstance(part, Axis):
+            yield from _titles(part)
 
 
 def save_netcdf(
