@@ -229,7 +229,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--trials", type=int, default=5000, help="rendered windows (5000)")
     parser.add_argument("--members", type=int, default=250, help="trials of a budget (250)")
-    options = command.read(parser, trials=20, members=2)
+    options = command.read(parser, trials=6, members=2)
     quick = options.quick
     cases = designs(TRACKERS[:1] if quick else TRACKERS)
     _, b, r = fields(2, 3, 0.1, 0.0, 0)

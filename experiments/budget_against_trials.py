@@ -271,7 +271,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=240, help="of each design, and each rate")
     parser.add_argument("--rates", default="0,0.3,1,2,3", help="deg / s")
     parser.add_argument("--markdown", type=Path, help="the page of the documents")
-    options = command.read(parser, designs=2, trials=12, rates="2")
+    options = command.read(parser, designs=2, trials=3, rates="2")
     compared = []
     for name, case in designs(options.designs):
         compared.append(compare(name, case, options.trials))

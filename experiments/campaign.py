@@ -75,7 +75,7 @@ def measure(part: str, case: Case, folder: Path, kills: int, quick: bool) -> dic
         case "speed":
             import speed
 
-            return speed.speeds(sized(case, 1024), quick)
+            return speed.speeds(sized(case, 256 if quick else 1024), quick)
     import variance
 
     told = variance.measure(case, 32, 2, quick) if quick else variance.measure(case, 896)

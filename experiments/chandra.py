@@ -262,9 +262,10 @@ def star_field(
 
 
 def acquired(
-    year: float, celsius: float, magnitude: float, half_width: float, stars: int, **changes: Any
-) -> tuple[int, int, int]:
-    """Stars that were acquired, false ones that were taken, and all."""
+    year: float, celsius: float, magnitude: float, half_width: float, stars: int,
+    columns: int | None = None, **changes: Any,
+) -> tuple[int, int, int]:  # fmt: skip
+    """Stars that were acquired, false ones that were taken, and all; of part of the columns."""
     scale = load_design(shipped("trackers/chandra-aca.toml")).case.instrument.camera
     focal = scale.focal_length_px
     reach = math.tan(half_width * arcsec) * focal
@@ -273,6 +274,8 @@ def acquired(
     plan, good, false, total, seed = plan_detection(Detection(), star_psf()), 0, 0, 0, 0
     while total < stars:
         detector = device(year, celsius, device_seed=seed)
+        if columns:
+            detector = replace(detector, columns=columns, rows=columns)
         frame, place, flux = star_field(
             detector, magnitude, math.ceil(2 * reach) + 14, seed, SCATTER
         )
@@ -288,7 +291,7 @@ def acquisition(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     """Probability of acquisition over magnitude, temperature and half width, of 2025."""
     if "acquisition_2025" not in data:
         return None
-    rows, stars = [], 100 if quick else 500
+    rows, stars, columns = [], 20 if quick else 500, 256 if quick else None
     easy = [
         one["probability"] for one in data["acquisition_2025"]
         if one["magnitude_aca"] <= EASY[0] and one["ccd_temperature_c"] <= EASY[1]
@@ -301,7 +304,7 @@ def acquisition(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
         if quick and (magnitude != MAGNITUDES[-1] or celsius != WARMEST):
             continue
         half = one["half_width_arcsec"]
-        good, false, total = acquired(2025.0, celsius, magnitude, half, stars)
+        good, false, total = acquired(2025.0, celsius, magnitude, half, stars, columns)
         rows.append(
             [
                 magnitude,
@@ -327,6 +330,8 @@ def acquisition(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
 def centroid(data: dict[str, Any], quick: bool) -> dict[str, Any]:
     """Rms error of the first moment of 8 x 8 pixels, over the magnitude of guide stars."""
     detector = device(GUIDE_YEAR, GUIDE_CELSIUS)
+    if quick:
+        detector = replace(detector, columns=256, rows=256)
     camera = load_design(shipped("trackers/chandra-aca.toml")).case.instrument.camera
     focal = camera.focal_length_px
 

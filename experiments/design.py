@@ -44,7 +44,7 @@ from startrack.plots import (
 )
 
 SMALLEST: dict[str, Any] = {  # of a campaign, under --quick
-    "trials": 4, "most_trials": 8, "evaluations": 4, "analytic_evaluations": 4, "fresh_trials": 4,
+    "trials": 3, "most_trials": 3, "evaluations": 2, "analytic_evaluations": 2, "fresh_trials": 3,
 }  # fmt: skip
 BEFORE, AFTER, MISSED = BLUE, GREEN, RED
 

@@ -37,7 +37,7 @@ JUDGE = 1000  # seed of the trials that all designs are judged on; no search has
 REACH = 0.25  # of each range, around the best, within which the budget is set right
 BUDGETS = (500, 1000, 2000, 4000)  # trials, at which the leaders are compared
 SMALLEST: dict[str, Any] = {  # of a campaign, under --quick
-    "trials": 4, "most_trials": 4, "evaluations": 2, "analytic_evaluations": 2,
+    "trials": 2, "most_trials": 2, "evaluations": 2, "analytic_evaluations": 2,
 }  # fmt: skip
 
 
@@ -62,8 +62,10 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=4000, help="that the others may use")
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--ledger", type=Path, help="folder; goes on from what is in it")
-    options = command.read(parser, seeds=1, peers=1, trials=8)
-    figures = search(options) | {"scurve_best_sigma": {n: best_width(n) for n in (3, 5, 7)}}
+    options = command.read(parser, seeds=1, peers=1, trials=4)
+    figures = search(options) | {
+        "scurve_best_sigma": {n: best_width(n, 5 if options.quick else 60) for n in (3, 5, 7)}
+    }
     command.save(options, figures)
     print(json.dumps(figures, indent=1))
     if options.picture:
@@ -263,7 +265,7 @@ class Truth:
         return min((best, polished), key=lambda coordinates: self.score(coordinates, judged, FRESH))
 
 
-def best_width(window: int) -> float:
+def best_width(window: int, evaluations: int) -> float:
     """Pixel, sigma of a star whose centre of gravity has the least S-curve; no noise.
 
     The optimum is known: 0.42, 0.574 and 0.696 for windows of 3, 5 and 7 pixels.
@@ -272,7 +274,7 @@ def best_width(window: int) -> float:
     def bias(coordinates: Floats) -> float:
         return math.log(centre_of_gravity_error(Star(1e12, 0.3 + 0.7 * coordinates[0]), window)[1])
 
-    found = least(bias, np.array([0.9]), Search(evaluations=60))
+    found = least(bias, np.array([0.9]), Search(evaluations=evaluations))
     return 0.3 + 0.7 * float(found.coordinates[0])
 
 
@@ -287,7 +289,7 @@ def search(options: argparse.Namespace) -> dict[str, Any]:
     case, campaign = example()
     judging = Judging()
     if options.quick:
-        campaign, judging = dataclasses.replace(campaign, **SMALLEST), Judging(4, 2, 4)
+        campaign, judging = dataclasses.replace(campaign, **SMALLEST), Judging(2, 1, 2)
     space = DesignSpace(case, campaign.variables)
     started = time.process_time()
     start = prospect(space, campaign, space.start).coordinates

@@ -61,7 +61,7 @@ def main() -> None:
     options = command.read(parser)
     one_opencv_thread()
     case = load_design(shipped("designs/noise_only.toml")).case
-    figures = speeds(sized(case, 1024), options.quick)
+    figures = speeds(sized(case, 256 if options.quick else 1024), options.quick)
     if options.picture:
         figures["scaling"] = scaling(case, options.quick)
         draw(figures["scaling"], options.picture)
@@ -172,17 +172,19 @@ def peer(case: Case) -> Callable[[int], float] | None:
 
 def scaling(case: Case, quick: bool) -> dict[str, Any]:
     """Milliseconds a trial against stars, pixels and workers, for each fidelity."""
-    repeats, batch = (1, dict.fromkeys(Fidelity, 4)) if quick else (REPEATS, BATCH)
+    repeats, batch = (1, dict.fromkeys(Fidelity, 2)) if quick else (REPEATS, BATCH)
     made: dict[str, Any] = {"stars": [], "pixels": [], "workers": []}
     for limit in (5.5, 6.2, 7.0, 7.5)[: 1 if quick else None]:
         few = replace(case, catalog=replace(case.catalog, limit_g=limit))
-        row = {f.value: cpu_ms(few, f, batch[f] // 4, repeats) for f in Fidelity}
-        stars = summarise(run_trials(few, SEED, range(40), Fidelity.WINDOW)).stars
+        row = {f.value: cpu_ms(few, f, -(-batch[f] // 4), repeats) for f in Fidelity}
+        stars = summarise(run_trials(few, SEED, range(2 if quick else 40), Fidelity.WINDOW)).stars
         made["stars"].append({"at": stars} | row)
     for pixels in (256, 512, 1024, 2048)[: 1 if quick else None]:
         one = sized(case, pixels)
         made["pixels"].append({"at": pixels})
-        made["pixels"][-1] |= {f.value: cpu_ms(one, f, batch[f] // 4, repeats) for f in Fidelity}
+        made["pixels"][-1] |= {
+            f.value: cpu_ms(one, f, -(-batch[f] // 4), repeats) for f in Fidelity
+        }
     for workers in (1, 2)[: 1 if quick else None]:
         row = {f.value: wall_ms(case, f, workers, 2 * batch[f], repeats) for f in Fidelity}
         made["workers"].append({"at": workers} | row)
@@ -194,7 +196,7 @@ def wall_ms(case: Case, fidelity: Fidelity, workers: int, n: int, repeats: int) 
     best = math.inf
     warm(case, Sampling(fidelity))
     with pool(workers) as executor:
-        run(case, 8 * workers, SEED, executor, workers=workers, fidelity=fidelity)
+        run(case, min(8, n) * workers, SEED, executor, workers=workers, fidelity=fidelity)
         for _ in range(repeats):
             began = time.perf_counter()
             run(case, n, SEED, executor, workers=workers, fidelity=fidelity)
@@ -204,7 +206,7 @@ def wall_ms(case: Case, fidelity: Fidelity, workers: int, n: int, repeats: int) 
 
 def cpu_ms(case: Case, fidelity: Fidelity, n: int, repeats: int) -> float:
     """Milliseconds of CPU a trial, best of the repeats."""
-    run_trials(case, SEED, range(3), fidelity)
+    run_trials(case, SEED, range(min(3, n)), fidelity)
     best = math.inf
     for _ in range(repeats):
         began = time.process_time()

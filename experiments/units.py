@@ -337,15 +337,15 @@ def steps(
 
     def without() -> dict[str, Any]:
         some = ["vst-41m", "altair-hb"] if quick else names
-        found = leave_out(some, max(options.units // 2, 2), seed, FACTORS[:: 4 if quick else 1])
+        found = leave_out(some, max(options.units // 2, 1), seed, FACTORS[:: 4 if quick else 1])
         return {"leave_one_out": found, "leave_one_out_max": found["largest"]}
 
     def response() -> dict[str, Any]:
-        median, worst = response_error(2 if quick else 8, size, seed, case)
+        median, worst = response_error(1 if quick else 8, size, seed, case)
         return {"unit_response_error": median, "unit_response_worst": worst}
 
     def coverage() -> dict[str, Any]:
-        units, trials = (4, 4) if quick else (30, 20)
+        units, trials = (2, 2) if quick else (30, 20)
         return {"yield_coverage": yield_coverage(options.repetitions, units, trials, seed, case)}
 
     def chosen() -> dict[str, Any]:
@@ -378,7 +378,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
     options = command.read(
-        parser, units=2, thousand=2, repetitions=2, calibrations=2, choices=2, workers=1
+        parser, units=1, thousand=1, repetitions=2, calibrations=1, choices=1, workers=1
     )
     case = varied("designs/noise_only.toml", "space-lens")
     if options.quick:
