@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import sys
 from dataclasses import replace
 from importlib import invalidate_caches
@@ -51,16 +52,22 @@ def forget_package():
     invalidate_caches()
 
 
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """One folder for all tests: on a new path, the files of all that is installed are read."""
+    return tmp_path_factory.mktemp("code") / "site"
+
+
 @pytest.fixture
-def installed(tmp_path, monkeypatch):
-    """The folder of the package; nothing that it allows outlives the test."""
-    folder = tmp_path / "site"
-    folder.mkdir()
-    write_package(folder)
-    monkeypatch.syspath_prepend(str(folder))
-    monkeypatch.setenv("PYTHONPATH", f"{folder}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+def installed(site, monkeypatch):
+    """The folder of the package, made anew; nothing that it allows outlives the test."""
+    shutil.rmtree(site, ignore_errors=True)
+    site.mkdir()
+    write_package(site)
+    monkeypatch.syspath_prepend(str(site))
+    monkeypatch.setenv("PYTHONPATH", f"{site}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
     with code_of_command(allow=False):
-        yield folder
+        yield site
     forget_package()
 
 
