@@ -27,6 +27,14 @@ def site(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build_api, "build", one_page)
         patch.setattr(StandaloneHTMLBuilder, "search", False)  # stems the words of all pages
+        menu = StandaloneHTMLBuilder._get_local_toctree  # the same of all pages, but for a mark
+        patch.setattr(
+            StandaloneHTMLBuilder,
+            "_get_local_toctree",
+            lambda self, page, *given, **named: (
+                menu(self, page, *given, **named) if page == FRONT else ""
+            ),
+        )
         build(folder)
     return folder
 

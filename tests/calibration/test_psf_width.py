@@ -53,8 +53,8 @@ def test_the_rank_of_the_true_width_is_uniform(known):
     ranks = []
     for _ in range(40):
         sigma = np.exp(rng.uniform(np.log(0.5), np.log(1.5)))
-        flux = rng.uniform(10_000, 30_000, 8)
-        frame, spots = image(sigma, rng, flux, 8, read=8.0 if known else 100.0, known=known)
+        flux = rng.uniform(20_000, 60_000, 4)
+        frame, spots = image(sigma, rng, flux, 4, read=8.0 if known else 100.0, known=known)
         fraction = posterior(width_likelihood([frame], [spots], LOW, HIGH))
         ranks.append(np.interp(np.log(sigma), GRID, fraction))
     assert stats.kstest(ranks, "uniform").pvalue > 1e-3
