@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from startrack.attitude import Mounting
 from startrack.budget.analytic import of_fields
 from startrack.budget.budget import Law
 from startrack.budget.causes import Term
@@ -200,10 +201,11 @@ def _of_unit(
     for environment in settings.environments:
         one = unit_of(case, seed, Moment(unit, environment, environment, settings.age))
         view = fields(one.catalog, one.instrument.camera, attitudes, settings.fields)
-        found = of_fields(one, view, like)
+        alike = like or _as_measured(one)
+        found = of_fields(one, view, alike)
         if found is None:
             raise ValueError(f"unit {unit} of seed {seed} must see enough stars somewhere")
-        like = one if settings.alike and like is None else like
+        like = alike if settings.alike else like
         budget, _ = found
         law = budget.whole.spread
         camera = sum(
@@ -232,6 +234,20 @@ def _of_unit(
         np.concatenate(means) - bias, np.concatenate(sigmas), np.concatenate(weights), bias,
         np.array(float(np.mean(available))), terms,
     )  # fmt: skip
+
+
+def _as_measured(case: Case) -> Case:
+    """A unit without what the response to single stars does not depend on.
+
+    Units that differ in nothing else are measured once.
+    """
+    instrument, mounting = case.instrument, Mounting()
+    detector = replace(instrument.detector, device_seed=0)
+    return replace(
+        case,
+        instrument=replace(instrument, detector=detector, mounting=mounting, delay=0.0),
+        tracker=replace(case.tracker, mounting=mounting, delay=0.0),
+    )
 
 
 def _share(weight: Floats) -> Floats:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -62,14 +63,19 @@ def level_interval(error: Floats, fraction: float, confidence: float = 0.95) -> 
     Raises      ValueError where the fraction is not in (0, 1) or there is no error.
     """
     size = np.sort(_sizes(np.atleast_2d(error), fraction)[0])
-    n, tail = len(size), (1 - confidence) / 2
-    low = int(scipy.stats.binom.ppf(tail, n, fraction))  # at least so many lie below the level
-    high = int(scipy.stats.binom.isf(tail, n, fraction)) + 1
+    low, high = _ranks(len(size), fraction, (1 - confidence) / 2)
     return Interval(
         float(np.quantile(size, fraction)),
         float(size[low - 1]) if low > 0 else 0.0,
-        float(size[high - 1]) if high <= n else math.inf,
+        float(size[high - 1]) if high <= len(size) else math.inf,
     )
+
+
+@lru_cache
+def _ranks(n: int, fraction: float, tail: float) -> tuple[int, int]:
+    """Which of n sorted errors, counted from one, bound a level; 0 and n + 1 are none."""
+    low = int(scipy.stats.binom.ppf(tail, n, fraction))  # at least so many lie below the level
+    return low, int(scipy.stats.binom.isf(tail, n, fraction)) + 1
 
 
 def quantile_of_few(values: Floats, fraction: float) -> Floats:

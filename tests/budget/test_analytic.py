@@ -25,14 +25,14 @@ def line(case: Case, name: str) -> NDArray[np.float64]:
 
 
 def test_it_is_near_to_trials(small):
-    """240 trials know an rms to 4 % across and 5 % about; 13 % and 16 % are three sigma."""
+    """160 trials know an rms to 5 % across and 6 % about; 15 % and 18 % are three sigma."""
     case = small.case
-    outcomes = [run_random_trial(case, 11, number) for number in range(240)]
+    outcomes = [run_random_trial(case, 11, number) for number in range(160)]
     across = np.sqrt(np.mean([(o.error_x**2 + o.error_y**2) / 2 for o in outcomes]))
     about = np.sqrt(np.mean([o.error_z**2 for o in outcomes]))
     budget = analytic(case)
-    assert budget.across == pytest.approx(across, rel=0.13)
-    assert budget.about == pytest.approx(about, rel=0.16)
+    assert budget.across == pytest.approx(across, rel=0.15)
+    assert budget.about == pytest.approx(about, rel=0.18)
     assert budget.availability > 0.99
     assert budget.stars == pytest.approx(np.mean([o.stars for o in outcomes]), rel=0.05)
 
@@ -98,13 +98,13 @@ def test_a_wrong_principal_point_turns_the_camera(case):
 
 
 def test_jitter_moves_the_mean_of_an_exposure(case):
-    """`wander` beside 600 drawn paths: 3 % of each rms, 10 % are three sigma and more."""
+    """`wander` beside 400 drawn paths: 3.5 % of each rms, 10 % are nearly three sigma."""
     motion = Motion(
         tones=(Tone(9.0, rms_x=3 * arcsec),),
         broadband=(Broadband("y", (0.5, 100.0), (2 * arcsec**2, 0.01 * arcsec**2)),),
     )
     instrument = replace(case.instrument, motion=motion)
-    paths = [line_of_sight(instrument, Streams(3, number)) for number in range(600)]
+    paths = [line_of_sight(instrument, Streams(3, number)) for number in range(400)]
     mean = np.array([path.weight @ path.rotation for path in paths])
     rms = np.sqrt((mean**2).mean(axis=0))
     np.testing.assert_allclose(jitter_rms(motion, case.instrument.detector.exposure), rms, rtol=0.1)
@@ -181,11 +181,11 @@ def windows(case: Case, count: int):
 
 
 def test_a_rolling_shutter_is_counted(case):
-    """150 windows know the rms to 5 %; without it the error is half, and that about a fifth."""
+    """100 windows know the rms to 6 %; without it the error is half, and that about a fifth."""
     motion = replace(case.instrument.motion, rate_x=0.0, rate_y=0.2 * deg)
     detector = replace(case.instrument.detector, row_delay=40e-6)
     rolling = replace(case, instrument=replace(case.instrument, motion=motion, detector=detector))
-    budget, found = analytic(rolling), windows(rolling, 150)
+    budget, found = analytic(rolling), windows(rolling, 100)
     assert budget.across == pytest.approx(found.across.value, rel=0.15)
     assert budget.about == pytest.approx(found.about.value, rel=0.15)
     shear = line(rolling, "rolling shutter")
@@ -193,12 +193,12 @@ def test_a_rolling_shutter_is_counted(case):
 
 
 def test_stars_that_are_refused_as_hot_pixels_do_not_count(case):
-    """A blur of 2 um leaves a quarter of the stars; trials know their number to 3 %."""
+    """A blur of 2 um leaves a quarter of the stars; trials know their number to 4 %."""
     lens = replace(case.instrument.optics, blur=2e-6)
     sharp = replace(case, instrument=replace(case.instrument, optics=lens))
     detection = replace(case.tracker.detection, sharpest_sigma=0.0)
     tolerant = replace(sharp, tracker=replace(case.tracker, detection=detection))
-    budget, outcomes = analytic(sharp), run_trials(sharp, 21, range(200), Fidelity.WINDOW)
+    budget, outcomes = analytic(sharp), run_trials(sharp, 21, range(120), Fidelity.WINDOW)
     found = summarise(outcomes)
     assert budget.stars < 0.3 * analytic(tolerant).stars
     assert budget.across == pytest.approx(found.across.value, rel=0.2)

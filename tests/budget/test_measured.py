@@ -52,13 +52,13 @@ def test_parts_make_the_whole(small):
     )
     rough = replace(case, instrument=replace(case.instrument, detector=spoilt))
     quiet_sum, noise, rest = [], [], []
-    for number in range(24):
+    for number in range(12):
         part = parts(rough, number)
         still = sum(part[one] for one in part if one not in ("whole", "shot noise", "read noise"))
         quiet_sum.append(still)
         noise.append(np.square(part["shot noise"]) + np.square(part["read noise"]))
         rest.append(part["whole"] - still)
-    # 24 trials of 3 axes: the ratio of two rms of normal errors scatters by 15 %.
+    # 12 trials of 3 axes: the ratio of two mean squares of normal errors scatters by 30 %.
     ratio = np.mean(np.square(rest), axis=0).sum() / np.mean(noise, axis=0).sum()
     assert 0.5 < ratio < 2
 
@@ -80,11 +80,11 @@ def test_a_cause_that_is_absent_has_no_line(case):
 
 def test_any_number_of_workers_makes_the_same_budget(case):
     with ThreadPoolExecutor(2) as executor:
-        many = measured(case, 5, 2, executor, times=2, workers=2)
-    one = measured(case, 5, 2, Serial(), times=2)
+        many = measured(case, 3, 2, executor, times=2, workers=2)
+    one = measured(case, 3, 2, Serial(), times=2)
     for a, b in zip((*many.lines, many.whole), (*one.lines, one.whole), strict=True):
         np.testing.assert_array_equal(a.spread.error, b.spread.error)
-    assert one.whole.spread.error.shape == (5, 2, 3)
+    assert one.whole.spread.error.shape == (3, 2, 3)
 
 
 def test_interpretations_are_ordered(case):

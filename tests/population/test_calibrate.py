@@ -33,7 +33,7 @@ def rms(values):
     [
         CameraCalibration("ground", 100, noise=0.2, direction=5e-6),
         pytest.param(CameraCalibration("ground", 400, noise=0.05, order=5), marks=pytest.mark.slow),
-        CameraCalibration("orbit", frames=8, stars=10, noise=0.2),
+        CameraCalibration("orbit", frames=3, stars=25, noise=0.2),
     ],
     ids=["ground", "many places, order 5", "orbit"],
 )

@@ -37,9 +37,9 @@ VARIED = replace(
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_nodes():
-    """Five plans for each number instead of nine: cubic polynomials between them suffice here."""
+    """Four plans for each number instead of nine: one cubic polynomial suffices here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(nodes, "NODES", 5)
+        patch.setattr(nodes, "NODES", 4)
         yield
 
 
@@ -123,7 +123,7 @@ def test_a_dark_map_is_as_old_as_the_tracker_states(stated):
 
 
 def test_a_residual_moves_stars_alike_in_all_fidelities_and_the_budget():
-    """Rms across; 150 trials, correlated by their sky: 15 % of each other.
+    """Rms across; 90 trials, correlated by their sky: 20 % of each other.
 
     Over four seeds the rms is 0.93 to 1.12 of the budget's, 1.17 in one of twelve cases.
     This unit's field is even; of one that is steep in a corner, identification leaves out stars
@@ -141,11 +141,11 @@ def test_a_residual_moves_stars_alike_in_all_fidelities_and_the_budget():
     found = {
         fidelity: rms(run_trials(unit, 7, range(count), fidelity))
         for fidelity, count in (
-            (Fidelity.COVARIANCE, 300), (Fidelity.SPOTS, 150), (Fidelity.WINDOW, 150),
+            (Fidelity.COVARIANCE, 300), (Fidelity.SPOTS, 90), (Fidelity.WINDOW, 90),
         )
     }  # fmt: skip
     for each in found.values():
-        assert each == pytest.approx(budget.across, rel=0.15)
+        assert each == pytest.approx(budget.across, rel=0.2)
     assert budget.across > 2 * analytic(CASE).across
 
 

@@ -94,12 +94,12 @@ def test_a_gyroscope_bridges_the_slew(small):
 
 
 def test_the_filter_is_better_than_a_frame_and_states_its_error(small):
-    """20 flights of 16 frames; its errors over its stated sigmas follow chi-square, 1e-4.
+    """20 flights of 12 frames; its errors over its stated sigmas follow chi-square, 1e-4.
 
     What the pixels do to a star is alike in frames that follow each other, and the filter takes
     frames for independent: the floor is twice what a single frame asks for.
     """
-    sequence = Sequence((Leg(3.2, rate_x=0.05 * deg),), period=0.2, gyro=GYRO)
+    sequence = Sequence((Leg(2.4, rate_x=0.05 * deg),), period=0.2, gyro=GYRO)
     attitude = dataclasses.replace(small.case.tracker.attitude, centroid_floor=0.015)
     tracker = dataclasses.replace(small.case.tracker, attitude=attitude)
     table = fly_sequences(

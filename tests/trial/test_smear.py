@@ -46,11 +46,11 @@ def test_a_diagonal_streak_is_drawn_as_the_stars_move():
 
 
 def test_at_2_deg_per_s_budget_and_covariance_hold():
-    """300 windows know the rms to 4 % and the normalised error squared to 0.14: three sigma."""
+    """150 windows know the rms to 6 % and the normalised error squared to 0.2: 2.5 sigma."""
     case = slewing(2.0)
-    outcomes = run_trials(case, 3, range(300), Fidelity.WINDOW)
+    outcomes = run_trials(case, 3, range(150), Fidelity.WINDOW)
     summary = summarise(outcomes)
     assert summary.availability.value > 0.98
     assert analytic(case).across == pytest.approx(summary.across.value, rel=0.15)
-    assert 2.6 < summary.nees < 3.4
+    assert 2.5 < summary.nees < 3.5
     assert not summary.doubt
