@@ -39,11 +39,11 @@ def lit(image: Image, level: Image, mesh: int) -> Ints:
             lowest[j] = level[i : i + 3, j : j + 3].min()
         lowest_of_row = lowest.min()
         for y in range(i * mesh, min((i + 1) * mesh, rows)):
-            if not _any_above(image[y], lowest_of_row):
+            if not any_above(image[y], lowest_of_row):
                 continue
             for j in range(len(lowest)):
                 left, right = j * mesh, min((j + 1) * mesh, columns)
-                if not _any_above(image[y, left:right], lowest[j]):
+                if not any_above(image[y, left:right], lowest[j]):
                     continue
                 for x in range(left, right):
                     if image[y, x] > lowest[j] and image[y, x] > between(level, mesh, x, y):
@@ -52,7 +52,7 @@ def lit(image: Image, level: Image, mesh: int) -> Ints:
 
 
 @kernel
-def _any_above(values: Image, level: float) -> bool:
+def any_above(values: Image, level: float) -> bool:
     """Whether a value exceeds the level; without a branch, so that the loop is vectorised."""
     above = False
     for k in range(len(values)):
@@ -78,17 +78,20 @@ def peaks(
     border   pixel, distance that a peak must keep from the border
     """
     rows, columns = image.shape
+    lit_x, lit_y = np.empty((2, len(pixels)), np.int64)
     for k in range(len(pixels)):
-        waiting[pixels[k] // columns, pixels[k] % columns] = 1
+        lit_y[k] = pixels[k] // columns
+        lit_x[k] = pixels[k] - lit_y[k] * columns
+        waiting[lit_y[k], lit_x[k]] = 1
     x, y, area = np.empty((3, len(pixels)), np.int64)
-    members = np.empty(len(pixels), np.int64)
+    member_x, member_y = np.empty((2, len(pixels)), np.int64)
     count = 0
     for k in range(len(pixels)):
-        size = _component(waiting, pixels[k], members)
+        size = _component(waiting, lit_x[k], lit_y[k], member_x, member_y)
         if size < max(min_area, 1) or size > max_area:
             continue
-        for member in members[:size]:
-            v, u = member // columns, member % columns
+        for n in range(size):
+            u, v = member_x[n], member_y[n]
             inside = border <= u < columns - border and border <= v < rows - border
             if inside and highest(image, u, v, reach):
                 x[count], y[count], area[count] = u, v, size
@@ -97,23 +100,22 @@ def peaks(
 
 
 @kernel
-def _component(waiting: NDArray[np.uint8], seed: int, members: Ints) -> int:
+def _component(waiting: NDArray[np.uint8], x: int, y: int, member_x: Ints, member_y: Ints) -> int:
     """Collect the waiting pixels that hang together with one; 0 where it waits no more."""
     rows, columns = waiting.shape
-    y, x = seed // columns, seed % columns
     if not waiting[y, x]:
         return 0
     waiting[y, x] = 0
-    members[0] = seed
+    member_x[0], member_y[0] = x, y
     size, done = 1, 0
     while done < size:
-        y, x = members[done] // columns, members[done] % columns
+        x, y = member_x[done], member_y[done]
         done += 1
         for v in range(max(y - 1, 0), min(y + 2, rows)):
             for u in range(max(x - 1, 0), min(x + 2, columns)):
                 if waiting[v, u]:
                     waiting[v, u] = 0
-                    members[size] = v * columns + u
+                    member_x[size], member_y[size] = u, v
                     size += 1
     return size
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from startrack.core import Floats, Frame, Ints, Psf, Spots, kernel
 from startrack.detection.background import Sky, between
 from startrack.detection.centroid import centroid
+from startrack.detection.connect import any_above
 from startrack.detection.dark_map import corrected_within
 from startrack.detection.find import choose, examination_level, ground_of, ring_half, threshold_grid
 from startrack.detection.matched import Kernel, filtered
@@ -145,11 +146,13 @@ def _filter(value, windows, kernel, image, level, mesh):  # type: ignore[no-unty
                     total[n] += weight * part[n]
         rounded = total.reshape(bottom - top, width)
         for y in range(top, bottom):
-            for x in range(left, right):
-                here = rounded[y - top, x - left]
-                image[y, x] = here
-                if here > lowest and here > between(level, mesh, x, y):
-                    found.append(y * columns + x)
+            row = rounded[y - top, : right - left]
+            image[y, left:right] = row
+            if not any_above(row, lowest):
+                continue
+            for i in range(len(row)):
+                if row[i] > lowest and row[i] > between(level, mesh, left + i, y):
+                    found.append(y * columns + left + i)
     return np.array(found, np.int64)
 
 
