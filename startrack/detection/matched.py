@@ -42,6 +42,12 @@ class Kernel:
         return float(np.linalg.norm(self.whole))
 
     @cached_property
+    def cumulants(self) -> tuple[float, float, float]:
+        """What the filter leaves of the second to fourth cumulant of a pixel."""
+        squares, cubes, fourths = (float(np.sum(self.whole.astype(float) ** n)) for n in (2, 3, 4))
+        return squares, cubes, fourths
+
+    @cached_property
     def light(self) -> float:
         """Fraction of a star's flux that is its peak in the filtered image."""
         return float(np.sum(self.whole**2))

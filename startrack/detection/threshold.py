@@ -38,7 +38,7 @@ def noise_from_gain(
     Returns  rms in digital number, skewness, excess kurtosis
     """
     light = np.maximum(level - gain.offset, 0) * gain.electrons_per_dn
-    squares, cubes, fourths = (float(np.sum(kernel.whole.astype(float) ** n)) for n in (2, 3, 4))
+    squares, cubes, fourths = kernel.cumulants
     variance = light + (gain.read_noise**2 + step**2 / 12) * gain.electrons_per_dn**2
     variance = np.maximum(squares * variance, 1e-30)
     rms = np.sqrt(variance) / gain.electrons_per_dn
