@@ -165,18 +165,23 @@ class Array:
             )
 
     @cached_property
-    def levels(self) -> list[Singles]:
-        """The pyramid: each level at every second vertex of the one before."""
-        levels = [self.values.astype(np.float32)]
-        while min(levels[-1].shape) > 2:
+    def _levels(self) -> list[Singles]:
+        """Those levels of the pyramid that were read, from the finest on."""
+        return [self.values.astype(np.float32)]
+
+    def level(self, wanted: int) -> tuple[Singles, int]:
+        """A level, each at every second vertex of the one before, or the last; and its number."""
+        levels = self._levels
+        while len(levels) <= wanted and min(levels[-1].shape) > 2:
             levels.append(halve(levels[-1]))
-        return levels
+        number = min(wanted, len(levels) - 1)
+        return levels[number], number
 
     def read(self, grid: Grid) -> Singles:
         """Bilinear, in the coarsest level whose steps do not exceed those of `grid`."""
         ratio = max(grid.step_x / self.grid.step_x, grid.step_y / self.grid.step_y)
-        level = min(max(0, int(np.floor(np.log2(ratio) + 1e-6))), len(self.levels) - 1)
-        values, scale = self.levels[level], 2.0**level
+        values, level = self.level(max(0, int(np.floor(np.log2(ratio) + 1e-6))))
+        scale = 2.0**level
         turn = FULL_TURN / self.grid.step_x
         mine = self.grid
         u = _steps(grid.west - mine.west, grid.step_x, grid.columns) / mine.step_x

@@ -28,12 +28,11 @@ def test_planck_is_that_of_astropy(temperature):
     np.testing.assert_allclose(planck(wavelength, temperature), theirs.value, rtol=1e-6)
 
 
-@pytest.mark.parametrize("temperature", [200.0, 300.0, 800.0])
-def test_all_wavelengths_give_stefan_and_boltzmann(temperature):
-    spectrum = np.geomspace(0.5, 2000, 20000) * um
-    heat = heat_of(spectrum, np.ones((1, len(spectrum))))
-    whole = STEFAN_BOLTZMANN * temperature**4 / np.pi
-    assert heat(np.array([temperature]))[0, 0] == pytest.approx(whole, rel=1e-4)
+def test_all_wavelengths_give_stefan_and_boltzmann():
+    spectrum = np.geomspace(0.5, 2000, 5000) * um
+    temperature = np.array([200.0, 300.0, 800.0])
+    heat = heat_of(spectrum, np.ones((1, len(spectrum))))(temperature)[:, 0]
+    assert heat == pytest.approx(STEFAN_BOLTZMANN * temperature**4 / np.pi, rel=1e-4)
 
 
 @pytest.mark.parametrize("bad", [0.0, -3.0, np.nan, 1e4])
