@@ -383,6 +383,7 @@ def test_choices_in_the_help_are_those_of_the_rooms(capsys):
         assert set(names) <= set(words)
 
 
+@pytest.mark.slow  # the process of test_stopping shows it for another command
 def test_what_a_command_imports_late_is_there_when_it_runs(tmp_path):
     """As a process that the shell starts, which postpones the imports."""
     code = "import sys\nfrom startrack.cli.main import main\nsys.exit(main())"
