@@ -1,6 +1,7 @@
 """`startrack montecarlo --units`: errors of units, yield, and the worst unit explained."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -63,9 +64,11 @@ def test_units_of_a_design_in_which_nothing_varies_are_refused(capsys):
     assert "[[variation]]" in capsys.readouterr().err
 
 
-def test_the_budget_has_both_ends_of_life(design, capsys):
+def test_the_budget_has_both_ends_of_life(design, capsys, monkeypatch):
+    # Of the trials beside it, which are of the unit as designed, nothing is asserted.
+    monkeypatch.setattr(sys.modules["startrack.budget.check"], "WINDOWS", 4)
     aged = ["--set", "lifetime=10 yr", "--set", "campaign.requirements.max_about=400 arcsec"]
-    main(["budget", str(design), "--units", "3", "--tolerances", "--json", *aged])
+    main(["budget", str(design), "--units", "2", "--tolerances", "--json", *aged])
     told = json.loads(capsys.readouterr().out)
     begin, end = told["units"]
     assert (begin["age_years"], end["age_years"]) == (0, pytest.approx(10))
