@@ -23,7 +23,7 @@ def regional(seed, numbers):
 @pytest.mark.parametrize("attitudes", [at_random, by_sobol, regional])
 def test_every_attitude_is_uniform_over_the_rotations(attitudes):
     """Haar's measure: each matrix entry is uniform in [-1, 1], the angle has the density
-    (1 - cos) / pi. Kolmogorov and Smirnov on one attitude of each of 300 seeds or more, each at 1e-5."""
+    (1 - cos) / pi. Kolmogorov and Smirnov on one attitude of each of 300 seeds, each at 1e-5."""
     if attitudes is regional:  # one region is not the sky: take all of them in turn
         made = [attitudes(seed, [seed % len(REGIONS)])[0] for seed in range(1500 // 24 * 24)]
     else:
