@@ -92,17 +92,17 @@ def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untype
 
 @kernel
 def _apart(direction, i, j):  # type: ignore[no-untyped-def]
-    x, y, z = direction[i]
-    u, v, w = direction[j]
-    return math.sqrt((u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2)
+    square = 0.0
+    for k in range(3):
+        square += (direction[j, k] - direction[i, k]) ** 2
+    return math.sqrt(square)
 
 
 @kernel
 def _distance(seen, attitude, known):  # type: ignore[no-untyped-def]
-    x, y, z = known
     square = 0.0
     for k in range(3):
-        turned = attitude[k, 0] * x + attitude[k, 1] * y + attitude[k, 2] * z
+        turned = attitude[k, 0] * known[0] + attitude[k, 1] * known[1] + attitude[k, 2] * known[2]
         square += (seen[k] - turned) ** 2
     return math.sqrt(square)
 

@@ -100,13 +100,14 @@ def test_code_in_the_plane_is_a_division_of_complex_numbers():
         assert complex(x, y) == pytest.approx(expected, abs=1e-5 * abs(expected) + 1e-6)
 
 
+@IN_PYTHON
 def test_codes_of_the_index_are_canonical_and_sorted(design):
     table = design(12, 6.0).index.table
     one, other = (table.sky.direction[table.triangle[:, k]] for k in (0, 1))
     base = 2 * np.arcsin(np.linalg.norm(one - other, axis=1) / 2)
     assert base.min() >= table.smallest * (1 - 1e-9)
     assert base.max() <= table.largest * (1 + 1e-9)
-    pick = np.random.default_rng(6).choice(len(table.triangle), 300, replace=False)
+    pick = np.random.default_rng(6).choice(len(table.triangle), 100, replace=False)
     for number in pick:
         a, b, c = table.sky.direction[table.triangle[number]]
         apart = [separation(a, b), separation(b, c), separation(c, a)]
@@ -125,8 +126,9 @@ def test_no_triangle_is_missing_or_twice_among_the_brightest(design):
     brightest = np.argsort(index.bright.magnitude[table.sky.member], kind="stable")
     rank = np.empty(len(star), int)
     rank[brightest] = local_rank(star[brightest], field / np.sqrt(np.pi), 40)
-    rows = {tuple(sorted(row)) for row in table.triangle.tolist()}
-    assert len(rows) == len(index)
+    many = np.array([len(star) ** 2, len(star), 1])
+    rows = np.sort(np.sort(table.triangle, axis=1) @ many)
+    assert (np.diff(rows) > 0).all()
     wanted = 0
     for centre in star[[100, 900, 1700, 3000]]:
         around = np.flatnonzero((star @ centre > np.cos(0.6 * field)) & (rank < 5))
@@ -135,7 +137,8 @@ def test_no_triangle_is_missing_or_twice_among_the_brightest(design):
         longest = np.max(sides, axis=0)
         fitting = (0.21 * field < longest) & (longest < 1.19 * field)
         wanted += np.count_nonzero(fitting)
-        assert {*zip(a[fitting], b[fitting], c[fitting], strict=True)} <= rows
+        sets = np.sort(np.column_stack([a, b, c])[fitting], axis=1)
+        assert (rows[np.searchsorted(rows, sets @ many) % len(rows)] == sets @ many).all()
     assert wanted > 10
 
 
@@ -158,11 +161,12 @@ def test_stars_closer_than_the_resolution_are_one():
     assert len(everything) == len(names) == 6
 
 
+@IN_PYTHON
 def test_stars_of_an_image_are_those_that_the_camera_projects_into_it(design):
     camera = design(12, 6.0)
     rng = np.random.default_rng(12)
     scale = 0.97
-    for _ in range(10):
+    for _ in range(5):
         turn = Rotation.random(rng=rng)
         seen = camera.look(rng, attitude=turn)
         view = see(seen.spots, usable(seen.spots), camera.camera, Identification())

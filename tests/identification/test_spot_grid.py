@@ -5,6 +5,8 @@ import pytest
 
 from startrack.identification.spot_grid import hits, spot_grid
 
+pytestmark = pytest.mark.usefixtures("in_python")
+
 LOW, HIGH = np.array([-0.10, -0.06]), np.array([0.12, 0.07])
 LONGER = 0.22  # of both sides
 
