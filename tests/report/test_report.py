@@ -143,6 +143,7 @@ def test_budget_and_fidelities_are_told(written, campaign):
 def test_the_page_needs_nothing_else_and_runs_nothing(written):
     read = Reader(written.read_text())
     assert not {"script", "iframe", "object", "form"} & set(read.tags)
+    assert "text" in read.tags  # of pictures, which a reader can search
     for address in read.addresses:
         assert address.startswith(("#", "data:")), address
     assert len(read.ids) == len(set(read.ids))

@@ -17,7 +17,7 @@ from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.sources import Source
 from startrack.earth.terrain.surface import Surface, covered
 from startrack.earth.terrain.tile import CELLS, Cache
-from startrack.earth.terrain.trace import Hits, ask_on, blocked, go_on, no_hits, trace, waiting
+from startrack.earth.terrain.trace import Hits, blocked, go_on, no_hits, trace, waiting
 
 Singles = NDArray[np.float32]
 
@@ -108,7 +108,7 @@ class Pyramid:
             some, surface = rays[mine], self._surface(int(each))
             hits = waiting(len(mine), 0.0)
             while self._fetch(int(each), hits):
-                go_on(surface, some.origin, some.direction, hits)
+                go_on(surface, some.origin, some.direction, hits, True)
             out.put(mine, beside(surface, self.sea, some, hits))
         return out, level
 
@@ -120,7 +120,8 @@ class Pyramid:
             some, surface = rays[mine], self._surface(int(each))
             hits = waiting(len(mine), start)
             while self._fetch(int(each), hits):
-                ask_on(with_horizon(surface, some), some.origin, some.direction, hits)
+                horizon = with_horizon(surface, some)
+                go_on(horizon, some.origin, some.direction, hits, False)
             out[mine] = hits.hit | under(surface, self.sea, some, start)
         return out
 

@@ -77,7 +77,7 @@ def trace(surface: Surface, rays: Rays) -> Hits:
               are in memory.
     """
     hits = waiting(len(rays), 0.0)
-    go_on(surface, rays.origin, rays.direction, hits)
+    go_on(surface, rays.origin, rays.direction, hits, True)
     return hits
 
 
@@ -105,27 +105,20 @@ def no_hits(count: int) -> Hits:
 
 
 @kernel
-def go_on(surface, origin, direction, hits):  # type: ignore[no-untyped-def]
-    """Follow the rays whose status is ABSENT until they end or need another absent tile."""
+def go_on(surface, origin, direction, hits, exact):  # type: ignore[no-untyped-def]
+    """Follow the rays whose status is ABSENT until they end or need another absent tile.
+
+    exact  whether to find their points and normals
+    """
     lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
-    n = 0
+    n = np.int64(0)  # no literal, for which numba would compile `_gather` once more
     while n < len(origin):
         n, count = _gather(bundle, who, n, origin, direction, hits)
-        lay_all(bundle, lines, True)
-        _march_all(surface, lines, bundle, who[:count], hits, True)
-        refine_all(bundle, lines)
-        _describe_all(surface, lines, bundle, who[:count], hits)
-
-
-@kernel
-def ask_on(surface, origin, direction, hits):  # type: ignore[no-untyped-def]
-    """As `go_on`, but without finding the points."""
-    lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
-    n = 0
-    while n < len(origin):
-        n, count = _gather(bundle, who, n, origin, direction, hits)
-        lay_all(bundle, lines, False)
-        _march_all(surface, lines, bundle, who[:count], hits, False)
+        lay_all(bundle, lines, exact)
+        _march_all(surface, lines, bundle, who[:count], hits, exact)
+        if exact:
+            refine_all(bundle, lines)
+            _describe_all(surface, lines, bundle, who[:count], hits)
 
 
 @kernel
@@ -232,7 +225,7 @@ def _describe(surface, lines, tile_j, tile_i, x, y, over, place, normal):  # typ
 def blocked(surface: Surface, rays: Rays, start: float) -> NDArray[np.bool_]:
     """Whether each ray meets a surface in memory at all, beyond the distance `start` in metres."""
     hits = waiting(len(rays), start)
-    ask_on(with_horizon(surface, rays), rays.origin, rays.direction, hits)
+    go_on(with_horizon(surface, rays), rays.origin, rays.direction, hits, False)
     return hits.hit
 
 

@@ -17,7 +17,7 @@ from startrack.earth.terrain import (
     index,
 )
 from startrack.earth.terrain.horizon import FEWEST, with_horizon
-from startrack.earth.terrain.trace import ask_on, blocked, trace, waiting
+from startrack.earth.terrain.trace import blocked, go_on, trace, waiting
 
 from .scenes import STEP, axes, flat, globe, hills, mountains, random_rays, ray
 
@@ -267,5 +267,5 @@ def test_shadows_with_a_horizon_are_those_of_each_ray(azimuth):
         rays = Rays(point, np.broadcast_to(sun, point.shape).copy(), np.zeros(len(point)))
         assert with_horizon(surface, rays).horizon.bound.size
         hits = waiting(len(rays), 1e-3)
-        ask_on(surface, rays.origin, rays.direction, hits)
+        go_on(surface, rays.origin, rays.direction, hits, False)
         np.testing.assert_array_equal(blocked(surface, rays, 1e-3), hits.hit)
