@@ -62,14 +62,14 @@ def test_chandras_numbers_count_its_electrons(oracle):
     [pytest.param(name, marks=[pytest.mark.slow] if name in LARGE else []) for name in NAMES],
 )
 def test_each_tracker_solves_the_sky(oracle, name):
-    """At least four of five attitudes, none false, and no worse than was published.
+    """At least two of three attitudes, none false, and no worse than was published.
 
     Noise alone makes these errors, so that a published figure, which holds bias too, bounds them.
     """
     case, known = case_of(name), oracle("trackers.json")[name]
-    outcomes = [run_random_trial(case, 11, number) for number in range(5)]
+    outcomes = [run_random_trial(case, 11, number) for number in range(3)]
     solved = [one for one in outcomes if one.solved]
-    assert len(solved) >= 4
+    assert len(solved) >= 2
     assert not any(one.false for one in outcomes)
     across = math.sqrt(np.mean([(one.error_x**2 + one.error_y**2) / 2 for one in solved]))
     about = math.sqrt(np.mean([one.error_z**2 for one in solved]))

@@ -6,7 +6,6 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from scipy import special
 
@@ -179,6 +178,6 @@ def fraction_interval(hits: int, trials: int, confidence: float = 0.95) -> Inter
     if trials == 0:
         return Interval(float("nan"), 0.0, 1.0)
     tail = (1 - confidence) / 2
-    low = scipy.stats.beta.ppf(tail, hits, trials - hits + 1) if hits else 0.0
-    high = scipy.stats.beta.isf(tail, hits + 1, trials - hits) if hits < trials else 1.0
+    low = special.betaincinv(hits, trials - hits + 1, tail) if hits else 0.0
+    high = special.betainccinv(hits + 1, trials - hits, tail) if hits < trials else 1.0
     return Interval(hits / trials, float(low), float(high))

@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy import special
 
 from startrack.core import Floats
 from startrack.metrics import Interval
@@ -29,7 +29,7 @@ class Mean(NamedTuple):
 
     def interval(self, confidence: float = 0.95) -> Interval:
         """Student's interval."""
-        half = float(scipy.stats.t.ppf((1 + confidence) / 2, self.freedom)) * self.error
+        half = float(special.stdtrit(self.freedom, (1 + confidence) / 2)) * self.error
         return Interval(self.value, self.value - half, self.value + half)
 
     def root(self, confidence: float = 0.95) -> Interval:

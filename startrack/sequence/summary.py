@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy import special
 
 from startrack.metrics import (
     FALSE_ANGLE,
@@ -114,7 +114,7 @@ def _mean(values: NDArray[np.float64]) -> Interval:
     if len(values) < 2:
         value = float(values[0]) if len(values) else float("nan")
         return Interval(value, -np.inf, np.inf)
-    half = scipy.stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5
+    half = special.stdtrit(len(values) - 1, 0.975) * values.std(ddof=1) / len(values) ** 0.5
     mean = float(values.mean())
     return Interval(mean, mean - float(half), mean + float(half))
 
@@ -123,6 +123,6 @@ def _rate(count: int, hours: float) -> Interval:
     """Of a Poisson process, with its exact interval (Garwood 1936); unbounded after no time."""
     if not hours > 0:
         return Interval(float("nan"), 0.0, np.inf)
-    low = scipy.stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
-    high = scipy.stats.chi2.ppf(0.975, 2 * count + 2) / 2
+    low = special.gammaincinv(count, 0.025) if count else 0.0
+    high = special.gammaincinv(count + 1, 0.975)
     return Interval(count / hours, float(low) / hours, float(high) / hours)

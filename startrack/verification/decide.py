@@ -255,8 +255,8 @@ def mean_bounds(values: Floats, low_tail: float, high_tail: float) -> tuple[floa
         turned = 3 / step * root if abs(step) > 1e-9 else quantile
         return mean - deviation / math.sqrt(n) * turned
 
-    low = bound(float(scipy.stats.t.isf(low_tail, n - 1)))
-    return max(low, 0.0), bound(-float(scipy.stats.t.isf(high_tail, n - 1)))
+    low = bound(-float(scipy.special.stdtrit(n - 1, low_tail)))
+    return max(low, 0.0), bound(float(scipy.special.stdtrit(n - 1, high_tail)))
 
 
 def _level_bounds(

@@ -62,13 +62,13 @@ COLD = Thermal(temperature=263.0, reference=293.0, doubling=8.0)
     ids=["defects", "age"],
 )
 def test_dark_pixels_that_differ_do_what_they_do_in_windows(detector):
-    """The rms across within 20 %, three standard deviations of 120 trials with few outliers."""
+    """The rms across within 24 %, three standard deviations of 80 trials with few outliers."""
     case = with_detector(**detector)
     drawn = run_trials(case, 5, range(1000), Fidelity.COVARIANCE)
-    rendered = run_trials(case, 5, range(120), Fidelity.WINDOW)
+    rendered = run_trials(case, 5, range(80), Fidelity.WINDOW)
     plain = run_trials(CASE, 5, range(120), Fidelity.COVARIANCE)
     across = [np.hypot(rms(one, "x"), rms(one, "y")) for one in (drawn, rendered, plain)]
-    assert across[0] == pytest.approx(across[1], rel=0.2)
+    assert across[0] == pytest.approx(across[1], rel=0.24)
     assert across[1] > 1.3 * across[2]
     assert drawn["stars"].mean() == pytest.approx(rendered["stars"].mean(), rel=0.15)
 
