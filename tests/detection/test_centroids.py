@@ -14,6 +14,7 @@ from startrack.detection import Detection, detect, gaussian_psf, smeared
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "centroid_bounds.json").read_text())
 SIDE = 1024
+SLOW = pytest.mark.slow
 
 
 @lru_cache(maxsize=2)  # the frames of one case, which several methods measure
@@ -57,8 +58,13 @@ def chi_square(error, covariance):
     return np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error).mean() / 2
 
 
-@pytest.mark.parametrize("centroid", ["likelihood", "gaussian"])
-@pytest.mark.parametrize("case", ORACLE["scatter"])
+EVERY = [(case, name) for case in ORACLE["scatter"] for name in ("likelihood", "gaussian")]
+
+
+@pytest.mark.parametrize(
+    ("case", "centroid"),
+    [pytest.param(*one, marks=SLOW if k in (3, 7, 9, 11) else ()) for k, one in enumerate(EVERY)],
+)
 def test_fits_are_at_the_bound(sky, case, centroid):
     # 8100 errors know their rms to 0.8 %: all fourteen pass for 99 % of the seeds.
     error, covariance = errors(sky, case, 11, centroid=centroid)

@@ -77,7 +77,7 @@ def test_flickering_pixels_follow_the_laws_in_flight(oracle):
     for low, high, laws in zip(
         flown["dark_from_e_per_s"], flown["dark_to_e_per_s"], flown["cumulative"], strict=True
     ):
-        current = np.exp(rng.uniform(math.log(low), math.log(min(high, 3000)), 50000))
+        current = np.exp(rng.uniform(math.log(low), math.log(min(high, 3000)), 20000))
         current = np.maximum(current, low * (1 + 1e-9))  # above the least that flickers
         state = Flickering(law, current[None], Streams(1, 0))
         state.later(1e9)

@@ -23,6 +23,12 @@ NAMES = (
     *("cedar_orion_belt.jpg", "cedar_orion_trees.jpg", "cedar_virgo.jpg"),
     *(f"ost_img{number}.png" for number in (2, 3, 5, 9)),
 )
+# Of each kind; tests/test_real_images.py solves the others by the command.
+USUAL = ("-135", "Azi45", "hale_bopp", "virgo", "img2", "img5")
+EACH = [
+    pytest.param(name, marks=() if any(one in name for one in USUAL) else pytest.mark.slow)
+    for name in NAMES
+]
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +36,7 @@ def indexes(tmp_path_factory):
     return PatternIndexes(open_sky(Selection()).stars, tmp_path_factory.mktemp("indexes"))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EACH)
 def test_solved_as_others_solve_it(outside, indexes, name):
     folder = outside / "images"
     truth = json.loads((folder / "truth.json").read_text())["images"][name]

@@ -42,21 +42,21 @@ def test_power_is_the_integral_of_the_density(table):
 
 
 def test_periodogram_gives_back_the_spectrum():
-    """scipy's periodogram with a Hann window, in half octaves, over 400 trials of one second.
+    """scipy's periodogram with a Hann window, in half octaves, over 250 trials of one second.
 
-    A half octave has at least 8 lines in a trial, so that its standard error is at most 2 %.
+    A half octave has at least 8 lines in a trial, so that its standard error is at most 2.5 %.
     """
     rate = count = 1024  # samples a second: the spectrum ends at 400 Hz
     time = np.arange(count) / rate - 0.5
     power = 0.0
-    for trial in range(400):
+    for trial in range(250):
         x = realise_motion(Motion(broadband=(TABLE,)), 1.0, Streams(3, trial)).at(time)[:, 0]
         f, one = signal.periodogram(x, rate, "hann", detrend=False)
-        power += one / 400
+        power += one / 250
     for low in 20 * 2 ** np.arange(0, 4.0, 0.5):
         band = (f >= low) & (f < low * 2**0.5)
         expected = np.trapezoid(density(f[band]), f[band])
-        assert np.trapezoid(power[band], f[band]) == pytest.approx(expected, rel=0.08), low
+        assert np.trapezoid(power[band], f[band]) == pytest.approx(expected, rel=0.1), low
 
 
 def test_variance_and_covariance_at_any_lag():
