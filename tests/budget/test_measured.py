@@ -89,7 +89,7 @@ def test_any_number_of_workers_makes_the_same_budget(case):
 
 def test_interpretations_are_ordered(case):
     """The worst member's time, and the worst time's member, exceed both together."""
-    spread = measured(case, 6, 3, Serial(), times=3).whole.spread
+    spread = measured(case, 4, 3, Serial(), times=3).whole.spread
     temporal, ensemble, mixed = (
         spread.level((0, 1), 0.6827, one)
         for one in (Interpretation.TEMPORAL, Interpretation.ENSEMBLE, Interpretation.MIXED)

@@ -31,6 +31,7 @@ def campaign(small):
         small.campaign,
         variables=small.campaign.variables[:3],
         evaluations=10,
+        analytic_evaluations=5,
         requirements=dataclasses.replace(small.campaign.requirements, min_availability=0.9),
     )
 
@@ -105,7 +106,7 @@ def test_a_design_that_breaks_a_limit_is_not_feasible(small):
 
 def test_a_box_that_meets_nothing_is_said_to(small, monkeypatch):
     """No lens of the design space is under 10 g, and none has an update rate of 100 Hz."""
-    monkeypatch.setattr("startrack.optimise.steps.REACH_EVALUATIONS", 4)
+    monkeypatch.setattr("startrack.optimise.steps.REACH_EVALUATIONS", 2)
     tight = dataclasses.replace(
         small.campaign.requirements, max_mass=0.01, min_update_rate=100.0, min_availability=0.5
     )
@@ -198,7 +199,7 @@ def test_designs_that_a_function_refuses_are_avoided(small):
     campaign = dataclasses.replace(
         small.campaign,
         variables=blur,
-        evaluations=8,
+        evaluations=6,
         analytic_evaluations=4,
         fresh_trials=20,
         requirements=dataclasses.replace(small.campaign.requirements, min_availability=0.5),

@@ -56,9 +56,9 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_image_made_line_by_line_has_its_attitude(kind):
-    """The error is as large as the tracker says: the mean of 3 x 3 squares lies in 99.9 % of
+    """The error is as large as the tracker says: the mean of 2 x 3 squares lies in 99.9 % of
     chi-squared's range, and none is 5 sigma off."""
-    outcomes = [run_random_trial(KINDS[kind], 4, number) for number in range(3)]
+    outcomes = [run_random_trial(KINDS[kind], 4, number) for number in range(2)]
     assert all(one.solved and not one.false for one in outcomes)
     normal = np.array(
         [
@@ -67,7 +67,7 @@ def test_an_image_made_line_by_line_has_its_attitude(kind):
         ]
     )
     assert np.abs(normal).max() < 5
-    assert (normal**2).sum() < 27.9  # nine degrees of freedom
+    assert (normal**2).sum() < 22.5  # six degrees of freedom
     for one in outcomes:
         assert np.hypot(one.error_x, one.error_y) * ARCSEC < 5
 

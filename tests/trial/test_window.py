@@ -50,7 +50,10 @@ def both(case, number, seed=5):
         {"bits": 14, "adc_inl": 3.0, "nonlinearity": 0.02},
         {"crosstalk": 0.03, "columns": 200},
         {"lag": 0.05},
-        {"lag": 0.05, "row_delay": 20e-6, "defects": Defects(hot=1e-4, hot_current=5e3)},
+        pytest.param(
+            {"lag": 0.05, "row_delay": 20e-6, "defects": Defects(hot=1e-4, hot_current=5e3)},
+            marks=pytest.mark.slow,
+        ),
         {"columns": 100, "rows": 300},
     ],
     ids=lambda changes: "-".join(changes) or "plain",
@@ -79,7 +82,7 @@ def with_map(case, **settings):
         ({"defects": HOT}, {}),
         ({"defects": dataclasses.replace(HOT, dsnu=10.0)}, {"subtracted": False}),
         ({"defects": HOT, "hits": Hits(5e4), "bits": 14}, {"frames": 4, "step": 8.0}),
-        ({}, {"frames": 16}),
+        pytest.param({}, {"frames": 16}, marks=pytest.mark.slow),
     ],
     ids=["map", "list", "coarse map with hits", "no defects"],
 )

@@ -121,7 +121,7 @@ def test_each_star_has_the_zone_of_its_cell_and_of_its_third_of_the_colours():
 def test_trials_of_all_fidelities_and_the_budget_agree_behind_a_fast_lens(fast):
     """Rms errors within the 95 % intervals of each, and 15 % of the formula; three comparisons."""
     case = behind(fast, 300)
-    windows = summarise(run_trials(case, 1, range(80), Fidelity.WINDOW))
+    windows = summarise(run_trials(case, 1, range(50), Fidelity.WINDOW))
     drawn = summarise(run_trials(case, 2, range(600), Fidelity.COVARIANCE))
     for name in ("across", "about"):
         one, other = getattr(windows, name), getattr(drawn, name)
