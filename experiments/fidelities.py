@@ -288,7 +288,7 @@ def picture(path: Path, drawn: Drawn, figures: dict[str, float]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     add_options(parser)
-    options = command.read(parser, trials=8)
+    options = command.read(parser, trials=4)
     command.save(options, measure(options))
 
 
@@ -300,7 +300,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def measure(options: argparse.Namespace) -> dict[str, float]:
     """All figures, and the picture."""
     figures = speeds(*(1, 256) if options.quick else (ROUNDS, 1024))
-    more, drawn = laws(options.trials, 50 if options.quick else DRAWN)
+    more, drawn = laws(options.trials, 20 if options.quick else DRAWN)
     figures |= more | lost(options.trials)
     print(f"\nwindow_vs_frame_p {figures['window_vs_frame_p']:.3f}")
     if options.picture:

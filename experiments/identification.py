@@ -384,7 +384,7 @@ def main() -> None:
     parser.add_argument("--plot", type=Path, metavar="FILE", help="success and time as a picture")
     parser.add_argument("--regimes", choices=("few", "all"), default="few")
     parser.add_argument("--skies", type=int, default=200, help="a regime (default: 200)")
-    options = command.read(parser, skies=4)
+    options = command.read(parser, skies=2)
     rows = []
     regimes = ALL if options.regimes == "all" else FEW
     if options.quick:
