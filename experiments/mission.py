@@ -46,7 +46,7 @@ import one_thread  # noqa: F401
 from scipy.spatial.transform import Rotation
 
 from startrack import Fidelity, Streams, arcsec, deg, load_design, shipped
-from startrack.core import LIGHT_SPEED, Floats, earth_axes
+from startrack.core import LIGHT_SPEED, Floats, installed_tables
 from startrack.design import KeepOut, turning
 from startrack.mission import (
     Blind,
@@ -156,7 +156,7 @@ def directions(plan: Plan, count: int) -> dict[str, float]:
         np.sort(np.random.default_rng(1).integers(8, span.steps, count)).astype(float) * span.step
     )
     own = [plan.course.at(float(one) - 70, 10.0, 9) for one in second]
-    with earth_axes():
+    with installed_tables():
         date = Time(span.begin, scale="utc") + second * u.s
         place, speed = path_of(plan.loaded.mission.orbit, span.begin).state(second)
         moving = CartesianDifferential(speed * u.m / u.s)
@@ -249,7 +249,7 @@ def _loop(plan: Plan, steps: int) -> float:
 
     span = plan.loaded.mission.time
     path = path_of(plan.loaded.mission.orbit, span.begin)
-    with earth_axes():
+    with installed_tables():
         start = Time(span.begin, scale="utc")
         begun = 0.0
         for k in range(-2, steps):

@@ -14,10 +14,11 @@ from pathlib import Path
 
 import matplotlib
 import pytest
+from astropy.utils import iers
 from matplotlib.figure import Figure
 
 from startrack import Fidelity, load_design, run_trials, shipped
-from startrack.core.earth_orientation import earth_orientation
+from startrack.core import installed_tables
 
 ROOT = Path(__file__).parents[1]
 # Run by another interpreter, in which a peer is installed that startrack's own cannot have.
@@ -55,7 +56,8 @@ def _loaded():
     case = load_design(shipped("designs/noise_only.toml")).case
     for fidelity in Fidelity:
         run_trials(case, 1, range(1), fidelity)
-    earth_orientation()
+    with installed_tables():
+        iers.earth_orientation_table.get()
     figure = Figure()
     figure.subplots().set(title="fonts", xlabel="10")
     figure.canvas.draw()

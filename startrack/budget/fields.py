@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, Sky
@@ -15,7 +16,6 @@ from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints, kernel
 from startrack.trial import index_resolution, rotations_from_cube, separated
 
 FIELDS = 512
-SOBOL_BITS = 30
 WIDER = 1.25  # fields are kept for all cameras that are narrower by less than this
 
 
@@ -77,27 +77,7 @@ def _fields(
 
 def attitudes(count: int) -> Rotation:
     """Attitudes spread evenly over all rotations, from a Sobol sequence."""
-    return rotations_from_cube(_sobol(count))
-
-
-def _sobol(count: int) -> Floats:
-    """The first points (count, 3) of Sobol's sequence.
-
-    As scipy.stats.qmc has them, which takes a quarter of a second to import. Direction numbers of
-    Joe and Kuo (2008), SIAM J. Sci. Comput. 30, 2635.
-    """
-    odd = np.ones((3, SOBOL_BITS), np.int64)
-    for k in range(1, SOBOL_BITS):
-        odd[1, k] = 2 * odd[1, k - 1] ^ odd[1, k - 1]
-    odd[2, 1] = 3
-    for k in range(2, SOBOL_BITS):
-        odd[2, k] = 2 * odd[2, k - 1] ^ 4 * odd[2, k - 2] ^ odd[2, k - 2]
-    direction = odd << np.arange(SOBOL_BITS)[::-1]
-    gray = np.arange(count) ^ (np.arange(count) >> 1)
-    point = np.zeros((count, 3), np.int64)
-    for k in range(SOBOL_BITS):
-        point ^= (gray >> k & 1)[:, None] * direction[:, k]
-    return np.asarray(point / 2**SOBOL_BITS)
+    return rotations_from_cube(scipy.stats.qmc.Sobol(3, scramble=False).random(count))
 
 
 def boresights(count: int) -> Rotation:

@@ -25,8 +25,6 @@ field_psf  FieldPsf: the images of points over a frame and over colour, as sums 
 lagrange   Nodes and places -> weights of the values at the nodes, by polynomials through them.
 displacement  Displacement: a smooth field of displacements over a frame, by values at nodes.
 dates      Date as text -> astropy Time, converted with the installed tables.
-earth_orientation  Files of Earth orientation that are installed with astropy -> what astropy turns
-           axes by.
 variates   Random variates for compiled code: bits of a counter, normal and Poisson quantiles.
 """
 
@@ -46,7 +44,6 @@ from startrack.core.checks import (
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
 from startrack.core.displacement import NODES, Displacement, node_places
-from startrack.core.earth_orientation import earth_axes
 from startrack.core.extension import (
     POINTS,
     CarriesCode,

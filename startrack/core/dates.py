@@ -19,7 +19,7 @@ def installed_tables() -> Iterator[None]:
 
     Every use of astropy's Time and coordinates belongs in it: the first conversion of a time in a
     process looks for newer leap seconds, and each conversion to the Earth's axes for a newer Earth
-    orientation (see `earth_axes`, which is quicker there). It may be nested.
+    orientation. It may be nested.
 
     Accuracy    model: beyond the installed Earth orientation, which ends about a year after its
                 release, UT1 - UTC keeps its last value u, and before its beginning in 1973 its

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from startrack.core import LIGHT_SPEED, Floats, earth_axes, utc
+from startrack.core import LIGHT_SPEED, Floats, installed_tables, utc
 
 PLANETS = ("mercury", "venus", "mars", "jupiter", "saturn")
 DAY = 86400.0
@@ -49,7 +49,7 @@ def bodies_of(begin: str, duration: float) -> Bodies:
 
     count = math.ceil(duration / KNOT) + 1 + 2 * PAD
     second = KNOT * (np.arange(count) - PAD)
-    with earth_axes():
+    with installed_tables():
         from astropy import units
 
         date = utc(begin) + second * units.s

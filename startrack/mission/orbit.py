@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from startrack.core import Floats, earth_axes, installed_tables, utc
+from startrack.core import Floats, installed_tables, utc
 from startrack.mission.ccsds import Ephemeris, read_oem
 from startrack.mission.parameters import Orbit
 from startrack.mission.spice import read_spk
@@ -184,7 +184,7 @@ def sun_synchronous(axis: float, eccentricity: float = 0.0) -> float:
 
 def _node(epoch: str, local_time: float) -> float:
     """Right ascension of the node at a mean local solar time (second): from Greenwich's."""
-    with earth_axes():
+    with installed_tables():
         date = utc(epoch)
         greenwich = date.sidereal_time("mean", "greenwich", model="IAU1982").rad
         second = float(date.ut1.jd1 - 0.5 + date.ut1.jd2) % 1.0 * DAY

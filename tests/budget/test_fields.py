@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 from startrack.budget.fields import Fields, FieldStars, Response, Solver, attitudes, propagate
 from startrack.catalog import Sky
 from startrack.core.units import deg
 from startrack.core.values import Stars
 from startrack.metrics import attitude_bound
-from startrack.trial import rotations_from_cube
 
 FOCAL = 2000.0
 SIGMA = 0.1
@@ -109,11 +107,6 @@ def test_the_chance_of_enough_stars_is_binomial():
 
 def test_a_field_of_too_few_stars_is_not_solved():
     assert spread(scattered(2, 3, 16 * deg), NONE, response(SIGMA)).solved.max() == 0
-
-
-def test_attitudes_are_those_of_scipys_sobol_points():
-    points = qmc.Sobol(3, scramble=False).random(512)
-    np.testing.assert_array_equal(attitudes(512).as_quat(), rotations_from_cube(points).as_quat())
 
 
 def test_attitudes_are_even():

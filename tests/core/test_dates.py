@@ -13,7 +13,6 @@ from astropy.utils import iers
 from scipy.spatial.transform import Rotation
 
 from startrack.core.dates import installed_tables, utc
-from startrack.core.earth_orientation import earth_orientation
 from startrack.core.units import arcsec, deg
 from startrack.earth.geometry import Aircraft, TwoLines, fly, sun_direction
 from tests.cli import every_command
@@ -116,20 +115,8 @@ def test_the_earth_turns_as_the_iau_says_also_beyond_the_table(date):
     assert abs(difference[2]) / SPIN < 0.9
     assert np.hypot(*difference[:2]) < 1.0 * arcsec
     with installed_tables():
-        held = float(earth_orientation().ut1_utc(Time(date)).value)
+        held = float(iers.IERS_Auto.open().ut1_utc(Time(date)).value)
     assert -difference[2] / SPIN == pytest.approx(held, abs=0.5 * arcsec / SPIN)
-
-
-def test_the_earth_orientation_is_what_astropy_reads():
-    """All days, to the bit: of Bulletin A, of Bulletin B, and the predictions."""
-    with installed_tables():
-        theirs = iers.IERS_Auto.open()
-    ours = earth_orientation()
-    assert ours.colnames == ["MJD", "PM_x", "PM_y", "UT1_UTC", "dX_2000A", "dY_2000A"]
-    for name in ours.colnames:
-        assert ours[name].unit == theirs[name].unit
-        np.testing.assert_array_equal(ours[name].value, theirs[name].value)
-    assert set(theirs["UT1Flag"]) == {"I", "P", "B"}
 
 
 @pytest.mark.parametrize(
@@ -143,10 +130,10 @@ def test_the_earth_orientation_is_what_astropy_reads():
 )
 def test_beyond_the_table_its_last_value_is_kept_within_the_stated_error(monkeypatch, end, date):
     """Against observed Earth orientation, by a table that is cut off before the date."""
-    full = earth_orientation()
+    full = iers.IERS_Auto.open()
     known = icrs_to_itrs(date)
     short = full[full["MJD"].value < Time(end).mjd]
-    monkeypatch.setattr("startrack.core.earth_orientation.earth_orientation", lambda: short)
+    monkeypatch.setattr(iers.IERS_Auto, "iers_table", short)
     difference = (icrs_to_itrs(date) * known.inv()).as_rotvec()
     with installed_tables():
         last, true = short["UT1_UTC"][-1].value, full.ut1_utc(Time(date)).value

@@ -23,7 +23,7 @@ from astropy.time import Time
 from sgp4.api import Satrec
 
 from startrack import shipped
-from startrack.core import deg, earth_axes
+from startrack.core import deg, installed_tables
 from startrack.design import KeepOut
 from startrack.mission import load_mission, plan_of
 from startrack.mission.parameters import Orbit
@@ -122,7 +122,7 @@ def blinded(boresights, limits, second):
 
 
 def _blinded(boresights, limits, second):
-    with earth_axes():
+    with installed_tables():
         date = Time(BEGIN, scale="utc") + second * u.s
         _, place, speed = Satrec.twoline2rv(*TLE).sgp4_array(date.jd1, date.jd2)
         moving = CartesianDifferential(speed.T * u.km / u.s)

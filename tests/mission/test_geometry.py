@@ -21,7 +21,7 @@ from astropy.coordinates import (
 from astropy.time import Time
 
 from startrack import shipped
-from startrack.core import LIGHT_SPEED, arcsec, deg, earth_axes
+from startrack.core import LIGHT_SPEED, arcsec, deg, installed_tables
 from startrack.mission.engine import at, plan_of
 from startrack.mission.heads import Blind
 from startrack.mission.instants import course_of
@@ -46,7 +46,7 @@ def flight(mission):
     course = course_of(mission)
     second = np.sort(np.random.default_rng(1).uniform(0, 86400 * 20, INSTANTS))
     own = [course.at(one - 70, 10.0, 40) for one in second]  # interpolated, the eighth is asked
-    with earth_axes():
+    with installed_tables():
         date = Time(BEGIN, scale="utc") + second * u.s
         _, place, speed = course.path.record.sgp4_array(date.jd1, date.jd2)
         teme = TEME(
@@ -78,7 +78,7 @@ def test_the_place_is_that_of_sgp4(flight):
 def test_apparent_directions_are_those_of_astropy(flight, name):
     """Light-time, parallax and aberration of the spacecraft, by astropy's own transformation."""
     _, date, gcrs, _ = flight
-    with earth_axes():
+    with installed_tables():
         observer = GCRS(
             obstime=date,
             obsgeoloc=gcrs.cartesian.without_differentials(),
@@ -124,7 +124,7 @@ def test_the_limb_is_that_of_the_ellipsoid(mission, flight):
 
 
 def test_latitude_and_longitude_are_those_of_astropy(flight):
-    with earth_axes():
+    with installed_tables():
         where = EarthLocation(*flight[3].cartesian.xyz)
     assert np.abs(together(flight, "latitude") - where.lat.rad).max() < 0.1 * deg
     across = together(flight, "longitude") - where.lon.rad
@@ -167,7 +167,7 @@ def test_a_ground_target_is_in_the_middle():
     law = Attitude(law="target", latitude=0.5, longitude=-1.0, height=300.0)
     course = course_of(dataclasses.replace(loaded.mission, attitude=law))
     own = course.at(0.0, 30.0, 2880)
-    with earth_axes():
+    with installed_tables():
         date = Time(loaded.mission.time.begin, scale="utc") + own.second * u.s
         there = EarthLocation.from_geodetic(-1.0 * u.rad, 0.5 * u.rad, 300 * u.m)
         target = np.array(there.get_gcrs(date).cartesian.xyz.to_value(u.m))

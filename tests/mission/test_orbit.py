@@ -11,7 +11,7 @@ from astropy.time import Time
 from scipy.spatial.transform import Rotation
 
 from startrack import shipped
-from startrack.core import deg, earth_axes
+from startrack.core import deg, installed_tables
 from startrack.mission import load_mission, read_aem, read_oem, write_aem, write_oem
 from startrack.mission.ccsds import Attitudes, Ephemeris
 from startrack.mission.instants import course_of, spread
@@ -55,7 +55,7 @@ def test_a_sun_synchronous_orbit_keeps_its_local_time():
     assert sun_synchronous(6378137.0 + 600e3) / deg == pytest.approx(97.79, abs=0.02)
     orbit = path_of(Orbit(altitude=600e3, local_time=10.5 * 3600), BEGIN)
     for days in (0.0, 365.0):
-        with earth_axes():
+        with installed_tables():
             date = Time(BEGIN, scale="utc") + days * u.d
             greenwich = date.sidereal_time("mean", "greenwich", model="IAU1982").rad
             utc = (date.utc.jd1 + date.utc.jd2 + 0.5) % 1
@@ -82,7 +82,7 @@ def test_places_between_times_are_interpolated():
 def test_an_orbit_file_moves_the_spacecraft_as_its_elements_do(tmp_path):
     course = course_of(MISSION)
     own = course.at(-60.0, 60.0, 400)
-    with earth_axes():
+    with installed_tables():
         epochs = tuple((Time(BEGIN, scale="utc") + own.second * u.s).isot)
     ephemeris = Ephemeris(epochs, "utc", own.place.T, own.speed.T)
     write_oem(tmp_path / "a.oem", ephemeris)
@@ -100,7 +100,7 @@ def test_attitude_files_come_back(tmp_path):
     """To 1e-12, with both orders of the scalar and both directions, and as an attitude law."""
     own = course_of(MISSION).at(0.0, 5.0, 4400)
     turn = Rotation.from_matrix(own.body.transpose(2, 0, 1))
-    with earth_axes():
+    with installed_tables():
         epochs = tuple((Time(BEGIN, scale="utc") + own.second * u.s).isot)
     path = tmp_path / "a.aem"
     write_aem(path, Attitudes(epochs, "utc", turn.as_quat()))

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Unit, earth_axes, finite, installed_tables, positive, utc, within
+from startrack.core import Floats, Unit, finite, installed_tables, positive, utc, within
 from startrack.earth.terrain import EQUATORIAL, cartesian, up
 
 GRAVITY = 398600.8e9  # m^3 / s^2, WGS72, as SGP4 wants it (Vallado et al. 2006, AIAA 2006-6753)
@@ -223,7 +223,7 @@ def _sun(epoch: str, second: float) -> tuple[float, ...]:
     from astropy import units
     from astropy.coordinates import ITRS, get_body
 
-    with earth_axes():
+    with installed_tables():
         date = utc(epoch) + second * units.s
         there = get_body("sun", date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
     return tuple((there / np.linalg.norm(there)).tolist())
@@ -233,7 +233,7 @@ def _to_itrs(frames: tuple[str, ...], epoch: str, second: Floats) -> list[Rotati
     """Rotations of astropy's frames to ITRS, each at (n,) seconds after an epoch."""
     from astropy import coordinates, units
 
-    with earth_axes():
+    with installed_tables():
         date = utc(epoch) + np.repeat(second, 3) * units.s
         axes = np.tile(np.eye(3), len(second)) * units.m
         unit, itrs = coordinates.CartesianRepresentation(axes), coordinates.ITRS(obstime=date)
