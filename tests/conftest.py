@@ -21,8 +21,7 @@ from startrack.core import Curve, interpreted
 from startrack.design import Case, Design, load_design
 from startrack.io import shipped
 
-# No more where a test runs in a copy of this process, which has none of its threads.
-cv2.setNumThreads(1)
+cv2.setNumThreads(1)  # workers take the cores
 ROOT = Path(__file__).parents[1]
 ORACLE = ROOT / "tests" / "oracle"
 # Processes that tests start import these sources too, and so find the kernels that are compiled.

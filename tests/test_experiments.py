@@ -1,24 +1,12 @@
 """Every experiment runs in its quick mode, so that none breaks unseen."""
 
-import gc
-import importlib
 import json
 import os
-import runpy
 import subprocess
 import sys
-import tempfile
-import traceback
-import warnings
 from pathlib import Path
 
-import matplotlib
 import pytest
-from astropy.utils import iers
-from matplotlib.figure import Figure
-
-from startrack import Fidelity, load_design, run_trials, shipped
-from startrack.core import installed_tables
 
 ROOT = Path(__file__).parents[1]
 # Run by another interpreter, in which a peer is installed that startrack's own cannot have.
@@ -30,82 +18,77 @@ SCRIPTS = [
 ]
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
-COMMON = (
-    "astropy.coordinates", "astropy.time", "scipy.optimize", "scipy.stats", "startrack.benchmark",
-    "startrack.earth.imager", "startrack.mission", "startrack.optimise", "startrack.sequence",
-    "startrack.verification",
-)  # fmt: skip
-# Tables that the scripts have in common are as coarse as the sizes of their quick modes, whose
-# figures mean nothing.
-COARSE = {
-    "plots.style": ("DPI", 30),
-    "trial.window": ("SAMPLES", 4),
-    "verification.margins": ("FIELDS", 32),
-}
+# One process loads what all scripts load, and each script runs in a copy of it: its own imports,
+# the kernels that a trial reads from disk, the tables of dates, the names of the fonts and the
+# first picture would be most of its time. Tables that the scripts have in common are as coarse as
+# the sizes of their quick modes, whose figures mean nothing.
+PARENT = """
+import gc, os, runpy, sys, traceback
+sys.path.insert(0, sys.argv[1])
+import one_thread
+import astropy.coordinates, astropy.time, numpy, scipy.optimize, scipy.stats
+import startrack.benchmark, startrack.earth.imager, startrack.mission, startrack.optimise
+import startrack.plots, startrack.sequence, startrack.verification
+from astropy.utils import iers
+from matplotlib.figure import Figure
+from startrack import Fidelity, load_design, run_trials, shipped
+from startrack.core import installed_tables
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _loaded():
-    """This process has what would be most of each script's time, for each runs in a copy of it.
-
-    Imports, the kernels that a trial reads from disk, the tables of dates, the names of the fonts
-    and the first picture.
-    """
-    for name in COMMON:
-        importlib.import_module(name)
-    case = load_design(shipped("designs/noise_only.toml")).case
-    for fidelity in Fidelity:
-        run_trials(case, 1, range(1), fidelity)
-    with installed_tables():
-        iers.earth_orientation_table.get()
-    figure = Figure()
-    figure.subplots().set(title="fonts", xlabel="10")
-    figure.canvas.draw()
-    gc.freeze()
-
-
-def run_in_copy(script, folder):
-    """The status with which a script ends that runs in a folder, in a copy of this process."""
-    copy = os.fork()
-    if copy:
-        return os.waitstatus_to_exitcode(os.waitpid(copy, 0)[1])
-    status = 1
+sizes = {"plots.style": ("DPI", 30), "trial.window": ("SAMPLES", 4),
+         "verification.margins": ("FIELDS", 32)}
+for module, (name, size) in sizes.items():
+    held = sys.modules["startrack." + module]
+    assert hasattr(held, name), name
+    setattr(held, name, size)
+for fidelity in Fidelity:
+    run_trials(load_design(shipped("designs/noise_only.toml")).case, 1, range(1), fidelity)
+with installed_tables():
+    iers.earth_orientation_table.get()
+figure = Figure()
+figure.subplots().set(title="fonts", xlabel="10")
+figure.canvas.draw()
+gc.freeze()
+for line in sys.stdin:
+    script, folder = line.rstrip("\\n").split("\\t")
+    child = os.fork()
+    if child:
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+        continue
+    os.chdir(folder)
+    for stream, name in ((1, "stdout"), (2, "stderr")):
+        os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT), stream)
+    sys.argv = [script, "--quick", "--json", "figures.json"]
     try:
-        os.chdir(folder)
-        for stream, name in ((1, "stdout"), (2, "stderr")):
-            os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT), stream)
-        sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")  # not what pytest reads
-        run_quickly(script)
-        status = 0
+        runpy.run_path(script, run_name="__main__")
     except BaseException:
         traceback.print_exc()
-    finally:
-        sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(status)  # what tests have left to do at the end is not the copy's
+        os._exit(1)
+    sys.exit()
+"""
 
 
-def run_quickly(script):
-    """Run a script as `python script --quick --json figures.json` would."""
-    warnings.resetwarnings()
-    matplotlib.use("agg")
-    tempfile.tempdir = tempfile.mkdtemp(prefix=".", dir=Path.cwd())
-    for module, (name, size) in COARSE.items():
-        held = importlib.import_module(f"startrack.{module}")
-        assert hasattr(held, name), name
-        setattr(held, name, size)
-    sys.path.insert(0, str(script.parent))
-    sys.argv = [str(script), "--quick", "--json", "figures.json"]
-    runpy.run_path(str(script), run_name="__main__")
+@pytest.fixture(scope="module")
+def parent():
+    with subprocess.Popen(
+        [sys.executable, "-c", PARENT, str(ROOT / "experiments")],
+        env=os.environ | {"MPLBACKEND": "agg"},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        yield process
+        process.stdin.close()
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
-def test_an_experiment_runs_in_its_quick_mode(script, tmp_path):
+def test_an_experiment_runs_in_its_quick_mode(script, parent, tmp_path):
     assert "command.read(" in script.read_text(), (
         f"{script.name} must read its options with `command.read`, which adds --quick and --json, "
         "and do every step on the smallest sizes under --quick"
     )
-    status = run_in_copy(script, tmp_path)
+    print(script, tmp_path, sep="\t", file=parent.stdin, flush=True)
+    status = int(parent.stdout.readline())
     assert status == 0, f"{script.name} --quick:\n{(tmp_path / 'stderr').read_text()[-3000:]}"
     assert json.loads((tmp_path / "figures.json").read_text()) is not None
     left = sorted(path.name for path in tmp_path.iterdir() if not path.name.startswith("."))
