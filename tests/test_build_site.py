@@ -12,7 +12,7 @@ from build_site import FRONT, ROOT, build
 from sphinx.builders.html import StandaloneHTMLBuilder
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")  # Sphinx warns where it builds twice in a process
 def site(tmp_path_factory):
     """A warning of Sphinx, such as a link to what is not there, is an error.
 
