@@ -244,6 +244,8 @@ def coverage(repetitions: int = 200, trials: int = 1000) -> dict[str, Any]:
         table = np.zeros(trials, OUTCOMES)
         for name in ("error_x", "error_y"):
             table[name] = rng.standard_normal(trials)
+        for name in ("sigma_x", "sigma_y", "sigma_z"):
+            table[name] = 1.0  # as true: an error of ten stated sigma would not count as available
         table["solved"] = rng.random(trials) < 0.9
         for name in hits:
             interval = Precision(0.5, name).interval(table)
