@@ -330,4 +330,4 @@ def page(compared: list[Compared], slews: list[Slew], figures: dict[str, Any]) -
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -170,4 +170,4 @@ def posterior(path: Path, stars: Any, ensembles: Ensembles) -> CameraPosterior:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -90,4 +90,4 @@ def show(folder: Path | None, name: str, images: dict[str, NDArray[Any]]) -> Non
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -357,4 +357,4 @@ def _kill(pid: int) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

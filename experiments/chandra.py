@@ -373,4 +373,4 @@ def drift(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

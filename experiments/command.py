@@ -1,4 +1,8 @@
-"""The command line of every experiment: `--json`, `--quick`, and what is left out."""
+"""What all experiments share: options, figures as JSON, what is expected of them, what is left out.
+
+The expectations stand in `expected.toml`, with the page that claims a figure and the commit that
+it was measured at. An experiment that misses one says so and ends with status 1.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,99 @@ import importlib.util
 import json
 import os
 import shutil
+import sys
 import tempfile
+import tomllib
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 DRAWN = ("figure", "figures", "markdown", "out", "picture", "plot")
+EXPECTED = Path(__file__).parent / "expected.toml"
+
+
+class Expectation(NamedTuple):
+    """The range in which a figure of an experiment must lie.
+
+    figure     its place in the JSON, keys and indices joined by "/"; `*` stands for all of a level
+    low, high  the range; None: no bound on that side
+    claim      the figure as a page states it
+    page       the page, and `text`, words of it that hold the claim
+    commit     at which the claim was measured
+    """
+
+    figure: str
+    low: float | None = None
+    high: float | None = None
+    claim: float | None = None
+    page: str = ""
+    text: str = ""
+    commit: str = ""
+
+    def holds(self, value: Any) -> bool:
+        """Whether a figure lies in the range; text and missing values do not."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return isinstance(value, bool) and bool(value) == bool(self.low)
+        if value != value:
+            return False
+        return (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
+
+    @property
+    def range(self) -> str:
+        """The range in words."""
+        if self.low is None or self.high is None:
+            return f"at most {self.high:g}" if self.low is None else f"at least {self.low:g}"
+        return f"{self.low:g} to {self.high:g}"
+
+
+class Judged(NamedTuple):
+    """One figure beside what is expected of it; `value` is None where there is none."""
+
+    expectation: Expectation
+    place: str
+    value: Any
+
+    @property
+    def holds(self) -> bool:
+        """Whether the expectation is met."""
+        return self.value is not None and self.expectation.holds(self.value)
+
+    @property
+    def sentence(self) -> str:
+        """The figure, the range and the claim."""
+        shown = "missing" if self.value is None else f"{self.value:.4g}"
+        claim = self.expectation.claim
+        claimed = "" if claim is None else f" ({self.expectation.page} says {claim:g})"
+        return f"{self.place}: {shown}, expected {self.expectation.range}{claimed}"
+
+
+def expectations(name: str) -> tuple[Expectation, ...]:
+    """What is expected of the figures of an experiment."""
+    table = tomllib.loads(EXPECTED.read_text(encoding="utf-8"))
+    return tuple(Expectation(**row) for row in table.get(name, ()))
+
+
+def judge(name: str, figures: Any) -> list[Judged]:
+    """The figures of an experiment beside its expectations; a missing figure has no value."""
+    return [
+        Judged(expectation, place, value)
+        for expectation in expectations(name)
+        for place, value in _found(figures, expectation.figure.split("/"), "")
+    ]
+
+
+def _found(figures: Any, path: list[str], place: str) -> Iterator[tuple[str, Any]]:
+    if not path:
+        yield place, figures
+        return
+    head, *rest = path
+    if isinstance(figures, list):
+        figures = {str(index): value for index, value in enumerate(figures)}
+    if not isinstance(figures, dict) or (head != "*" and head not in figures) or not figures:
+        yield "/".join(filter(None, (place, *path))), None
+        return
+    for key in figures if head == "*" else (head,):
+        yield from _found(figures[key], rest, f"{place}/{key}" if place else key)
 
 
 def read(parser: argparse.ArgumentParser, **smaller: Any) -> argparse.Namespace:
@@ -37,8 +129,29 @@ def read(parser: argparse.ArgumentParser, **smaller: Any) -> argparse.Namespace:
     return options
 
 
+_SAVED: dict[str, Any] = {}  # the figures, and whether they are of a quick run
+
+
+def run(main: Callable[[], None]) -> None:
+    """Run an experiment; the status is 1 where its figures are not as expected.
+
+    Under `--quick` the figures mean nothing: nothing is expected of them.
+    """
+    main()
+    name = Path(sys.argv[0]).stem
+    judged = [] if _SAVED.get("quick", True) else judge(name, _SAVED["figures"])
+    missed = [row for row in judged if not row.holds]
+    for row in missed:
+        print(f"NOT AS EXPECTED: {row.sentence}", file=sys.stderr)
+    if judged and not missed:
+        print(f"all {len(judged)} figures that have an expectation are as expected")
+    if missed:
+        sys.exit(1)
+
+
 def save(options: argparse.Namespace, figures: Any) -> None:
-    """Write the figures as JSON where that is asked for."""
+    """Write the figures as JSON where that is asked for; `run` judges them."""
+    _SAVED.update(figures=figures, quick=options.quick)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 

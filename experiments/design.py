@@ -155,4 +155,4 @@ def told_interval(one: Interval, digits: int) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

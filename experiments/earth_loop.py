@@ -154,4 +154,4 @@ def _truth(picture: Picture) -> Floats:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -152,4 +152,4 @@ def rays(told: dict[str, Any], quick: bool) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -159,4 +159,4 @@ def _relative(value: float, reference: float) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -385,4 +385,4 @@ PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
 }
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

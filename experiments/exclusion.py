@@ -76,4 +76,4 @@ def draw(path: Path, found: dict[str, Exclusion]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

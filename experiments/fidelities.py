@@ -309,4 +309,4 @@ def measure(options: argparse.Namespace) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

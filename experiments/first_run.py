@@ -276,4 +276,4 @@ def weights(python: Path, environment: dict[str, str]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -438,4 +438,4 @@ def left_out(names: list[str]) -> dict[str, list[str]]:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

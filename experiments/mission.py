@@ -471,4 +471,4 @@ def dazzled(count: int, days: int) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

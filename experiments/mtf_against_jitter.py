@@ -131,4 +131,4 @@ def draw(rows: list[dict[str, Any]], path: Path, trials: int) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -178,4 +178,4 @@ def write(page: Path, text: str) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -394,4 +394,4 @@ def draw(figures: dict[str, Any], path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

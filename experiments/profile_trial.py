@@ -223,4 +223,4 @@ def row(name: str, cells: Iterable[str]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

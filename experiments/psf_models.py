@@ -192,4 +192,4 @@ def alternate(
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

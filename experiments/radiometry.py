@@ -423,4 +423,4 @@ def draw(table: AirTable, path: Path, every: int) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -103,4 +103,4 @@ def table(folder: Path, guesses: Sequence[float], images: int | None) -> list[di
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -92,4 +92,4 @@ def keep(folder: Path, case: Case) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

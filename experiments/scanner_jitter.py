@@ -183,4 +183,4 @@ def draw(case: Case, rows: list[dict[str, Any]], path: File, skies: int) -> None
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

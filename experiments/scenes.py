@@ -227,4 +227,4 @@ def draw_ways(axes: Axes, found: Sequence[Found]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -240,4 +240,4 @@ def draw(made: dict[str, Any], path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -243,4 +243,4 @@ PEERS: dict[str, dict[str, Maker]] = {
 }
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

@@ -395,4 +395,4 @@ def best(call: Callable[[], Any], repeats: int = 3) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

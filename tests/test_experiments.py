@@ -1,9 +1,12 @@
 """Every experiment runs in its quick mode, so that none breaks unseen."""
 
+import argparse
+import importlib.util
 import json
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -16,6 +19,17 @@ SCRIPTS = [
     for path in sorted((ROOT / "experiments").glob("*.py"))
     if path.name not in WORKERS and "__main__" in path.read_text()
 ]
+_specification = importlib.util.spec_from_file_location(
+    "command", ROOT / "experiments" / "command.py"
+)
+command = importlib.util.module_from_spec(_specification)
+_specification.loader.exec_module(command)
+EXPECTED = {
+    name: command.expectations(name)
+    for name in tomllib.loads((ROOT / "experiments" / "expected.toml").read_text())
+}
+# Parts of experiments that a quick run leaves out.
+NOT_QUICK = {("campaign", "same_bytes")}
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
 # One process loads what all scripts load, and each script runs in a copy of it: its own imports,
@@ -90,11 +104,39 @@ def test_an_experiment_runs_in_its_quick_mode(script, parent, tmp_path):
     print(script, tmp_path, sep="\t", file=parent.stdin, flush=True)
     status = int(parent.stdout.readline())
     assert status == 0, f"{script.name} --quick:\n{(tmp_path / 'stderr').read_text()[-3000:]}"
-    assert json.loads((tmp_path / "figures.json").read_text()) is not None
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert figures is not None
+    missing = [row.place for row in command.judge(script.stem, figures) if row.value is None]
+    assert not {(script.stem, place) for place in missing} - NOT_QUICK
     left = sorted(path.name for path in tmp_path.iterdir() if not path.name.startswith("."))
     assert left == ["figures.json", "stderr", "stdout"], (
         f"{script.name} --quick must leave no file that is not asked for"
     )
+
+
+def test_expectations_are_of_experiments_and_their_claims_stand_in_the_pages():
+    assert set(EXPECTED) <= {path.stem for path in SCRIPTS}
+    for name, rows in EXPECTED.items():
+        for row in rows:
+            assert row.low is not None or row.high is not None, (name, row)
+            if row.page:
+                assert row.text in (ROOT / row.page).read_text(encoding="utf-8"), (name, row)
+                assert row.claim is not None, (name, row)
+                assert row.commit, (name, row)
+
+
+def test_a_figure_out_of_its_range_is_said_and_ends_with_status_1(tmp_path, capsys, monkeypatch):
+    figures = {"coverage_95": {"across": 0.95, "across-99.73": 0.96, "availability": 0.0}}
+    options = argparse.Namespace(json=None, quick=False)
+    monkeypatch.setattr(sys, "argv", ["campaign.py"])
+    with pytest.raises(SystemExit) as ended:
+        command.run(lambda: command.save(options, figures))
+    assert ended.value.code == 1
+    errors = capsys.readouterr().err.splitlines()
+    assert errors == [
+        "NOT AS EXPECTED: coverage_95/availability: 0, expected at least 0.92",
+        "NOT AS EXPECTED: same_bytes: missing, expected at least 1",
+    ]
 
 
 @pytest.mark.slow
