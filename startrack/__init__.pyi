@@ -35,6 +35,7 @@ from .core import Light as Light
 from .core import LineOfSight as LineOfSight
 from .core import Matches as Matches
 from .core import Psf as Psf
+from .core import Refused as Refused
 from .core import Spots as Spots
 from .core import Stars as Stars
 from .core import Status as Status

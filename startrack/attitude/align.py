@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude.jacobi import best_rotation
 from startrack.attitude.least_squares import invert, largest_eigenvalue, least_squares
-from startrack.core import Floats, kernel, rotation_of
+from startrack.core import Floats, Refused, kernel, rotation_of
 
 EPS = 2.0**-52
 MOST_STEPS = 100  # two or three are enough, except for stars that contradict each other
@@ -68,15 +68,15 @@ def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:
     """
     b, r, w = (np.ascontiguousarray(each, float) for each in (observed, reference, weight))
     if w.ndim != 2 or b.shape != r.shape or b.shape != (*w.shape, 3):
-        raise ValueError(
+        raise Refused(
             "observed, reference and weight must have shapes (m, n, 3), (m, n, 3) and (m, n), "
             f"got {b.shape}, {r.shape} and {w.shape}"
         )
     wrong = ~(np.isfinite(w) & (w >= 0))
     if wrong.any():
-        raise ValueError(f"weight must be finite and not negative, got {w[wrong][0]}")
+        raise Refused(f"weight must be finite and not negative, got {w[wrong][0]}")
     if not (np.isfinite(b).all() and np.isfinite(r).all()):
-        raise ValueError("observed and reference must be finite, got NaN or infinity")
+        raise Refused("observed and reference must be finite, got NaN or infinity")
     many = len(w)
     matrix, covariance = np.empty((many, 3, 3)), np.empty((many, 3, 3))
     condition, loss, status = np.empty(many), np.empty(many), np.empty(many, np.int64)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Ints, Matches, Spots, non_negative, whole
+from startrack.core import Camera, Floats, Ints, Matches, Refused, Spots, non_negative, whole
 
 UNKNOWNS = (
     "focal_length_px",
@@ -99,14 +99,14 @@ def calibrate(
     Accuracy  model: OpenCV's distortion.
     """
     if len(spots) != len(matches):
-        raise ValueError(
+        raise Refused(
             f"matches must be as many as spots, got {len(matches)} for {len(spots)} frames"
         )
     frames = [
         _Frame(one, match) for one, match in zip(spots, matches, strict=True) if len(match) >= 3
     ]
     if not frames:
-        raise ValueError(f"matches must hold a solved frame, got none in {len(matches)}")
+        raise Refused(f"matches must hold a solved frame, got none in {len(matches)}")
     start = _vector(camera)
     sigma = _sigma(camera, settings)
     free = np.flatnonzero(sigma > 0)

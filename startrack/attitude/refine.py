@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude.align import turn_by
 from startrack.attitude.least_squares import invert, least_squares
-from startrack.core import Camera, Floats, kernel, plane_slopes, rotation_of
+from startrack.core import Camera, Floats, Refused, kernel, plane_slopes, rotation_of
 
 MOST_STEPS = 10  # a limit: the start is close to the minimum
 SMALLEST_STEP = 1e-15  # radian, some eps
@@ -75,7 +75,7 @@ def refine(
         seen_plane, whitener, direction, tolerance, matrix, inverse, residual, chi_square
     )
     if np.isnan(scale):
-        raise ValueError("the stars must lie in at least two directions to fix an attitude")
+        raise Refused("the stars must lie in at least two directions to fix an attitude")
     return Refinement(
         rotation_of(matrix),
         inverse @ inverse.T,

@@ -30,7 +30,7 @@ from startrack.budget.fixed import (
     visible,
 )
 from startrack.budget.left_out import of_the_case, of_the_sky
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 from startrack.design import Case
 from startrack.trial import (
     LENS_FIELD,
@@ -114,7 +114,7 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
     """
     budget = budget_if_solved(case, count)
     if budget is None:
-        raise ValueError(BLIND)
+        raise Refused(BLIND)
     return budget
 
 

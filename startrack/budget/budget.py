@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from startrack.budget.causes import Term
-from startrack.core import Floats, arcsec, html_table, short_text
+from startrack.core import Floats, Refused, arcsec, html_table, short_text
 from startrack.metrics import Interpretation, level
 
 
@@ -51,7 +51,7 @@ class Law:
         Raises  ValueError for another interpretation.
         """
         if interpretation is not Interpretation.MIXED:
-            raise ValueError(
+            raise Refused(
                 "interpretation must be mixed where nothing is simulated, got "
                 f"{interpretation.value}"
             )

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from startrack.core import Refused
 from startrack.design import Case
 from startrack.trial import LENS_FIELD, METHOD, READ, SHOT, dark_currents
 
@@ -93,7 +94,7 @@ def _present(case: Case) -> Iterator[Cause]:
 def refuse_scans(case: Case) -> None:
     """Refuse a detector that scans: its frame has no single time to which an attitude refers."""
     if case.instrument.detector.scan:
-        raise ValueError("detector.scan must be absent for an error budget, got one")
+        raise Refused("detector.scan must be absent for an error budget, got one")
 
 
 def bare(case: Case) -> Case:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from startrack.budget.budget import Budget, Law
-from startrack.core import arcsec
+from startrack.core import Refused, arcsec
 from startrack.design import Case, Fidelity
 from startrack.metrics import Interval, Summary, fraction_interval, summarise
 from startrack.trial import run_trials
@@ -50,7 +50,7 @@ def check(case: Case, budget: Budget[Law], seed: int) -> Check:
     plan = (Fidelity.WINDOW, WINDOWS) if small else (Fidelity.SPOTS, DRAWN)
     try:
         outcomes = run_trials(case, seed, range(plan[1]), plan[0])
-    except ValueError:
+    except Refused:
         frames = FRAMES if small else max(FEWEST, FRAMES * LARGEST // pixels)
         plan = Fidelity.FRAME, frames
         outcomes = run_trials(case, seed, range(frames), Fidelity.FRAME)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from startrack.budget.analytic import budget_if_solved
-from startrack.core import Floats, arcsec
+from startrack.core import Floats, Refused, arcsec
 from startrack.design import Case
 from startrack.scene import (
     AU,
@@ -88,7 +88,7 @@ def stray_light_levels(case: Case, angle: Floats, altitude: float = 600e3) -> di
     Arguments, what is raised and accuracy as of `exclusions`.
     """
     if case.instrument.baffle is None:
-        raise ValueError("instrument.baffle must be given for exclusion angles, got none")
+        raise Refused("instrument.baffle must be given for exclusion angles, got none")
     return {
         "sun": _stray_light(case, SUN_G, angle),
         "moon": _stray_light(case, FULL_MOON_G, angle),

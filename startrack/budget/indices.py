@@ -8,6 +8,7 @@ from concurrent.futures import Executor
 import numpy as np
 
 from startrack.budget.budget import Line, Sample
+from startrack.core import Refused
 from startrack.design import Case
 from startrack.metrics import indices
 from startrack.sequence import Sequence, fly_sequences
@@ -50,13 +51,11 @@ def indices_of(
     seen = np.all(np.isfinite(error), axis=(0, 2))
     run = _longest(seen)
     if run.stop - run.start < 2:
-        raise ValueError(
-            f"a sequence must be solved in frames in a row, got {int(seen.sum())} frames"
-        )
+        raise Refused(f"a sequence must be solved in frames in a row, got {int(seen.sum())} frames")
     step = float(np.diff(time).mean())
     each = [indices(one, step, window) for one in error[:, run]]
     if not len(each[0].drift):
-        raise ValueError(
+        raise Refused(
             f"window must fit twice into the {run.stop - run.start} frames in a row that all "
             f"sequences were solved in, {step:g} s apart, got {window:g} s"
         )

@@ -16,7 +16,7 @@ from startrack.attitude import Mounting, solve
 from startrack.budget.budget import Budget, Line, Sample
 from startrack.budget.causes import ALWAYS, HITS, NEIGHBOURS, Term, bare, causes, refuse_scans
 from startrack.catalog import open_sky
-from startrack.core import Floats, Frame, Ints, Spots, Streams, whole
+from startrack.core import Floats, Frame, Ints, Refused, Spots, Streams, whole
 from startrack.design import Case, Instrument
 from startrack.detection import Candidates, calibrated, centroid
 from startrack.detector import electron_rate, frame_of, shot
@@ -89,7 +89,7 @@ def measured(
     stars = np.concatenate([block for _, block in blocks])
     good = np.isfinite(table).all(axis=(1, 2, 3))
     if not good.any():
-        raise ValueError(f"a budget needs solved trials, got none of {members}")
+        raise Refused(f"a budget needs solved trials, got none of {members}")
     lines = [
         Line(name, term, Sample(table[good, :, k + 1]))
         for k, (name, term) in enumerate(terms(case))

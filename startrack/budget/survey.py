@@ -9,7 +9,7 @@ import numpy as np
 from startrack.budget.analytic import BLIND, of_fields
 from startrack.budget.fields import boresights, fields
 from startrack.catalog import Sky
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 from startrack.design import Case
 
 DIRECTIONS = 3072
@@ -42,7 +42,7 @@ def survey(case: Case, places: int = DIRECTIONS) -> Survey:
     view = fields(case.catalog, case.instrument.camera, boresights, places)
     solved = of_fields(case, view)
     if solved is None:
-        raise ValueError(BLIND)
+        raise Refused(BLIND)
     budget, found = solved
     law = budget.whole.spread
     square = np.where(found.solved[:, None] > 0, law.mean**2 + law.sigma**2, np.nan)

@@ -13,7 +13,7 @@ from startrack.budget.analytic import of_fields
 from startrack.budget.budget import Law
 from startrack.budget.causes import Term
 from startrack.budget.fields import attitudes, fields
-from startrack.core import Floats, whole
+from startrack.core import Floats, Refused, whole
 from startrack.design import Case, Moment, Scope
 from startrack.metrics import Interpretation
 from startrack.population import middle_of, of_places, unit_of
@@ -204,7 +204,7 @@ def _of_unit(
         alike = like or _as_measured(one)
         found = of_fields(one, view, alike)
         if found is None:
-            raise ValueError(f"unit {unit} of seed {seed} must see enough stars somewhere")
+            raise Refused(f"unit {unit} of seed {seed} must see enough stars somewhere")
         like = alike if settings.alike else like
         budget, _ = found
         law = budget.whole.spread

@@ -16,6 +16,7 @@ from startrack.core import (
     Camera,
     FieldPolynomial,
     Floats,
+    Refused,
     Streams,
     monomials,
     one_of,
@@ -143,9 +144,9 @@ def fit_field(
     """
     one_of(MODELS, order=order.model)
     if order.warm and table.temperature is None:
-        raise ValueError("the table must have a temperature where the camera moves with it")
+        raise Refused("the table must have a temperature where the camera moves with it")
     if 2 * len(table) < LEAST_PER_UNKNOWN * order.unknowns:
-        raise ValueError(
+        raise Refused(
             f"the table must have at least {math.ceil(LEAST_PER_UNKNOWN * order.unknowns / 2)} "
             f"stars for {order.unknowns} unknowns of a {order}, got {len(table)}"
         )
@@ -209,7 +210,7 @@ def cross_validate_all(
         if progress:
             progress(1)
     if not found:
-        raise ValueError(f"the table must have more stars for any of the orders, got {len(table)}")
+        raise Refused(f"the table must have more stars for any of the orders, got {len(table)}")
     return tuple(found)
 
 
@@ -275,12 +276,12 @@ def _start(table: StarTable, columns: int, rows: int) -> _State:
     mean = table.direction.mean(axis=0)
     mean /= np.linalg.norm(mean)
     if (table.direction @ mean < 0.1).any():
-        raise ValueError("directions must lie within 84 degrees of their mean")
+        raise Refused("directions must lie within 84 degrees of their mean")
     turn = Rotation.align_vectors([[0, 0, 1.0]], [mean])[0]
     plane = _plane(turn.apply(table.direction))
     terms = np.column_stack([np.ones(len(plane)), plane])
     if np.linalg.matrix_rank(terms) < 3:
-        raise ValueError("the stars must lie in more than one line to determine a camera")
+        raise Refused("the stars must lie in more than one line to determine a camera")
     affine, weight = np.empty((3, 2)), np.ones(len(plane))
     for _ in range(MOST_STEPS):
         root = np.sqrt(weight)[:, None]
@@ -289,7 +290,7 @@ def _start(table: StarTable, columns: int, rows: int) -> _State:
         weight = 1 / np.maximum(far, 0.1 * np.median(far) + 1e-9)
     linear = affine[1:].T
     if np.linalg.det(linear) <= 0:
-        raise ValueError(
+        raise Refused(
             "directions and pixels must have one handedness: seen along the boresight, from +x "
             "(columns) to +y (rows) is the turn from the table's first axis to its second or its "
             "reverse; this table is mirrored, so that one column must change its sign"
@@ -350,7 +351,7 @@ def _least_squares(rows: Floats, right: Floats, order: Order) -> tuple[Floats, F
     rows = rows / size
     value, vector = np.linalg.eigh(rows.T @ rows)
     if not value[0] > LEAST_RANK * value[-1]:
-        raise ValueError(
+        raise Refused(
             f"the stars must determine all {order.unknowns} unknowns of a {order}: they lie too "
             "close together, or have one temperature"
         )
@@ -447,6 +448,6 @@ def orders_of(table: StarTable, model: str = "auto", warm: bool | None = None) -
     models = MODELS if model == "auto" else (model,)
     has = table.temperature is not None and float(np.ptp(table.temperature)) > 0
     if warm and not has:
-        raise ValueError("the table must have temperatures that differ for terms of temperature")
+        raise Refused("the table must have temperatures that differ for terms of temperature")
     warms = ((False, True) if has else (False,)) if warm is None else (warm,)
     return tuple(Order(one, hot) for hot in warms for one in models)

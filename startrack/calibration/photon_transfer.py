@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, non_negative
+from startrack.core import Floats, Refused, non_negative
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
 NAMES = ("electrons_per_dn", "read_noise", "dark_current", "prnu", "dark_pattern", "offset")
@@ -41,11 +41,11 @@ class Level:
     def __post_init__(self) -> None:
         non_negative(exposure=self.exposure)
         if self.frames.ndim != 3 or len(self.frames) < 2:
-            raise ValueError(
+            raise Refused(
                 f"frames must be (m, rows, columns) with m of 2 or more, got {self.frames.shape}"
             )
         if self.lit and (self.frames == self.frames.max()).mean() > SATURATED:
-            raise ValueError("frames must not be saturated, but many pixels have one largest value")
+            raise Refused("frames must not be saturated, but many pixels have one largest value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def sample_detector(
     """
     dark = {level.exposure for level in levels if not level.lit}
     if len(dark) < 2 or not any(level.lit for level in levels):
-        raise ValueError("levels must hold a lit one and dark ones of two exposures")
+        raise Refused("levels must hold a lit one and dark ones of two exposures")
     law = _Law([_statistics(level) for level in levels])
     middle = law.guess()
 
@@ -168,7 +168,7 @@ class _Law:
         rate = (long.mean - short.mean) / (long.exposure - short.exposure)
         light = lit.mean - short.mean
         if not light > 0:
-            raise ValueError(
+            raise Refused(
                 f"levels that are lit must be brighter than the dark ones, got means of "
                 f"{lit.mean:g} and {short.mean:g}"
             )

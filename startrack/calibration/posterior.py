@@ -11,7 +11,17 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Calibration, calibrate
 from startrack.calibration.psf_width import width_likelihood
-from startrack.core import Camera, Floats, Frame, Matches, Spots, distort, non_negative, positive
+from startrack.core import (
+    Camera,
+    Floats,
+    Frame,
+    Matches,
+    Refused,
+    Spots,
+    distort,
+    non_negative,
+    positive,
+)
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
 CAMERA = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
@@ -49,7 +59,7 @@ class Prior:
         positive(focal_length=self.focal_length, floor_low=self.floor_low, width_low=self.width_low)
         non_negative(principal=self.principal, k1=self.k1)
         if not (self.floor_high >= self.floor_low and self.width_high > self.width_low):
-            raise ValueError("floor_high and width_high must not lie below their lows")
+            raise Refused("floor_high and width_high must not lie below their lows")
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +121,7 @@ def sample_camera(
     """
     chosen = [pair for pair in zip(spots, matches, strict=True) if len(pair[1]) >= 4]
     if not chosen:
-        raise ValueError("matches must hold a frame of 4 stars or more, got none")
+        raise Refused("matches must hold a frame of 4 stars or more, got none")
     width = None
     if images is not None:
         width = width_likelihood(images, spots, prior.width_low, prior.width_high)

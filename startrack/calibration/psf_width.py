@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.special import erf
 
-from startrack.core import Floats, Frame, Spots
+from startrack.core import Floats, Frame, Refused, Spots
 
 # All chosen by hand.
 HALF = 4  # pixel, from the middle of a stamp to its edge: light in the wings against neighbours
@@ -47,7 +47,7 @@ def width_likelihood(
         for position in _alone(image, found)
     ]
     if not stars:
-        raise ValueError(
+        raise Refused(
             f"frames must hold a star above {LEAST_SNR:g} sigma, alone and not saturated, for "
             "the width of the PSF, got none"
         )

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from startrack.catalog import csv_table, fits_table, table_numbers, votable
-from startrack.core import ZERO_CELSIUS, Floats, arcsec, deg, parse, shown
+from startrack.core import ZERO_CELSIUS, Floats, Refused, arcsec, deg, parse, shown
 from startrack.io import read_bytes, unpacked
 
 KINDS = ("vectors", "radec", "yz", "xy")
@@ -141,7 +141,7 @@ def read_star_table(path: Path, names: Names | None = None) -> StarTable:
     if temperature is not None:
         good &= np.isfinite(temperature)
     if good.sum() < 4:
-        raise ValueError(f"{path} must have at least 4 stars with all values, got {good.sum()}")
+        raise Refused(f"{path} must have at least 4 stars with all values, got {good.sum()}")
     return StarTable(
         direction[good],
         pixel[good],
@@ -200,19 +200,19 @@ def _directions(path: Path, names: Names, bare: Mapping[str, str]) -> tuple[str,
         known = {pair: kind for kind, pair in DIRECTIONS}
         kind = names.kind or known.get(plain) or ("vectors" if len(plain) == 3 else None)
         if kind is None:
-            raise ValueError(
+            raise Refused(
                 f"the kind of directions must be given for columns {', '.join(names.directions)}: "
                 f"one of {', '.join(KINDS)}"
             )
         if len(plain) != (3 if kind == "vectors" else 2):
-            raise ValueError(
+            raise Refused(
                 f"directions must be 3 columns for vectors and 2 for angles, got {len(plain)}"
             )
         return kind, _named(path, names.directions, bare, "directions")
     for kind, pair in DIRECTIONS:
         if set(pair) <= set(bare) and names.kind in (None, kind):
             return kind, tuple(bare[one] for one in pair)
-    raise ValueError(
+    raise Refused(
         f"{path} must have columns of directions, such as ra_deg and dec_deg, y_angle_arcsec and "
         f"z_angle_arcsec, or ux, uy and uz, got {_list(bare)}"
     )
@@ -226,7 +226,7 @@ def _named(path: Path, given: Sequence[str], bare: Mapping[str, str], what: str)
     there = set(bare.values())
     for name in given:
         if _alone(name) not in there:
-            raise ValueError(
+            raise Refused(
                 f"{path} must have the column {shown(_alone(name))} of {what}, got {_list(bare)}"
             )
     return tuple(given)
@@ -238,12 +238,12 @@ def _found(
 ) -> tuple[str, ...]:  # fmt: skip
     if given:
         if len(given) != 2:
-            raise ValueError(f"{what} must be 2 columns, column and row, got {len(given)}")
+            raise Refused(f"{what} must be 2 columns, column and row, got {len(given)}")
         return _named(path, given, bare, what)
     for pair in known:
         if set(pair) <= set(bare) and not taken & {bare[one] for one in pair}:
             return tuple(bare[one] for one in pair)
-    raise ValueError(
+    raise Refused(
         f"{path} must have columns of {what}, such as column_px and row_px, or x and y, got "
         f"{_list(bare)}"
     )
@@ -275,7 +275,7 @@ def _angle(path: Path, columns: Mapping[str, _Column], name: str, kind: str) -> 
     if not unit and kind == "radec":
         unit = "deg"
     if not unit:
-        raise ValueError(
+        raise Refused(
             f"{path}: the column {_alone(name)} must have a unit, in its name "
             f"({_alone(name)}_arcsec) or by the option ({_alone(name)}:arcsec)"
         )
@@ -284,7 +284,7 @@ def _angle(path: Path, columns: Mapping[str, _Column], name: str, kind: str) -> 
     try:
         return column.value * parse(f"1 {unit}", "rad")
     except ValueError as error:
-        raise ValueError(f"{path}: the column {_alone(name)} {error}") from None
+        raise Refused(f"{path}: the column {_alone(name)} {error}") from None
 
 
 def _vectors(kind: str, values: Sequence[Floats]) -> Floats:
@@ -330,6 +330,6 @@ def _sigma(path: Path, columns: Mapping[str, _Column], name: str) -> Floats:
     """Relative sigma (n,) of a column of weights, which are inverse variances, or of sigma."""
     value = columns[_alone(name)].value
     if not (value[np.isfinite(value)] > 0).all():
-        raise ValueError(f"{path}: {_alone(name)} must be positive, got {np.nanmin(value):g}")
+        raise Refused(f"{path}: {_alone(name)} must be positive, got {np.nanmin(value):g}")
     sigma = value if _bare(_alone(name))[0] in SIGMAS else 1 / np.sqrt(value)
     return np.asarray(sigma / np.nanmedian(sigma))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from startrack.catalog.catalog import Catalog
-from startrack.core import LIGHT_SPEED, Floats, Stars, installed_tables, within
+from startrack.core import LIGHT_SPEED, Floats, Refused, Stars, installed_tables, within
 
 # The span in which ERFA's epv00 states its error (Moisson & Bretagnon 2001, refitted to DE405).
 FIRST_YEAR, LAST_YEAR = 1900.0, 2100.0
@@ -46,7 +46,7 @@ def earth_observer(epoch: float, orbital_velocity: Floats | None = None) -> Obse
         position, velocity = get_body_barycentric_posvel("earth", date, ephemeris="builtin")
     orbital = np.zeros(3) if orbital_velocity is None else np.asarray(orbital_velocity, float)
     if orbital.shape != (3,) or not np.isfinite(orbital).all():
-        raise ValueError(f"orbital_velocity must be three finite numbers, got {orbital_velocity}")
+        raise Refused(f"orbital_velocity must be three finite numbers, got {orbital_velocity}")
     return Observer(
         position=position.xyz.to_value(units.au),
         velocity=velocity.xyz.to_value(units.m / units.s) + orbital,
@@ -98,7 +98,7 @@ def aberrate(direction: Floats, velocity: Floats) -> Floats:
     """
     beta = velocity / LIGHT_SPEED
     if not beta @ beta < 1:
-        raise ValueError(f"observer_velocity must be below the speed of light, got {velocity} m/s")
+        raise Refused(f"observer_velocity must be below the speed of light, got {velocity} m/s")
     gamma = 1 / np.sqrt(1 - beta @ beta)
     along = (direction @ beta)[:, None]
     seen = (direction / gamma + beta + along * beta * gamma / (1 + gamma)) / (1 + along)

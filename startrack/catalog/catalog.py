@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, arcsec, deg, finite
+from startrack.core import Floats, Ints, Refused, arcsec, deg, finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Catalog:
         for name in _columns():
             shape = np.shape(getattr(self, name))
             if shape != (len(self),):
-                raise ValueError(f"{name} must have the shape ({len(self)},), got {shape}")
+                raise Refused(f"{name} must have the shape ({len(self)},), got {shape}")
 
     def __len__(self) -> int:
         return len(self.identifier)
@@ -116,7 +116,7 @@ def join(first: Catalog, second: Catalog) -> Catalog:
     Raises  ValueError where the epochs differ.
     """
     if first.epoch != second.epoch:
-        raise ValueError(f"epoch must be the same to join, got {first.epoch} and {second.epoch}")
+        raise Refused(f"epoch must be the same to join, got {first.epoch} and {second.epoch}")
     columns = {n: np.concatenate([getattr(first, n), getattr(second, n)]) for n in _columns()}
     return Catalog(epoch=first.epoch, **columns)
 
@@ -155,16 +155,16 @@ def assemble(
     Raises                 ValueError without stars, and where a position is none.
     """
     if len(identifier) == 0:
-        raise ValueError(f"{path} must hold stars, got none")
+        raise Refused(f"{path} must hold stars, got none")
     # NaN fails every comparison, so this catches what is not finite too.
     finite(**{f"{path}: epoch": epoch})
     if not 1000 <= epoch <= 3000:
-        raise ValueError(f"{path}: epoch must be a Julian year in [1000, 3000], got {epoch:g}")
+        raise Refused(f"{path}: epoch must be a Julian year in [1000, 3000], got {epoch:g}")
     good = (ra_deg >= 0) & (ra_deg <= 360) & (np.abs(dec_deg) <= 90)
     if not good.all():
         i = int(np.argmin(good))
         where = f"line {line[i]}" if line is not None else f"row {i + 1}"
-        raise ValueError(
+        raise Refused(
             f"{path}, {where}: the position must lie in [0, 360] x [-90, 90] deg, "
             f"got {ra_deg[i]}, {dec_deg[i]}"
         )
@@ -180,7 +180,7 @@ def assemble(
         if odd.any():
             i = int(np.argmax(odd))
             where = f"line {line[i]}" if line is not None else f"row {i + 1}"
-            raise ValueError(
+            raise Refused(
                 f"{path}, {where}: {name} must lie in [-{most:g}, {most:g}], got {values[i]:g}"
             )
     known = np.isfinite(pm_ra_mas) & np.isfinite(pm_dec_mas)

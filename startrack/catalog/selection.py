@@ -11,7 +11,7 @@ from startrack.catalog.formats import FORMATS
 from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G
 from startrack.catalog.random_stars import FIRST_G, LAST_G
 from startrack.catalog.readers import column_names
-from startrack.core import Unit, finite, one_of, within
+from startrack.core import Refused, Unit, finite, one_of, within
 
 FAINTEST_G = 21.0  # Gaia's own limit
 EPOCH = 2026.0  # Julian year, where nothing says when the sky is seen
@@ -62,13 +62,13 @@ class Selection:
         if not isinstance(self.source, str):
             raise TypeError(f"source must be a text, got {self.source!r}")
         if not self.source:
-            raise ValueError("source must be 'bright', 'deep' or the path of a file, got ''")
+            raise Refused("source must be 'bright', 'deep' or the path of a file, got ''")
         one_of(FORMATS, format=self.format)
         if self.columns:
             column_names(self.columns)
             one_of(("auto",), **{"format beside columns": self.format})
             if self.source in ("bright", "deep"):
-                raise ValueError(f"columns must be left out for the source {self.source!r}")
+                raise Refused(f"columns must be left out for the source {self.source!r}")
         if self.source in ("bright", "deep"):
             one_of(("auto",), **{f"format of the source {self.source!r}": self.format})
         faintest = LIMITS.get(self.source, FAINTEST_G)
@@ -112,9 +112,9 @@ class Selection:
         for each in velocity:
             finite(orbital_velocity=each)
         if len(velocity) not in (0, 3):
-            raise ValueError(f"orbital_velocity must have three components, got {len(velocity)}")
+            raise Refused(f"orbital_velocity must have three components, got {len(velocity)}")
         if velocity and not self.aberration:
-            raise ValueError(
+            raise Refused(
                 "orbital_velocity must be empty where aberration is false, got "
                 f"{self.orbital_velocity}"
             )

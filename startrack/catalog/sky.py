@@ -15,7 +15,7 @@ from startrack.catalog.formats import read
 from startrack.catalog.gaia import deep, read_bright
 from startrack.catalog.random_stars import random_stars
 from startrack.catalog.selection import Selection
-from startrack.core import Floats, Ints, Stars, kernel, within
+from startrack.core import Floats, Ints, Refused, Stars, kernel, within
 from startrack.io import shipped
 
 SLACK = 1e-12  # of a height, so that rounding leaves no star out
@@ -45,7 +45,7 @@ class Sky:
         within(0, np.pi, radius=radius)
         length = math.hypot(*direction)
         if not 0 < length < math.inf:
-            raise ValueError("directions must be finite and have a length, got one that has not")
+            raise Refused("directions must be finite and have a length, got one that has not")
         unit = np.asarray(direction, float) / length
         return self._by_brightness[np.sort(_around(*self._by_height, unit, radius))]
 
@@ -59,7 +59,7 @@ class Sky:
         """
         directions = np.asarray(directions, float)
         if directions.ndim != 2 or directions.shape[1] != 3:
-            raise ValueError(f"directions must have the shape (m, 3), got {directions.shape}")
+            raise Refused(f"directions must have the shape (m, 3), got {directions.shape}")
         return [self.cone(each, radius) for each in directions]
 
     @cached_property

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from startrack.cli.options import as_wrong_use
 from startrack.cli.scheduler import open_workers
 from startrack.cli.terminal import example, print_message, read_campaign
+from startrack.core import Refused
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, branches
 from startrack.montecarlo import Sampling, warm
 from startrack.optimise import Ledger, TrialRunner
@@ -36,7 +37,7 @@ def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
     for one in campaign.judged(case):
         try:
             require_fidelity(one.case, campaign.fidelity)
-        except ValueError as error:
+        except Refused as error:
             where = "" if one.name == NOMINAL else f" in the condition {one.name}"
             raise ValueError(f"campaign.fidelity{where}: {error}") from None
 
@@ -61,7 +62,7 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
     )
     if options.workers > 1 and not options.scheduler:
         for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
-            with suppress(Exception):  # a start that cannot be rendered is judged by the search
+            with suppress(Refused):  # a start that cannot be rendered is judged by the search
                 warm(design.case, Sampling(fidelity))
     with (
         Ledger(options.out / LEDGER) as ledger,

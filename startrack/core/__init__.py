@@ -5,6 +5,7 @@ units      Units as SI floats, constants with their source, and `"50 mm"` read a
 arrays     Types of arrays, for annotations and for kernels.
 kernel     A function enters; compiled code leaves, kept on disk until what it is made of changes.
 trust      Path of a cache -> whether this process may compute with what it holds.
+refused    Refused: a value that breaks a rule, which is no fault of the program.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value.
 memory     Bytes that a step needs -> refused, with the figure, where they exceed the limit.
 streams    Seed, trial, cause -> random generator, the same for any number of workers.
@@ -37,6 +38,7 @@ from startrack.core.checks import (
     non_negative,
     one_of,
     positive,
+    refusal,
     shown,
     whole,
     within,
@@ -77,6 +79,7 @@ from startrack.core.memory import (
 )
 from startrack.core.notebook import html_table, short_text
 from startrack.core.order import first_not_below, median, order
+from startrack.core.refused import Refused, WrongType
 from startrack.core.rotations import quaternion, rotation_of
 from startrack.core.scratch import Workspace
 from startrack.core.streams import Streams

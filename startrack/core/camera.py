@@ -14,6 +14,7 @@ from startrack.core.checks import finite, positive, whole
 from startrack.core.displacement import Displacement
 from startrack.core.field_polynomial import FieldPolynomial, monomials
 from startrack.core.kernel import kernel
+from startrack.core.refused import Refused
 
 # Steps of the inverse of a polynomial: each makes the error smaller by the slope of the
 # polynomial, so that one of a third converges.
@@ -67,7 +68,7 @@ class Camera:
     def from_field_of_view(cls, columns: int, rows: int, fov_x: float) -> Camera:
         """The undistorted camera whose columns span `fov_x` radian, edge to edge."""
         if not 0 < fov_x < math.pi:
-            raise ValueError(f"fov_x must lie in (0, pi) radian, got {fov_x}")
+            raise Refused(f"fov_x must lie in (0, pi) radian, got {fov_x}")
         return cls(columns, rows, columns / 2 / math.tan(fov_x / 2))
 
     @property

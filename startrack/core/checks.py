@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
+from startrack.core.refused import Refused, WrongType
+
 # Of any number in a file that is not zero, in SI units. Chosen by hand: nothing that a camera has
 # lies near the ends, and products of some of them still fit into a float.
 SMALLEST, LARGEST_NUMBER = 1e-30, 1e30
@@ -26,28 +28,32 @@ def shown(value: object) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
+def refusal(key: str, rule: str, value: object, kind: type[Refused] = Refused) -> Refused:
+    """The error of a value that breaks a rule: "key rule, got value"."""
+    text = str(value) if isinstance(value, float) else shown(value)
+    return kind(f"{key} {rule}, got {text}", key=key, rule=rule, value=value)
+
+
 def moderate(**values: float) -> None:
     """Refuse what is neither zero nor of a size that a quantity of a camera can have."""
     finite(**values)
     for name, value in values.items():
         if value and not SMALLEST <= abs(value) <= LARGEST_NUMBER:
-            raise ValueError(
-                f"{name} must be 0 or of a size from {SMALLEST:g} to {LARGEST_NUMBER:g} in SI "
-                f"units, got {shown(value)}"
-            )
+            rule = f"0 or of a size from {SMALLEST:g} to {LARGEST_NUMBER:g} in SI units"
+            raise refusal(name, f"must be {rule}", value)
 
 
 def finite(**values: float) -> None:
     """Refuse what is not a finite number."""
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise TypeError(f"{name} must be a number, got {shown(value)}")
+            raise refusal(name, "must be a number", value, WrongType)
         try:
             known = math.isfinite(value)
         except OverflowError:  # a whole number beyond all floats
             known = False
         if not known:
-            raise ValueError(f"{name} must be finite, got {shown(value)}")
+            raise refusal(name, "must be finite", value)
 
 
 def positive(**values: float) -> None:
@@ -55,7 +61,7 @@ def positive(**values: float) -> None:
     finite(**values)
     for name, value in values.items():
         if value <= 0:
-            raise ValueError(f"{name} must be positive, got {value}")
+            raise refusal(name, "must be positive", value)
 
 
 def non_negative(**values: float) -> None:
@@ -63,7 +69,7 @@ def non_negative(**values: float) -> None:
     finite(**values)
     for name, value in values.items():
         if value < 0:
-            raise ValueError(f"{name} must not be negative, got {value}")
+            raise refusal(name, "must not be negative", value)
 
 
 def within(low: float, high: float, /, **values: float) -> None:
@@ -71,22 +77,20 @@ def within(low: float, high: float, /, **values: float) -> None:
     finite(**values)
     for name, value in values.items():
         if not low <= value <= high:
-            raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {value}")
+            raise refusal(name, f"must lie in [{low:g}, {high:g}]", value)
 
 
 def whole(low: int, high: int, /, **values: int) -> None:
     """Refuse what is not an integer in [low, high]."""
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, int):
-            raise TypeError(f"{name} must be a whole number, got {shown(value)}")
+            raise refusal(name, "must be a whole number", value, WrongType)
         if not low <= value <= high:
-            raise ValueError(
-                f"{name} must be a whole number in [{low}, {high}], got {shown(value)}"
-            )
+            raise refusal(name, f"must be a whole number in [{low}, {high}]", value)
 
 
 def one_of(choices: Collection[str], /, **values: str) -> None:
     """Refuse what is not one of the choices."""
     for name, value in values.items():
         if value not in choices:
-            raise ValueError(f"{name} must be one of {', '.join(choices)}, got {shown(value)}")
+            raise refusal(name, f"must be one of {', '.join(choices)}", value)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core.checks import positive, within
+from startrack.core.refused import Refused
 from startrack.core.units import Unit
 
 
@@ -27,7 +28,7 @@ class Curve:
 
     def __post_init__(self) -> None:
         if len(self.wavelength) != (len(self.value) if len(self.value) > 1 else 0):
-            raise ValueError(
+            raise Refused(
                 "wavelength and value must have the same length (or one value and no wavelength), "
                 f"got {len(self.wavelength)} and {len(self.value)}"
             )
@@ -36,7 +37,7 @@ class Curve:
         for each in self.value:
             within(0, 1, value=each)
         if any(b <= a for a, b in zip(self.wavelength, self.wavelength[1:], strict=False)):
-            raise ValueError(f"wavelength must rise, got {self.wavelength}")
+            raise Refused(f"wavelength must rise, got {self.wavelength}")
 
     def __call__(self, wavelength: NDArray[np.float64]) -> NDArray[np.float64]:
         """The curve at wavelengths in metre."""

@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from startrack.core.refused import Refused
+
 
 @contextmanager
 def installed_tables() -> Iterator[None]:
@@ -64,6 +66,4 @@ def utc(text: str) -> Any:
         with installed_tables():
             return Time(text.removesuffix("Z"), scale="utc")
     except ValueError:
-        raise ValueError(
-            f"epoch must be a time such as 2026-06-21T10:00:00, got {text!r}"
-        ) from None
+        raise Refused(f"epoch must be a time such as 2026-06-21T10:00:00, got {text!r}") from None

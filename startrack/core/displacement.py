@@ -9,6 +9,7 @@ import numpy as np
 
 from startrack.core.arrays import Floats
 from startrack.core.lagrange import local_weights
+from startrack.core.refused import Refused
 
 NODES = 9  # along each side; cubic between them
 
@@ -30,7 +31,7 @@ class Displacement:
 
     def __post_init__(self) -> None:
         if len(self.value) != 2 * NODES**2:
-            raise ValueError(f"value must have {2 * NODES**2} numbers, got {len(self.value)}")
+            raise Refused(f"value must have {2 * NODES**2} numbers, got {len(self.value)}")
 
     def __call__(self, pixel: Floats) -> Floats:
         """Pixel (n, 2) at places (n, 2) pixel; NaN where a place is NaN."""

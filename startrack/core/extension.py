@@ -24,7 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core.checks import shown
+from startrack.core.checks import refusal, shown
+from startrack.core.refused import Refused
 
 ENVIRONMENT = "STARTRACK_ALLOW_CODE"
 FORM = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
@@ -102,10 +103,8 @@ def one_of_or_code(choices: Collection[str], /, **values: str) -> None:
     for name, value in values.items():
         if value not in choices and not (isinstance(value, str) and FORM.fullmatch(value)):
             known = f"one of {', '.join(choices)}, or " if choices else ""
-            raise ValueError(
-                f"{name} must be {known}code as module:function or by the entry point of an "
-                f"installed package, got {shown(value)}"
-            )
+            rule = f"{known}code as module:function or by the entry point of an installed package"
+            raise refusal(name, f"must be {rule}", value)
 
 
 def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
@@ -296,11 +295,14 @@ def received(modules: Mapping[str, str]) -> None:
 def call_code(group: str, name: str, given: Any) -> Any:
     """What the function of a name returns for its input.
 
-    Raises  ValueError with the key, the name and the error, where it raises one.
+    Raises  Refused where it refuses the design by one; ValueError with the key, the name and the
+            error, where it raises any other.
     """
     function = function_of(group, name)
     try:
         return function(given)
+    except Refused as error:
+        raise error.within(f"{POINTS[group]} {name}") from None
     except (Exception, SystemExit) as error:
         reason = f"{type(error).__name__}: {error}"
         raise ValueError(f"{POINTS[group]} {name} raised {reason}") from error

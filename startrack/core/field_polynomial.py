@@ -9,6 +9,7 @@ import numpy as np
 
 from startrack.core.arrays import Floats
 from startrack.core.checks import finite, within
+from startrack.core.refused import Refused
 from startrack.core.units import ZERO_CELSIUS, Unit
 
 ORDER = 3
@@ -46,7 +47,7 @@ class FieldPolynomial:
         for name in ("x", "y", "x_per_kelvin", "y_per_kelvin"):
             values = getattr(self, name)
             if len(values) > TERMS:
-                raise ValueError(
+                raise Refused(
                     f"{name} must have at most {TERMS} coefficients, those of the third order, "
                     f"got {len(values)}"
                 )

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from startrack.core.refused import Refused
+
 try:
     import resource
 except ImportError:  # Windows has no such limits
@@ -38,13 +40,15 @@ def require_memory(size: float, what: str) -> None:
     size  bytes that it takes at its largest
     what  takes them, for the message: "a frame of 65536 x 65536 pixels"
 
-    Raises  ValueError with what, the bytes and the limit.
+    Raises  Refused with what, the bytes and the limit; no ledger keeps it, as the limit is the
+            machine's.
     """
     limit = memory_limit()
     if not size <= limit:
-        raise ValueError(
+        raise Refused(
             f"{what} would need {gib(size)} of memory, more than the limit of {gib(limit)} "
-            "(option --memory)"
+            "(option --memory)",
+            lasting=False,
         )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from startrack.core.checks import whole
 from startrack.core.kernel import kernel
+from startrack.core.refused import Refused
 
 POOL = 4  # words of 32 bits
 STATE = 3  # numbers of 64 bits, that SFC64 asks for
@@ -41,7 +42,7 @@ class Seeds(ISpawnableSeedSequence):
     def generate_state(self, n_words: int, dtype: Any = np.uint64) -> NDArray[np.uint64]:
         """The numbers (3,) that SFC64 asks for."""
         if n_words != STATE or dtype != np.uint64:
-            raise ValueError(f"n_words must be {STATE} of uint64, got {n_words} of {dtype}")
+            raise Refused(f"n_words must be {STATE} of uint64, got {n_words} of {dtype}")
         return np.asarray(_state(self.entropy))
 
 

@@ -8,6 +8,8 @@ from decimal import Decimal, DecimalException
 from functools import lru_cache
 from typing import NamedTuple
 
+from startrack.core.refused import Refused
+
 PLANCK = 6.62607015e-34  # J s, exact in the SI of 2019
 LIGHT_SPEED = 299792458.0  # m / s, exact in the SI of 2019
 BOLTZMANN = 1.380649e-23  # J / K, exact in the SI of 2019
@@ -83,25 +85,25 @@ def parse(text: str, unit: str, absolute: bool = False, clock: bool = False) -> 
               number is beyond all floats.
     """
     if len(text) > LONGEST:
-        raise ValueError(
+        raise Refused(
             f"must be a number with a unit of at most {LONGEST} characters, got {len(text)}"
         )
     if clock and (day := CLOCK.fullmatch(text)):
         return 3600.0 * int(day[1]) + 60.0 * int(day[2]) + float(day[3] or 0)
     found = NUMBER.fullmatch(text)
     if not found or not found[2]:
-        raise ValueError(f"must be a number with a unit, such as '1 {unit}', got {text!r}")
+        raise Refused(f"must be a number with a unit, such as '1 {unit}', got {text!r}")
     if absolute and found[2] in CELSIUS:
         return float(Decimal(found[1]) + Decimal(str(ZERO_CELSIUS)))
     scale = _scale(found[2], unit)
     if scale is None:
-        raise ValueError(f"must have a unit that converts to {unit}, got {text!r}")
+        raise Refused(f"must have a unit that converts to {unit}, got {text!r}")
     try:
         value = float(Decimal(found[1]) * scale)
     except DecimalException:
         value = math.inf
     if not math.isfinite(value):
-        raise ValueError(f"must be a finite number in {unit}, got {text!r}")
+        raise Refused(f"must be a finite number in {unit}, got {text!r}")
     return value
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from startrack.core import Unit, finite, non_negative, one_of, whole
+from startrack.core import Refused, Unit, finite, non_negative, one_of, whole
 
 PLACES = ("ground", "orbit")
 ORDERS = (1, 3, 5, 7)
@@ -49,4 +49,4 @@ class CameraCalibration:
         non_negative(noise=self.noise, direction=self.direction)
         finite(temperature=self.temperature)
         if self.order not in ORDERS:
-            raise ValueError(f"order must be 1, 3, 5 or 7, got {self.order}")
+            raise Refused(f"order must be 1, 3, 5 or 7, got {self.order}")

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from startrack.core import non_negative, parse, positive, whole, within
+from startrack.core import Refused, non_negative, parse, positive, whole, within
 from startrack.design.case import Case, Fidelity
 from startrack.design.choice import Choice
 from startrack.design.conditions import Condition, Judged, OverUnits, judged
@@ -101,7 +101,7 @@ class Campaign:
             try:
                 non_negative(age=parse(self.age, "s"))
             except ValueError:
-                raise ValueError(
+                raise Refused(
                     f"age must be begin, end or a time such as 3 yr, got {self.age!r}"
                 ) from None
         if self.unit_trials is not None:
@@ -109,11 +109,11 @@ class Campaign:
         if self.units is None:
             return
         if not 0 < self.units < 1:
-            raise ValueError(f"units must lie in (0, 1), such as 0.95, got {self.units}")
+            raise Refused(f"units must lie in (0, 1), such as 0.95, got {self.units}")
         if self.requirements.sky == "worst":
-            raise ValueError("units must be left out where requirements.sky is worst")
+            raise Refused("units must be left out where requirements.sky is worst")
         if self.unit_trials is not None and self.unit_trials < self.trials_of_level:
-            raise ValueError(
+            raise Refused(
                 f"unit_trials must be at least {self.trials_of_level}, so that one is beyond the "
                 f"level that is asked, got {self.unit_trials}"
             )
@@ -146,7 +146,7 @@ class Campaign:
         if self.units is None:
             return None
         if not case.differs:
-            raise ValueError(
+            raise Refused(
                 "campaign.units needs a design with [[variation]] tables, [instrument.residual] or "
                 "[instrument.detector.age]"
             )

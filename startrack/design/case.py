@@ -15,6 +15,7 @@ from startrack.core import (
     Camera,
     CarriesCode,
     Floats,
+    Refused,
     Unit,
     finite,
     non_negative,
@@ -101,16 +102,14 @@ class Instrument:
     def __post_init__(self) -> None:
         finite(delay=self.delay)
         if self.thermal and not self.optics.traced:
-            raise ValueError(
-                "thermal.lens must be left out where no lens_file says what it changes"
-            )
+            raise Refused("thermal.lens must be left out where no lens_file says what it changes")
         if self.ghosts:
             lens_surfaces(self.optics)
             if self.detector.scan:
-                raise ValueError("ghosts must be left out where lines scan")
+                raise Refused("ghosts must be left out where lines scan")
         if self.optics.tabulated and self.detector.scan:
             key = "lens_file" if self.optics.traced else "psf_file of several images"
-            raise ValueError(f"optics.{key} must be left out where lines scan")
+            raise Refused(f"optics.{key} must be left out where lines scan")
 
     @property
     def lens_temperature(self) -> float:
@@ -177,7 +176,7 @@ class Instrument:
         spectra = blackbody_photons(WAVELENGTH, temperature) * throughput
         spectra = spectra * self.detector.quantum_efficiency(WAVELENGTH)
         if not spectra.any():
-            raise ValueError(
+            raise Refused(
                 "transmission and quantum_efficiency must overlap between 320 and 1100 nm"
             )
         return spectra
@@ -227,15 +226,15 @@ class Tracker:
         one_of(("whole", "box"), acquisition=self.acquisition)
         one_of(("radial", "polynomial"), camera_model=self.camera_model)
         if self.camera is not None and self.camera_model != "radial":
-            raise ValueError("camera_model must be left out beside tracker.camera, which is one")
+            raise Refused("camera_model must be left out beside tracker.camera, which is one")
         if self.calibrated_at is not None:
             within(1, 1000, calibrated_at=self.calibrated_at)
         if self.delay is not None:
             finite(delay=self.delay)
         if self.catalog and self.catalog.faintest_g > self.catalog.limit_g:
-            raise ValueError("catalog of a tracker must have no random_g: no list has these stars")
+            raise Refused("catalog of a tracker must have no random_g: no list has these stars")
         if self.mounting and self.mounting.swings:
-            raise ValueError("mounting of a tracker must not swing: it believes one turn")
+            raise Refused("mounting of a tracker must not swing: it believes one turn")
 
 
 @dataclass(frozen=True)
@@ -267,14 +266,14 @@ class Case(CarriesCode):
 
     def __post_init__(self) -> None:
         if self.tracker.focal_length_by_colour and not self.instrument.optics.tabulated:
-            raise ValueError(
+            raise Refused(
                 "tracker.focal_length_by_colour must be left out where no lens_file says how the "
                 "focal length changes with colour"
             )
         if self.tracker.acquisition == "box" and self.instrument.detector.scan:
-            raise ValueError("tracker.acquisition must be whole where lines scan")
+            raise Refused("tracker.acquisition must be whole where lines scan")
         if self.tracker.detection.dark_map_age is not None and not self.instrument.detector.age:
-            raise ValueError(
+            raise Refused(
                 "tracker.detection.dark_map_age must be left out where the detector has no age"
             )
         catalog = seen_from(self.scene, self.catalog)

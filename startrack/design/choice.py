@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
+from startrack.core import Refused
 from startrack.design.case import Case
 from startrack.design.parameter import find, quantity, replaced_all
 from startrack.design.products import with_product
@@ -34,7 +35,7 @@ class Choice:
 
     def __post_init__(self) -> None:
         if not self.values or len(set(self.values)) < len(self.values):
-            raise ValueError(f"values must be given, each once, got {self.values}")
+            raise Refused(f"values must be given, each once, got {self.values}")
 
 
 class Branch(NamedTuple):
@@ -51,7 +52,7 @@ def branches(case: Case, choices: Sequence[Choice]) -> list[Branch]:
     """
     count = math.prod(len(choice.values) for choice in choices)
     if count > MOST_BRANCHES:
-        raise ValueError(f"choices must make at most {MOST_BRANCHES} combinations, got {count}")
+        raise Refused(f"choices must make at most {MOST_BRANCHES} combinations, got {count}")
     return list(_branches(case, choices))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
-from startrack.core import Unit, non_negative, positive, within
+from startrack.core import Refused, Unit, non_negative, positive, within
 from startrack.design.case import Case
 from startrack.design.parameter import find, quantity, replaced_all
 from startrack.design.requirements import Requirements
@@ -54,7 +54,7 @@ class Condition:
 
     def __post_init__(self) -> None:
         if not self.name or self.name in (NOMINAL, MAX_RATE):
-            raise ValueError(
+            raise Refused(
                 f"name of a condition must be given and not be {NOMINAL} or {MAX_RATE}, got "
                 f"{self.name!r}"
             )
@@ -155,14 +155,14 @@ def judged(
 def _judged(case: Case, needs: Requirements, conditions: Sequence[Condition]) -> Iterator[Judged]:
     names = [one.name for one in conditions]
     if len(set(names)) < len(names):
-        raise ValueError(f"conditions must have different names, got {', '.join(names)}")
+        raise Refused(f"conditions must have different names, got {', '.join(names)}")
     cases = [case]
     yield Judged(NOMINAL, case, needs, 1.0)
     for one in conditions:
         try:
             cases.append(one.of(case))
-        except ValueError as error:
-            raise ValueError(f"condition {one.name}: {error}") from None
+        except Refused as error:
+            raise Refused(f"condition {one.name}: {error}") from None
         yield Judged(one.name, cases[-1], one.requirements(needs), one.weight)
     if all(one.instrument.motion.rate for one in cases):
         yield Judged(REST, turning(case, 0.0), needs, 0.0)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from startrack.catalog import Selection, earth_observer
-from startrack.core import LIGHT_SPEED, Floats, arcsec
+from startrack.core import LIGHT_SPEED, Floats, Refused, arcsec
 from startrack.scene import AU, Orbit, Scene, orbital_velocity
 
 # What of the sky may lie beside the date. A star to G = 8 moves by 0.03 arcsec (median), 0.4 arcsec
@@ -73,7 +73,7 @@ def _check_epoch(scene: Scene, catalog: Selection, epoch: float) -> None:
     if not first - tolerance <= epoch <= last + tolerance:
         why = " with aberration or parallax" if apparent else ""
         span = f" and scene.days {scene.days:g}" if scene.days else ""
-        raise ValueError(
+        raise Refused(
             f"catalog.epoch must lie within {tolerance:.2g} years{why} of scene.date "
             f"{scene.date!r}{span}, or be left out, got {epoch:.8g}"
         )
@@ -87,7 +87,7 @@ def _check_place(scene: Scene, catalog: Selection) -> None:
     earth = earth_observer(sum(scene.years) / 2).position * AU
     distance = float(np.linalg.norm(np.array(scene.place) - earth))
     if distance > NEAR_EARTH:
-        raise ValueError(
+        raise Refused(
             "scene.place must lie within 0.1 AU of the Earth where catalog.parallax is true, or "
             "catalog.aberration is true without catalog.orbital_velocity, "
             f"got {distance / AU:.3g} AU"
@@ -104,7 +104,7 @@ def _check_velocity(orbit: Orbit, velocity: tuple[float, ...]) -> None:
         true = orbital_velocity(orbit, orbit.phase)
         kept = f"that, {_shown(true)},"
     if np.linalg.norm(true - given, axis=-1).min() > ABERRATION * LIGHT_SPEED:
-        raise ValueError(
+        raise Refused(
             f"catalog.orbital_velocity must be {kept} of scene.orbit, or be left out, got "
             f"{_shown(given)}"
         )

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from startrack.core import Refused, code_in, deg, html_table, mm, require_code, short_text, um
 from startrack.core import allow_code as allowed
-from startrack.core import code_in, deg, html_table, mm, require_code, short_text, um
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case
 from startrack.design.products import with_product
@@ -87,7 +87,7 @@ def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = Fals
         require_code(named)
         return design
     except ValueError as error:
-        raise ValueError(layers.blamed(str(error), path)) from None
+        raise Refused(layers.blamed(str(error), path)) from None
 
 
 def save_design(path: Path, design: Design, comment: str = "") -> None:

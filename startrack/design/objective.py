@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, one_of
+from startrack.core import Floats, Refused, one_of
 from startrack.metrics import Interval
 
 AXES = {"across": [0, 1], "about": [2], "both": [0, 1, 2]}
@@ -42,7 +42,7 @@ class Objective:
         one_of(AXES, axes=self.axes)
         one_of(("", *KINDS), kind=self.kind)
         if self.fraction is not None and not 0 < self.fraction < 1:
-            raise ValueError(f"fraction must lie in (0, 1), got {self.fraction}")
+            raise Refused(f"fraction must lie in (0, 1), got {self.fraction}")
 
     @classmethod
     def read(cls, text: str) -> Objective:
@@ -55,7 +55,7 @@ class Objective:
         try:
             return cls(axes, float(percent) / 100 if dash else None, kind)
         except ValueError:
-            raise ValueError(
+            raise Refused(
                 "objective must be across, about or both, alone for the rms or with a fraction in "
                 "percent as in across-99.73, and may end with ' per axis' or ' radial', got "
                 f"{text!r}"

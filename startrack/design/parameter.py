@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from startrack.core import Unit, parse, write
+from startrack.core import Refused, Unit, parse, write
 from startrack.io import current_key, unit_of
 
 
@@ -42,7 +42,7 @@ def find(case: Any, name: str) -> Any:
         elif dataclasses.is_dataclass(at) and hasattr(at, part):
             at = getattr(at, part)
         else:
-            raise ValueError(f"{name} must be a parameter of the design, but {part} is none")
+            raise Refused(f"{name} must be a parameter of the design, but {part} is none")
     return at
 
 
@@ -53,7 +53,7 @@ def number(case: Any, name: str) -> float:
     """
     value = find(case, name)
     if isinstance(value, bool) or not isinstance(value, float | int):
-        raise ValueError(f"{name} must be a number that can vary, got {value!r}")
+        raise Refused(f"{name} must be a number that can vary, got {value!r}")
     return float(value)
 
 
@@ -103,10 +103,10 @@ def quantity(case: Any, name: str, value: float | str) -> float:
         try:
             return parse(value, unit.si, unit.absolute)
         except ValueError as error:
-            raise ValueError(f"{name}: bound {error}") from None
+            raise Refused(f"{name}: bound {error}") from None
     if unit or isinstance(value, str):
         wanted = f"have a unit, such as '1 {unit.shown}'" if unit else "be a number without unit"
-        raise ValueError(f"{name}: bound must {wanted}, got {value!r}")
+        raise Refused(f"{name}: bound must {wanted}, got {value!r}")
     return float(value)
 
 
@@ -148,7 +148,7 @@ def _changes(case: Any, values: Mapping[str, Any]) -> list[_Change]:
     for one in changes:
         for other in changes:
             if one is not other and other.path[: len(one.path)] == one.path:
-                raise ValueError(f"{one.name} and {other.name} must not be changed together")
+                raise Refused(f"{one.name} and {other.name} must not be changed together")
     return changes
 
 
@@ -166,9 +166,8 @@ def _with(owner: Any, changes: list[_Change], checked: bool) -> Any:
         return _unchecked(owner, values)
     try:
         return dataclasses.replace(owner, **values)
-    except (ValueError, TypeError) as error:
-        names = ", ".join(change.name for change in changes)
-        raise ValueError(f"{names}: {error}") from None
+    except Refused as error:
+        raise error.within(", ".join(change.name for change in changes)) from None
 
 
 def _unchecked(owner: Any, values: Mapping[str, Any]) -> Any:

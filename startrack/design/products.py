@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
+from startrack.core import Refused
 from startrack.io import shipped
 
 PLACE = "instrument.detector.product"
@@ -42,7 +43,7 @@ def products() -> list[str]:
 def of_product(product: object) -> dict[str, Any]:
     """The table of a detector of the catalogue; raises ValueError where there is none."""
     if product not in products():
-        raise ValueError(f"{PLACE} must be one of {', '.join(products())}, got {product!r}")
+        raise Refused(f"{PLACE} must be one of {', '.join(products())}, got {product!r}")
     return tomllib.loads(shipped(f"detectors/{product}.toml").read_text(encoding="utf-8"))
 
 

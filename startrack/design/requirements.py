@@ -11,6 +11,7 @@ from scipy import special
 
 from startrack.core import (
     CarriesCode,
+    Refused,
     Unit,
     call_code,
     code_field,
@@ -242,9 +243,7 @@ class Requirements(CarriesCode):
         except ValueError:
             fraction = math.nan
         if not percent or rest or not 0 < fraction < 1:
-            raise ValueError(
-                f"level must be rms or a percentage such as 99.73 %, got {self.level!r}"
-            )
+            raise Refused(f"level must be rms or a percentage such as 99.73 %, got {self.level!r}")
         return fraction
 
     @property

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import finite, one_of
+from startrack.core import Refused, finite, one_of
 from startrack.design.case import Case
 from startrack.design.parameter import label, number, quantity, replaced_all, text, unchecked
 
@@ -78,41 +78,41 @@ class DesignSpace:
 
     def __post_init__(self) -> None:
         if not self.variables:
-            raise ValueError("variables must name at least one parameter, got none")
+            raise Refused("variables must name at least one parameter, got none")
         names = [one.name for one in self.variables] + [one.name for one in self.links]
         if len(set(names)) < len(names):
-            raise ValueError(f"variables must not name a parameter twice, got {', '.join(names)}")
+            raise Refused(f"variables must not name a parameter twice, got {', '.join(names)}")
         for variable, (low, high) in zip(self.variables, self._bounds, strict=True):
             self._check(variable, low, high)
         for link in self.links:
             for name in (link.to, link.name):
                 if not (value := number(self.case, name)) > 0:
                     shown = text(self.case, name, value)
-                    raise ValueError(f"{name} must be positive where a link holds it, got {shown}")
+                    raise Refused(f"{name} must be positive where a link holds it, got {shown}")
         for corner in (np.zeros(len(self)), np.ones(len(self))):
             self._replaced(corner)  # which refuses bounds that the parameters refuse
 
     def _check(self, variable: Variable, low: float, high: float) -> None:
         if not low < high:
-            raise ValueError(
+            raise Refused(
                 f"{variable.name}: low must be below high, got {variable.low} and {variable.high}"
             )
         if variable.scale == "log" and low <= 0:
-            raise ValueError(f"{variable.name}: low must be positive for a log scale")
+            raise Refused(f"{variable.name}: low must be positive for a log scale")
         part = variable.name.split(".")
         if part[0] == "variation" and part[-1] != "scale":
-            raise ValueError(
+            raise Refused(
                 f"{variable.name} must be {'.'.join([*part[:2], 'scale'])}, the factor on all "
                 "differences of a variation, which has its price"
             )
         if self.case.instrument.optics.psf_file and variable.name in OF_IMAGES:
-            raise ValueError(
+            raise Refused(
                 f"{variable.name} must not be a variable beside psf_file, whose images are those "
                 "of one lens"
             )
         start = number(self.case, variable.name)
         if not low <= start <= high:
-            raise ValueError(
+            raise Refused(
                 f"{variable.name} must start in its bounds, from {variable.low} to "
                 f"{variable.high}, got {text(self.case, variable.name, start)}"
             )
@@ -160,7 +160,7 @@ class DesignSpace:
             try:
                 followed = number(unchecked(self.case, values), link.to)
             except ArithmeticError as error:
-                raise ValueError(f"{link.to} cannot be computed: {error}") from None
+                raise Refused(f"{link.to} cannot be computed: {error}") from None
             ratio = followed / number(self.case, link.to)
             values[link.name] = number(self.case, link.name) * ratio**link.power
         return replaced_all(self.case, values)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from startrack.core import Curve, Streams, finite, non_negative, one_of, parse, within
+from startrack.core import Curve, Refused, Streams, finite, non_negative, one_of, parse, within
 from startrack.design.parameter import find, replaced_all, unit_at
 
 LAWS = ("normal", "truncated", "uniform", "lognormal", "sinusoid", "table")
@@ -96,21 +96,21 @@ class Variation:
         within(-1, 1, correlation=self.correlation)
         non_negative(scale=self.scale, price=self.price)
         if self.price and not self.scale:
-            raise ValueError("scale must be positive where it has a price, got 0")
+            raise Refused("scale must be positive where it has a price, got 0")
         finite(phase=self.phase)
         if not self.name.startswith(TRUTH):
-            raise ValueError(
+            raise Refused(
                 "name must begin with instrument., scene. or catalog., for only the truth varies, "
                 f"got {self.name!r}"
             )
         if self.law == "lognormal" and self.vary != RELATIVE:
-            raise ValueError('vary must be "relative" for law lognormal, got "absolute"')
+            raise Refused('vary must be "relative" for law lognormal, got "absolute"')
         if (len(self.values) >= 2) != (self.law == "table"):
-            raise ValueError(
+            raise Refused(
                 f"values must be two or more for law table and none else, got {len(self.values)}"
             )
         if self.correlation != 1 and not self.group:
-            raise ValueError("correlation must be left out without a group")
+            raise Refused("correlation must be left out without a group")
 
     @property
     def cost(self) -> float:
@@ -178,21 +178,21 @@ def law_of(case: Any, one: Variation) -> Law:
     held = find(case, one.name)
     curve = isinstance(held, Curve)
     if isinstance(held, bool) or not (curve or isinstance(held, int | float)):
-        raise ValueError(f"{one.name} must be a number or a curve to vary, got {held!r}")
+        raise Refused(f"{one.name} must be a number or a curve to vary, got {held!r}")
     if curve and one.vary != RELATIVE:
-        raise ValueError(f'{one.name}: vary must be "relative" for a curve')
+        raise Refused(f'{one.name}: vary must be "relative" for a curve')
 
     def si(key: str, value: float | str) -> float:
         unit = unit_at(case, one.name) if one.vary == ABSOLUTE and not curve else None
         if isinstance(value, str):
             if unit is None:
-                raise ValueError(f"{one.name}: {key} must be a number without unit, got {value!r}")
+                raise Refused(f"{one.name}: {key} must be a number without unit, got {value!r}")
             try:
                 return parse(value, unit.si)
-            except ValueError as error:
-                raise ValueError(f"{one.name}: {key} {error}") from None
+            except Refused as error:
+                raise Refused(f"{one.name}: {key} {error}") from None
         if unit is not None and value:
-            raise ValueError(
+            raise Refused(
                 f"{one.name}: {key} must have a unit, such as '1 {unit.shown}', got {value:g}"
             )
         finite(**{key: value})
@@ -203,9 +203,9 @@ def law_of(case: Any, one: Variation) -> Law:
     )
     values = tuple(si("values", each) for each in one.values)
     if sigma < 0 or (one.law in ("truncated",) and not sigma > 0):
-        raise ValueError(f"{one.name}: sigma must be positive, got {one.sigma}")
+        raise Refused(f"{one.name}: sigma must be positive, got {one.sigma}")
     if one.law in ("uniform", "truncated") and not low < high:
-        raise ValueError(f"{one.name}: low must be below high, got {one.low} and {one.high}")
+        raise Refused(f"{one.name}: low must be below high, got {one.low} and {one.high}")
     return Law(one, sigma, low, high, mean, amplitude, values)
 
 
@@ -218,7 +218,7 @@ def check_variations(case: Any, variations: tuple[Variation, ...]) -> None:
     for one in variations:
         law_of(case, one)
         if one.stream in known:
-            raise ValueError(f"variation of {one.name} must be given once per {one.per}")
+            raise Refused(f"variation of {one.name} must be given once per {one.per}")
         known.add(one.stream)
 
 
@@ -297,8 +297,8 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
         values["instrument.residual.seed"] = int(own("residual of a unit").integers(2**62))
     try:
         truth = replaced_all(bare, values)
-    except ValueError as error:
-        raise ValueError(f"unit {moment.unit} of seed {seed}: {error}") from None
+    except Refused as error:
+        raise Refused(f"unit {moment.unit} of seed {seed}: {error}") from None
     return truth.unit_of(design)
 
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Frame, Psf, Spots, Unit, arcsec, one_of, positive, whole
+from startrack.core import Floats, Frame, Psf, Refused, Spots, Unit, arcsec, one_of, positive, whole
 from startrack.detection.dark_map import corrected
 from startrack.detection.pixels import gain_of
 from startrack.detection.plan import DetectionPlan
@@ -62,7 +62,7 @@ class Box:
     def __post_init__(self) -> None:
         positive(half_width=self.half_width, fainter=self.fainter, brighter=self.brighter)
         if self.size not in SIZES:
-            raise ValueError(f"size must be one of 4, 6 and 8, got {self.size}")
+            raise Refused(f"size must be one of 4, 6 and 8, got {self.size}")
         one_of(BACKGROUNDS, background=self.background)
         whole(2, 1000, stars=self.stars)
         positive(prior=self.prior)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Workspace, kernel, positive, whole
+from startrack.core import Floats, Ints, Refused, Workspace, kernel, positive, whole
 
 Image = NDArray[np.float32]
 
@@ -84,7 +84,7 @@ def corrected(
     Raises  ValueError where image and map differ in shape.
     """
     if value.shape != correction.offset.shape:
-        raise ValueError(
+        raise Refused(
             f"frames must have the shape {correction.offset.shape} of the dark map, got "
             f"{value.shape}"
         )

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Frame, Ints, Psf, Spots, positive
+from startrack.core import Floats, Frame, Ints, Psf, Refused, Spots, positive
 from startrack.detection.centroid import centroid
 from startrack.detection.find import Candidates, find
 from startrack.detection.parameters import Detection
@@ -61,7 +61,7 @@ def detect_near(
     positive(reach=reach)
     place = np.asarray(place, float)
     if place.ndim != 2 or place.shape[1] != 2:
-        raise ValueError(f"place must have the shape (m, 2), got {place.shape}")
+        raise Refused(f"place must have the shape (m, 2), got {place.shape}")
     plan = planned(settings, psf)
     image = calibrated(frame, plan)
     return centroid(frame, image, _near(image, place, reach, plan), plan)

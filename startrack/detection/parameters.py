@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from startrack.core import (
+    Refused,
     Unit,
     code_field,
     full_name,
@@ -94,11 +95,11 @@ class Detection:
         within(0.3, 10, kernel_sigma=self.kernel_sigma)
         whole(3, 31, window=self.window)
         if self.window % 2 == 0:
-            raise ValueError(f"window must be odd, got {self.window}")
+            raise Refused(f"window must be odd, got {self.window}")
         whole(8, 1024, mesh=self.mesh)
         whole(1, 2**30, min_area=self.min_area, max_area=self.max_area, max_spots=self.max_spots)
         if self.max_area < self.min_area:
-            raise ValueError(
+            raise Refused(
                 f"max_area must be at least min_area = {self.min_area}, got {self.max_area}"
             )
         non_negative(sharpest_sigma=self.sharpest_sigma)
@@ -108,7 +109,7 @@ class Detection:
         if self.dark_map_age is not None:
             non_negative(dark_map_age=self.dark_map_age)
             if self.dark_map is None:
-                raise ValueError("dark_map_age must come with a dark_map")
+                raise Refused("dark_map_age must come with a dark_map")
 
     @property
     def smear(self) -> tuple[float, float]:

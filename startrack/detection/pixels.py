@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Frame, Ints
+from startrack.core import Frame, Ints, Refused
 from startrack.detection.robust import clipped
 
 Image = NDArray[np.float32]
@@ -71,16 +71,16 @@ def pixels(frame: Frame) -> Pixels:
     if image.dtype.kind not in "iuf":
         raise TypeError(f"image must hold real numbers, got {image.dtype}")
     if image.ndim != 2:
-        raise ValueError(f"image must have two dimensions (rows, columns), got {image.shape}")
+        raise Refused(f"image must have two dimensions (rows, columns), got {image.shape}")
     if not image.size:
-        raise ValueError(f"image must not be empty, got {image.shape}")
+        raise Refused(f"image must not be empty, got {image.shape}")
     value, pivot = _narrow(image)
     gain = gain_of(frame, pivot)
     if image.dtype.kind != "f" and image.dtype.itemsize <= 2:
         return Pixels(value, pivot, 1.0, None, gain)
     dead = ~(np.abs(value) < LARGEST)  # NaN too
     if dead.all():
-        raise ValueError(f"image must hold finite values below {LARGEST:g}, got none")
+        raise Refused(f"image must hold finite values below {LARGEST:g}, got none")
     marks = None
     if dead.any():
         value, marks = _filled(value, dead), dead.astype(np.uint8)
@@ -132,7 +132,7 @@ def subtract_dark(frame: Frame, dark: Frame) -> Frame:
     Raises       ValueError where the shapes differ.
     """
     if frame.image.shape != dark.image.shape:
-        raise ValueError(
+        raise Refused(
             f"dark must have the frame's shape {frame.image.shape}, got {dark.image.shape}"
         )
     difference = np.subtract(frame.image, dark.image, dtype=np.float32)
@@ -157,13 +157,13 @@ def divide_flat(frame: Frame, flat: Frame) -> Frame:
     Raises   ValueError where the shapes differ or the flat holds no light.
     """
     if frame.image.shape != flat.image.shape:
-        raise ValueError(
+        raise Refused(
             f"flat must have the frame's shape {frame.image.shape}, got {flat.image.shape}"
         )
     response = np.asarray(flat.image, np.float32) - np.float32(flat.offset)
     mean = float(np.nanmean(response)) if np.isfinite(response).any() else 0.0
     if not mean > 0:
-        raise ValueError(f"flat must hold light above its offset, got a mean of {mean:g}")
+        raise Refused(f"flat must hold light above its offset, got a mean of {mean:g}")
     response /= np.float32(mean)
     light = np.asarray(frame.image, np.float32) - np.float32(frame.offset)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -181,7 +181,7 @@ def without_pixels(frame: Frame, x: Ints, y: Ints) -> Frame:
     outside = (x < 0) | (x >= columns) | (y < 0) | (y >= rows)
     if outside.any():
         first = int(np.argmax(outside))
-        raise ValueError(
+        raise Refused(
             f"pixels must lie within {columns} columns and {rows} rows, got column {x[first]}, "
             f"row {y[first]}"
         )

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
-from startrack.core import Floats, Frame, Psf, Workspace, is_code
+from startrack.core import Floats, Frame, Psf, Refused, Workspace, is_code
 from startrack.detection.dark_map import Calibration, Correction, corrected, correction_of
 from startrack.detection.extension_centroid import method_of
 from startrack.detection.matched import Kernel, kernel_of
@@ -59,7 +59,7 @@ class DetectionPlan:
         if self.settings.dark_map is None:
             return None
         if self.dark is None:
-            raise ValueError(
+            raise Refused(
                 "detection.dark_map needs dark frames of the detector, and this image comes "
                 "without: subtract a dark frame from it and leave dark_map out"
             )

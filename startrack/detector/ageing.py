@@ -13,6 +13,7 @@ from startrack.core import (
     BOLTZMANN,
     ZERO_CELSIUS,
     Floats,
+    Refused,
     Streams,
     Unit,
     non_negative,
@@ -207,27 +208,27 @@ class Age:
         if (self.time is None) == (self.year is None) or (self.year is None) != (
             self.launch is None
         ):
-            raise ValueError("age must have either time, or year and launch")
+            raise Refused("age must have either time, or year and launch")
         if self.time is not None:
             within(0, 100 * YEAR, time=self.time)
         if self.year is not None and self.launch is not None:
             within(1950, 2150, year=self.year, launch=self.launch)
             if self.year < self.launch:
-                raise ValueError(f"year must not be before launch = {self.launch}, got {self.year}")
+                raise Refused(f"year must not be before launch = {self.launch}, got {self.year}")
         non_negative(fluence=self.fluence, sensitivity_loss=self.sensitivity_loss)
         positive(depleted=self.depleted, interaction=self.interaction)
         within(0, 1, annealed=self.annealed)
         within(0, 1e-3 / YEAR, transfer_loss=self.transfer_loss)
         if (self.inclination is None) != (self.shielding is None):
-            raise ValueError("age must have inclination and shielding together, or neither")
+            raise Refused("age must have inclination and shielding together, or neither")
         if self.inclination is not None and self.fluence:
-            raise ValueError("fluence must be left out where inclination and shielding give it")
+            raise Refused("fluence must be left out where inclination and shielding give it")
         if self.dose is not None:
             non_negative(dose=self.dose)
             if self.inclination is not None or self.fluence:
-                raise ValueError("dose must be left out beside fluence, inclination and shielding")
+                raise Refused("dose must be left out beside fluence, inclination and shielding")
         if self.protons and self.family != "interactions":
-            raise ValueError("fluence must be left out beside a family with a law of its own")
+            raise Refused("fluence must be left out beside a family with a law of its own")
 
     @property
     def protons(self) -> float:

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from startrack.core import Floats, Streams
+from startrack.core import Floats, Refused, Streams
 from startrack.detector.collect import background, background_tables
 from startrack.detector.maps import device_streams
 from startrack.detector.parameters import Detector
@@ -26,7 +26,7 @@ def dark_frames(detector: Detector, frames: int) -> tuple[Floats, float]:
     Raises    ValueError for a detector of lines.
     """
     if detector.scan:
-        raise ValueError("dark_map must be left out where lines scan")
+        raise Refused("dark_map must be left out where lines scan")
     # On the ground no particle hits, and no star leaves a charge.
     detector = replace(detector, hits=None, lag=0.0)
     electrons, tables = background(detector, 0.0), background_tables(detector, 0.0)

@@ -17,6 +17,7 @@ from startrack.core import (
     Light,
     LineOfSight,
     Psf,
+    Refused,
     Streams,
     require_memory,
 )
@@ -117,9 +118,9 @@ def expected(exposure: Exposure) -> Floats:
     """
     light, camera, detector = exposure.light, exposure.camera, exposure.detector
     if detector.scan:
-        raise ValueError("detector must be a matrix where a frame is exposed at once, got lines")
+        raise Refused("detector must be a matrix where a frame is exposed at once, got lines")
     if (camera.rows, camera.columns) != (detector.rows, detector.columns):
-        raise ValueError(
+        raise Refused(
             f"camera and detector must have the same size, got {camera.columns} x {camera.rows} "
             f"and {detector.columns} x {detector.rows} pixel"
         )

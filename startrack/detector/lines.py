@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from startrack.core import finite, non_negative, one_of, whole
+from startrack.core import Refused, finite, non_negative, one_of, whole
 
 KINDS = ("line", "staggered", "tdi", "lines")
 
@@ -76,9 +76,9 @@ class Scan:
         whole(1, 2**12, stages=self.stages)
         non_negative(distance=self.distance)
         if bool(self.lines) != (self.kind == "lines"):
-            raise ValueError(f"lines must be given for the kind 'lines' alone, got {self.kind!r}")
+            raise Refused(f"lines must be given for the kind 'lines' alone, got {self.kind!r}")
         if self.stages > 1 and self.kind != "tdi":
-            raise ValueError(f"stages must be 1 for the kind {self.kind!r}, got {self.stages}")
+            raise Refused(f"stages must be 1 for the kind {self.kind!r}, got {self.stages}")
 
     @property
     def all_lines(self) -> tuple[Line, ...]:

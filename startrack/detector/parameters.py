@@ -11,6 +11,7 @@ from startrack.core import (
     ALL,
     ZERO_CELSIUS,
     Curve,
+    Refused,
     Unit,
     code_field,
     finite,
@@ -167,7 +168,7 @@ class Detector:
             for one in names:
                 one_of_or_code((), **{group: one})
         if 4 * abs(self.adc_inl) >= 2**self.bits - 1:
-            raise ValueError(
+            raise Refused(
                 f"adc_inl must stay under a quarter of the converter's range, got {self.adc_inl}"
             )
         if self.region:
@@ -181,7 +182,7 @@ class Detector:
             ("rows", region.top, self.rows, region.array_rows),
         ):
             if start + length * self.binning > array:
-                raise ValueError(
+                raise Refused(
                     f"region must lie on the array's {array} {name}, got {start} to "
                     f"{start + length * self.binning}"
                 )
@@ -195,9 +196,9 @@ class Detector:
             "age": self.age,
         }
         for name in (name for name, there in matrix_only.items() if there):
-            raise ValueError(f"{name} must be left out where lines scan")
+            raise Refused(f"{name} must be left out where lines scan")
         if self.columns * scan.phases > self.pixel_rate * self.exposure * (1 + 1e-9):
-            raise ValueError(
+            raise Refused(
                 f"pixel_rate must read {self.columns * scan.phases} pixel within an exposure of "
                 f"{self.exposure:g} s where lines scan, got {self.pixel_rate:g} pixel / s"
             )

@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Frame, Light, Psf, Streams, require_memory, whole
+from startrack.core import (
+    Camera,
+    Floats,
+    Frame,
+    Light,
+    Psf,
+    Refused,
+    Streams,
+    require_memory,
+    whole,
+)
 from startrack.detector.collect import diffuse_electrons, electron_rate
 from startrack.detector.expose import frame_of
 from startrack.detector.lines import Line
@@ -65,12 +75,12 @@ def scanned(
     """The expected electrons (count, columns * phases) of `scan`."""
     whole(1, 2**20, count=count)
     if camera.columns != detector.columns or len(lines) != detector.rows:
-        raise ValueError(
+        raise Refused(
             "detector must have the camera's columns and a row for each line, got "
             f"{detector.columns} x {detector.rows} for {camera.columns} and {len(lines)}"
         )
     if detector.read_noise_spread:
-        raise ValueError(
+        raise Refused(
             f"read_noise_spread must be 0 where lines scan, got {detector.read_noise_spread}"
         )
     star_rate, sky_rate = electron_rate(light, detector, throughput)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Streams, Workspace, kernel
+from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Refused, Streams, Workspace, kernel
 from startrack.detector.collect import background, background_tables
 from startrack.detector.digitise import digitise_window, draw_number, keys, work_row
 from startrack.detector.expose import colours, to_frame
@@ -72,7 +72,7 @@ def require_independent_pixels(detector: Detector) -> None:
     }
     named = [name for name, there in effects.items() if there]
     if named or in_steps(detector):
-        raise ValueError(
+        raise Refused(
             "windows need independent pixels, so that the detector must be "
             f"without {' and '.join(named)}; choose the fidelity frame"
         )

@@ -12,6 +12,7 @@ from startrack.core import (
     Floats,
     Ints,
     Matches,
+    Refused,
     Spots,
     first_not_below,
     kernel,
@@ -279,7 +280,7 @@ def refit(spots: Spots, matches: Matches, camera: Camera, settings: Identificati
     Raises    ValueError where the matches are not solved.
     """
     if matches.icrs_to_camera is None:
-        raise ValueError(f"matches must be solved, got {matches.status}: {matches.reason}")
+        raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
     if settings.focal_tolerance == 0:
         return camera
     every = np.arange(len(matches))

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from startrack.core import Camera, Matches, Spots, Stars, deg, within
+from startrack.core import Camera, Matches, Refused, Spots, Stars, deg, within
 from startrack.identification.identify import identify
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
@@ -32,7 +32,7 @@ def fields(narrowest: float = NARROWEST, widest: float = WIDEST) -> list[float]:
     """
     within(1e-3, 2.5, narrowest=narrowest, widest=widest)
     if narrowest > widest:
-        raise ValueError(f"narrowest must not be above widest, got {narrowest} and {widest}")
+        raise Refused(f"narrowest must not be above widest, got {narrowest} and {widest}")
     steps = [narrowest]
     reach = math.tan(narrowest / 2) * (1 + tolerance(narrowest))
     while reach < math.tan(widest / 2):

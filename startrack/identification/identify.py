@@ -14,6 +14,7 @@ from startrack.core import (
     Floats,
     Ints,
     Matches,
+    Refused,
     Spots,
     Stars,
     Status,
@@ -56,7 +57,7 @@ def identify(
               or clouds are clustered, and so are stars.
     """
     if index.stars != len(stars):
-        raise ValueError(
+        raise Refused(
             f"index must be built from the same stars, got {index.stars} stars in the index "
             f"and {len(stars)} in the catalogue"
         )

@@ -9,7 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Camera, Floats, Ints, Stars, deg, kernel, positive, whole, within
+from startrack.core import (
+    Camera,
+    Floats,
+    Ints,
+    Refused,
+    Stars,
+    deg,
+    kernel,
+    positive,
+    whole,
+    within,
+)
 from startrack.identification.index_stars import local_rank, merged
 from startrack.identification.sky import SkyGrid, VerificationStars, cone, sky_grid
 
@@ -159,7 +170,7 @@ def build_index(
     length = np.linalg.norm(stars.direction, axis=1)
     if not (np.abs(length - 1) < 1e-6).all():
         worst = length[np.argmax(np.abs(length - 1))]
-        raise ValueError(f"stars.direction must be unit vectors, got one of length {worst}")
+        raise Refused(f"stars.direction must be unit vectors, got one of length {worst}")
 
     single, names = merged(stars, field_of_view / POINTS if resolution is None else resolution)
     radius = field_of_view / math.sqrt(math.pi)  # of the disc with the area of the field

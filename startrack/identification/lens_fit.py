@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Matches, Spots, Stars
+from startrack.core import Camera, Floats, Matches, Refused, Spots, Stars
 from startrack.identification.identify import refined
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
@@ -65,7 +65,7 @@ def fit_lens(
                     median, and 2 at most, of those with a camera fitted to all of them.
     """
     if matches.icrs_to_camera is None:
-        raise ValueError(f"matches must be solved, got {matches.status}: {matches.reason}")
+        raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
     found = _Fit(spots, matches, STAGES[0])
     for free in STAGES[1:]:
         if 2 * len(found.matches) - 3 - len(free) < LEAST_FREE:

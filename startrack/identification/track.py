@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Matches, Spots, Stars, is_code, kernel
+from startrack.core import Camera, Floats, Matches, Refused, Spots, Stars, is_code, kernel
 from startrack.identification.extension_method import matches_by_code
 from startrack.identification.fit import derivatives, fit, turned
 from startrack.identification.identify import identify, refined
@@ -216,7 +216,7 @@ def track(
     """
     covariance = np.array(covariance, float)
     if covariance.shape != (3, 3) or not (np.linalg.eigvalsh(covariance) > 0).all():
-        raise ValueError(f"covariance must be (3, 3) and positive definite, got {covariance}")
+        raise Refused(f"covariance must be (3, 3) and positive definite, got {covariance}")
     believed = replace(settings, focal_tolerance=0.0)
     finite = usable(spots)
     if is_code(settings.method):

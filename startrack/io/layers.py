@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from startrack.core import shown
+from startrack.core import Refused, shown
 from startrack.io.shipped import shipped
 from startrack.io.tables import read_table
 
@@ -111,15 +111,15 @@ def _joined(below: list[Any], above: list[Any], alike: Mapping[str, Any]) -> lis
 
 def _read(path: Path, what: str, joined: Joined, above: tuple[Path, ...]) -> Layers:
     if path.resolve() in above:
-        raise ValueError(f"{above[0]}: base and include must not lead back to {path}")
+        raise Refused(f"{above[0]}: base and include must not lead back to {path}")
     if len(above) == DEEPEST:
-        raise ValueError(f"{above[0]} must have at most {DEEPEST} files below each other")
+        raise Refused(f"{above[0]} must have at most {DEEPEST} files below each other")
     own = read_table(path, what)
     below, more = own.pop("base", None), own.pop("include", [])
     if below is not None and not isinstance(below, str):
-        raise ValueError(f"{path}: base must be the name of a file, got {shown(below)}")
+        raise Refused(f"{path}: base must be the name of a file, got {shown(below)}")
     if not (isinstance(more, list) and all(isinstance(one, str) for one in more)):
-        raise ValueError(f"{path}: include must be a list of names of files, got {shown(more)}")
+        raise Refused(f"{path}: include must be a list of names of files, got {shown(more)}")
     layers = Layers()
     for key, name in [("base", below)] * (below is not None) + [("include", one) for one in more]:
         read = _read(_found(path, key, str(name)), what, joined, (*above, path.resolve()))
@@ -133,7 +133,7 @@ def _found(path: Path, key: str, name: str) -> Path:
         beside = path.parent / name
         return beside if name and beside.exists() else shipped(name or "-")
     except (OSError, ValueError):  # not there, or a name that no file can have
-        raise ValueError(
+        raise Refused(
             f"{path}: {key} must be the name of a file beside it, or of one in the catalogue, such "
             f"as 'designs/nanosatellite.toml', got {shown(name)}"
         ) from None
@@ -142,7 +142,7 @@ def _found(path: Path, key: str, name: str) -> Path:
 def _changed(change: str) -> dict[str, Any]:
     key, equals, text = (part.strip() for part in change.partition("="))
     if not (equals and KEY.fullmatch(key)):
-        raise ValueError(
+        raise Refused(
             f"{SET} must be KEY=VALUE, such as instrument.optics.f_number=2.0, got {shown(change)}"
         )
     try:

@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
-from startrack.core import Unit, fraction, moderate, parse, shown, write
+from startrack.core import Refused, Unit, fraction, moderate, parse, shown, write
 from startrack.io.reading import read_bytes
 
 T = TypeVar("T")
@@ -44,13 +44,13 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
     with a FutureWarning of one line.
     """
     if not isinstance(table, Mapping):
-        raise ValueError(f"{place or 'the file'} must be a table, got {shown(table)}")
+        raise Refused(f"{place or 'the file'} must be a table, got {shown(table)}")
     fields = fields_of(kind)  # type: ignore[arg-type]
     table = _with_new_keys(kind, table, place)
     for key in table:
         if key not in fields:
             near = difflib.get_close_matches(str(key)[:LONGEST_NAME], fields, 1)
-            raise ValueError(
+            raise Refused(
                 f"{_join(place, shown(key)[1:-1])} is unknown; "
                 + (f"did you mean {near[0]}? " if near else "")
                 + f"known here are {', '.join(fields) or 'no keys'}"
@@ -58,11 +58,11 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
     values = {key: _read(fields[key], value, _join(place, key)) for key, value in table.items()}
     missing = [name for name, each in fields.items() if name not in values and each.required]
     if missing:
-        raise ValueError(f"{_join(place, missing[0])} is missing")
+        raise Refused(f"{_join(place, missing[0])} is missing")
     try:
         return kind(**values)
     except (ValueError, TypeError, ArithmeticError) as error:
-        raise ValueError(_join(place, _sentence(error))) from None
+        raise Refused(_join(place, _sentence(error))) from None
 
 
 def _sentence(error: Exception) -> str:
@@ -83,7 +83,7 @@ def _with_new_keys(kind: type, table: Mapping[str, Any], place: str) -> dict[str
         new = current_key(kind, key)
         if new != key:
             if new in table:
-                raise ValueError(f"{_join(place, key)} must not stand beside {new}, its new name")
+                raise Refused(f"{_join(place, key)} must not stand beside {new}, its new name")
             warnings.warn(f"{_join(place, key)} is now called {new}", FutureWarning, stacklevel=4)
         renamed[new] = value
     return renamed
@@ -98,20 +98,20 @@ def read_table(path: Path, what: str) -> dict[str, Any]:
     try:
         text = read_bytes(path, what, LARGEST).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path} must be a TOML file: {error}") from None
+        raise Refused(f"{path} must be a TOML file: {error}") from None
     except OSError as error:
-        raise ValueError(str(error) if error.errno is None else f"{path}: {error}") from None
+        raise Refused(str(error) if error.errno is None else f"{path}: {error}") from None
     if key := _long_key(text):
-        raise ValueError(
+        raise Refused(
             f"{path} must have keys of at most {LONGEST_KEY} parts, got {shown(key)} of "
             f"{key.count('.') + 1}"
         )
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise ValueError(f"{path} must be a TOML file without deeply nested values") from None
+        raise Refused(f"{path} must be a TOML file without deeply nested values") from None
     except ValueError as error:
-        raise ValueError(f"{path} must be a TOML file: {error}") from None
+        raise Refused(f"{path} must be a TOML file: {error}") from None
 
 
 def _long_key(text: str) -> str:
@@ -201,40 +201,36 @@ def _read(field: Field, value: object, place: str) -> Any:
         return from_table(typing.cast(type, kind), value, place)
     if typing.get_origin(kind) is tuple:
         if not isinstance(value, list):
-            raise ValueError(f"{place} must be a list, got {shown(value)}")
+            raise Refused(f"{place} must be a list, got {shown(value)}")
         inner, own = _bare(typing.get_args(kind)[0])
         each = field._replace(kind=inner, unit=own or unit)
         return tuple(_read(each, item, f"{place}[{i}]") for i, item in enumerate(value))
     if unit and kind is float:
         if not isinstance(value, str):
-            raise ValueError(
-                f"{place} must have a unit, such as '1 {unit.shown}', got {shown(value)}"
-            )
+            raise Refused(f"{place} must have a unit, such as '1 {unit.shown}', got {shown(value)}")
         try:
             return _moderate(parse(value, unit.si, unit.absolute, unit.clock), place)
         except ValueError as error:
             text = str(error)
-            raise ValueError(text if text.startswith(place) else f"{place} {text}") from None
+            raise Refused(text if text.startswith(place) else f"{place} {text}") from None
     if kind is float and isinstance(value, str) and (share := fraction(value)) is not None:
         return _moderate(share, place)
     whole = isinstance(value, int) and not isinstance(value, bool)
     if whole and abs(typing.cast(int, value)) > LARGEST_INTEGER:
-        raise ValueError(f"{place} must be a number below 2^63, got {shown(value)}")
+        raise Refused(f"{place} must be a number below 2^63, got {shown(value)}")
     if kind in (float, NUMBER_OR_TEXT) and whole:
         return float(typing.cast(int, value))
     if kind == NUMBER_OR_TEXT:
         if not isinstance(value, float | str):
-            raise ValueError(
-                f"{place} must be a number or a string with a unit, got {shown(value)}"
-            )
+            raise Refused(f"{place} must be a number or a string with a unit, got {shown(value)}")
         return _moderate(value, place) if isinstance(value, float) else value
     if isinstance(kind, type) and issubclass(kind, StrEnum):
         for member in kind:
             if value == member:
                 return member
-        raise ValueError(f"{place} must be one of {', '.join(kind)}, got {shown(value)}")
+        raise Refused(f"{place} must be one of {', '.join(kind)}, got {shown(value)}")
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-        raise ValueError(f"{place} must be {NAMES.get(kind, kind.__name__)}, got {shown(value)}")
+        raise Refused(f"{place} must be {NAMES.get(kind, kind.__name__)}, got {shown(value)}")
     if kind is float and not field.open:
         return _moderate(typing.cast(float, value), place)
     return value

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from startrack.core import Floats, non_negative, positive, whole
+from startrack.core import Floats, Refused, non_negative, positive, whole
 
 PHASES = 8  # sub-pixel positions per axis for the mean; 16 change the bound by less than 1e-3
 REACH = 6.0  # sigma, half width of the star's pixels: 2e-9 of the light lies outside
@@ -85,7 +85,7 @@ def centre_of_gravity_error(star: Star, window: int) -> tuple[float, float]:
               noise. Smear is ignored.
     """
     if window < 1 or window % 2 == 0:
-        raise ValueError(f"window must be odd and positive, got {window}")
+        raise Refused(f"window must be odd and positive, got {window}")
     pixel = np.arange(window) - window // 2
     phases = (np.arange(4 * PHASES) + 0.5) / (4 * PHASES) - 0.5
     noise = bias = 0.0
@@ -147,7 +147,7 @@ def attitude_bound(
     """
     for name, field in (("fov_x", fov_x), ("fov_y", fov_y)):
         if not 0 < field < math.pi:
-            raise ValueError(f"{name} must lie in (0, pi) radian, got {field}")
+            raise Refused(f"{name} must lie in (0, pi) radian, got {field}")
     whole(3, 10**6, stars=stars)
     positive(sigma=sigma)
     node, weight = np.polynomial.legendre.leggauss(NODES)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from startrack.core import Floats, positive
+from startrack.core import Floats, Refused, positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +47,12 @@ def indices(error: Floats, step: float, window: float, lag: int = 1) -> Indices:
     each = round(window / step)
     count = len(error) // each if each else 0
     if count < 1:
-        raise ValueError(
+        raise Refused(
             f"window must last from one step ({step} s) to the sequence ({len(error) * step} s), "
             f"got {window} s"
         )
     if lag < 1:
-        raise ValueError(f"lag must be at least one window, got {lag}")
+        raise Refused(f"lag must be at least one window, got {lag}")
     windows = error[: count * each].reshape(count, each, *error.shape[1:])
     mean = windows.mean(axis=1)
     relative = (windows - mean[:, None]).reshape(count * each, *error.shape[1:])

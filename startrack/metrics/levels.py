@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 from startrack.metrics.summary import Interval
 
 # The usual confidence levels of specifications: 1, 2 and 3 sigma of a normal error.
@@ -126,10 +126,10 @@ def levels(error: Floats, fractions: Sequence[float] = LEVELS) -> tuple[Interval
 def _sizes(error: Floats, fraction: float) -> Floats:
     _proper(fraction)
     if error.ndim != 2 or error.size == 0:
-        raise ValueError(f"error must have members and times, got shape {error.shape}")
+        raise Refused(f"error must have members and times, got shape {error.shape}")
     return np.abs(error)
 
 
 def _proper(fraction: float) -> None:
     if not 0 < fraction < 1:
-        raise ValueError(f"fraction and confidence must lie in (0, 1), got {fraction}")
+        raise Refused(f"fraction and confidence must lie in (0, 1), got {fraction}")

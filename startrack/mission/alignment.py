@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +52,13 @@ def relative_alignment(first: Rotation, second: Rotation, features: Floats) -> R
     features = np.atleast_2d(np.asarray(features, float))
     count, parts = features.shape
     if len(first) != count or len(second) != count or count <= parts:
-        raise ValueError(
+        raise Refused(
             f"features must have a row for each of the attitudes, more than their {parts} columns, "
             f"got {count} for {len(first)} and {len(second)} attitudes"
         )
     scale = np.sqrt((features**2).mean(axis=0))
     if (scale == 0).any() or np.linalg.cond(features / np.where(scale, scale, 1)) > 1e8:
-        raise ValueError("features must not depend on each other, nor be zero")
+        raise Refused("features must not depend on each other, nor be zero")
     apart = (second * first.inv()).as_rotvec()
     coefficient = np.linalg.lstsq(features / scale, apart, rcond=None)[0] / scale[:, None]
     rest = apart - features @ coefficient

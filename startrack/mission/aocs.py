@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from startrack.budget import Budget, Law, Term, analytic
+from startrack.core import Refused
 from startrack.design import Case, turning
 from startrack.io import save_json, save_text
 from startrack.mission.heads import limits_of
@@ -114,7 +115,7 @@ def _over_rates(case: Case) -> tuple[list[float], list[Budget[Law]]]:
         rate = smear * pixel
         try:
             found = analytic(turning(case, rate))
-        except ValueError:  # no field has an attitude
+        except Refused:  # no field has an attitude
             break
         if found.availability < LEAST:
             break

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, require_memory
+from startrack.core import Floats, Refused, require_memory
 from startrack.mission.bodies import PLANETS
 from startrack.mission.fusion import fused_variance
 from startrack.mission.heads import (
@@ -97,8 +97,8 @@ def plan_of(
         )
         try:
             found = surrogate_of(case, ranges, state)
-        except ValueError as error:
-            raise ValueError(f"head {heads[same[0]].name}: {error}") from None
+        except Refused as error:
+            raise Refused(f"head {heads[same[0]].name}: {error}") from None
         made |= dict.fromkeys(same, found)
         advance(len(same))
     return Plan(

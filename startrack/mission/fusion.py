@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 
 
 def fused_variance(
@@ -68,7 +68,7 @@ def fuse(
     Raises       ValueError where there is no attitude, or not a covariance for each.
     """
     if not attitudes or len(attitudes) != len(covariances):
-        raise ValueError(
+        raise Refused(
             "attitudes and covariances must be one or more, and as many, got "
             f"{len(attitudes)} and {len(covariances)}"
         )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from startrack.attitude import Mounting
 from startrack.budget import exclusions
-from startrack.core import Floats, deg
+from startrack.core import Floats, Refused, deg
 from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
 from startrack.mission.limb import EarthSeen
@@ -60,7 +60,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(one) for one in (self.sun, self.moon, self.earth)):
-            raise ValueError(
+            raise Refused(
                 "baffle must keep out Sun, Moon and Earth at some angle below 120 deg, or the head "
                 "must give its exclusion angles"
             )
@@ -118,8 +118,8 @@ def mount(head: Head, case: Case) -> Mounted:
     half = case.instrument.camera.half_diagonal
     try:
         limits = limits_of(head, case)
-    except ValueError as error:
-        raise ValueError(f"head {head.name}: {error}") from None
+    except Refused as error:
+        raise Refused(f"head {head.name}: {error}") from None
     age = head.age if ages(case, head) else None
     warmth = head.temperature if warms(case) else Warmth()
     return Mounted(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from startrack.core import Floats, installed_tables, utc
+from startrack.core import Floats, Refused, installed_tables, utc
 from startrack.mission.ccsds import read_aem
 from startrack.mission.parameters import Attitude, Scan
 from startrack.mission.spice import read_ck
@@ -140,12 +140,12 @@ def _file(attitude: Attitude, begin: str) -> Law:
     with installed_tables():
         second = np.asarray((Time(list(file.epoch), scale=file.scale) - utc(begin)).sec)
     if len(second) < 2 or (np.diff(second) <= 0).any():
-        raise ValueError("attitude.aem must hold two or more attitudes at rising times")
+        raise Refused("attitude.aem must hold two or more attitudes at rising times")
     course = Slerp(second, Rotation.from_quat(file.quaternion))
 
     def law(place: Place) -> Floats:
         if place.second[0] < second[0] - BEYOND or place.second[-1] > second[-1] + BEYOND:
-            raise ValueError(
+            raise Refused(
                 f"attitude.aem must hold the mission's time, to {place.second[-1]:g} s after its "
                 f"begin, got {second[0]:g} to {second[-1]:g} s"
             )

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from startrack.core import Floats, installed_tables, utc
+from startrack.core import Floats, Refused, installed_tables, utc
 from startrack.mission.ccsds import Ephemeris, read_oem
 from startrack.mission.parameters import Orbit
 from startrack.mission.spice import read_spk
@@ -129,7 +129,7 @@ class Sgp4:
             self.jd[0] + days, self.jd[1] + (second - days * DAY) / DAY
         )
         if code.any():
-            raise ValueError(f"orbit.tle must last, got {SGP4_ERRORS[int(code[code > 0][0])]}")
+            raise Refused(f"orbit.tle must last, got {SGP4_ERRORS[int(code[code > 0][0])]}")
         return 1e3 * place.T, 1e3 * speed.T
 
 
@@ -175,7 +175,7 @@ def sun_synchronous(axis: float, eccentricity: float = 0.0) -> float:
     rate = Kepler(axis, eccentricity, 0.0, 0.0, 0.0, 0.0).rates[0]
     cosine = 2 * math.pi / YEAR / rate
     if cosine < -1:
-        raise ValueError(
+        raise Refused(
             "local_time must be left out above 5972 km, where no orbit is Sun-synchronous, got "
             f"an altitude of {(axis - EARTH_RADIUS) / 1e3:g} km"
         )
@@ -208,7 +208,7 @@ class Along:
         """See `Path6`; raises ValueError outside the file's times."""
         first, last = self.second[0], self.second[-1]
         if second[0] < first - BEYOND or second[-1] > last + BEYOND:
-            raise ValueError(
+            raise Refused(
                 f"orbit.oem must hold the mission's time, from {second[0]:g} to {second[-1]:g} s "
                 f"after its begin, got {first:g} to {last:g} s"
             )
@@ -234,6 +234,6 @@ def _along(file: Ephemeris, begin: str) -> Along:
         dates = Time(list(file.epoch), scale=file.scale)
         second = np.asarray((dates - utc(begin)).sec)
     if len(second) < 2 or (np.diff(second) <= 0).any():
-        raise ValueError("orbit.oem must hold two or more states at rising times")
+        raise Refused("orbit.oem must hold two or more states at rising times")
     points = min(file.degree + 1, len(second))
     return Along(second, file.place.T, file.speed.T, points)

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from startrack.attitude import Mounting
 from startrack.core import (
     Floats,
+    Refused,
     Unit,
     deg,
     finite,
@@ -72,7 +73,7 @@ class Orbit:
 
     def __post_init__(self) -> None:
         if (self.altitude is not None) + bool(self.tle) + (self.oem is not None) != 1:
-            raise ValueError("exactly one of altitude, tle and oem must be given")
+            raise Refused("exactly one of altitude, tle and oem must be given")
         if self.tle:
             _check_lines(self.tle)
         if self.altitude is not None:
@@ -83,12 +84,12 @@ class Orbit:
         within(0, 0.9, eccentricity=self.eccentricity)
         positive(altitude=altitude)
         if (EARTH_RADIUS + altitude) * (1 - self.eccentricity) < EARTH_RADIUS + LOWEST:
-            raise ValueError(
+            raise Refused(
                 "altitude and eccentricity must keep the perigee above 80 km, got "
                 f"{altitude / 1e3:g} km and {self.eccentricity:g}"
             )
         if (self.inclination is None) == (self.local_time is None):
-            raise ValueError("exactly one of inclination and local_time must be given")
+            raise Refused("exactly one of inclination and local_time must be given")
         if self.inclination is not None:
             within(0, math.pi, inclination=self.inclination)
         if self.local_time is not None:
@@ -99,16 +100,16 @@ class Orbit:
 
 def _check_lines(lines: tuple[str, ...]) -> None:
     if len(lines) != 2:
-        raise ValueError(f"tle must be two lines, got {len(lines)}")
+        raise Refused(f"tle must be two lines, got {len(lines)}")
     for number, line in enumerate(lines, 1):
         if len(line) != 69 or not line.startswith(f"{number} "):
-            raise ValueError(
+            raise Refused(
                 f"line {number} of tle must have 69 characters and begin with {number}, got "
                 f"{shown(line)}"
             )
         total = sum(int(c) if c in "0123456789" else c == "-" for c in line[:68]) % 10
         if line[68] != str(total):
-            raise ValueError(f"line {number} of tle must end in its checksum {total}, got {line!r}")
+            raise Refused(f"line {number} of tle must end in its checksum {total}, got {line!r}")
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,7 @@ class Attitude:
         finite(longitude=self.longitude)
         within(-500.0, 9000.0, height=self.height)
         if (self.law == "aem") != (self.aem is not None):
-            raise ValueError("aem must be given with law = 'aem', and with no other")
+            raise Refused("aem must be given with law = 'aem', and with no other")
 
 
 @dataclass(frozen=True)
@@ -248,17 +249,17 @@ class Head:
         if self.unit is not None:
             whole(0, 10**6, unit=self.unit)
         if len(self.position) != 3:
-            raise ValueError(f"position must be three lengths, got {len(self.position)}")
+            raise Refused(f"position must be three lengths, got {len(self.position)}")
         if self.clear is not None:
             within(0, math.pi, clear=self.clear)
         if not self.name:
-            raise ValueError("name of a head must be given, got ''")
+            raise Refused("name of a head must be given, got ''")
         finite(azimuth=self.azimuth, roll=self.roll)
         within(-math.pi / 2, math.pi / 2, elevation=self.elevation)
         if self.camera_to_body is not None:
             _unit_quaternion("camera_to_body", self.camera_to_body)
             if self.azimuth or self.elevation or self.roll:
-                raise ValueError(
+                raise Refused(
                     "azimuth, elevation and roll must be left out where camera_to_body is given"
                 )
 
@@ -319,7 +320,7 @@ class Radiation:
         for name in ("latitude", "longitude"):
             pair = getattr(self, name)
             if len(pair) != 2 or not pair[0] < pair[1]:
-                raise ValueError(f"{name} must be two rising angles, got {pair}")
+                raise Refused(f"{name} must be two rising angles, got {pair}")
             finite(**{name: pair[0]})
             finite(**{name: pair[1]})
 
@@ -382,7 +383,7 @@ class Check:
         whole(0, 10**4, trials=self.trials)
         whole(0, 2**63 - 1, seed=self.seed)
         if 0 < self.trials < LEAST_TRIALS:
-            raise ValueError(f"trials must be 0, or {LEAST_TRIALS} or more, got {self.trials}")
+            raise Refused(f"trials must be 0, or {LEAST_TRIALS} or more, got {self.trials}")
 
 
 @dataclass(frozen=True)
@@ -429,16 +430,16 @@ class Obstacle:
         for name in ("centre", "size"):
             value = getattr(self, name)
             if len(value) != 3:
-                raise ValueError(f"{name} must be three lengths, got {len(value)}")
+                raise Refused(f"{name} must be three lengths, got {len(value)}")
             for one in value:
                 finite(**{name: one})
         non_negative(size=min(self.size))
         if sum(one > 0 for one in self.size) < 2:
-            raise ValueError(f"size must be above 0 along two axes or three, got {self.size}")
+            raise Refused(f"size must be above 0 along two axes or three, got {self.size}")
         if self.hinge is not None:
             axis = _vector("hinge", self.hinge, 3) / np.linalg.norm(self.hinge)
             if abs(axis[int(np.argmin(self.size))]) > 1 - 1e-6:
-                raise ValueError("hinge must not be the normal of the thinnest side")
+                raise Refused("hinge must not be the normal of the thinnest side")
 
 
 @dataclass(frozen=True)
@@ -470,13 +471,13 @@ class Mission:
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.heads) <= 8:
-            raise ValueError(f"heads must be one to eight, got {len(self.heads)}")
+            raise Refused(f"heads must be one to eight, got {len(self.heads)}")
         names = [head.name for head in self.heads]
         if len(set(names)) < len(names):
-            raise ValueError(f"heads must have different names, got {', '.join(names)}")
+            raise Refused(f"heads must have different names, got {', '.join(names)}")
         needs = self.requirements.availability_two
         if needs is not None and len(self.heads) < 2:
-            raise ValueError("availability_two must be left out of a mission with one head")
+            raise Refused("availability_two must be left out of a mission with one head")
 
 
 @dataclass(frozen=True)
@@ -502,7 +503,7 @@ def load_mission(path: Path, changes: Sequence[str] = ()) -> Loaded:
     try:
         mission = _resolved(from_table(Mission, layers.table), path.parent)
     except ValueError as error:
-        raise ValueError(layers.blamed(str(error), path)) from None
+        raise Refused(layers.blamed(str(error), path)) from None
     return Loaded(mission, tuple(load_design(Path(head.design)) for head in mission.heads))
 
 
@@ -567,11 +568,11 @@ def _found(name: str, folder: Path) -> str:
 def _vector(name: str, value: tuple[float, ...], length: int) -> Floats:
     vector = np.array(value, float)
     if len(value) != length or not 1e-9 < np.linalg.norm(vector) < 1e9:
-        raise ValueError(f"{name} must be {length} numbers that are not all zero, got {value}")
+        raise Refused(f"{name} must be {length} numbers that are not all zero, got {value}")
     return vector
 
 
 def _unit_quaternion(name: str, value: tuple[float, ...]) -> None:
     norm = float(np.linalg.norm(_vector(name, value, 4)))
     if abs(norm - 1) > UNIT_NORM:
-        raise ValueError(f"{name} must have the norm 1 within {UNIT_NORM}, got {norm:g}")
+        raise Refused(f"{name} must have the norm 1 within {UNIT_NORM}, got {norm:g}")

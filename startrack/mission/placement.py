@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, arcsec, deg
+from startrack.core import Floats, Refused, arcsec, deg
 from startrack.design import Case, Requirements
 from startrack.mission.engine import Plan
 from startrack.mission.fusion import fused_variance
@@ -317,7 +317,7 @@ def _with_heads(plan: Plan, count: int, angle: float) -> Plan:
     for n, k in enumerate(of):
         half = plan.loaded.designs[k].case.instrument.camera.half_diagonal
         if angle <= half + SUN_RADIUS:
-            raise ValueError(
+            raise Refused(
                 f"angle of the baffle must be above the half diagonal of the field, "
                 f"{half / deg:.3g} deg, got {angle / deg:.3g} deg"
             )

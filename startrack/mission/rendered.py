@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Ints, Streams
+from startrack.core import Floats, Ints, Refused, Streams
 from startrack.design import Case
 from startrack.mission.engine import Chunk, Plan, at, conditions_of, groups_of
 from startrack.mission.heads import state_of
@@ -143,7 +143,7 @@ def _checked(
             used.append(n)
         advance(1)
     if len(used) < max(count // 4, 8):
-        raise ValueError(
+        raise Refused(
             f"head {names}: at least a quarter of the trials must have an attitude, got "
             f"{len(used)} of {count}"
         )
@@ -186,7 +186,7 @@ def _places(
     every = np.concatenate(where)
     names = ", ".join(plan.heads[h].name for h in group)
     if not len(every):
-        raise ValueError(f"head {names}: must be valid at some time to be checked by trials")
+        raise Refused(f"head {names}: must be valid at some time to be checked by trials")
     values = {name: np.concatenate([one[name] for one in parts]) for name in parts[0]}
     draw = Streams(plan.loaded.mission.check.seed, 0)("instants of the check of a mission")
     chosen = []

@@ -20,7 +20,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from startrack.core import Floats, arcsec, deg
+from startrack.core import Floats, Refused, arcsec, deg
 from startrack.io import save_text
 from startrack.io import whole as whole_file
 from startrack.mission.aocs import CONVENTION, HeadModel, model_sources
@@ -107,7 +107,7 @@ def _library(files: dict[str, str]) -> tuple[str, bytes] | None:
         )
         if made.returncode:
             reason = (made.stderr.strip().splitlines() or ["it said nothing"])[0]
-            raise ValueError(f"{compiler} must compile the FMU's sources, but: {reason}")
+            raise Refused(f"{compiler} must compile the FMU's sources, but: {reason}")
         return f"binaries/{name}64/{IDENTIFIER}.{end}", (folder / "library").read_bytes()
 
 

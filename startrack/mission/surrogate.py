@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack.budget import added, stray_light_levels, survey
-from startrack.core import Floats, deg
+from startrack.core import Floats, Refused, deg
 from startrack.design import Case, turning
 from startrack.mission.heads import Mounted, Seen, Shadow
 
@@ -209,7 +209,7 @@ def surrogate_of(
         here, sky = state(years, float(warmer[t])) if state else case, float(background[g])
         try:
             table, stars = _survey(here, float(rate[r]), sky, sky < faintest)
-        except ValueError:
+        except Refused:
             if g == len(background) - 1:
                 raise
             table = tables[:, r, g + 1, t, a].copy()  # so bright that no field has an attitude

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import attitude_gain, refine
-from startrack.core import Camera, Floats, Frame, Ints, Stars
+from startrack.core import Camera, Floats, Frame, Ints, Refused, Stars
 from startrack.design import Case
 from startrack.detection import Response, half_of, joined, peak_border, response
 from startrack.detector import Detector, law_of, require_independent_pixels
@@ -148,9 +148,7 @@ def _law(detector: Detector, electrons: Floats) -> tuple[Floats, Floats]:
     """Mean and variance of the numbers of independent pixels, far from the converter's ends."""
     require_independent_pixels(detector)
     if detector.nonlinearity or detector.adc_inl or detector.hits:
-        raise ValueError(
-            "a control variate needs a detector without nonlinearity, adc_inl and hits"
-        )
+        raise Refused("a control variate needs a detector without nonlinearity, adc_inl and hits")
     law = law_of(detector)
     mean = electrons * law.gain + law.offset
     return mean, law.gain**2 * (electrons + law.noise**2) + 1 / 12

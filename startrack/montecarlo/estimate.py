@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 from startrack.metrics import Interval
 
 FOLDS = 8  # parts, each corrected with coefficients from the others; chosen by hand
@@ -57,7 +57,7 @@ def replicated(values: Floats, replicate: NDArray[np.int64]) -> Mean:
     """
     count = np.bincount(replicate)
     if len(np.unique(count[count > 0])) != 1:
-        raise ValueError("replicates must have equally many values")
+        raise Refused("replicates must have equally many values")
     return plain(np.bincount(replicate, values)[count > 0] / count.max())
 
 
@@ -72,7 +72,7 @@ def stratified(values: Floats, stratum: NDArray[np.int64]) -> Mean:
     """
     count = np.bincount(stratum)
     if count.min() < 2:
-        raise ValueError(f"each stratum must have at least 2 values, got {count.min()}")
+        raise Refused(f"each stratum must have at least 2 values, got {count.min()}")
     mean = np.bincount(stratum, values) / count
     square = np.bincount(stratum, (values - mean[stratum]) ** 2) / (count - 1)
     error = math.sqrt(float((square / count).sum())) / len(count)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 from startrack.design import Fidelity
 from startrack.montecarlo.attitudes import REPLICATES
 from startrack.montecarlo.estimate import FOLDS, Mean, explained, plain, replicated, two_levels
@@ -74,13 +74,13 @@ def combined(levels: Sequence[tuple[Outcomes, Fidelity]], about: bool = False) -
 def _telescope(levels: Sequence[tuple[Outcomes, Fidelity]], ratio: float, about: bool) -> Mean:
     (fine, kind), *others = levels
     if len(fine) < FEWEST:
-        raise ValueError(f"{kind} must have at least {FEWEST} separate trials, got {len(fine)}")
+        raise Refused(f"{kind} must have at least {FEWEST} separate trials, got {len(fine)}")
     if not others:
         return plain(_value(fine, kind, ratio, about))
     coarse, faster = others[0]
     _, of_fine, of_coarse = np.intersect1d(fine["trial"], coarse["trial"], return_indices=True)
     if len(of_fine) < FEWEST:
-        raise ValueError(
+        raise Refused(
             f"{kind} and {faster} must share at least {FEWEST} trials, got {len(of_fine)}"
         )
     fine = fine[of_fine]

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Refused
 from startrack.io import Database
 from startrack.io import whole as whole_file
 from startrack.montecarlo.sampling import BLOCK
@@ -88,7 +89,7 @@ def _must_belong(first: _Part, other: _Part) -> None:
                 where = difference(json.loads(held), json.loads(asked), name)
             else:
                 where = f"{name} is {held!r} there, {asked!r} here"
-            raise ValueError(f"{other.path} is not of the campaign of {first.path}: {where}")
+            raise Refused(f"{other.path} is not of the campaign of {first.path}: {where}")
 
 
 def _write(base: Database, parts: list[_Part]) -> Merged:
@@ -166,7 +167,7 @@ def _runs(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[NDArr
             again = min(end, stop)
             held = before[before["trial"] >= first]
             if table[: again - first].tobytes() != held[: again - first].tobytes():
-                raise ValueError(
+                raise Refused(
                     f"{parts[number].path} has other outcomes of trials {first} to {again - 1} "
                     "than another part: one of them was made by other software"
                 )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Streams
+from startrack.core import Floats, Refused, Streams
 from startrack.montecarlo.attitudes import Regions, towards
 from startrack.montecarlo.estimate import Mean, plain
 
@@ -31,7 +31,7 @@ def chances(score: Floats) -> Floats:
     """
     total = float(score.sum())
     if not (np.isfinite(score).all() and (score >= 0).all() and total > 0):
-        raise ValueError("score must be finite, not negative, and somewhere positive")
+        raise Refused("score must be finite, not negative, and somewhere positive")
     return np.asarray(DEFENCE / len(score) + (1 - DEFENCE) * score / total)
 
 

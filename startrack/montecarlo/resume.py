@@ -11,7 +11,7 @@ from concurrent.futures import Executor
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import positive, whole
+from startrack.core import Refused, positive, whole
 from startrack.montecarlo.precision import Precision
 from startrack.montecarlo.run import BLOCKS_PER_WORKER, blocks
 from startrack.montecarlo.store import Store
@@ -60,7 +60,7 @@ def resume(
         outcomes = store.outcomes(first + size)
         outcomes = outcomes[np.searchsorted(outcomes["trial"], first) :]
         if not len(outcomes) and (failures := store.failures()):
-            raise ValueError(f"all trials failed: {last_words(failures[-1][1])}")
+            raise Refused(f"all trials failed: {last_words(failures[-1][1])}")
         if precision is None or size == trials or precision.reached(outcomes):
             return outcomes
         if end is not None and time.monotonic() >= end:
@@ -92,7 +92,7 @@ def _fill(
             store.keep_failure(numbers, "".join(traceback.format_exception(result)))
             if len(store.failures()) > MOST_FAILURES:
                 report = store.failures()[-1][1]
-                raise ValueError(
+                raise Refused(
                     f"more than {MOST_FAILURES} blocks of trials failed, the last with: "
                     f"{last_words(report)}"
                 ) from result

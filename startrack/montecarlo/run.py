@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import whole
+from startrack.core import Refused, whole
 from startrack.design import Case, Fidelity
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.workers import Serial, one_thread, pool
@@ -84,12 +84,12 @@ def run(
 def warm(case: Case, sampling: Sampling = FRAMES) -> None:
     """Run a trial in this process: numba compiles what workers then find in its cache on disk.
 
-    Raises  ValueError, TypeError, ImportError, MemoryError or OSError, where no trial of the case
-            can be run; what else may be raised by this trial alone is left to the trials.
+    Raises  Refused, ImportError, MemoryError or OSError, where no trial of the case can be run;
+            what else may be raised by this trial alone is left to the trials.
     """
     try:
         sampling.trials(case, 0, range(1))
-    except (ValueError, TypeError, ImportError, MemoryError, OSError) as error:
+    except (Refused, ImportError, MemoryError, OSError) as error:
         error.__notes__ = []  # of this trial, which is none of the campaign's
         raise
     except Exception:

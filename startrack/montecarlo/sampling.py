@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Streams, one_of
+from startrack.core import Refused, Streams, one_of
 from startrack.design import YEAR, Case, Fidelity
 from startrack.montecarlo.attitudes import at_random, by_sobol
 from startrack.montecarlo.control import control
@@ -92,9 +92,9 @@ class Sampling:
     def __post_init__(self) -> None:
         one_of(ATTITUDES, attitudes=self.attitudes)
         if self.control and self.fidelity is not Fidelity.FRAME:
-            raise ValueError(f"control needs fidelity frame, got {self.fidelity}")
+            raise Refused(f"control needs fidelity frame, got {self.fidelity}")
         if self.control and self.units:
-            raise ValueError("control must be left out where units vary")
+            raise Refused("control must be left out where units vary")
 
     def __str__(self) -> str:
         named = [f"fidelity {self.fidelity}"]

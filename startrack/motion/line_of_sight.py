@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import eval_legendre, roots_jacobi
 
-from startrack.core import Floats, LineOfSight, Streams, positive, within
+from startrack.core import Floats, LineOfSight, Refused, Streams, positive, within
 from startrack.motion.parameters import Motion
 from startrack.motion.realisation import MotionRealisation, realise_motion
 
@@ -93,7 +93,7 @@ def trace(
             return coarse
         coarse, before = path, now
         count = len(weight) * GROWTH
-    raise ValueError(
+    raise Refused(
         f"exposure must be so short that a path needs at most {MOST_POINTS} points, got "
         f"{exposure:g} s in which a star moves over some {smear:.0f} pixel"
     )

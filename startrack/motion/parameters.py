@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Annotated
 
 from startrack.core import (
+    Refused,
     Unit,
     code_field,
     finite,
@@ -73,14 +74,14 @@ class Broadband:
     def __post_init__(self) -> None:
         one_of(AXES, axis=self.axis)
         if len(self.frequency) != len(self.density) or len(self.frequency) < 2:
-            raise ValueError(
+            raise Refused(
                 "frequency and density must have the same length of two or more, got "
                 f"{len(self.frequency)} and {len(self.density)}"
             )
         for f, s in zip(self.frequency, self.density, strict=True):
             positive(frequency=f, density=s)
         if any(low >= high for low, high in pairwise(self.frequency)):
-            raise ValueError(f"frequency must increase, got {self.frequency}")
+            raise Refused(f"frequency must increase, got {self.frequency}")
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class Motion:
             one_of_or_code((), jitter=one)
         axes = [one.axis for one in self.broadband]
         if len(set(axes)) < len(axes):
-            raise ValueError(
+            raise Refused(
                 f"broadband must have at most one spectrum for each axis, got {', '.join(axes)}"
             )
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, LineOfSight, kernel, positive, whole
+from startrack.core import Camera, Floats, LineOfSight, Refused, kernel, positive, whole
 
 
 def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float = 1.0) -> Floats:
@@ -26,9 +26,9 @@ def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float =
     whole(1, 2**15, columns=columns, rows=rows)
     positive(cell=cell)
     if len(time) < 2 or not np.isfinite(time).all() or not (np.diff(time) > 0).all():
-        raise ValueError("time must hold two or more increasing, finite values")
+        raise Refused("time must hold two or more increasing, finite values")
     if offset.shape != (len(time), 2) or not np.isfinite(offset).all():
-        raise ValueError(
+        raise Refused(
             f"offset must hold finite (x, y) for {len(time)} times, got shape {offset.shape}"
         )
     fraction = np.diff(time) / (time[-1] - time[0])
@@ -83,7 +83,7 @@ def image_path(path: LineOfSight, camera: Camera, direction: Floats) -> Floats:
     direction = np.asarray(direction, float)
     seen = Rotation.from_rotvec(path.rotation).apply(direction)
     if direction[2] <= 0 or (seen[:, 2] <= 0).any():
-        raise ValueError("the star must stay before the camera in the whole exposure, it does not")
+        raise Refused("the star must stay before the camera in the whole exposure, it does not")
     return camera.project(seen) - camera.project(direction)
 
 

@@ -15,6 +15,7 @@ from startrack.core import (
     DiffuseLight,
     Floats,
     Light,
+    Refused,
     StrayLightSource,
     Unit,
     positive,
@@ -42,7 +43,7 @@ class Baffle:
 
     def __post_init__(self) -> None:
         if len(self.angle) != len(self.transmittance) or not self.angle:
-            raise ValueError(
+            raise Refused(
                 "angle and transmittance must have the same length of one or more, got "
                 f"{len(self.angle)} and {len(self.transmittance)}"
             )
@@ -50,7 +51,7 @@ class Baffle:
             within(0, math.pi, angle=angle)
             positive(transmittance=value)
         if any(low >= high for low, high in pairwise(self.angle)):
-            raise ValueError(f"angle must increase, got {self.angle}")
+            raise Refused(f"angle must increase, got {self.angle}")
 
     def __call__(self, angle: Floats) -> Floats:
         """Transmittance (...) at angles (...) in radian."""

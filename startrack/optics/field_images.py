@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from startrack.core import Camera, FieldPsf, Floats, lagrange_weights, nm
+from startrack.core import Camera, FieldPsf, Floats, Refused, lagrange_weights, nm
 from startrack.optics.pixel_psf import gauss_band
 
 # Wavelengths of a band: errors of 0.2 % (double Gauss) and 0.7 % (Petzval) of the peak, and of 2 %
@@ -79,7 +79,7 @@ def refuse_band(key: str, held: Floats, wavelength: Floats, spectra: Floats) -> 
     low, high = held[[0, -1]]
     bin_width = float(np.diff(wavelength).max(initial=0.0))
     if first < low - bin_width or last > high + bin_width:
-        raise ValueError(
+        raise Refused(
             f"{key} must hold the wavelengths that the instrument detects, {first / nm:.0f} to "
             f"{last / nm:.0f} nm, but its file holds {low / nm:.0f} to {high / nm:.0f} nm"
         )
@@ -104,7 +104,7 @@ def camera_through(
     coarse = np.linspace(0, last, 17)
     reached = places(coarse)
     if reached[-1] < corner:
-        raise ValueError(
+        raise Refused(
             f"{key} must reach the corner of the detector, {corner * 1e3:.4g} mm from the "
             f"axis, but its file ends at {reached[-1] * 1e3:.4g} mm "
             f"({math.degrees(last):.4g} deg)"

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.core import Floats, positive, whole
+from startrack.core import Floats, Refused, positive, whole
 
 Complex = NDArray[np.complex128]
 
@@ -50,7 +50,7 @@ def fresnel(
     curvature = (1 / plane - 1 / image) / wavelength
     per_cell = abs(curvature) * radius * cell + (count // 2) * spacing * cell / (wavelength * plane)
     if per_cell > 0.5:
-        raise ValueError(
+        raise Refused(
             f"the pupil must have two samples a wave, got {1 / per_cell:.2f}: take at least "
             f"{math.ceil(2 * per_cell * len(coordinate))} samples"
         )
@@ -144,7 +144,7 @@ def fresnel_error(focal_length: float, distance: float, wavelength: float, radiu
 def _image(focal_length: float, distance: float) -> float:
     positive(focal_length=focal_length)
     if not distance > focal_length:
-        raise ValueError(
+        raise Refused(
             "distance must be beyond the focal length, where a real image forms, got "
             f"{distance:g} m at a focal length of {focal_length:g} m"
         )

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, DiffuseLight, Floats, Light, whole, within
+from startrack.core import Camera, DiffuseLight, Floats, Light, Refused, whole, within
 from startrack.io import open_checked
 from startrack.io import whole as whole_file
 from startrack.optics.lens_family import family_surfaces
@@ -79,14 +79,14 @@ def lens_surfaces(optics: Optics) -> Surfaces:
     else:
         found = open_surfaces(lens_path(optics.lens_file)) if optics.lens_file else None
         if found is None:
-            raise ValueError("ghosts must be left out where no lens table has SURFACES of the lens")
+            raise Refused("ghosts must be left out where no lens table has SURFACES of the lens")
         table = open_lens(optics.lens_file)
         made = found.scaled(optics.focal_length / table.focal_length)
         radius = made.radius.copy()
         radius[made.stop] *= min(table.f_number / optics.f_number, 1.0)
         made = replace(made, radius=radius)
     if made.mirror.any():
-        raise ValueError("ghosts must be left out where the lens has a mirror")
+        raise Refused("ghosts must be left out where the lens has a mirror")
     thickness = made.thickness.copy()
     thickness[-1] += optics.defocus
     return replace(made, thickness=thickness)

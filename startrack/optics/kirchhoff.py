@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, finite, kernel, one_of, positive, whole
+from startrack.core import Floats, Refused, finite, kernel, one_of, positive, whole
 
 Complex = NDArray[np.complex128]
 
@@ -50,7 +50,7 @@ class ThinLens:
     def __post_init__(self) -> None:
         positive(focal_length=self.focal_length, radius=self.radius, wavelength=self.wavelength)
         if not self.distance > self.focal_length:
-            raise ValueError(
+            raise Refused(
                 "distance must be beyond the focal length, where a real image forms, got "
                 f"{self.distance:g} m at a focal length of {self.focal_length:g} m"
             )
@@ -97,7 +97,7 @@ def profile(lens: ThinLens, radius: Floats, defocus: float = 0.0) -> Complex:
     """
     radius = np.asarray(radius, float)
     if not np.isfinite(radius).all():
-        raise ValueError(f"radius must be finite, got {radius[~np.isfinite(radius)][0]}")
+        raise Refused(f"radius must be finite, got {radius[~np.isfinite(radius)][0]}")
     plane = _plane(lens, defocus)
     far = float(np.abs(radius).max(initial=0.0))
     u, weight = _panels(_equal_phase(lens, plane, far))
@@ -121,7 +121,7 @@ def point(lens: ThinLens, image: Floats, source: Floats, samples: int) -> comple
     """
     whole(1, 10_000, samples=samples)
     if not math.isfinite(lens.distance):
-        raise ValueError("distance must be finite for an object off the axis, got inf")
+        raise Refused("distance must be finite for an object off the axis, got inf")
     node, weight = np.polynomial.legendre.leggauss(samples)
     r = lens.radius * np.sqrt((node + 1) / 2)[:, None]
     angle = np.arange(3 * samples) * (2 * math.pi / (3 * samples))
@@ -157,7 +157,7 @@ def _plane(lens: ThinLens, defocus: float) -> float:
     """Metre from the lens to the plane of the result."""
     finite(defocus=defocus)
     if lens.image + defocus <= 0:
-        raise ValueError(
+        raise Refused(
             f"defocus must leave the plane behind the lens, whose image is at {lens.image:g} m, "
             f"got {defocus:g} m"
         )
@@ -206,7 +206,7 @@ def _panels(edges: Floats) -> tuple[Floats, Floats]:
 
 def _limit_effort(count: int) -> None:
     if count > MOST_EVALUATIONS:
-        raise ValueError(
+        raise Refused(
             f"the Kirchhoff integral must take at most {MOST_EVALUATIONS:.0e} evaluations, got "
             f"{count:.1e}: take a smaller aperture, a smaller defocus or fewer points"
         )

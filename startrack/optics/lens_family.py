@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 from startrack.io import shipped
 from startrack.optics.lens_table import LensTable, open_lens
 from startrack.optics.surfaces import Surfaces, open_surfaces
@@ -70,7 +70,7 @@ def family_table(name: str, f_number: float, field: float | None = None) -> Lens
     family = _family(name)
     table = open_lens(family.lens)
     if f_number < family.fastest * (1 - 1e-6):
-        raise ValueError(
+        raise Refused(
             f"f_number must be at least {family.fastest:g} in the lens_family {name}, got "
             f"{f_number:g}"
         )
@@ -165,7 +165,7 @@ def _distorted(table: LensTable, wider: float) -> Floats:
 
 def _family(name: str) -> Family:
     if name not in FAMILIES:
-        raise ValueError(f"lens_family must be one of {', '.join(FAMILIES)}, got {name!r}")
+        raise Refused(f"lens_family must be one of {', '.join(FAMILIES)}, got {name!r}")
     return FAMILIES[name]
 
 
@@ -176,7 +176,7 @@ def _wider(name: str, table: LensTable, field: float | None) -> float:
     wider = float(np.tan(field) / np.tan(edge))
     if not NARROWER * (1 - 1e-9) <= wider <= WIDER * (1 + 1e-9):
         low, high = (np.degrees(np.arctan(np.tan(edge) * each)) for each in (NARROWER, WIDER))
-        raise ValueError(
+        raise Refused(
             f"family_field must lie in [{low:.3g}, {high:.3g}] deg in the lens_family {name}, got "
             f"{np.degrees(field):.3g} deg"
         )

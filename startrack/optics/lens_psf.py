@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from startrack.core import Camera, FieldPsf, Floats, Ints
+from startrack.core import Camera, FieldPsf, Floats, Ints, Refused
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer
 from startrack.optics.field_images import (
     BAND_NODES,
@@ -99,7 +99,7 @@ class Lens(NamedTuple):
         high = np.minimum(clear[..., 0] + clear[..., 1], stop[..., 0] + opening * stop[..., 1])
         across = np.minimum(clear[..., 2], opening * stop[..., 2])
         if not (high > low).all():
-            raise ValueError("f_number must leave the pupil open over the field of lens_file")
+            raise Refused("f_number must leave the pupil open over the field of lens_file")
         used = np.stack([(low + high) / 2, (high - low) / 2, across], axis=-1)
         outline, area = found.outline, found.area
         if opening < 1:
@@ -166,7 +166,7 @@ def open_optics(optics: Optics, temperature: float = ROOM) -> Lens:
     else:
         table = open_lens(optics.lens_file)
     if optics.f_number < table.f_number * (1 - 1e-6):
-        raise ValueError(
+        raise Refused(
             f"f_number must be at least {table.f_number:g}, that of the lens table of "
             f"{table.name}, got {optics.f_number:g}"
         )
@@ -573,7 +573,7 @@ class _Plan:
         self.margin = math.ceil(around / self.spacing) + more
         self.count = 2 * (half * fine + self.margin) + 1
         if self.count > MOST_POINTS:
-            raise ValueError(
+            raise Refused(
                 f"the images of lens_file must fit {MOST_POINTS} points a side, got {self.count}: "
                 f"rays spread over {spread * 1e6:.0f} um; focus the lens, stop it down or use a "
                 "smaller field"
@@ -657,7 +657,7 @@ class _Plan:
         if not self.rough:
             size = max(size, ALIAS * self.count)
         if size > MOST_POINTS:
-            raise ValueError(
+            raise Refused(
                 f"the images of lens_file must fit {MOST_POINTS} points a side, got {size:.0f}: "
                 f"rays spread over {far * self.spacing * 1e6:.0f} um; focus the lens, stop it down "
                 "or use a smaller field"

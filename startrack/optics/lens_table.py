@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, positive
+from startrack.core import Floats, Ints, Refused, positive
 from startrack.io import open_checked, shipped, whole
 from startrack.optics.zernike import MOST, noll_to_nm
 
@@ -119,7 +119,7 @@ class LensTable:
         _check_range("wavelength", self.wavelength, 1e-8, 1e-4, "m")
         _check_range("field", self.field, 0, WIDEST, "radian")
         if self.field[0] != 0 or len(self.field) < 2:
-            raise ValueError(
+            raise Refused(
                 f"field must hold zero first and another angle, got {self.field[:2].tolist()}"
             )
         self._check_terms()
@@ -132,32 +132,32 @@ class LensTable:
         for name, more in sizes.items():
             _check_values(name, getattr(self, name), (*shape, *more))
         if not (self.pupil[..., (1, 2, 4, 5)] > 0).all() or not (np.abs(self.pupil) < 1).all():
-            raise ValueError(
+            raise Refused(
                 "pupil must hold positive half axes and direction cosines below 1, got "
                 f"{self.pupil.min():g} to {self.pupil.max():g}"
             )
         if not (np.abs(self.outline).sum(axis=-1) < 1).all():
-            raise ValueError(
+            raise Refused(
                 "outline must hold harmonics whose sizes add up to less than 1, got "
                 f"{np.abs(self.outline).sum(axis=-1).max():g}"
             )
         if self.amplitude.shape[-1] > len(self.noll):
-            raise ValueError(
+            raise Refused(
                 f"amplitude must hold at most the {len(self.noll)} terms of noll, got "
                 f"{self.amplitude.shape[-1]}"
             )
         if not (self.area > 0).all():
-            raise ValueError(f"area must be positive, got {self.area.min():g} m^2")
+            raise Refused(f"area must be positive, got {self.area.min():g} m^2")
 
     def _check_terms(self) -> None:
         noll = self.noll
         if noll.ndim != 1 or noll.dtype.kind not in "iu" or not 1 <= len(noll) <= MOST:
-            raise ValueError("noll must be a list of Noll indices")
+            raise Refused("noll must be a list of Noll indices")
         if len(set(noll.tolist())) != len(noll):
-            raise ValueError("noll must hold each index once")
+            raise Refused("noll must hold each index once")
         wrong = [j for j in noll.tolist() if not 1 <= j <= MOST or noll_to_nm(j)[1] < 0]
         if wrong:
-            raise ValueError(
+            raise Refused(
                 f"noll must lie in [1, {MOST}] and belong to terms even in y, got {wrong[0]}"
             )
 
@@ -208,7 +208,7 @@ class LensTable:
         slack = 1e-9 * max(abs(low), abs(high))
         for one in (float(np.min(asked)), float(np.max(asked))):
             if not low - slack <= one <= high + slack:
-                raise ValueError(
+                raise Refused(
                     f"{name} must lie in the lens table of {self.name}, [{low:.4g}, {high:.4g}] "
                     f"{unit}, got {one:.4g} {unit}"
                 )
@@ -225,25 +225,25 @@ UNITS = {
 
 def _check_axis(name: str, nodes: Floats) -> None:
     if not isinstance(nodes, np.ndarray) or nodes.ndim != 1 or not 1 <= len(nodes) <= 10_000:
-        raise ValueError(f"{name} must be a list of 1 to 10000 numbers")
+        raise Refused(f"{name} must be a list of 1 to 10000 numbers")
     if not np.isfinite(nodes).all() or not (np.diff(nodes) > 0).all():
-        raise ValueError(f"{name} must hold finite numbers that rise")
+        raise Refused(f"{name} must hold finite numbers that rise")
 
 
 def _check_range(name: str, nodes: Floats, low: float, high: float, unit: str) -> None:
     if nodes[0] < low or nodes[-1] > high:
-        raise ValueError(
+        raise Refused(
             f"{name} must lie in [{low:g}, {high:g}] {unit}, got {nodes[0]:g} to {nodes[-1]:g}"
         )
 
 
 def _check_values(name: str, values: Floats, shape: tuple[int, ...]) -> None:
     if np.shape(values) != shape:
-        raise ValueError(f"{name} must have the shape {shape}, got {np.shape(values)}")
+        raise Refused(f"{name} must have the shape {shape}, got {np.shape(values)}")
     if values.size > MOST_NUMBERS:
-        raise ValueError(f"{name} must hold at most {MOST_NUMBERS} numbers, got {values.size}")
+        raise Refused(f"{name} must hold at most {MOST_NUMBERS} numbers, got {values.size}")
     if not np.isfinite(values).all():
-        raise ValueError(f"{name} must hold finite numbers")
+        raise Refused(f"{name} must hold finite numbers")
 
 
 def rim_harmonics(u: Floats, v: Floats, count: int) -> Floats:
@@ -331,12 +331,12 @@ def load_lens(path: Path) -> LensTable:
         found = {key: each.astype(kinds.get(key, np.float64)) for key, each in arrays.items()}
         return LensTable(name, source, focal_length, f_number, **found)
     except (ValueError, TypeError) as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise Refused(f"{path}: {error}") from None
 
 
 def _number(path: Path, key: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{path}: {key} must be a number, got {value!r}")
+        raise Refused(f"{path}: {key} must be a number, got {value!r}")
     return float(value)
 
 
@@ -356,11 +356,11 @@ def catalogued(name: str, key: str, folder: str, what: str) -> Path:
     """
     if Path(name).suffix:
         if not Path(name).is_file():
-            raise ValueError(f"{key} must be {what}, but there is no file {name!r}")
+            raise Refused(f"{key} must be {what}, but there is no file {name!r}")
         return Path(name)
     known = sorted(path.stem for path in shipped(folder).glob("*.fits"))
     if name not in known:
-        raise ValueError(
+        raise Refused(
             f"{key} must be a path that ends with .fits or one of {', '.join(known)}, got {name!r}"
         )
     return shipped(f"{folder}/{name}.fits")

@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy import sparse
 
-from startrack.core import Floats, Psf, Spots, whole
+from startrack.core import Floats, Psf, Refused, Spots, whole
 from startrack.optics.psf_file import PsfFile
 
 ROUNDS = 8  # of PSF, places and fluxes in turn
@@ -112,7 +112,7 @@ def reconstruct(stars: Stars, oversampling: int = 4) -> Measured:
     whole(2, 16, oversampling=oversampling)
     count = len(stars.image)
     if count < 2 * oversampling:
-        raise ValueError(
+        raise Refused(
             f"stars must be {2 * oversampling} at least for an oversampling of {oversampling}, got "
             f"{count}"
         )

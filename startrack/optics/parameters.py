@@ -10,6 +10,7 @@ from startrack.core import (
     ALL,
     Curve,
     FieldPolynomial,
+    Refused,
     Unit,
     code_field,
     deg,
@@ -133,7 +134,7 @@ class Optics:
         if self.traced:
             self._refuse_beside_table()
         elif not (self.lens_field and self.lens_colour) and not self.tabulated:
-            raise ValueError("lens_field and lens_colour must be left out without a lens table")
+            raise Refused("lens_field and lens_colour must be left out without a lens table")
 
     def _refuse_beside_file(self) -> None:
         found = open_psf_file(self.psf_file)
@@ -149,7 +150,7 @@ class Optics:
         }
         for name, there in beside.items():
             if there:
-                raise ValueError(f"{name} must be left out beside psf_file, whose images say it")
+                raise Refused(f"{name} must be left out beside psf_file, whose images say it")
 
     def _refuse_beside_table(self) -> None:
         beside = {
@@ -163,40 +164,40 @@ class Optics:
         named = [name for name, there in beside.items() if there]
         key = "lens_file" if self.lens_file else "lens_family"
         if self.lens_file and self.lens_family:
-            raise ValueError("lens_family must be left out beside lens_file, which is one lens")
+            raise Refused("lens_family must be left out beside lens_file, which is one lens")
         if named:
-            raise ValueError(f"{named[0]} must be left out beside {key}, whose table says it")
+            raise Refused(f"{named[0]} must be left out beside {key}, whose table says it")
 
     def _refuse_places(self) -> None:
         if self.object_distance is not None:
             positive(object_distance=self.object_distance)
             if self.object_distance <= self.focal_length * (1 + 1e-9):
-                raise ValueError(
+                raise Refused(
                     "object_distance must be beyond the focal length, where a real image forms, "
                     f"got {self.object_distance:g} m at a focal length of {self.focal_length:g} m"
                 )
         if abs(self.defocus) > self.image_distance / 10:
-            raise ValueError(
+            raise Refused(
                 f"defocus must be at most a tenth of the image distance {self.image_distance:g} m, "
                 f"got {self.defocus:g} m"
             )
 
     def _refuse_models(self) -> None:
         if self.psf in ("gaussian", "airy") and not self.plain:
-            raise ValueError(
+            raise Refused(
                 f"psf must be auto, fraunhofer, fresnel or kirchhoff where the pupil is not clear "
                 f"or the wavefront not plane, got {self.psf!r}"
             )
         exact = self.psf in ("auto", "kirchhoff")
         if exact and self.lens == "aplanatic" and self.working_f_number < STEEPEST_F:
-            raise ValueError(
+            raise Refused(
                 f"f_number must be at least {STEEPEST_F:g} at the image for an aplanatic lens in "
                 "the models kirchhoff and auto, whose outer rays would miss the detector, got "
                 f"{self.working_f_number:g}"
             )
         plane_lens = exact and self.lens != "aplanatic"
         if plane_lens and not self.pupil.clear:
-            raise ValueError(
+            raise Refused(
                 f"lens must be aplanatic where the pupil is not a clear circle, got {self.lens!r}"
             )
 

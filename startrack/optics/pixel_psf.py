@@ -10,7 +10,16 @@ import scipy
 from scipy import fft, special
 from scipy.linalg import eigh_tridiagonal
 
-from startrack.core import Floats, Psf, is_code, non_negative, positive, require_memory, within
+from startrack.core import (
+    Floats,
+    Psf,
+    Refused,
+    is_code,
+    non_negative,
+    positive,
+    require_memory,
+    within,
+)
 from startrack.optics.choose import AIRY_SIGMA, choose
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.extension_psf import irradiance_by_code
@@ -37,7 +46,7 @@ def gauss_band(wavelength: Floats, weight: Floats, count: int) -> tuple[Floats, 
     """
     used = weight > 0
     if not used.any():
-        raise ValueError("weight must be above zero at one wavelength at least")
+        raise Refused("weight must be above zero at one wavelength at least")
     nodes, fraction = wavelength[used], weight[used] / weight[used].sum()
     if len(nodes) <= count:
         return nodes, fraction
@@ -106,7 +115,7 @@ def pixel_psf(
     within(0, 1, fill_factor=fill_factor)
     non_negative(diffusion=diffusion)
     if optics.tabulated:
-        raise ValueError("lens_file must be left out where one image stands for the whole field")
+        raise Refused("lens_file must be left out where one image stands for the whole field")
     if optics.psf_file:
         return psf_of_file(
             open_psf_file(optics.psf_file), pitch, optics.total_blur, fill_factor, diffusion
@@ -244,7 +253,7 @@ def _diffraction(
     margin = math.ceil((side / 2 + 6 * blur) / spacing) + 24
     count = 2 * (half * fine + margin) + 1
     if count > MOST_POINTS:
-        raise ValueError(
+        raise Refused(
             f"the diffraction pattern must fit {MOST_POINTS} points a side, got {count}: the "
             "defocus, the aberrations or the blur are too many wavelengths * f-number; let `blur` "
             "stand for them"
@@ -278,7 +287,7 @@ def irradiance(
     half_width = count // 2 * spacing / (shortest * optics.working_f_number)
     samples = pupil_samples(half_width, slope / shortest)
     if samples > MOST_SAMPLES:
-        raise ValueError(
+        raise Refused(
             f"the pupil must need at most {MOST_SAMPLES} samples, got {samples} for a field of "
             f"{2 * half_width:.0f} wavelength * f-number and a wavefront as steep as "
             f"{slope / shortest:.0f} waves per radius: let `blur` stand for it or, where the pupil "

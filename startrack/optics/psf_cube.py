@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy import ndimage
 
-from startrack.core import Camera, FieldPsf, Floats
+from startrack.core import Camera, FieldPsf, Floats, Refused
 from startrack.optics.field_images import (
     BAND_NODES,
     COARSE,
@@ -108,7 +108,7 @@ class _Plan:
         corner = camera.half_diagonal
         last = float(found.angle[-1])
         if len(found.angle) > 1 and corner > last * (1 + 1e-6) + 1e-9:
-            raise ValueError(
+            raise Refused(
                 f"psf_file must hold the field to the corner of the detector, "
                 f"{math.degrees(corner):.4g} deg, but ends at {math.degrees(last):.4g} deg"
             )

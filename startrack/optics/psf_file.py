@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy import fft, ndimage
 
-from startrack.core import Floats, Psf, non_negative, positive, within
+from startrack.core import Floats, Psf, Refused, non_negative, positive, within
 from startrack.io import open_checked, whole
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer
 from startrack.optics.lens_table import WIDEST, catalogued
@@ -60,32 +60,32 @@ class PsfFile:
         if self.pitch is not None:
             positive(pitch=self.pitch)
         if self.pixel and self.pitch is None and not self.spacing <= 1:
-            raise ValueError(f"spacing must be at most a pixel, got {self.spacing:g}")
+            raise Refused(f"spacing must be at most a pixel, got {self.spacing:g}")
         if self.pixel and self.pitch is not None and not self.spacing <= self.pitch * (1 + SAME):
-            raise ValueError(f"spacing must be at most a pixel, got {self.spacing:g} m")
+            raise Refused(f"spacing must be at most a pixel, got {self.spacing:g} m")
         _check_nodes("wavelength", self.wavelength, 1e-8, 1e-4)
         _check_nodes("angle", self.angle, 0, WIDEST)
         if self.angle[0] != 0:
-            raise ValueError(f"angle must begin with zero, got {self.angle[0]:g} radian")
+            raise Refused(f"angle must begin with zero, got {self.angle[0]:g} radian")
         if self.pixel and self.varies:
-            raise ValueError("images over field or wavelength must be irradiances, without pixels")
+            raise Refused("images over field or wavelength must be irradiances, without pixels")
         shape, size = np.shape(self.image), len(self.image[0, 0]) if self.image.ndim == 4 else 0
         if shape != (len(self.wavelength), len(self.angle), size, size):
-            raise ValueError(
+            raise Refused(
                 f"image must hold {len(self.wavelength)} x {len(self.angle)} square images, got "
                 f"the shape {shape}"
             )
         if not SMALLEST <= size <= LARGEST or self.image.size > MOST_NUMBERS:
-            raise ValueError(
+            raise Refused(
                 f"image must have {SMALLEST} to {LARGEST} samples a side and {MOST_NUMBERS:g} in "
                 f"all, got {size} and {self.image.size}"
             )
         if not np.isfinite(self.image).all() or not (self.image.sum(axis=(2, 3)) > 0).all():
-            raise ValueError("image must hold finite numbers, and light in each image")
+            raise Refused("image must hold finite numbers, and light in each image")
         if self.place is not None and (
             np.shape(self.place) != shape[:2] or not np.isfinite(self.place).all()
         ):
-            raise ValueError(f"place must hold {shape[:2]} finite numbers")
+            raise Refused(f"place must hold {shape[:2]} finite numbers")
 
     @property
     def varies(self) -> bool:
@@ -101,9 +101,9 @@ class PsfFile:
 
 def _check_nodes(name: str, nodes: Floats, low: float, high: float) -> None:
     if np.ndim(nodes) != 1 or not 1 <= len(nodes) <= 1000 or not np.isfinite(nodes).all():
-        raise ValueError(f"{name} must be a list of 1 to 1000 finite numbers")
+        raise Refused(f"{name} must be a list of 1 to 1000 finite numbers")
     if not (np.diff(nodes) > 0).all() or nodes[0] < low or nodes[-1] > high:
-        raise ValueError(
+        raise Refused(
             f"{name} must rise within [{low:g}, {high:g}], got {nodes[0]:g} to {nodes[-1]:g}"
         )
 
@@ -127,7 +127,7 @@ def psf_of_file(
     image = found.image[0, 0]
     if found.pixel:
         if found.pitch is not None and abs(pitch / found.pitch - 1) > SAME:
-            raise ValueError(
+            raise Refused(
                 f"pixel_pitch times binning must be {found.pitch * 1e6:.4g} um, that of the pixels "
                 f"in psf_file, got {pitch * 1e6:.4g} um"
             )
@@ -229,21 +229,21 @@ def load_psf_file(path: Path) -> PsfFile:
     for key, value in numbers.items():
         bad = isinstance(value, bool) or not isinstance(value, int | float) or not value > 0
         if bad and not (key == "pitch" and value is None):
-            raise ValueError(f"{path}: {key} must be a number above zero, got {value!r}")
+            raise Refused(f"{path}: {key} must be a number above zero, got {value!r}")
     if not isinstance(pixel, bool):
-        raise ValueError(f"{path}: PIXEL must be T or F, got {pixel!r}")
+        raise Refused(f"{path}: PIXEL must be T or F, got {pixel!r}")
     pitch = None if numbers["pitch"] is None else float(numbers["pitch"])
     spacing = float(size)
     if pixel:
         spacing = (pitch or 1.0) / spacing
     if image.ndim < 2:
-        raise ValueError(f"{path} must hold images, got {image.ndim} axes")
+        raise Refused(f"{path} must hold images, got {image.ndim} axes")
     while image.ndim < 4:
         image = image[None]
     try:
         return PsfFile(source, image, spacing, pixel, pitch, float(numbers["energy"]), **arrays)
     except (ValueError, TypeError) as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise Refused(f"{path}: {error}") from None
 
 
 def open_psf_file(name: str) -> PsfFile:

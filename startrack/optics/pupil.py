@@ -11,7 +11,17 @@ from typing import Annotated
 import numpy as np
 from scipy import special
 
-from startrack.core import Floats, Unit, finite, non_negative, one_of, positive, whole, within
+from startrack.core import (
+    Floats,
+    Refused,
+    Unit,
+    finite,
+    non_negative,
+    one_of,
+    positive,
+    whole,
+    within,
+)
 
 EDGE = 0.75  # cell, width of the soft edge: 3e-6 of the peak at twice the critical sampling
 MARGIN = 3  # cells beyond the rim, where the soft edge is zero
@@ -39,7 +49,7 @@ class Segment:
         one_of(("circle", "hexagon"), shape=self.shape)
         reach = self.size * (1 if self.shape == "circle" else 2 / math.sqrt(3))
         if math.hypot(self.x, self.y) + reach > 1 + 1e-9:
-            raise ValueError(
+            raise Refused(
                 f"segment must lie inside the aperture of radius 1, got {self.shape} at "
                 f"({self.x:g}, {self.y:g}) of size {self.size:g}"
             )
@@ -82,13 +92,13 @@ class Pupil:
         within(0, 0.5, vane_width=self.vane_width)
         finite(vane_angle=self.vane_angle)
         if (self.vanes > 0) != (self.vane_width > 0):
-            raise ValueError(
+            raise Refused(
                 "vanes and vane_width must both be zero or both not, got "
                 f"{self.vanes} and {self.vane_width}"
             )
         for one, other in combinations(self.segments, 2):
             if one.overlaps(other):
-                raise ValueError(f"segments must not overlap, got {one} and {other}")
+                raise Refused(f"segments must not overlap, got {one} and {other}")
 
     @property
     def clear(self) -> bool:

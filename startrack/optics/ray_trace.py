@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from startrack.core import ZERO_CELSIUS, Floats, nm
+from startrack.core import ZERO_CELSIUS, Floats, Refused, nm
 from startrack.optics.lens_table import LensTable, rim_harmonics
 from startrack.optics.surfaces import Surfaces
 from startrack.optics.zernike import noll_to_nm, zernike
@@ -68,18 +68,18 @@ def read_prescription(path: Path) -> Any:
     tracer = _tracer()
     path = Path(path)
     if path.suffix.lower() not in READERS:
-        raise ValueError(
+        raise Refused(
             f"{path} must be a prescription that ends with {', '.join(READERS)}, got "
             f"{path.suffix or 'no suffix'}"
         )
     if not path.is_file():
-        raise ValueError(f"{path} must be a prescription, but there is no such file")
+        raise Refused(f"{path} must be a prescription, but there is no such file")
     try:
         return getattr(tracer, READERS[path.suffix.lower()])(str(path))
     # The reader raises whatever its parser meets in a file that it does not understand.
     except Exception as error:
         what = str(error) or type(error).__name__
-        raise ValueError(f"{path} must be a prescription, and the tracer says: {what}") from None
+        raise Refused(f"{path} must be a prescription, and the tracer says: {what}") from None
 
 
 def _tracer() -> Any:
@@ -159,7 +159,7 @@ def surfaces_of(lens: Any) -> Surfaces:
         surface = lens.surfaces[number]
         aspheric = getattr(surface.geometry, "k", 0.0), getattr(surface.geometry, "coefficients", 0)
         if np.any(np.asarray(aspheric[0])) or np.any(np.asarray(aspheric[1])):
-            raise ValueError(f"the prescription must have spheres alone, but {number} is none")
+            raise Refused(f"the prescription must have spheres alone, but {number} is none")
         radius = float(np.squeeze(surface.geometry.radius))
         index = abs(float(np.squeeze(surface.material_post.n(wavelength))))
         outer = float(getattr(surface.aperture, "r_max", math.inf))
@@ -189,12 +189,12 @@ def refuse_lens(lens: Any) -> None:
     """
     surfaces = lens.surfaces
     if not surfaces[0].is_infinite:
-        raise ValueError("the prescription must have its object at infinity, as stars are")
+        raise Refused("the prescription must have its object at infinity, as stars are")
     for number in range(1, len(surfaces)):
         frame = surfaces[number].geometry.cs
         placed = frame.x, frame.y, frame.rx, frame.ry
         if any(abs(float(np.squeeze(each))) > 1e-9 for each in placed):
-            raise ValueError(
+            raise Refused(
                 f"the prescription must be a lens of revolution, but surface {number} is tilted or "
                 "decentred"
             )
@@ -240,7 +240,7 @@ def _stop_radius(lens: Any) -> float:
     _launch(plain, aim, 0.0, primary, np.array([aim.radius]), np.zeros(1))
     height = float(np.squeeze(plain.surfaces.x[plain.surfaces.stop_index - 1]))
     if not height > 0:
-        raise ValueError("the prescription must let the outermost ray of a star on the axis pass")
+        raise Refused("the prescription must let the outermost ray of a star on the axis pass")
     return height
 
 
@@ -259,7 +259,7 @@ def _without_apertures(lens: Any) -> tuple[Any, list[Opening]]:
         round_ = hasattr(aperture, "r_max")
         radii.append(Opening(float(aperture.r_min), float(aperture.r_max)) if round_ else Opening())
         if aperture is not None and not hasattr(aperture, "r_max"):
-            raise ValueError("the prescription must have circular apertures alone")
+            raise Refused("the prescription must have circular apertures alone")
         surface.aperture = None
     return plain, radii
 
@@ -381,7 +381,7 @@ class _Node:
                 break
         stop, open_ = self.heights(np.array([middle]), np.zeros(1))
         if not open_[0] < 1 or not stop[0] < 0.01:
-            raise ValueError(
+            raise Refused(
                 f"the chief ray at {math.degrees(self.angle):.4g} deg and "
                 f"{self.wavelength / nm:.4g} nm must pass the lens, but an aperture stops it"
             )

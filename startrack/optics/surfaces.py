@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from startrack.core import Floats, positive
+from startrack.core import Floats, Refused, positive
 from startrack.io import open_checked, whole
 from startrack.optics.lens_table import FORMAT
 
@@ -43,16 +43,16 @@ class Surfaces:
     def __post_init__(self) -> None:
         count = len(self.curvature)
         if not 1 <= count <= 1000 or not 0 <= self.stop < count:
-            raise ValueError(f"surfaces must be 1 to 1000, one of them the stop, got {count}")
+            raise Refused(f"surfaces must be 1 to 1000, one of them the stop, got {count}")
         for name in ("thickness", "index", "radius", "mirror"):
             if getattr(self, name).shape != (count,):
-                raise ValueError(f"{name} must have one number for each surface")
+                raise Refused(f"{name} must have one number for each surface")
         table = np.concatenate([self.curvature, self.thickness, self.index, self.radius])
         if not np.isfinite(table).all():
-            raise ValueError("surfaces must hold finite numbers")
+            raise Refused("surfaces must hold finite numbers")
         positive(index=float(self.index.min()), radius=float(self.radius.min()))
         if (np.abs(self.curvature) * self.radius >= 1).any():
-            raise ValueError("radius of a clear aperture must be below the radius of its surface")
+            raise Refused("radius of a clear aperture must be below the radius of its surface")
 
     def __len__(self) -> int:
         return len(self.curvature)
@@ -174,12 +174,12 @@ def load_surfaces(path: Path) -> Surfaces | None:
             return None
         found = np.array(parts[PART].data, float)
     if found.ndim != 2 or found.shape[1] != len(COLUMNS) + 1 or (found[:, -1] == 1).sum() != 1:
-        raise ValueError(f"{path}: SURFACES must have six columns and one stop")
+        raise Refused(f"{path}: SURFACES must have six columns and one stop")
     try:
         columns = dict(zip(COLUMNS, np.ascontiguousarray(found[:, :-1].T), strict=True))
         return Surfaces(**columns, stop=int(found[:, -1].argmax()))
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise Refused(f"{path}: {error}") from None
 
 
 def open_surfaces(path: Path) -> Surfaces | None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats, positive
+from startrack.core import Floats, Refused, positive
 from startrack.io import read_bytes
 from startrack.optics.lens_table import LensTable
 from startrack.optics.psf_file import LARGEST, SMALLEST, PsfFile
@@ -66,7 +66,7 @@ def psfs_of_pages(paths: Sequence[Path], source: str) -> PsfFile:
     waves, angles, of = _nodes(pages)
     spacings = {page.spacing for page in pages}
     if len(spacings) > 1 or len({page.data.shape for page in pages}) > 1:
-        raise ValueError("all pages must have one spacing and size")
+        raise Refused("all pages must have one spacing and size")
     image = np.array([[of[w, a].data for a in angles] for w in waves])
     places = [[of[w, a].place for a in angles] for w in waves]
     known = all(one is not None for row in places for one in row) and len(angles) > 1
@@ -141,7 +141,7 @@ def _nodes(
     for w in waves:
         for a in angles:
             if (w, a) not in of:
-                raise ValueError(
+                raise Refused(
                     "a page must be given for each wavelength and field, but none is for "
                     f"{w * 1e6:g} um at {math.degrees(a):g} deg"
                 )
@@ -151,7 +151,7 @@ def _nodes(
 def _pages(paths: Sequence[Path]) -> list[_Page]:
     pages = [_page(path) for path in paths]
     if len({page.spacing == 0 for page in pages}) > 1:
-        raise ValueError("all pages must be of one kind, Huygens PSFs or wavefront maps")
+        raise Refused("all pages must be of one kind, Huygens PSFs or wavefront maps")
     return pages
 
 
@@ -162,20 +162,20 @@ def _page(path: Path) -> _Page:
     wave = WAVE.search(text)
     is_psf, is_map = "Huygens PSF" in text[:2000], "avefront" in text[:2000]
     if not wave or is_psf == is_map:
-        raise ValueError(
+        raise Refused(
             f"{path} must be a Huygens PSF or a wavefront map of one wavelength, saved by Zemax as "
             "text, with its field in degree"
         )
     across, along = float(wave[2]), float(wave[3])
     if across or along < 0:
-        raise ValueError(
+        raise Refused(
             f"{path} must have a field (0, y) with y not negative, got ({across:g}, {along:g})"
         )
     rows = [line.split() for line in text.splitlines() if _is_row(line)]
     side = max((len(row) for row in rows), default=0)
     rows = [row for row in rows if len(row) == side]
     if len(rows) != side or not SMALLEST <= side <= LARGEST:
-        raise ValueError(
+        raise Refused(
             f"{path} must hold a square of {SMALLEST} to {LARGEST} numbers a side, got "
             f"{len(rows)} rows of {side}"
         )
@@ -188,7 +188,7 @@ def _page(path: Path) -> _Page:
         return _Page(wavelength, angle, np.where(data == 0, np.nan, data), 0.0, None)
     spacing, centre = SPACING.search(text), CENTRE.search(text)
     if not spacing:
-        raise ValueError(f"{path} must say its data spacing")
+        raise Refused(f"{path} must say its data spacing")
     place = float(centre[2]) * 1e-3 if centre else None
     return _Page(wavelength, angle, data, float(spacing[1]) * 1e-6, place)
 
@@ -203,5 +203,5 @@ def _about(data: Floats, row: int, column: int) -> Floats:
     side = len(data)
     half = min(row, column, side - 1 - row, side - 1 - column)
     if half < SMALLEST // 2:
-        raise ValueError(f"the centre point must lie within the data, got {row}, {column}")
+        raise Refused(f"the centre point must lie within the data, got {row}, {column}")
     return data[row - half : row + half + 1, column - half : column + half + 1]

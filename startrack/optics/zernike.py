@@ -8,7 +8,7 @@ from typing import Annotated
 
 from scipy import special
 
-from startrack.core import Floats, Unit, finite, whole
+from startrack.core import Floats, Refused, Unit, finite, whole
 
 MOST = 231  # Noll index of the last mode with n = 20
 
@@ -77,5 +77,5 @@ def nm_to_noll(n: int, m: int) -> int:
     first = n * (n + 1) // 2 + 1
     here = [noll for noll in range(first, first + n + 1) if noll_to_nm(noll) == (n, m)]
     if not here:
-        raise ValueError(f"m must be one of -n, -n + 2, ... n, got n = {n}, m = {m}")
+        raise Refused(f"m must be one of -n, -n + 2, ... n, got n = {n}, m = {m}")
     return here[0]

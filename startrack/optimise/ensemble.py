@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from startrack.core import Floats, whole
+from startrack.core import Floats, Refused, whole
 from startrack.optimise.ledger import Ledger
 
 if TYPE_CHECKING:
@@ -182,9 +182,9 @@ class _Ensemble:
         points = start(rng, walkers)
         first = log_probability(points)
         if np.isnan(first).any():
-            raise ValueError("the log-probability must not be NaN at the start")
+            raise Refused("the log-probability must not be NaN at the start")
         if not np.isfinite(first).all():
-            raise ValueError("the log-probability must be finite where the walkers start")
+            raise Refused("the log-probability must be finite where the walkers start")
         _refuse_noise(log_probability, points, first)
         # emcee takes only the older generator; each ensemble has a separate one.
         state = np.random.RandomState(np.random.MT19937(sequence)).get_state()
@@ -228,9 +228,9 @@ class _Ensemble:
                 stretch = {name: file[name] for name in PARTS}
             shape = (self._settings.stretch, *self._at.coords.shape)
             if stretch["chain"].shape != shape or not np.isfinite(stretch["chain"]).all():
-                raise ValueError("its chain is none")
+                raise Refused("its chain is none")
         except Exception as error:  # zipfile and numpy each raise their own
-            raise ValueError(
+            raise Refused(
                 f"{self._ledger.path} is damaged: a stretch of a chain is not as it was written "
                 f"({error}); delete it, and the same command samples again"
             ) from None
@@ -255,7 +255,7 @@ def _refuse_noise(log_probability: Callable[[Floats], Floats], at: Floats, first
         return
     noise = float(np.max(np.std([log_probability(at) for _ in range(REPEATS)], axis=0, ddof=1)))
     if not noise <= NOISIEST:
-        raise ValueError(
+        raise Refused(
             f"the log-probability must not be noisier than {NOISIEST:g}, got a standard deviation "
             f"of {noise:.2g}; sample with more trials"
         )

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, arcsec
+from startrack.core import Floats, Refused, arcsec
 from startrack.design import (
     NOMINAL,
     Campaign,
@@ -131,7 +131,7 @@ def evaluate(
                 for one in judged
                 if one.weight
             }
-    except ValueError as reason:  # such a design has the worst score; the search goes on
+    except Refused as reason:  # such a design has the worst score; the search goes on
         refused = LOST + PENALTY
         return Evaluation(
             tuple(coordinates), values, math.nan, math.nan, refused, {}, None, str(reason)
@@ -220,7 +220,7 @@ def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
     """The design of a point; None where it contradicts itself."""
     try:
         return space.design(coordinates)
-    except ValueError:
+    except Refused:
         return None
 
 
@@ -245,7 +245,7 @@ def _foreseen(case: Case | None, campaign: Campaign) -> _Foreseen | None:
         return None
     try:
         return _Foreseen(margins_of(campaign.requirements, case), campaign.judged(case))
-    except ValueError:
+    except Refused:
         return None
 
 
@@ -253,7 +253,7 @@ def _tried(one: Judged, objective: Objective, seed: int) -> Forecast | None:
     """`forecast`, None where the case contradicts itself."""
     try:
         return forecast(one, objective, seed)._replace(units=None)
-    except ValueError:
+    except Refused:
         return None
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.budget import Budget, Law, UnitBudgets, analytic, joined, unit_budgets
+from startrack.core import Refused
 from startrack.design import NOMINAL, Campaign, Case, Judged, Objective, Requirements
 from startrack.metrics import quantile_of_few
 from startrack.optics import COARSE
@@ -76,7 +77,7 @@ def _budget(case: Case) -> Budget[Law] | None:
     """
     try:
         return analytic(_coarse(case))
-    except ValueError:
+    except Refused:
         return None
 
 
@@ -88,7 +89,7 @@ def _unit_budgets(case: Case, seed: int, age: float, first: int, count: int) -> 
     """The analytic budgets of some units, None where one has no attitude; of the 16 last cases."""
     try:
         return unit_budgets(_coarse(case), seed, count, age, ENVIRONMENTS, first=first, apart=False)
-    except ValueError:
+    except Refused:
         return None
 
 

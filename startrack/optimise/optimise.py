@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 from startrack.design import (
     NOMINAL,
     Campaign,
@@ -98,7 +98,7 @@ def optimize(
 
     watch        called with each evaluation
     watch_fresh  called with the number of fresh trials just done
-    adapt        as in DesignSpace
+    adapt        as in DesignSpace; it refuses a design by `Refused`
     Raises       ValueError where the campaign names no variables.
     Accuracy     model: the search with trials is local; a better design may lie elsewhere.
     """
@@ -234,7 +234,7 @@ def _shown(
                     outcomes = fresh_units(one, campaign, runner)
                 else:
                     outcomes = runner.run(one.case, campaign.fresh_trials, campaign.fidelity, FRESH)
-            except ValueError:
+            except Refused:
                 outcomes = np.empty(0, OUTCOMES)
         found = assure(one, campaign, runner, outcomes)
         summary = summarise(outcomes, one.needs.limits)
@@ -266,7 +266,7 @@ def _fresh(
                 made = fresh_units(one, campaign, runner, watch=watch)
             else:
                 made = runner.run(one.case, campaign.fresh_trials, Fidelity.FRAME, FRESH, watch)
-        except ValueError:
+        except Refused:
             made = np.empty(0, OUTCOMES)
         outcomes[one.name] = made
     return outcomes

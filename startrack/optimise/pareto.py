@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, arcsec, one_of, whole
+from startrack.core import Floats, Refused, arcsec, one_of, whole
 from startrack.design import Campaign, DesignSpace, Judged, Objective, fewest_trials_beyond
 from startrack.metrics import Interval
 from startrack.optimise.evaluate import PENALTY, combined, missed
@@ -36,7 +36,7 @@ class Goals:
 
     def __post_init__(self) -> None:
         if self.first == self.second:
-            raise ValueError(f"first and second must differ, got {self.first} twice")
+            raise Refused(f"first and second must differ, got {self.first} twice")
         for goal in (self.first, self.second):
             if goal not in UNITS:
                 Objective.read(goal)
@@ -116,7 +116,7 @@ def _check_levels(goals: Goals, campaign: Campaign) -> None:
     for goal in (goals.first, goals.second):
         fewest = 0 if goal in UNITS else fewest_trials_beyond(Objective.read(goal))
         if campaign.trials_per_unit < fewest:
-            raise ValueError(
+            raise Refused(
                 f"campaign.unit_trials must be at least {fewest} for the goal {goal} over units, "
                 f"got {campaign.trials_per_unit}"
             )
@@ -177,7 +177,7 @@ class _Forecasts:
         try:
             case = self._space.design(coordinates)
             _, margins = expect(case, self._campaign, self._seed)
-        except ValueError:
+        except Refused:
             return np.full(2, math.nan), math.nan
         pair = []
         for goal in self._goals:
@@ -203,7 +203,7 @@ class _Forecasts:
         least_of_all(penalised, start, fraction, fraction)
         met = {key: score(pair) for key, (pair, short) in self._known.items() if short == 0}
         if not met:
-            raise ValueError(
+            raise Refused(
                 "no design in the design space meets the requirements that need no trials"
             )
         return np.frombuffer(min(met, key=met.__getitem__))

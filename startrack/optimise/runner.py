@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import startrack
-from startrack.core import POINTS, is_code, origin_of
+from startrack.core import POINTS, Refused, is_code, origin_of
 from startrack.design import Case, Fidelity
 from startrack.detection import STREAK
 from startrack.montecarlo import Serial, run
@@ -78,11 +78,12 @@ class TrialRunner:
 
         units     how these go over its units; None: all are of the unit as designed
         progress  called with the number of trials that were just done
-        Raises    ValueError where the design cannot be built or rendered, also on each later call.
+        Raises    Refused where the design cannot be built or rendered, also on each later call;
+                  any other exception is a fault, of which the ledger knows nothing.
         """
         key = self._key(case, fidelity, first, units)
         if reason := self.ledger.refusal(key):
-            raise ValueError(reason)
+            raise Refused(reason)
         held = self.ledger.held(key)
         lacking = trials - len(held)
         if lacking <= 0:
@@ -100,8 +101,9 @@ class TrialRunner:
                 fidelity,
                 units,
             )
-        except ValueError as error:
-            self.ledger.keep_refusal(key, str(error))
+        except Refused as error:
+            if error.lasting:
+                self.ledger.keep_refusal(key, str(error))
             raise
         self._count(key, fidelity, trials)
         self.ledger.keep(key, len(held), new)

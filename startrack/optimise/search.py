@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import nlopt
 import numpy as np
 
-from startrack.core import Floats, positive, whole, within
+from startrack.core import Floats, Refused, positive, whole, within
 
 REFUSED = 1e6  # score for nlopt of a point that has none; chosen by hand: above all others
 # Calls for each evaluation, after which a search that repeats points is ended; chosen by hand: a
@@ -93,7 +93,7 @@ def least(
     Raises   what `score` raises; ValueError where the start is not in the cube.
     """
     if not ((start >= 0) & (start <= 1)).all():
-        raise ValueError(f"start must lie in the unit cube, got {start}")
+        raise Refused(f"start must lie in the unit cube, got {start}")
     watch = _Watch(score, start, search.evaluations, enough)
     ending = "nlopt converged"
     try:
@@ -110,7 +110,7 @@ def least(
         ending = "rounding errors stopped nlopt"
     except (nlopt.ForcedStop, nlopt.runtime_error, nlopt.invalid_argument) as error:
         if not watch.seen:
-            raise ValueError(f"nlopt refused to search: {error}") from None
+            raise Refused(f"nlopt refused to search: {error}") from None
         ending = "nlopt gave up"
     return Found(watch.coordinates, watch.best, len(watch.seen), ending)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from startrack.core import Floats, arcsec, whole
+from startrack.core import Floats, Refused, arcsec, whole
 from startrack.design import Campaign, DesignSpace
 from startrack.metrics import Interval
 from startrack.optimise.forecast import expected_objective
@@ -62,20 +62,20 @@ def sensitivities(
     """
     whole(2, 2**20, designs=designs)
     if designs & (designs - 1):
-        raise ValueError(f"designs must be a power of two, got {designs}")
+        raise Refused(f"designs must be a power of two, got {designs}")
 
     def log_error(coordinates: Floats) -> float:
         try:
             case = space.design(np.clip(coordinates, 0, 1))
             error = expected_objective(case, campaign, seed=seed)
-        except ValueError:
+        except Refused:
             return math.nan
         return math.log(error / arcsec) if error > 0 else math.nan
 
     centre = space.start
     here = log_error(centre)
     if not math.isfinite(here):
-        raise ValueError("the design must be expected to find its attitude, it is not")
+        raise Refused("the design must be expected to find its attitude, it is not")
     fractions = _indices(log_error, len(space), designs, seed)
     result = []
     for i, variable in enumerate(space.variables):
@@ -163,7 +163,7 @@ def _filled(values: Floats) -> Floats:
     """The values with the largest in place of those that are not finite."""
     known = np.isfinite(values)
     if not known.mean() > 0.5:
-        raise ValueError(
+        raise Refused(
             "more than half of the design space has no attitude; its indices mean nothing"
         )
     return np.where(known, values, values[known].max())

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 from startrack.design import Campaign, DesignSpace, Judged, Objective, Requirements
 from startrack.metrics import Interval
 from startrack.optimise.evaluate import (
@@ -86,7 +86,7 @@ def reach(space: DesignSpace, requirements: Requirements) -> Reached:
     def score(coordinates: Floats) -> float:
         try:
             tried.append(missed(margins_of(requirements, space.design(coordinates))))
-        except ValueError:
+        except Refused:
             return math.nan
         return tried[-1]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from startrack.budget import analytic, caveats, differences
-from startrack.core import arcsec
+from startrack.core import Refused, arcsec
 from startrack.design import YEAR, Campaign, Objective, OverUnits
 from startrack.io import save_csv
 from startrack.metrics import Interval
@@ -192,7 +192,7 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
         best = without_units(best)
     try:
         budget = analytic(best)
-    except ValueError as reason:
+    except Refused as reason:
         return [f"there is no analytic budget of the best design: {reason}"]
     # The budget is that of the unit as designed.
     apart = () if optimum.units else differences(budget, summary)

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from scipy import special
 
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 from startrack.design import Campaign, Case, DesignSpace
 from startrack.optimise.ensemble import Chains, draw, thinned
 from startrack.optimise.evaluate import Evaluation, evaluate
@@ -42,7 +42,7 @@ def fit(coordinates: Floats, result: Floats) -> Surface:
     """
     terms = _terms(coordinates)
     if len(coordinates) <= terms.shape[1]:
-        raise ValueError(
+        raise Refused(
             f"a quadratic in {coordinates.shape[1]} variables needs more than {terms.shape[1]} "
             f"designs, got {len(coordinates)}"
         )
@@ -143,14 +143,12 @@ def sample(
 
     tried = measure(cube)
     if not tried[0].error > 0:
-        raise ValueError(
-            f"the design must work to be sampled around: {tried[0].note or 'unsolved'}"
-        )
+        raise Refused(f"the design must work to be sampled around: {tried[0].note or 'unsolved'}")
     at, results = _results(2 * cube - 1, tried)
     # A margin that is the same for all designs needs no surface.
     moving = np.ptp(results, axis=0) > 0
     if (results[0, 1:][~moving[1:]] < 0).any():
-        raise ValueError("the design misses a requirement that no variable changes")
+        raise Refused("the design misses a requirement that no variable changes")
     surface = fit(at, results[:, moving])
     limit = math.log(tried[0].error) + math.log1p(campaign.margin)
     log_probability = region(surface, limit)

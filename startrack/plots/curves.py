@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from startrack.budget import Budget, analytic, check, residuals
-from startrack.core import Floats, Ints, arcsec, deg
+from startrack.core import Floats, Ints, Refused, arcsec, deg
 from startrack.design import Case
 from startrack.montecarlo import quantile_interval
 from startrack.plots.style import (
@@ -130,7 +130,7 @@ def _budget(case: Case, rate: float) -> Budget[Any] | None:
     """None where no field is solved."""
     try:
         return analytic(slewing(case, rate))
-    except ValueError:
+    except Refused:
         return None
 
 

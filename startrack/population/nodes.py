@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from startrack.core import Curve, Floats, local_weights
+from startrack.core import Curve, Floats, Refused, local_weights
 from startrack.design import YEAR, Case, Scope, aged, found_at, law_of, replaced
 from startrack.trial import Limits, Plan, limits_of, plan_within, refuse, through_of, view_of
 
@@ -178,7 +178,7 @@ def _unit_plans(case: Case, age: float) -> UnitPlans:
     names = list(dict.fromkeys(one.name for one in case.variation))
     for name in names:
         if name.startswith("catalog."):
-            raise ValueError(f"{name} must not vary in fidelity covariance; choose frame or window")
+            raise Refused(f"{name} must not vary in fidelity covariance; choose frame or window")
     axes = [_axis(case, name) for name in names if not of_places(case, name)]
     unit = bare.unit_of(case)  # in which nothing differs
     cases = [[_at(case, bare, axis.name, value) for value in axis.values()] for axis in axes]

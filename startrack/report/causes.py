@@ -14,7 +14,7 @@ from startrack.budget import (
     differences,
     measured,
 )
-from startrack.core import arcsec
+from startrack.core import Refused, arcsec
 from startrack.design import Case
 from startrack.metrics import Summary, rms_interval
 from startrack.montecarlo import Serial
@@ -35,7 +35,7 @@ def budget(
     try:
         expected = analytic(case)
         found = measured(case, members, seed, Serial(), progress=advance)
-    except ValueError as error:
+    except Refused as error:
         return Section(TITLE, paragraph(f"There is none for this design: {error}."))
     beside = {line.name: line for line in found.lines}
     named = {line.name: line for line in expected.lines}

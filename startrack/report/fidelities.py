@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Refused
 from startrack.design import Case, Fidelity
 from startrack.metrics import Interval, Summary, summarise
 from startrack.trial import run_trials
@@ -46,7 +47,7 @@ def fidelity_comparison(
     for fidelity in Fidelity:
         try:
             run_trials(case, seed, numbers[:1], fidelity)
-        except ValueError as error:
+        except Refused as error:
             made.append(FidelityResult(fidelity, math.nan, None, math.nan, str(error)))
             advance(len(numbers))
             continue

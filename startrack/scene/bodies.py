@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, StrayLightSource, deg
+from startrack.core import Floats, Refused, StrayLightSource, deg
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, Body, Observer
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, photon_irradiance
 
@@ -187,7 +187,7 @@ def disc_points(disc: Disc, spacing: float) -> tuple[Floats, Floats]:
     """
     count = max(math.ceil(disc.radius / spacing), 2)
     if count > MOST_POINTS:
-        raise ValueError(
+        raise Refused(
             f"a body in the field must have at most {MOST_POINTS} points to its radius, got "
             f"{count}: leave it out of lights, or take larger pixels"
         )

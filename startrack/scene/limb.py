@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from startrack.core import Floats
+from startrack.core import Floats, Refused
 from startrack.io import open_checked, shipped
 from startrack.scene.bodies import EARTH_ALBEDO, Earth
 from startrack.scene.ephemeris import EARTH_RADIUS
@@ -54,9 +54,7 @@ class Limb:
         from scipy.interpolate import RegularGridInterpolator  # 0.1 s; few scenes have an Earth
 
         if not (tangent >= self.tangent[0]).all():
-            raise ValueError(
-                f"tangent must be at least {self.tangent[0]:g} m, got {np.min(tangent)}"
-            )
+            raise Refused(f"tangent must be at least {self.tangent[0]:g} m, got {np.min(tangent)}")
         axes = np.log(self.wavelength), self.tangent, self.sun, self.azimuth
         logarithm = RegularGridInterpolator(axes, np.log(np.maximum(self.radiance, DARK)))
         turned = np.arccos(np.cos(azimuth))

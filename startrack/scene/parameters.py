@@ -7,6 +7,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Annotated
 
 from startrack.core import (
+    Refused,
     Unit,
     code_field,
     finite,
@@ -100,22 +101,22 @@ class Scene:
 
     def _refuse_contradictions(self) -> None:
         if "zodiacal" in self.lights and self.background_g is not None:
-            raise ValueError(
+            raise Refused(
                 "background_g must be left out where lights has zodiacal, for which it stands, "
                 f"got {self.background_g:g}"
             )
         if self.dated and self.date is None:
-            raise ValueError(f"date must be given for {', '.join(self.dated)}, got none")
+            raise Refused(f"date must be given for {', '.join(self.dated)}, got none")
         if self.orbit and self.place:
-            raise ValueError("orbit and place must not both be given, as each is the observer's")
+            raise Refused("orbit and place must not both be given, as each is the observer's")
         if "earth" in self.lights and not self.orbit:
-            raise ValueError("orbit must be given where lights has earth, got none")
+            raise Refused("orbit must be given where lights has earth, got none")
         for light in {"airglow", "cities"}.intersection(self.lights):
             if "earth" not in self.lights:
-                raise ValueError(f"lights must have earth where they have {light}")
+                raise Refused(f"lights must have earth where they have {light}")
         if self.place is not None:
             if len(self.place) != 3:
-                raise ValueError(f"place must have three coordinates, got {len(self.place)}")
+                raise Refused(f"place must have three coordinates, got {len(self.place)}")
             for each in self.place:
                 finite(place=each)
 
@@ -134,7 +135,7 @@ class Scene:
             date = datetime.fromisoformat(self.date or "")
             return date.astimezone(UTC) if date.tzinfo else date.replace(tzinfo=UTC)
         except (ValueError, OverflowError):
-            raise ValueError(
+            raise Refused(
                 f"date must be written as 2026-03-20T12:00:00, got {self.date!r}"
             ) from None
 

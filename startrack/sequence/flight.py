@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Streams
+from startrack.core import Floats, Refused, Streams
 from startrack.design import Instrument
 from startrack.motion import MotionRealisation, realise_motion
 from startrack.sequence.parameters import Gyro, Leg, Sequence
@@ -92,13 +92,13 @@ def _times(instrument: Instrument, sequence: Sequence) -> Floats:
     detector = instrument.detector
     period = 1 / detector.update_rate if sequence.period is None else sequence.period
     if period < detector.exposure:
-        raise ValueError(
+        raise Refused(
             f"period must be at least the exposure of {detector.exposure:g} s, got {period:g} s"
         )
     sweep = detector.exposure + detector.row_delay * (detector.rows - 1)
     frames = math.floor((sequence.duration - sweep) / period * (1 + 1e-12)) + 1
     if frames < 1:
-        raise ValueError(
+        raise Refused(
             f"legs must last at least one frame of {sweep:g} s, got {sequence.duration:g} s"
         )
     return np.asarray(sweep / 2 + period * np.arange(frames), float)

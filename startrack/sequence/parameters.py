@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-from startrack.core import Unit, arcsec, deg, finite, non_negative, positive, whole
+from startrack.core import Refused, Unit, arcsec, deg, finite, non_negative, positive, whole
 from startrack.io import from_table, read_table
 
 
@@ -76,7 +76,7 @@ class Sequence:
 
     def __post_init__(self) -> None:
         if not self.legs:
-            raise ValueError("legs must hold at least one leg, got none")
+            raise Refused("legs must hold at least one leg, got none")
         if self.period is not None:
             positive(period=self.period)
         positive(
@@ -100,4 +100,4 @@ def load_sequence(path: Path) -> Sequence:
     try:
         return from_table(Sequence, table)
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise Refused(f"{path}: {error}") from None

@@ -23,6 +23,7 @@ from startrack.core import (
     Floats,
     Frame,
     Matches,
+    Refused,
     Spots,
     Stars,
     Status,
@@ -134,7 +135,7 @@ def run(
     Accuracy  model: the tracker gets each frame at the end of its exposure.
     """
     if case.time_tag_error or case.instrument.mounting != case.believed_mounting:
-        raise ValueError("a sequence must have a time tag error of 0 and the believed mounting")
+        raise Refused("a sequence must have a time tag error of 0 and the believed mounting")
     streams = Streams(seed, number)
     true = flight(case.instrument, sequence, random_attitude(streams), streams)
     rates = gyro_rates(true, sequence.gyro, streams) if sequence.gyro else None

@@ -11,7 +11,7 @@ from scipy import special
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Alignment, Observability, align, attitude_gain, scale_unknown
-from startrack.core import Floats, Ints, Streams, is_code, kernel
+from startrack.core import Floats, Ints, Refused, Streams, is_code, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
 from startrack.trial.spot_plan import Plan, plan_of, refuse
@@ -117,7 +117,7 @@ def require_least_squares(case: Case) -> None:
     Raises  ValueError that names it.
     """
     if is_code(method := case.tracker.attitude.method):
-        raise ValueError(
+        raise Refused(
             "covariance needs the attitude by least squares, so that tracker.attitude.method must "
             f"not be {method}; choose the fidelity spots, window or frame"
         )

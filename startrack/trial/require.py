@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from startrack.core import is_code
+from startrack.core import Refused, is_code
 from startrack.design import Case, Fidelity
 from startrack.detector import require_independent_pixels
 from startrack.trial.covariance import require_least_squares
@@ -27,7 +27,7 @@ def require_fidelity(case: Case, fidelity: Fidelity) -> None:
         if case.instrument.baffle is not None:
             lights += [one for one in case.scene.lights if one in STRAY and one not in lights]
         if lights:
-            raise ValueError(
+            raise Refused(
                 "window needs a sky whose light is uniform over the field, so that lights must be "
                 f"without {', '.join(lights)}; choose the fidelity frame"
             )

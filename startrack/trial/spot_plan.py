@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack.catalog import Selection, open_sky
-from startrack.core import Camera, Floats, Ints, Light, is_code
+from startrack.core import Camera, Floats, Ints, Light, Refused, is_code
 from startrack.design import Case
 from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
@@ -165,7 +165,7 @@ def refuse(case: Case) -> None:
     }
     named = [name for name, is_there in there.items() if is_there]
     if named:
-        raise ValueError(
+        raise Refused(
             f"covariance needs a case without {' and '.join(named)}; choose the fidelity window "
             "or frame"
         )
@@ -181,13 +181,13 @@ def _refuse_crowded(case: Case) -> None:
     assert empty is not None
     most = case.tracker.detection.max_spots
     if empty.spots > CROWDED * most:
-        raise ValueError(
+        raise Refused(
             f"covariance needs fewer hot pixels: they make {empty.spots:.0f} spots in a frame, of "
             f"which the tracker keeps {most} (tracker.detection.max_spots); choose the fidelity "
             "window or frame, or give the tracker a dark map"
         )
     if pattern.marked > MARKED:
-        raise ValueError(
+        raise Refused(
             f"covariance needs a dark map that marks at most {MARKED:.1%} of the pixels as hot, "
             f"got {pattern.marked:.2%}; choose the fidelity window or frame"
         )

@@ -18,6 +18,7 @@ from startrack.core import (
     Frame,
     Ints,
     Psf,
+    Refused,
     Spots,
     Streams,
     Workspace,
@@ -209,7 +210,7 @@ def arrive(
         case, stars_in_field(plan.catalog, icrs_to_camera, camera), icrs_to_camera, streams
     )
     if light.diffuse:
-        raise ValueError(
+        raise Refused(
             "fidelity must be frame where the light of the sky varies over the field, got window"
         )
     through, colour = throughput(case.instrument), None
@@ -293,13 +294,13 @@ class Plan:
 def require_no_ghosts(instrument: Instrument) -> None:
     """Refuse light that varies over the field with the sources in it."""
     if instrument.ghosts:
-        raise ValueError("window needs an instrument without ghosts; choose the fidelity frame")
+        raise Refused("window needs an instrument without ghosts; choose the fidelity frame")
 
 
 def require_filter(settings: Detection) -> None:
     """Refuse a search that needs the whole frame."""
     if is_code(settings.search):
-        raise ValueError(
+        raise Refused(
             "window needs the search by a matched filter, so that tracker.detection.search must "
             f"not be {settings.search}; choose the fidelity frame"
         )

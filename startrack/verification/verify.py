@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.budget import analytic
+from startrack.core import Refused
 from startrack.design import Campaign, Case, Judged
 from startrack.metrics import Interval
 from startrack.verification.accuracy import expected_availability, expected_over
@@ -168,7 +169,7 @@ def _analysis(one: Judged) -> tuple[dict[str, float], str]:
     """Values by the analytic budget, or why there are none."""
     try:
         budget = analytic(one.case)
-    except ValueError as error:
+    except Refused as error:
         return {}, f"no analytic budget: {error}"
     errors = {
         each.name: expected_over(each.objective, budget, one.needs.sky)

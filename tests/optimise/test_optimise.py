@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 
+from startrack import Refused
 from startrack.design.choice import Choice
 from startrack.design.files import Design, save_design
 from startrack.design.variables import DesignSpace, Variable
@@ -192,7 +193,7 @@ def test_designs_that_a_function_refuses_are_avoided(small):
 
     def sharp(case):
         if case.instrument.optics.blur > 9e-6:
-            raise ValueError("too blurred to be true")
+            raise Refused("too blurred to be true")
         return case
 
     blur = (Variable("instrument.optics.blur", "2 um", "16 um"),)
